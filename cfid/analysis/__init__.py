@@ -1,0 +1,1 @@
+"""Arrays in, fits out: pure functions that neither print nor plot."""

@@ -1,0 +1,60 @@
+"""Whether an inertia matrix can belong to a body, and the nearest one that can.
+
+A body's second moments J = tr(I)/2 * 1 - I are a positive definite matrix: that contains the positive
+eigenvalues and the triangle inequality, and is sufficient [WKS].
+"""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+Array = npt.NDArray[np.float64]
+
+_LEAST_THICKNESS = 1e-6  # smallest second moment over the trace that the refit may reach
+
+
+def is_consistent(matrix_kg_m2: Array) -> bool:
+    """Return whether a matrix (3, 3) belongs to a possible body."""
+    return bool(np.linalg.eigvalsh(_second_moments(matrix_kg_m2))[0] > 0)
+
+
+def nearest_consistent(entries: Array, covariance: Array) -> Array:
+    """Return the entries xx, yy, zz, xy, xz, yz of a possible body nearest to the given ones.
+
+    Nearness is measured with the entries' covariance (6, 6). The second moments are written as a Cholesky
+    factor with logarithms on its diagonal [RW], so that every point of the search is a possible body.
+    """
+    scale = float(np.mean(np.abs(entries[:3])))
+    floor = np.diag(np.full(6, (1e-6 * scale) ** 2))
+    whiten = np.linalg.cholesky(np.linalg.inv(covariance + floor)).T
+
+    def mismatch(factor: Array) -> Array:
+        return whiten @ (_entries(factor, scale) - entries)
+
+    moments = _second_moments(np.array(_symmetric(entries))) / scale
+    values, vectors = np.linalg.eigh(moments)
+    start = np.linalg.cholesky(vectors @ np.diag(np.maximum(values, 0.01 * values.max())) @ vectors.T)
+    begin = np.concatenate([np.log(np.diag(start)), start[[1, 2, 2], [0, 0, 1]]])
+    lowest = 0.5 * np.log(_LEAST_THICKNESS)
+    bounds = ([lowest] * 3 + [-np.inf] * 3, [np.inf] * 6)
+    found = least_squares(
+        mismatch, np.maximum(begin, [*bounds[0][:3], *begin[3:]]), bounds=bounds, xtol=1e-12
+    )
+    return _entries(found.x, scale)
+
+
+def _second_moments(matrix: Array) -> Array:
+    return np.asarray(np.trace(matrix) / 2 * np.eye(3) - matrix)
+
+
+def _entries(factor: Array, scale: float) -> Array:
+    lower = np.diag(np.exp(factor[:3]))
+    lower[[1, 2, 2], [0, 0, 1]] = factor[3:]
+    moments = scale * lower @ lower.T
+    matrix = np.trace(moments) * np.eye(3) - moments
+    return np.asarray(matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+
+
+def _symmetric(entries: Array) -> list[list[float]]:
+    xx, yy, zz, xy, xz, yz = entries
+    return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]

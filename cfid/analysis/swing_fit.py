@@ -1,0 +1,198 @@
+"""The default fit of a swing: damping terms chosen by the data, honest deviations, and a verdict.
+
+Knows the natural frequency and damping per inertia only; what that means in kg m^2 is `inertia`'s business.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.analysis.pendulum import TERMS, Coefficients, OutputError, first_guess, fit_output_error
+from cfid.analysis.signals import correlation_inflation
+from cfid.analysis.swing import GRID_S, FreeSwing
+from cfid.analysis.swing_verdict import Verdict, judge
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+PHASE_STEP = 0.08  # rad of the natural oscillation a grid step may span: phase error 1e-7
+_SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(TERMS, size) if subset != ("viscous",)]
+_LED_BY_HAND = 0.15  # of the release angle
+IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwingFit:
+    """A swing's natural frequency squared and damping, each damping term divided by the axis inertia.
+
+    `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is
+    the distance in BIC to the next best choice of damping terms.
+    """
+
+    output_error: OutputError
+    terms: tuple[str, ...]
+    coefficients: Coefficients
+    std: Coefficients
+    start_std: tuple[float, float]
+    residual_rms_rad: float
+    split_bic: float
+    verdict: Verdict
+    warnings: tuple[str, ...]
+
+    @property
+    def believed(self) -> bool:
+        """Whether the model describes the data."""
+        return not self.verdict.doubts
+
+
+def fit_swing(swing: FreeSwing) -> SwingFit:
+    """Fit the damped pendulum to a free swing, with the damping terms that the data supports.
+
+    The subset of viscous, Coulomb and quadratic damping (all >= 0) with the least BIC is taken, samples
+    counted by their effective number. W hardly depends on the choice.
+
+    Raises FitError when no model converges.
+    """
+    time, angle = swing.hands_off
+    step = grid_step(swing)
+    coefficients, trajectory = first_guess(time, angle, start_s=swing.release_s, step_s=step)
+    base = fit_output_error(time, angle, coefficients=coefficients, trajectory=trajectory, terms=("viscous",))
+    candidates = [base, *(_refit(base, time, angle, terms) for terms in _SUBSETS)]
+    physical = [fit for fit in candidates if fit.converged and _physical(fit.coefficients)]
+    if not physical:
+        raise FitError(
+            "no damped pendulum follows this record: is it a free swing? See `cfid show`, --from and --to."
+        )
+    return _judged(swing, _ranked(physical))
+
+
+def grid_step(swing: FreeSwing) -> float:
+    """Return the collocation step: the thesis' 4 ms, finer for fast pendulums."""
+    return min(GRID_S, PHASE_STEP * swing.period_s / (2 * math.pi))
+
+
+def _refit(fit: OutputError, time: Array, angle: Array, terms: tuple[str, ...]) -> OutputError:
+    kept = {
+        f"{term}": value if term in terms else 0.0
+        for term, value in zip(TERMS, fit.coefficients[1:4], strict=True)
+    }
+    frequency, *_, zero = fit.coefficients
+    start = Coefficients(frequency, kept["viscous"], kept["coulomb"], kept["quadratic"], zero)
+    return fit_output_error(time, angle, coefficients=start, trajectory=fit.trajectory, terms=terms)
+
+
+def _physical(coefficients: Coefficients) -> bool:
+    return coefficients.natural_frequency_squared_s2 > 0 and min(coefficients[1:4]) >= 0
+
+
+def _ranked(fits: list[OutputError]) -> list[tuple[float, OutputError]]:
+    """Sort by BIC. The effective number of samples is that of the best-fitting model's residual."""
+    closest = min(fits, key=lambda fit: fit.sum_of_squares_rad2)
+    count = len(closest.residual_rad)
+    effective = max(count / _inflation(closest.residual_rad, closest), len(TERMS) + 5)
+    scored = [
+        (effective * math.log(fit.sum_of_squares_rad2 / count) + sum(fit.free) * math.log(effective), i)
+        for i, fit in enumerate(fits)
+    ]
+    return [(score, fits[i]) for score, i in sorted(scored)]
+
+
+def _samples_a_period(fit: OutputError) -> int:
+    period = 2 * math.pi / math.sqrt(fit.coefficients.natural_frequency_squared_s2)
+    span = (len(fit.trajectory.angle_rad) - 1) * fit.trajectory.step_s
+    return max(int(len(fit.residual_rad) * period / span), 8)
+
+
+def _inflation(series: Array, fit: OutputError) -> float:
+    return correlation_inflation(series, longest=_samples_a_period(fit))
+
+
+def _deviations(fit: OutputError) -> Array:
+    """Return one standard deviation per Jacobian column, inflated by each estimate's own correlation.
+
+    An estimate is a weighted sum of residuals; how far these weighted residuals are correlated along the
+    record says how much less they average out than white noise would.
+    """
+    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian, hermitian=True, rcond=1e-14)
+    influence = fit.jacobian @ inverse * fit.residual_rad[:, None]
+    freedom = len(fit.residual_rad) / max(len(fit.residual_rad) - fit.jacobian.shape[1], 1)
+    inflations = np.array([_inflation(column, fit) for column in influence.T])
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", influence, influence) * freedom * inflations))
+
+
+def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
+    """Return how far W scatters over the choices of damping, each as likely as its BIC says [HMRV]."""
+    likely = np.exp(-0.5 * np.array([score - ranked[0][0] for score, _ in ranked]))
+    frequencies = np.array([fit.coefficients.natural_frequency_squared_s2 for _, fit in ranked])
+    return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))
+
+
+def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingFit:
+    fit = ranked[0][1]
+    split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
+    deviations = _deviations(fit)
+    deviations[0] = math.hypot(deviations[0], _spread_of_choices(ranked))
+    per_coefficient = np.zeros(len(fit.free))
+    per_coefficient[np.flatnonzero(fit.free)] = deviations[:-2]
+    drift, drift_std = _drift(swing, fit)
+    frequency, frequency_std = fit.coefficients.natural_frequency_squared_s2, per_coefficient[0]
+    if abs(drift) > 3 * drift_std:
+        # The halves disagree by more than noise: the truth lies between them as likely as anywhere else.
+        per_coefficient[0] = math.hypot(frequency_std, frequency * abs(drift) / math.sqrt(12))
+    terms = tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
+    return SwingFit(
+        output_error=fit,
+        terms=terms,
+        coefficients=fit.coefficients,
+        std=Coefficients(*map(float, per_coefficient)),
+        start_std=(float(deviations[-2]), float(deviations[-1])),
+        residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
+        split_bic=split_bic,
+        verdict=judge(
+            fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std
+        ),
+        warnings=swing.warnings + _split_warning(terms, split_bic) + _hand_warning(swing, fit),
+    )
+
+
+def _drift(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
+    """Fit both halves of the window with the damping held, and compare their W."""
+    time, angle = swing.hands_off
+    halves = np.searchsorted(time, (time[0] + time[-1]) / 2)
+    values, variances = [], []
+    for part in (slice(None, halves), slice(halves, None)):
+        start, step = float(time[part][0]), fit.trajectory.step_s
+        _, trajectory = first_guess(time[part], angle[part], start_s=start, step_s=step)
+        half = fit_output_error(
+            time[part], angle[part], coefficients=fit.coefficients, trajectory=trajectory, terms=()
+        )
+        values.append(half.coefficients.natural_frequency_squared_s2)
+        variances.append(_deviations(half)[0] ** 2)
+    frequency = fit.coefficients.natural_frequency_squared_s2
+    return float((values[1] - values[0]) / frequency), float(math.sqrt(sum(variances)) / frequency)
+
+
+def _split_warning(terms: tuple[str, ...], split_bic: float) -> tuple[str, ...]:
+    if split_bic >= IDENTIFIABLE_BIC:
+        return ()
+    chosen = ", ".join(terms) or "none"
+    return (
+        f"how the damping splits ({chosen}) is not identifiable: another choice is as likely "
+        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it.",
+    )
+
+
+def _hand_warning(swing: FreeSwing, fit: OutputError) -> tuple[str, ...]:
+    """Say when the motion just after the release was not the pendulum's own."""
+    measured = float(swing.angle_rad[swing.release])
+    missed = abs(fit.start_angle_rad - measured)
+    if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):
+        return ()
+    return (
+        f"between {swing.release_s:.2f} and {swing.time_s[swing.hand_gone]:.2f} s the body did not fall freely "
+        f"(the pendulum would have started from {math.degrees(fit.start_angle_rad):.0f} degrees, "
+        f"it stood at {math.degrees(measured):.0f}): this stretch was left out.",
+    )

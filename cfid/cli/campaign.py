@@ -1,0 +1,93 @@
+"""`cfid new` and `cfid runs`: a campaign folder, and what was recorded in it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.errors import DataError
+    from cfid.run import Run
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist and be empty.")],
+) -> None:
+    """Make a campaign folder with a commented rig.toml.
+
+    Example: [bold]cfid new my-crazyflie[/bold]
+    """
+    from cfid.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
+
+    try:
+        (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
+        with (folder / RIG_FILE).open("x", encoding="utf-8") as file:
+            file.write(new_rig_text())
+    except FileExistsError:
+        raise ConfigError(f"{folder / RIG_FILE} is there already: nothing was changed.") from None
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be made: {error.strerror}.") from None
+    typer.echo(f"{folder / RIG_FILE}: put your vehicle's mass, centre of mass and mounts there, then record.")
+
+
+def runs(
+    campaign: Annotated[
+        Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List the campaign's runs: what, when, state, rows, losses.
+
+    Example: [bold]cfid runs --campaign my-crazyflie[/bold]
+    """
+    from cfid.campaign import RIG_FILE, find_campaign
+    from cfid.run import list_runs
+
+    found = find_campaign(campaign, start=Path.cwd())
+    if found is None:
+        raise ConfigError(
+            f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one."
+        )
+    _print_runs(list_runs(found.runs_folder), json=json)
+
+
+def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
+    from cfid.errors import DataError
+
+    rows = [_row(run) for run in runs if not isinstance(run, DataError)]
+    broken = [str(run) for run in runs if isinstance(run, DataError)]
+    if json:
+        import json as encoder
+
+        typer.echo(encoder.dumps({"command": "runs", "runs": rows, "warnings": broken}, indent=2))
+        return
+    if not rows and not broken:
+        typer.echo("no runs yet")
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("run", "what", "state", "rows", "lost", "note")
+    for row in rows:
+        table.add_row(*(str(row[key]) for key in ("run", "what", "state", "rows", "lost", "note")))
+    Console().print(table)
+    for sentence in broken:
+        typer.secho(f"note: {sentence}", fg=typer.colors.YELLOW)
+
+
+def _row(run: "Run") -> dict[str, str | int]:
+    header, devices = run.header, run.header.devices.values()
+    label = header.label
+    weight = None if label.weight_g is None else f"{label.weight_g:g} g"
+    known = [device.rows for device in devices if device.rows is not None]
+    return {
+        "run": run.folder.name,
+        "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
+        "started": header.started.isoformat(),
+        "state": "cut" if run.cut else header.state,
+        "rows": sum(known) if known else "?",
+        "lost": sum(device.lost for device in devices),
+        "note": label.note or header.reason,
+    }

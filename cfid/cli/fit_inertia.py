@@ -1,0 +1,49 @@
+"""`cfid fit inertia`: six swings or more to the inertia matrix."""
+
+from typing import Annotated
+
+import typer
+
+from cfid.cli.inputs import check_mounts, open_workplace, read_named
+from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, WindowOptions, flat
+from cfid.cli.outcome import deliver
+
+
+@flat
+def inertia(
+    runs: Annotated[
+        list[str],
+        typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias."),
+    ],
+    window: WindowOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    delivery: Delivery,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Propose axes and distances for the next swings.")
+    ] = False,
+    method: Method = "default",
+) -> None:
+    """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
+
+    AXIS is a mount of rig.toml; fixture=FILE is a swing of the empty fixture, which is taken off;
+    x=3.12e-05:4e-08 is an axis inertia already known, with its standard deviation.
+
+    Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
+    """
+    from cfid.analysis.axis_inertias import AxisInertias
+    from cfid.analysis.inertia import fit_inertia
+    from cfid.cli.inertia_results import inertia_outcome
+    from cfid.cli.swing_set import FIXTURE, measure_all
+    from cfid.cli.swung import surroundings, vehicle
+
+    workplace = open_workplace(rig)
+    items = read_named(runs, reading.reading(), workplace, label="axis")
+    body = vehicle(workplace, rig.mass_kg)
+    check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
+    swings = measure_all(items, window, method)
+    axis_inertias = AxisInertias(swings.mounted, body, surroundings(workplace, swings.fixture))
+    outcome = inertia_outcome(
+        axis_inertias, fit_inertia(axis_inertias), swings, workplace, method=method, plan=plan
+    )
+    deliver(outcome, delivery, workplace.campaign)

@@ -1,0 +1,93 @@
+"""`cfid fit testbody`: the test body measured against its drawing."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.inputs import Workplace, check_mounts, open_workplace, read_named
+from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, WindowOptions, flat
+from cfid.cli.outcome import Outcome, deliver
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cfid.analysis.testbody import Comparison
+    from cfid.cli.swing_set import SwingSet
+
+_UNLIKELY_DEVIATIONS = 4.0
+
+
+@flat
+def testbody(
+    runs: Annotated[
+        list[str],
+        typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias."),
+    ],
+    window: WindowOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    delivery: Delivery,
+    method: Method = "default",
+) -> None:
+    """Compare the test body's measured inertias with those of its drawing (table 2.5).
+
+    AXIS is a mount of [testbody.mounts]; cuboids and mass are [testbody] of rig.toml.
+
+    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
+    """
+    from cfid.analysis.axis_inertias import AxisInertias
+    from cfid.analysis.testbody import compare
+    from cfid.cli.swing_set import FIXTURE, measure_all
+    from cfid.cli.swung import described_test_body, surroundings, swung
+
+    workplace = open_workplace(rig)
+    items = read_named(runs, reading.reading(), workplace, label="axis")
+    body = described_test_body(workplace, rig.mass_kg)
+    check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="testbody.mounts")
+    swings = measure_all(items, window, method)
+    axis_inertias = AxisInertias(swings.mounted, swung(body), surroundings(workplace, swings.fixture))
+    deliver(_outcome(compare(body, axis_inertias), swings, workplace, method), delivery, workplace.campaign)
+
+
+def _outcome(
+    comparisons: "list[Comparison]", swings: "SwingSet", workplace: Workplace, method: str
+) -> Outcome:
+    from cfid.parameters import Parameter
+
+    parameters: dict[str, Parameter] = {}
+    for c in comparisons:
+        calculated = Parameter(value=c.calculated_kg_m2, std=c.calculated_std_kg_m2 or None, unit="kg m^2")
+        measured = Parameter(value=c.measured_kg_m2, std=c.measured_std_kg_m2 or None, unit="kg m^2")
+        parameters[f"testbody.calculated_kg_m2.{c.axis}"] = calculated
+        parameters[f"testbody.measured_kg_m2.{c.axis}"] = measured
+        parameters[f"testbody.error.{c.axis}"] = Parameter(value=c.error, std=c.error_std or None, unit="1")
+
+    def drawings() -> "dict[str, Figure]":
+        from cfid.report.inertia_figures import testbody_figure
+
+        return {"testbody": testbody_figure(comparisons)}
+
+    return Outcome(
+        command="fit testbody",
+        method=method,
+        parameters=parameters,
+        quality={"swings": swings.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
+        warnings=workplace.notes + swings.warnings + _apart(comparisons),
+        sources=swings.sources,
+        doubts=swings.doubts,
+        lines=tuple(
+            f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
+            for c in comparisons
+        ),
+        drawings=drawings,
+        beside=swings.beside if workplace.campaign is None else workplace.campaign.folder / "figures",
+    )
+
+
+def _apart(comparisons: "list[Comparison]") -> tuple[str, ...]:
+    return tuple(
+        f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard deviations apart: check the mount's "
+        "distance, the body's lengths, and that nothing slips."
+        for c in comparisons
+        if _UNLIKELY_DEVIATIONS < c.deviations < float("inf")
+    )

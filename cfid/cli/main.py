@@ -1,0 +1,65 @@
+"""The program `cfid`: its groups of commands, and the one place where errors become exit codes."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from cfid import __version__
+from cfid.cli.campaign import new, runs
+from cfid.cli.demo import demo
+from cfid.cli.fit_friction import friction
+from cfid.cli.fit_inertia import inertia
+from cfid.cli.fit_swing import swing
+from cfid.cli.fit_testbody import testbody
+from cfid.cli.show import show
+from cfid.errors import CfidError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+fit = typer.Typer(no_args_is_help=True, help="Find parameters from recordings.")
+
+app.command()(demo)
+app.command()(new)
+app.command()(runs)
+app.command()(show)
+app.add_typer(fit, name="fit")
+fit.command()(swing)
+fit.command()(friction)
+fit.command()(inertia)
+fit.command()(testbody)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"cfid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def cfid(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Measure a Crazyflie: record, identify its physical parameters, say how sure they are.
+
+    A newcomer starts with [bold]cfid demo[/bold].
+    """
+
+
+def main() -> None:
+    """Run the program. Every expected error ends in a sentence on stderr and its exit code."""
+    try:
+        app(prog_name="cfid")
+    except CfidError as error:
+        typer.secho(f"cfid: {error}", err=True, fg=typer.colors.RED)
+        sys.exit(error.exit_code)
+
+
+if __name__ == "__main__":
+    main()

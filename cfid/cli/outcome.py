@@ -1,0 +1,122 @@
+"""What a command found, and how it leaves the program: kept in the campaign, drawn, printed, exit code."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from cfid import __version__
+from cfid.cli.options import Delivery
+from cfid.errors import ConfigError, FitError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cfid.campaign import Campaign
+    from cfid.parameters import Parameter, Source
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """One fit's result as the contract of --json has it, and in words for a person.
+
+    `drawings` draws its figures when they are wanted, by file name; `beside` is where they go by default.
+    """
+
+    command: str
+    method: str
+    parameters: "Mapping[str, Parameter]"
+    quality: Mapping[str, Any]
+    warnings: tuple[str, ...]
+    sources: "tuple[Source, ...]"
+    doubts: tuple[str, ...] = ()
+    lines: tuple[str, ...] = ()
+    drawings: "Callable[[], Mapping[str, Figure]] | None" = None
+    beside: Path = field(default_factory=Path)
+
+
+def deliver(outcome: Outcome, delivery: Delivery, campaign: "Campaign | None") -> None:
+    """Keep, draw and print an outcome.
+
+    Raises FitError when it is not believed and --force does not ask for the numbers all the same.
+    """
+    given = not outcome.doubts or delivery.force
+    if given and campaign is not None and outcome.parameters:
+        _keep(outcome, campaign)
+    drawn = _draw(outcome, delivery)
+    if delivery.json:
+        typer.echo(_as_json(outcome, given))
+    else:
+        _print(outcome, given, drawn)
+    if not given:
+        raise FitError(f"not believed: {' '.join(outcome.doubts)} --force gives the numbers all the same.")
+
+
+def _as_json(outcome: Outcome, given: bool) -> str:
+    import json
+    from dataclasses import asdict
+
+    from cfid.parameters import plain
+
+    content = {
+        "command": outcome.command,
+        "parameters": {name: p.as_json() for name, p in outcome.parameters.items()} if given else {},
+        "quality": {"believed": not outcome.doubts, "doubts": outcome.doubts, **outcome.quality},
+        "warnings": outcome.warnings,
+        "sources": [asdict(source) for source in outcome.sources],
+        "version": __version__,
+    }
+    return json.dumps(plain(content), indent=2, allow_nan=False)
+
+
+def _keep(outcome: Outcome, campaign: "Campaign") -> None:
+    from datetime import UTC, datetime
+
+    from cfid.parameters import Section, store_section
+
+    section = Section(
+        method=outcome.method,
+        found=datetime.now(UTC).replace(microsecond=0),
+        cfid_version=__version__,
+        believed=not outcome.doubts,
+        sources=outcome.sources,
+        parameters=outcome.parameters,
+    )
+    store_section(campaign.parameters_file, outcome.command.removeprefix("fit "), section)
+
+
+def _draw(outcome: Outcome, delivery: Delivery) -> Sequence[Path]:
+    wanted = delivery.figures and (delivery.out is not None or not delivery.json)
+    if not wanted or outcome.drawings is None:
+        return ()
+    from cfid.report.save import save_figure
+
+    folder = delivery.out or outcome.beside
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        drawings = outcome.drawings()
+        saved = [
+            save_figure(figure, folder / name, force=delivery.force) for name, figure in drawings.items()
+        ]
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ConfigError(
+            f"{folder}: no figure can be written: {reason}. Say --out DIR or --no-figures."
+        ) from None
+    return [path for paths in saved for path in paths]
+
+
+def _print(outcome: Outcome, given: bool, drawn: Sequence[Path]) -> None:
+    from cfid.cli.tables import print_parameters
+
+    if given:
+        print_parameters(outcome.parameters, title=f"cfid {outcome.command}")
+    for line in outcome.lines:
+        typer.echo(line)
+    for warning in (*outcome.warnings, *(outcome.doubts if given else ())):
+        typer.secho(f"note: {warning}", fg=typer.colors.YELLOW)
+    for path in drawn:
+        if path.suffix == ".png":
+            typer.echo(f"figure: {path} (and .svg)")

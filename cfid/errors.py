@@ -1,0 +1,31 @@
+"""Every error an operator may meet, each with its exit code; anything else is a bug."""
+
+
+class CfidError(Exception):
+    """Root of all errors that are answered with a sentence instead of a traceback."""
+
+    exit_code: int
+
+
+class ConfigError(CfidError):
+    """Wrong arguments, or a rig.toml that cannot be meant so: names the file and the key."""
+
+    exit_code = 2
+
+
+class DeviceError(CfidError):
+    """A port, a protocol or a link failed: names the port, the counts and the next step."""
+
+    exit_code = 3
+
+
+class DataError(CfidError):
+    """A recording is missing, cut, or has a wrong column or unit: names the file and the line."""
+
+    exit_code = 4
+
+
+class FitError(CfidError):
+    """No fit was found, or none that describes the data: gives the figures."""
+
+    exit_code = 5

@@ -1,0 +1,1 @@
+"""Commented rig.toml files that come with cfid."""

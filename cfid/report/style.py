@@ -1,0 +1,198 @@
+"""How every figure looks: one palette, one page, one place for titles, legends and words of doubt.
+
+Draws no data. Figures are made without pyplot, so that nothing is shared between two of them, and under
+cfid's own settings, so that they look the same whatever the user's matplotlibrc says.
+"""
+
+import functools
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, ParamSpec, TypeVar
+
+import matplotlib.style
+import numpy as np
+import numpy.typing as npt
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+Array = npt.NDArray[np.float64]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+# Okabe and Ito's colours, which the colour-blind tell apart. What is measured is wide and pale below what
+# is computed, thin and dark, so that the two also differ on a grey print.
+RECORDED = "#0072B2"
+RECORDED_BELOW = "#8CC8EE"
+MODEL = "#A33F00"
+WINDOW = "#009E73"
+INK = "#222222"
+MUTED = "#777777"
+DOUBT = "#C1121F"
+SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#8C8C00")
+DASHES: tuple[Literal["-", "--", ":", "-."], ...] = ("-", "--", ":", "-.")
+
+PAGE_WIDTH_IN = 7.2  # fills a page of A4 between its margins at 90 %
+KEY_IN = 0.12  # height of a row that holds nothing but a legend
+
+_GRID = "#DDDDDD"
+_LINE_IN = 0.165
+_CHARACTERS = 112  # of a line of words across the page
+_MOST_POINTS = 4000  # of a drawn line: two extremes for every dot of a printed page
+
+STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": MUTED,
+    "axes.formatter.useoffset": False,
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlecolor": INK,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 9.5,
+    "axes.titlepad": 5.0,
+    "axes.xmargin": 0.015,
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.size": 9,
+    "grid.color": _GRID,
+    "grid.linewidth": 0.6,
+    "hatch.linewidth": 0.5,
+    "legend.borderaxespad": 0.0,
+    "legend.borderpad": 0.0,
+    "legend.columnspacing": 1.2,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "legend.handletextpad": 0.5,
+    "lines.linewidth": 1.0,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "cfid",  # identifiers within the file follow from its content alone
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.color": MUTED,
+    "ytick.labelcolor": INK,
+    "ytick.labelsize": 8.5,
+}
+
+
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
+    """Run a function that draws or saves under cfid's settings."""
+
+    @functools.wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> T:
+        with matplotlib.style.context(STYLE, after_reset=True):
+            return draw(*args, **kwargs)
+
+    return inside
+
+
+def figure(
+    rows: int,
+    columns: int,
+    *,
+    heights_in: Sequence[float],
+    widths: Sequence[float] | None = None,
+    title: str = "",
+    doubts: Sequence[str] = (),
+    notes: Sequence[str] = (),
+) -> tuple[Figure, GridSpec]:
+    """Return a page as wide as all others and its grid of `rows` and `columns`, rows of given heights.
+
+    Above the grid stand the title, then `doubts` in red and `notes` in grey, wrapped; the page grows with
+    them. Everything is written as it is: a dollar sign in a file's name starts no formula.
+    """
+    head = [(line, INK, "bold") for line in _wrapped(title, 84)]
+    head += [(line, DOUBT, "normal") for doubt in doubts for line in _wrapped(doubt, _CHARACTERS)]
+    head += [(line, MUTED, "normal") for note in notes for line in _wrapped(f"Note: {note}", _CHARACTERS)]
+    head_in = _LINE_IN * len(head) + (0.2 if head else 0.0)
+    height_in = sum(heights_in) + head_in
+    page = Figure(figsize=(PAGE_WIDTH_IN, height_in))
+    FigureCanvasAgg(page)
+    page.set_layout_engine(
+        ConstrainedLayoutEngine(rect=(0, 0, 1, 1 - head_in / height_in), w_pad=0.06, h_pad=0.06, hspace=0.02)
+    )
+    for i, (line, colour, weight) in enumerate(head):
+        size, down_in = (10.5, 0.0) if weight == "bold" else (8.5, 0.05)
+        top = 1 - (0.08 + down_in + _LINE_IN * i) / height_in
+        page.text(0.012, top, line, color=colour, weight=weight, size=size, va="top", parse_math=False)
+    return page, page.add_gridspec(rows, columns, height_ratios=list(heights_in), width_ratios=widths)
+
+
+def name_panel(axes: Axes, title: str, *, x: str, y: str, colour: str = INK) -> None:
+    """Write a panel's title at its left and both axes' quantities with their units."""
+    axes.set_title(title, parse_math=False, color=colour)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+
+
+def legend(axes: Axes) -> None:
+    """Put the legend above the axes at their right, where no data can be below it."""
+    handles, _ = axes.get_legend_handles_labels()
+    axes.legend(
+        handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(handles), borderaxespad=0.35
+    )
+
+
+def key_row(axes: Axes, *entries: Artist) -> None:
+    """Turn axes into one legend for all panels below them."""
+    axes.set_axis_off()
+    axes.legend(handles=entries, loc="center right", ncols=len(entries))
+
+
+def words(axes: Axes, title: str, lines: Sequence[tuple[str, str]], *, red: Sequence[str] = ()) -> None:
+    """Turn axes into a small table of names and what they are, those named in `red` in red."""
+    axes.set_axis_off()
+    axes.set_title(title, parse_math=False)
+    for i, (name, value) in enumerate(lines):
+        down = -72 * _LINE_IN * i - 2
+        for left, text, colour in ((0.0, name, MUTED), (0.45, value, DOUBT if name in red else INK)):
+            axes.annotate(
+                text,
+                (left, 1.0),
+                xytext=(0, down),
+                xycoords="axes fraction",
+                textcoords="offset points",
+                va="top",
+                size=8.5,
+                color=colour,
+                parse_math=False,
+                in_layout=False,
+            )
+
+
+def thinned(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return a line that looks the same with a bounded number of points, so that a long record stays small.
+
+    Of every short stretch the lowest and the highest sample are kept, in their order.
+    """
+    if len(x) <= _MOST_POINTS:
+        return x, y
+    edges = np.linspace(0, len(x), _MOST_POINTS // 2 + 1).astype(int)[:-1]
+    lows, highs = (_extremes(y, edges, pick) for pick in (np.minimum, np.maximum))
+    kept = np.unique(np.concatenate([[0], lows, highs, [len(x) - 1]]))
+    return x[kept], y[kept]
+
+
+def draw_line(axes: Axes, x: Array, y: Array, **how: Any) -> None:
+    """Draw a line of any number of samples."""
+    axes.plot(*thinned(x, y), **how)
+
+
+def _extremes(y: Array, edges: npt.NDArray[np.intp], pick: np.ufunc) -> npt.NDArray[np.intp]:
+    """Return for each stretch from edge to edge the first sample that is its extreme."""
+    extreme = np.repeat(pick.reduceat(y, edges), np.diff(np.append(edges, len(y))))
+    at = np.flatnonzero(y == extreme)
+    _, first = np.unique(np.searchsorted(edges, at, side="right"), return_index=True)
+    return at[first]
+
+
+def _wrapped(text: str, characters: int) -> list[str]:
+    return textwrap.wrap(text, characters)

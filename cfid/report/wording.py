@@ -1,0 +1,25 @@
+"""Numbers with their deviation, and the range they reach, as a figure says them. Computes nothing."""
+
+import math
+
+
+def plus_minus(value: float, std: float, *, unit: str = "") -> str:
+    """Return a value and its standard deviation, both to the deviation's second digit."""
+    return _plus_minus(value, std, unit).replace("-", "−")
+
+
+def _plus_minus(value: float, std: float, unit: str) -> str:
+    if not (math.isfinite(std) and math.isfinite(value) and std > 0):
+        return f"{value:.5g} {unit}".rstrip()
+    digits = 1 - math.floor(math.log10(std))
+    if 0 <= digits <= 9 and abs(value) < 1e6:
+        return f"{value:.{digits}f} ± {std:.{digits}f} {unit}".rstrip()
+    return f"{value:.5g} ± {std:.2g} {unit}".rstrip()
+
+
+def shortened(text: str, characters: int) -> str:
+    """Return a text cut in its middle, where the names of runs differ least."""
+    if len(text) <= characters:
+        return text
+    tail = (characters - 1) // 2
+    return f"{text[: characters - 1 - tail]}…{text[-tail:]}"

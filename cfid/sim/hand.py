@@ -1,0 +1,88 @@
+"""A hand that deflects a pendulum and lets it go; what swings afterwards is not its business."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import Self
+
+import numpy as np
+
+from cfid.sim.stepping import Array, Indices, Time
+
+# A grip of two fingers follows at this rate: far above any swing (about 14 rad/s), far below 1/step_s.
+GRIP_RAD_PER_S = 250.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandRelease:
+    """A hand that waits, lifts the pendulum by `angle_rad` from rest, holds it trembling, and lets it go.
+
+    The lift has minimum jerk (T. Flash and N. Hogan, J. Neurosci. 5, 1985); the grip is a stiff spring and
+    damper that fades smoothly within `let_go_s`. Raises ValueError for a lift or a fade without duration.
+    """
+
+    angle_rad: float
+    wait_s: float = 0.5
+    lift_s: float = 0.6
+    hold_s: float = 0.8
+    tremor_rad: float = 0.003
+    tremor_hz: float = 9.0
+    tremor_phase_rad: float = 0.0
+    let_go_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Refuse a hand that would have to be infinitely quick."""
+        if not (self.lift_s > 0 and self.let_go_s > 0):
+            raise ValueError("a hand needs time: lift_s and let_go_s are above zero")
+
+    @property
+    def free_s(self) -> float:
+        """From this time on nothing but the rig acts on the pendulum."""
+        return self.wait_s + self.lift_s + self.hold_s + self.let_go_s
+
+
+class Hands:
+    """The hands of k pendulums, as torques on their axes. All arrays have shape (k,)."""
+
+    def __init__(self, columns: Array) -> None:
+        """Take inertia, rest and the fields of HandRelease, each a row (k,)."""
+        self._columns = columns
+        inertia, self._rest, self._angle, self._wait, self._lift, hold, *others = columns
+        self._tremor, tremor_hz, self._phase, self._let_go = others
+        self._rate = 2 * math.pi * tremor_hz
+        self._fades = self._wait + self._lift + hold
+        self._stiffness = inertia * GRIP_RAD_PER_S**2
+        self._damping = 2 * inertia * GRIP_RAD_PER_S  # no overshoot
+
+    @classmethod
+    def on(cls, releases: Sequence[HandRelease], *, axis_inertia_kg_m2: Array, rest_rad: Array) -> Self:
+        """Lay a hand on each axis; a grip is as stiff as its axis asks for."""
+        columns = np.array([astuple(release) for release in releases]).T
+        return cls(np.vstack((axis_inertia_kg_m2, rest_rad, columns)))
+
+    @property
+    def free_s(self) -> float:
+        """When the last of them has let go."""
+        return float(np.max(self._fades + self._let_go))
+
+    def select(self, which: Indices) -> "Hands":
+        """Some of the hands."""
+        return Hands(self._columns[:, which])
+
+    def torque_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
+        """The torque on each axis."""
+        lifted, lifting = _minimum_jerk((time_s - self._wait) / self._lift)
+        phase = self._rate * time_s + self._phase
+        held = self._angle + self._tremor * np.sin(phase)
+        target = self._rest + lifted * held
+        target_speed = lifting / self._lift * held + lifted * self._tremor * self._rate * np.cos(phase)
+        grip = 1 - _minimum_jerk((time_s - self._fades) / self._let_go)[0]
+        pull = self._stiffness * (target - angle_rad) + self._damping * (target_speed - speed_rad_per_s)
+        return np.asarray(grip * pull)
+
+
+def _minimum_jerk(x: Array) -> tuple[Array, Array]:
+    """The smooth way from 0 to 1 while x goes from 0 to 1, and its slope."""
+    x = np.minimum(np.maximum(x, 0), 1)  # four times as quick as clip on few axes
+    slope = x * (1 - x)
+    return x * x * x * (10 + x * (6 * x - 15)), 30 * slope * slope

@@ -1,0 +1,85 @@
+"""The swing rig: a body as it really is, hung on its mounts, let go by hand and recorded.
+
+The axis inertias and distances are worked out here once more, so that an analysis has something to be
+judged by.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from cfid.sim.encoder import EncoderModel, Recording, record
+from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.sim.truth import Friction, Truth, draw_testbody, draw_truth
+
+__all__ = [
+    "Friction",
+    "Truth",
+    "draw_release",
+    "draw_testbody",
+    "draw_truth",
+    "pendulum",
+    "record_swings",
+]
+
+
+def pendulum(truth: Truth, mount_name: str) -> Pendulum:
+    """Hang the body on one of its axes (thesis eq. 2.2 and 2.3).
+
+    The axis inertia is u'Iu + m r^2, the gravity moment m g r, with r the centre of mass' distance from the
+    axis.
+    """
+    mount = truth.mounts[mount_name]
+    distance_m = np.linalg.norm(np.cross(truth.centre_of_mass_m - mount.point_m, mount.direction))
+    about_centre = mount.direction @ truth.inertia_kg_m2 @ mount.direction
+    return Pendulum(
+        axis_inertia_kg_m2=float(about_centre + truth.mass_kg * distance_m**2),
+        gravity_moment_nm=float(truth.mass_kg * truth.gravity_mps2 * distance_m),
+        viscous_nms_per_rad=mount.friction.viscous_nms_per_rad,
+        coulomb_nm=mount.friction.coulomb_nm,
+        quadratic_nms2_per_rad2=mount.friction.quadratic_nms2_per_rad2,
+    )
+
+
+def draw_release(rng: np.random.Generator, *, angle_deg: tuple[float, float] = (20, 70)) -> HandRelease:
+    """Draw a hand that deflects to either side, by an angle between the two given."""
+    return HandRelease(
+        angle_rad=math.radians(rng.uniform(*angle_deg)) * rng.choice((-1, 1)),
+        wait_s=rng.uniform(0.4, 0.8),
+        lift_s=rng.uniform(0.5, 0.9),
+        hold_s=rng.uniform(0.5, 1.2),
+        tremor_hz=rng.uniform(8, 12),  # of a healthy hand
+        tremor_phase_rad=rng.uniform(0, 2 * math.pi),
+    )
+
+
+def record_swings(
+    truth: Truth,
+    mounts: Iterable[str],
+    *,
+    rng: np.random.Generator,
+    encoder: EncoderModel,
+    angle_deg: tuple[float, float] = (20, 70),
+    duration_s: float = 16.0,
+) -> dict[str, Recording]:
+    """Swing the body once in each of the named mounts and record it.
+
+    A body put onto the axis anew meets the encoder anywhere in its turn: every swing gets its own offset in
+    place of the encoder's.
+    """
+    names = tuple(mounts)
+    releases = [draw_release(rng, angle_deg=angle_deg) for _ in names]
+    pendulums = [pendulum(truth, name) for name in names]
+    motion = swing(pendulums, releases, duration_s=duration_s, step_s=1e-3, store_every=1)
+    return {
+        name: record(
+            motion.time_s,
+            motion.angle_rad[:, i],
+            speed_rad_per_s=motion.speed_rad_per_s[:, i],
+            encoder=replace(encoder, offset_rad=rng.uniform(0, 2 * math.pi)),
+            rng=rng,
+        )
+        for i, name in enumerate(names)
+    }

@@ -1,0 +1,143 @@
+"""Bodies and mounts as they really are, drawn around what rig.toml says of them; nothing moves here."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.campaign import MM, Cuboid, Mount, Rig
+from cfid.errors import ConfigError
+from cfid.sim.stepping import Array
+
+FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary so (table 2.3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction:
+    """What brakes a swing.
+
+    As it stands, a Crazyflie let go at 50 degrees about x has fallen below 10 degrees after eight periods and
+    shows 14 peaks above 1 degree, as the thesis' did (section 2.4.4, table 2.3).
+    """
+
+    viscous_nms_per_rad: float = 1.5e-5
+    coulomb_nm: float = 4e-5
+    quadratic_nms2_per_rad2: float = 2e-8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrueMount:
+    """An axis as it really lies: a point on it (3,), its unit direction (3,), and its friction."""
+
+    point_m: Array
+    direction: Array
+    friction: Friction
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Truth:
+    """A body as it really is: centre of mass (3,), inertia matrix about it (3, 3), mounts by name."""
+
+    mass_kg: float
+    gravity_mps2: float
+    centre_of_mass_m: Array
+    inertia_kg_m2: Array
+    mounts: Mapping[str, TrueMount]
+
+
+def draw_truth(
+    rig: Rig,
+    *,
+    inertia_kg_m2: npt.ArrayLike,
+    rng: np.random.Generator,
+    friction: Friction = Friction(),
+) -> Truth:
+    """Draw a vehicle whose measured values, with their standard deviations, are those of the rig.
+
+    `inertia_kg_m2` (3, 3) is taken as it is. A mount is one physical axis: its `direction` counts, and
+    `distance_direction` is ignored.
+    """
+    vehicle = rig.vehicle
+    return Truth(
+        mass_kg=rng.normal(vehicle.mass_kg, vehicle.mass_std_kg),
+        gravity_mps2=_draw_gravity(rig, rng=rng),
+        centre_of_mass_m=MM * rng.normal(vehicle.centre_of_mass_mm, vehicle.centre_of_mass_std_mm),
+        inertia_kg_m2=np.asarray(inertia_kg_m2, dtype=np.float64),
+        mounts=_draw_mounts(rig.mounts, friction=friction, rng=rng),
+    )
+
+
+def draw_testbody(
+    rig: Rig,
+    *,
+    rng: np.random.Generator,
+    gravity_mps2: float | None = None,
+    friction: Friction = Friction(),
+) -> Truth:
+    """Draw the test body: edges vary by `length_std_mm`, centre of mass and inertia follow from them.
+
+    Give the vehicle's `gravity_mps2` to swing both at one place; else gravity is drawn too. Raises
+    ConfigError for a rig without test body.
+    """
+    body = rig.testbody
+    if body is None:
+        raise ConfigError("rig.toml: testbody: expected a table with mass_kg and cuboids, found none")
+    mass_kg = rng.normal(body.mass_kg, body.mass_std_kg)
+    sizes_m = MM * np.array([rng.normal(cuboid.size_mm, body.length_std_mm) for cuboid in body.cuboids])
+    centre_of_mass_m, inertia_kg_m2 = _of_cuboids(body.cuboids, sizes_m=sizes_m, mass_kg=mass_kg)
+    return Truth(
+        mass_kg=mass_kg,
+        gravity_mps2=_draw_gravity(rig, rng=rng) if gravity_mps2 is None else gravity_mps2,
+        centre_of_mass_m=centre_of_mass_m,
+        inertia_kg_m2=inertia_kg_m2,
+        mounts=_draw_mounts(body.mounts, friction=friction, rng=rng),
+    )
+
+
+def _draw_gravity(rig: Rig, *, rng: np.random.Generator) -> float:
+    return rng.normal(rig.site.gravity_mps2, rig.site.gravity_std_mps2)
+
+
+def _draw_mounts(
+    mounts: Mapping[str, Mount], *, friction: Friction, rng: np.random.Generator
+) -> dict[str, TrueMount]:
+    return {
+        name: TrueMount(
+            point_m=mount.point_m + MM * rng.normal(0, mount.point_std_mm) @ np.array(mount.point_axes),
+            direction=_draw_direction(mount, rng=rng),
+            friction=_draw_friction(friction, rng=rng),
+        )
+        for name, mount in mounts.items()
+    }
+
+
+def _draw_direction(mount: Mount, *, rng: np.random.Generator) -> Array:
+    """Tilt the nominal direction about two axes perpendicular to it."""
+    nominal = np.array(mount.direction) / np.linalg.norm(mount.direction)
+    across = np.linalg.svd(nominal[np.newaxis])[2][1:]  # (2, 3): spans what is perpendicular to it
+    tilt_rad = math.radians(mount.direction_std_deg) * rng.standard_normal(2)
+    angle_rad = np.linalg.norm(tilt_rad)
+    return np.asarray(np.cos(angle_rad) * nominal + np.sinc(angle_rad / np.pi) * (tilt_rad @ across))
+
+
+def _draw_friction(typical: Friction, *, rng: np.random.Generator) -> Friction:
+    viscous, coulomb, quadratic = rng.lognormal(0, FRICTION_SPREAD, 3)
+    return Friction(
+        viscous_nms_per_rad=typical.viscous_nms_per_rad * viscous,
+        coulomb_nm=typical.coulomb_nm * coulomb,
+        quadratic_nms2_per_rad2=typical.quadratic_nms2_per_rad2 * quadratic,
+    )
+
+
+def _of_cuboids(cuboids: Iterable[Cuboid], *, sizes_m: Array, mass_kg: float) -> tuple[Array, Array]:
+    """Centre of mass (3,) and inertia matrix (3, 3) about it of boxes of one material, sizes (n, 3)."""
+    centres_m = MM * np.array([cuboid.centre_mm for cuboid in cuboids])
+    volumes = sizes_m.prod(axis=1)
+    masses_kg = mass_kg * volumes / volumes.sum()
+    centre_of_mass_m = masses_kg @ centres_m / mass_kg
+    # The matrix of second moments of mass; the inertia matrix is its trace less itself.
+    arms_m = centres_m - centre_of_mass_m
+    moments = np.diag(masses_kg @ sizes_m**2) / 12 + (arms_m.T * masses_kg) @ arms_m
+    return centre_of_mass_m, np.trace(moments) * np.eye(3) - moments

@@ -1,0 +1,1 @@
+"""Bytes and counts to records: no clock, no port, no thread."""

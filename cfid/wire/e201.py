@@ -1,0 +1,46 @@
+"""What the encoder's counts mean: plain counts per turn, or a 13-bit position inside a 22-bit word.
+
+The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That is no resolution but a
+pattern: a position p of 13 bits, read as a 22-bit word that repeats itself after a zero bit,
+raw = (p << 9) | (p >> 5). So 8192 steps make a turn and every sample carries its own check.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+RLS_13BIT_IN_22 = "rls-13bit-in-22"
+POSITION_BITS = 13
+WORD_BITS = 22
+REPEATED_BITS = 8
+STEPS_PER_TURN = 1 << POSITION_BITS
+WORD_COUNTS_PER_TURN = 1 << WORD_BITS
+
+_SHIFT = WORD_BITS - POSITION_BITS
+_GAP_BIT = 1 << REPEATED_BITS
+_REPEATED_MASK = (1 << REPEATED_BITS) - 1
+
+
+class Positions(NamedTuple):
+    """Decoded words: positions 0..8191, and which samples passed their own check."""
+
+    position: npt.NDArray[np.int64]
+    valid: npt.NDArray[np.bool_]
+
+
+def encode_positions(position: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the 22-bit words of positions 0..8191, any shape."""
+    return (position << _SHIFT) | (position >> (POSITION_BITS - REPEATED_BITS))
+
+
+def decode_words(word: npt.NDArray[np.int64]) -> Positions:
+    """Decode 22-bit words of any shape.
+
+    A word is valid when it fits 22 bits, its gap bit is zero and its low byte repeats the top of the
+    position: nine redundant bits, so that a random word passes once in 512.
+    """
+    in_range = (word >= 0) & (word < WORD_COUNTS_PER_TURN)
+    gap_is_zero = (word & _GAP_BIT) == 0
+    repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
+    return Positions(position=word >> _SHIFT, valid=in_range & gap_is_zero & repeats)

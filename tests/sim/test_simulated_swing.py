@@ -1,0 +1,218 @@
+"""The simulated pendulum against closed forms and an independent, adaptive, event-based integration."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+from scipy.special import ellipk
+
+from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
+
+Array = npt.NDArray[np.float64]
+
+CRAZYFLIE = Pendulum(axis_inertia_kg_m2=3.1e-5, gravity_moment_nm=6.3e-3)
+OMEGA_RAD_PER_S = math.sqrt(CRAZYFLIE.gravity_moment_nm / CRAZYFLIE.axis_inertia_kg_m2)
+DEGREES = (10, 20, 30, 40, 50, 60, 70)
+STEP_S = 5e-4
+
+
+def _quick_hand(angle_rad: float) -> HandRelease:
+    return HandRelease(angle_rad=angle_rad, wait_s=0.05, lift_s=0.3, hold_s=0.1)
+
+
+@pytest.fixture(scope="module")
+def undamped() -> Motion:
+    return swing([CRAZYFLIE] * len(DEGREES), [_quick_hand(math.radians(d)) for d in DEGREES], duration_s=7.5)
+
+
+def _free_from(motion: Motion, release: HandRelease) -> int:
+    return int(np.searchsorted(motion.time_s, release.free_s + 2 * STEP_S))
+
+
+def _energy(motion: Motion) -> Array:
+    """Energy over gravity moment, so that 1 - cos(amplitude) is its value for a free swing."""
+    swinging = (motion.speed_rad_per_s / OMEGA_RAD_PER_S) ** 2 / 2
+    return np.asarray(1 - np.cos(motion.angle_rad) + swinging)
+
+
+def _zero_crossings(motion: Motion, column: int, begin: int) -> Array:
+    spline = CubicHermiteSpline(
+        motion.time_s[begin:], motion.angle_rad[begin:, column], motion.speed_rad_per_s[begin:, column]
+    )
+    return np.asarray(spline.roots(extrapolate=False))
+
+
+def test_a_free_swing_has_the_period_of_the_elliptic_integral(undamped: Motion) -> None:
+    begin = _free_from(undamped, _quick_hand(1))
+    amplitude_rad = np.arccos(1 - _energy(undamped)[begin])
+    expected_s = 4 / OMEGA_RAD_PER_S * ellipk(np.sin(amplitude_rad / 2) ** 2)
+    for column, period_s in enumerate(expected_s):
+        upward_s = _zero_crossings(undamped, column, begin)[::2]
+        assert (upward_s[-1] - upward_s[0]) / (upward_s.size - 1) == pytest.approx(period_s, rel=1e-9)
+
+
+def test_a_free_swing_starts_where_the_hand_held_it(undamped: Motion) -> None:
+    begin = _free_from(undamped, _quick_hand(1))
+    amplitude_deg = np.degrees(np.arccos(1 - _energy(undamped)[begin]))
+    assert amplitude_deg == pytest.approx(DEGREES, abs=0.4)
+
+
+def test_a_free_swing_without_damping_keeps_its_energy(undamped: Motion) -> None:
+    energy = _energy(undamped)[_free_from(undamped, _quick_hand(1)) :]
+    assert np.ptp(energy, axis=0) / energy[0] == pytest.approx(0, abs=1e-9)
+
+
+def _slope(pendulum: Pendulum, direction: float) -> Callable[[float, Array], list[float]]:
+    def slope(_: float, state: Array) -> list[float]:
+        angle, speed = state
+        torque = -pendulum.gravity_moment_nm * math.sin(angle - pendulum.rest_rad)
+        torque -= pendulum.viscous_nms_per_rad * speed + direction * pendulum.coulomb_nm
+        torque -= direction * pendulum.quadratic_nms2_per_rad2 * speed**2
+        return [speed, torque / pendulum.axis_inertia_kg_m2]
+
+    return slope
+
+
+def _stops(_: float, state: Array) -> float:
+    return float(state[1])
+
+
+_stops.terminal = True  # type: ignore[attr-defined]
+
+
+def _strokes(pendulum: Pendulum, begin_s: float, state: Array) -> Iterator[tuple[float, float, object]]:
+    """From one standstill to the next: friction has one direction in each, and the solver sees no jump."""
+    direction = np.sign(state[1])
+    while True:
+        _stops.direction = -direction  # type: ignore[attr-defined]
+        solution = solve_ivp(
+            _slope(pendulum, direction),
+            (begin_s, begin_s + 5),
+            state,
+            method="DOP853",
+            rtol=1e-11,
+            atol=1e-12,
+            events=_stops,
+            dense_output=True,
+        )
+        begin_s, state = solution.t[-1], np.array([solution.y[0, -1], 0.0])
+        yield solution.t[0], begin_s, solution.sol
+        pull_nm = pendulum.gravity_moment_nm * math.sin(state[0] - pendulum.rest_rad)
+        if abs(pull_nm) <= pendulum.coulomb_nm:
+            return
+        direction = -np.sign(pull_nm)
+
+
+def _reference(pendulum: Pendulum, motion: Motion, begin: int) -> tuple[Array, float]:
+    """Angles at the motion's times, nan where no stroke reaches, and the end of the last stroke."""
+    start = np.array([motion.angle_rad[begin, 0], motion.speed_rad_per_s[begin, 0]])
+    angle_rad = np.full(motion.time_s.size, np.nan)
+    for stroke_s, end_s, solution in _strokes(pendulum, motion.time_s[begin], start):
+        inside = (motion.time_s >= stroke_s) & (motion.time_s <= end_s)
+        assert callable(solution)
+        if inside.any():
+            angle_rad[inside] = solution(motion.time_s[inside])[0]
+        if end_s > motion.time_s[-1]:
+            break
+    return angle_rad, end_s
+
+
+@pytest.mark.parametrize(
+    "pendulum",
+    [
+        replace(CRAZYFLIE, viscous_nms_per_rad=1e-5, quadratic_nms2_per_rad2=1e-7),
+        replace(CRAZYFLIE, viscous_nms_per_rad=1e-5, coulomb_nm=4e-5),
+        replace(CRAZYFLIE, coulomb_nm=1e-4, quadratic_nms2_per_rad2=5e-8, rest_rad=0.3),
+        replace(CRAZYFLIE, coulomb_nm=6e-4),
+    ],
+    ids=["viscous and quadratic", "viscous and dry", "dry and quadratic, rest aside", "very dry"],
+)
+def test_a_braked_swing_follows_an_adaptive_solver_that_stops_at_every_reversal(pendulum: Pendulum) -> None:
+    release = _quick_hand(math.radians(55))
+    motion = swing([pendulum], [release], duration_s=7.5)
+    begin = _free_from(motion, release)
+    expected_rad, _ = _reference(pendulum, motion, begin)
+    moving = np.isfinite(expected_rad)
+    assert motion.angle_rad[moving, 0] == pytest.approx(expected_rad[moving], abs=2e-9)
+    if not moving[-1]:  # from its last standstill on it stays
+        assert np.all(motion.speed_rad_per_s[moving.nonzero()[0][-1] + 1 :] == 0)
+
+
+def test_dry_friction_moves_no_zero_crossing_by_more_than_a_billionth() -> None:
+    pendulum = replace(CRAZYFLIE, viscous_nms_per_rad=1e-5, coulomb_nm=4e-5, quadratic_nms2_per_rad2=2e-8)
+    release = _quick_hand(math.radians(60))
+    motion = swing([pendulum], [release], duration_s=7.5, store_every=1)
+    begin = _free_from(motion, release)
+    expected_rad, _ = _reference(pendulum, motion, begin)
+    crossings_s = _zero_crossings(motion, 0, begin)[:30]  # fifteen periods
+    moving = np.isfinite(expected_rad)
+    reference = CubicHermiteSpline(
+        motion.time_s[moving], expected_rad[moving], motion.speed_rad_per_s[moving, 0]
+    )
+    expected_s = reference.roots(extrapolate=False)[: crossings_s.size]
+    assert crossings_s.size > 20
+    assert crossings_s == pytest.approx(expected_s, rel=1e-9)
+
+
+@pytest.mark.parametrize("step_s", [5e-4, 1e-3, 2e-3])
+def test_dry_friction_brings_a_swing_to_rest_off_its_rest_and_there_it_stays(step_s: float) -> None:
+    pendulum = replace(CRAZYFLIE, coulomb_nm=3e-4, rest_rad=-0.1)
+    release = _quick_hand(math.radians(50))
+    motion = swing([pendulum], [release], duration_s=6.0, step_s=step_s, store_every=1)
+    _, expected_s = _reference(pendulum, motion, _free_from(motion, release))
+    last_motion_s = motion.time_s[np.flatnonzero(motion.speed_rad_per_s[:, 0])[-1]]
+    resting_rad = motion.angle_rad[motion.time_s > expected_s + step_s, 0]
+    assert last_motion_s == pytest.approx(expected_s, abs=2 * step_s)
+    assert np.ptp(resting_rad) == 0
+    off_rest_rad = abs(resting_rad[0] - pendulum.rest_rad)
+    held_within_rad = math.asin(pendulum.coulomb_nm / pendulum.gravity_moment_nm)
+    assert 0.001 < off_rest_rad <= held_within_rad
+
+
+def test_a_pendulum_hangs_still_until_the_hand_lifts_it() -> None:
+    release = HandRelease(angle_rad=-0.5, wait_s=0.7)
+    motion = swing([replace(CRAZYFLIE, rest_rad=0.2)], [release], duration_s=1.0)
+    waiting = motion.time_s < release.wait_s
+    assert np.all(motion.angle_rad[waiting] == 0.2)
+    assert np.all(motion.speed_rad_per_s[waiting] == 0)
+    assert motion.angle_rad[-1, 0] < 0.2
+
+
+def test_a_hand_trembles_about_the_angle_it_holds() -> None:
+    release = HandRelease(angle_rad=-0.8, tremor_rad=0.004, hold_s=1.0)
+    pendulum = replace(CRAZYFLIE, coulomb_nm=4e-5, viscous_nms_per_rad=1e-5)
+    motion = swing([pendulum], [release], duration_s=2.1, store_every=1)
+    held = (motion.time_s > 1.2) & (motion.time_s < release.free_s - release.let_go_s)
+    held_rad = motion.angle_rad[held, 0]
+    assert held_rad.mean() == pytest.approx(-0.8, abs=0.005)
+    assert np.ptp(held_rad) / 2 == pytest.approx(0.004, rel=0.2)
+
+
+def test_pendulums_swung_at_once_do_not_feel_each_other() -> None:
+    pendulums = [
+        replace(CRAZYFLIE, coulomb_nm=coulomb_nm, viscous_nms_per_rad=1e-5) for coulomb_nm in (0, 3e-5, 2e-4)
+    ]
+    releases = [replace(_quick_hand(angle), wait_s=angle / 4) for angle in (0.3, 0.6, 1.2)]
+    together = swing(pendulums, releases, duration_s=2.0, step_s=1e-3)
+    for column, (pendulum, release) in enumerate(zip(pendulums, releases, strict=True)):
+        alone = swing([pendulum], [release], duration_s=2.0, step_s=1e-3)
+        assert together.angle_rad[:, column] == pytest.approx(alone.angle_rad[:, 0], abs=1e-10)
+
+
+def test_what_is_kept_are_steps_of_the_same_motion() -> None:
+    release = _quick_hand(0.9)
+    every = swing([CRAZYFLIE], [release], duration_s=1.5, step_s=1e-3, store_every=1)
+    some = swing([CRAZYFLIE], [release], duration_s=1.5, step_s=1e-3, store_every=5)
+    assert some.time_s == pytest.approx(every.time_s[::5], abs=1e-12)
+    assert np.array_equal(some.angle_rad, every.angle_rad[::5])
+    assert np.array_equal(some.speed_rad_per_s, every.speed_rad_per_s[::5])
+
+
+def test_a_hand_without_time_to_let_go_is_refused() -> None:
+    with pytest.raises(ValueError, match="let_go_s"):
+        HandRelease(angle_rad=1, let_go_s=0)
