@@ -200,9 +200,7 @@ def load_rig(path: Path) -> Rig:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ConfigError(
-            f"{path}: no such file. `cfid new DIR` makes a campaign with a commented one."
-        ) from None
+        raise ConfigError(f"{path}: no such file. `cfid new DIR` makes a campaign with a commented one.") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from None
     return _checked(content, name=str(path))

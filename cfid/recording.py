@@ -117,9 +117,7 @@ def _columns(table: Table, reading: Reading) -> tuple[str | None, str]:
     """Return the names of the time column (None with a given rate) and of the angle column."""
     if reading.columns:
         if len(reading.columns) != (1 if reading.rate_hz else 2):
-            raise ConfigError(
-                "--columns names the time and the angle column, or with --rate-hz the angle alone."
-            )
+            raise ConfigError("--columns names the time and the angle column, or with --rate-hz the angle alone.")
         return (None if reading.rate_hz else reading.columns[0]), reading.columns[-1]
     names = table.names
     if not table.has_head and len(names) <= 2:
@@ -177,11 +175,7 @@ def _check_interval(path: Path, raw: Array, unit: str) -> None:
         return
     fitting = [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= _SLOWEST_S]
     epoch = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= raw[0] * scale <= _UNIX_S[1]]
-    advice = (
-        f"Say --time-unit {fitting[0]}."
-        if fitting
-        else "Is this the time column? See --columns and --rate-hz."
-    )
+    advice = f"Say --time-unit {fitting[0]}." if fitting else "Is this the time column? See --columns and --rate-hz."
     dated = f" It starts at {raw[0]:.0f}, which is a date (Unix time) in {epoch[0]}." if epoch else ""
     raise DataError(
         f"{path}: read in {unit}, the time column has {interval * SECONDS[unit]:.3g} s between samples.{dated} {advice}"
@@ -203,9 +197,7 @@ def _angle(
         )
     if unit == "counts":
         if not whole:
-            raise DataError(
-                f"{path}: column '{column}' is read as counts but has fractions: say --angle-unit rad|deg."
-            )
+            raise DataError(f"{path}: column '{column}' is read as counts but has fractions: say --angle-unit rad|deg.")
         return _from_counts(path, reading.counts_per_turn, raw.astype(np.int64))
     angle = np.radians(raw) if unit == "deg" else raw
     # Only an angle that was folded into one turn can need unfolding.
@@ -224,9 +216,7 @@ def _from_counts(
         name = setting if setting == RLS_13BIT_IN_22 else f"{WORD_COUNTS_PER_TURN}"
         said = (f"counts are read as --counts-per-turn {name}.",)
         if setting != RLS_13BIT_IN_22 and (counts.min() < 0 or counts.max() >= WORD_COUNTS_PER_TURN):
-            raise DataError(
-                f"{path}: counts run from {counts.min()} to {counts.max()}: say --counts-per-turn."
-            )
+            raise DataError(f"{path}: counts run from {counts.min()} to {counts.max()}: say --counts-per-turn.")
     if setting != RLS_13BIT_IN_22:
         turns = counts / float(setting)
         return np.unwrap(2 * np.pi * (turns - np.floor(turns))), np.ones(len(counts), dtype=bool), said

@@ -36,7 +36,7 @@ class Table:
 
         Raises DataError naming the line of the first field that is no finite number.
         """
-        import pandas as pd  # noqa: PLC0415  (half of the start-up time of a fit)
+        import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad head
 
         missing = [name for name in columns if name not in self.names]
         if missing:
@@ -55,7 +55,7 @@ class Table:
             )
         except (ValueError, OverflowError):
             raise self._first_fault(columns) from None
-        values = frame[list(columns)].to_numpy()
+        values: Array = frame[list(columns)].to_numpy()
         if not np.all(np.isfinite(values)):
             raise self._first_fault(columns)
         return values
@@ -73,15 +73,11 @@ class Table:
                 continue
             where = f"{self.path}:{self._first_line + i}"
             if len(fields) > len(self.names):
-                return DataError(
-                    f"{where}: {len(fields)} fields where the file has {len(self.names)} columns."
-                )
+                return DataError(f"{where}: {len(fields)} fields where the file has {len(self.names)} columns.")
             for place, name in zip(places, columns, strict=True):
                 field = fields[place] if place < len(fields) else ""
                 if not _is_number(field) or not np.isfinite(float(field)):
-                    return DataError(
-                        f"{where}: '{field}' in column '{name}' is no number. Repair or cut that line."
-                    )
+                    return DataError(f"{where}: '{field}' in column '{name}' is no number. Repair or cut that line.")
         return DataError(f"{self.path}: not readable as a table of numbers.")
 
 
@@ -98,9 +94,7 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
     cut = bool(rest.strip())
     lines = (whole + newline).split("\n")
     if skip_lines >= len(lines) - 1:
-        raise DataError(
-            f"{path}: nothing but {len(lines) - 1} lines, of which --skip-lines leaves out {skip_lines}."
-        )
+        raise DataError(f"{path}: nothing but {len(lines) - 1} lines, of which --skip-lines leaves out {skip_lines}.")
     first = next((i for i in range(skip_lines, len(lines)) if lines[i].strip()), None)
     if first is None:
         raise DataError(f"{path}: empty but for blank lines; nothing was recorded.")

@@ -37,9 +37,7 @@ def nearest_consistent(entries: Array, covariance: Array) -> Array:
     begin = np.concatenate([np.log(np.diag(start)), start[[1, 2, 2], [0, 0, 1]]])
     lowest = 0.5 * np.log(_LEAST_THICKNESS)
     bounds = ([lowest] * 3 + [-np.inf] * 3, [np.inf] * 6)
-    found = least_squares(
-        mismatch, np.maximum(begin, [*bounds[0][:3], *begin[3:]]), bounds=bounds, xtol=1e-12
-    )
+    found = least_squares(mismatch, np.maximum(begin, [*bounds[0][:3], *begin[3:]]), bounds=bounds, xtol=1e-12)
     return _entries(found.x, scale)
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
-from scipy.signal import medfilt
 
 from cfid.analysis.signals import resample
 from cfid.analysis.swing import GRID_S
+from cfid.analysis.uncertainty import widened
 from cfid.errors import DataError, FitError
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +31,8 @@ class Drop:
 
     `speed_rad_per_s` is the mean in the window; `coefficient_nms_per_rad` = m g r / speed (eq. 2.14 at rest).
     Without a settled speed both are the values of the best window there is, and are not to be used.
-    `time_constant_s` is that of the fit of eq. 2.13, `model_rad` (m,) the fit at `model_time_s` (m,).
+    `terminal_rad_per_s` and `time_constant_s` are those of eq. 2.13 fitted from before the release to the
+    window's end, `model_rad` (m,) that fit at `model_time_s` (m,).
     """
 
     weight_kg: float
@@ -44,8 +46,8 @@ class Drop:
     speed_std_rad_per_s: float
     ripple: float
     coefficient_nms_per_rad: float
+    terminal_rad_per_s: float
     time_constant_s: float
-    time_constant_std_s: float
     model_time_s: Array
     model_rad: Array
 
@@ -85,11 +87,9 @@ def measure_drop(
     """
     grid, angle = resample(time_s - time_s[0], angle_rad, step_s=GRID_S)
     if np.ptp(angle) < 2 * np.pi:
-        raise DataError(
-            f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit."
-        )
+        raise DataError(f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit.")
     angle = angle * math.copysign(1.0, angle[-1] - angle[0])
-    speed = medfilt(np.diff(angle) / GRID_S, MEDIAN_SAMPLES)
+    speed = median_filter(np.diff(angle) / GRID_S, size=MEDIAN_SAMPLES, mode="nearest")
     moving = _moving(speed)
     window, ripple = _steady_window(speed, moving)
     if from_s is not None or to_s is not None:
@@ -99,7 +99,7 @@ def measure_drop(
     mean = float(inside.mean())
     if mean <= 0:
         raise DataError("the axis stands still in the window: choose another with --from and --to.")
-    begin, tau, tau_std, model = _fit_fall(grid, angle, moving.start, window.stop, mean)
+    begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
     return Drop(
         weight_kg=weight_kg,
         time_s=grid,
@@ -112,47 +112,40 @@ def measure_drop(
         speed_std_rad_per_s=_mean_std(inside),
         ripple=ripple,
         coefficient_nms_per_rad=weight_kg * gravity_mps2 * radius_m / mean,
+        terminal_rad_per_s=terminal,
         time_constant_s=tau,
-        time_constant_std_s=tau_std,
         model_time_s=grid[begin : window.stop],
         model_rad=model,
     )
 
 
-def fit_friction(drops: Sequence[Drop], *, radius_m: float, gravity_mps2: float) -> Friction:
-    """Fit Coulomb and viscous friction to all settled drops, and the set-up's inertia from their start.
+def fit_friction(drops: Sequence[Drop], *, radius_m: float, radius_std_m: float, gravity_mps2: float) -> Friction:
+    """Fit Coulomb and viscous friction to all settled drops, and the set-up's inertia to their starts.
 
-    m g r = M_c + c speed. The start's time constant is (I + m r^2) / c: the weight is accelerated as well,
+    m g r = M_c + c speed, with the speed that each fall tends to; the windowed mean, as the thesis has it, is
+    still on its way there. The start's time constant is (I + m r^2) / c: the weight is accelerated as well,
     which eq. 2.12 leaves out.
 
     Raises FitError when no drop settled.
     """
-    settled = [drop for drop in drops if drop.settled]
-    if not settled:
-        raise FitError(
-            "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer fall, "
-            "or set the window with --from and --to."
-        )
+    settled = _settled(drops)
     torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in settled])
-    speed = np.array([drop.speed_rad_per_s for drop in settled])
-    weights = {drop.weight_kg for drop in settled}
-    if len(weights) == 1:
-        return _one_weight(settled, torque, speed, radius_m)
-    (coulomb, viscous), (coulomb_std, viscous_std) = _line(speed, torque)
-    warnings: tuple[str, ...] = ()
-    if coulomb < 0 or viscous < 0:
-        negative = "Coulomb" if coulomb < 0 else "viscous"
-        warnings = (f"{negative} friction came out negative and is set to zero.",)
-        coulomb, viscous = (
-            (0.0, float(torque @ speed / (speed @ speed))) if coulomb < 0 else (float(torque.mean()), 0.0)
-        )
+    speed = np.array([drop.terminal_rad_per_s for drop in settled])
+    if len({drop.weight_kg for drop in settled}) == 1:
+        said = ("one weight alone cannot tell Coulomb from viscous friction: drop another one too.",)
+        return _one_coefficient(settled, torque / speed, radius_m, said)
+    (coulomb, coulomb_std), (viscous, viscous_std), warnings = _line(speed, torque)
     slope = viscous if viscous > 0 else float(np.mean(torque / speed))
     inertia, inertia_std = _setup_inertia(settled, np.full(len(settled), slope), radius_m)
+    # Radius and slope are common to all runs: what they are off by does not average out.
+    common = radius_std_m / radius_m
+    if inertia_std is not None and viscous_std is not None:
+        inertia_std = math.hypot(inertia_std, inertia * viscous_std / slope, inertia * common)
     return Friction(
         viscous_nms_per_rad=viscous,
-        viscous_std=viscous_std,
+        viscous_std=_with(viscous_std, viscous * common),
         coulomb_nm=coulomb,
-        coulomb_std=coulomb_std,
+        coulomb_std=_with(coulomb_std, coulomb * common),
         setup_inertia_kg_m2=inertia,
         setup_inertia_std=inertia_std,
         warnings=warnings,
@@ -164,58 +157,73 @@ def thesis_friction(drops: Sequence[Drop]) -> Friction:
 
     Raises FitError when no drop settled.
     """
+    settled = _settled(drops)
+    return _one_coefficient(settled, np.array([drop.coefficient_nms_per_rad for drop in settled]), 0.0, ())
+
+
+def _settled(drops: Sequence[Drop]) -> list[Drop]:
     settled = [drop for drop in drops if drop.settled]
     if not settled:
         raise FitError(
-            "in no run did the speed settle: use heavier weights, or set the window with --from and --to."
+            "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer "
+            "fall, or set the window with --from and --to."
         )
-    coefficients = np.array([drop.coefficient_nms_per_rad for drop in settled])
-    inertia, inertia_std = _setup_inertia(settled, coefficients, 0.0)
-    return Friction(
-        viscous_nms_per_rad=float(coefficients.mean()),
-        viscous_std=float(coefficients.std(ddof=1) / math.sqrt(len(settled))) if len(settled) > 1 else None,
-        coulomb_nm=None,
-        coulomb_std=None,
-        setup_inertia_kg_m2=inertia,
-        setup_inertia_std=inertia_std,
-        warnings=(),
-    )
+    return settled
 
 
-def _one_weight(settled: Sequence[Drop], torque: Array, speed: Array, radius_m: float) -> Friction:
-    coefficients = torque / speed
+def _one_coefficient(
+    settled: Sequence[Drop], coefficients: Array, radius_m: float, warnings: tuple[str, ...]
+) -> Friction:
     inertia, inertia_std = _setup_inertia(settled, coefficients, radius_m)
     return Friction(
         viscous_nms_per_rad=float(coefficients.mean()),
-        viscous_std=float(coefficients.std(ddof=1) / math.sqrt(len(settled))) if len(settled) > 1 else None,
+        viscous_std=_mean_deviation(coefficients),
         coulomb_nm=None,
         coulomb_std=None,
         setup_inertia_kg_m2=inertia,
         setup_inertia_std=inertia_std,
-        warnings=("one weight alone cannot tell Coulomb from viscous friction: drop another one too.",),
+        warnings=warnings,
     )
 
 
-def _line(speed: Array, torque: Array) -> tuple[tuple[float, float], tuple[float | None, float | None]]:
-    """Fit torque = coulomb + viscous * speed and its deviations from the scatter about the line.
+def _line(
+    speed: Array, torque: Array
+) -> tuple[tuple[float, float | None], tuple[float, float | None], tuple[str, ...]]:
+    """Fit torque = coulomb + viscous * speed; deviations from the scatter about the line.
 
-    The scatter lies in the speed; along a straight line that is the same as scatter in the torque.
+    What scatters from drop to drop is the friction itself, so the residual is a torque.
     """
     rows = np.stack([np.ones_like(speed), speed], axis=1)
-    found = np.linalg.lstsq(rows, torque, rcond=None)[0]
-    if len(speed) <= 2:
-        return (float(found[0]), float(found[1])), (None, None)
-    residual = torque - rows @ found
-    covariance = np.linalg.inv(rows.T @ rows) * (residual @ residual) / (len(speed) - 2)
-    deviations = np.sqrt(np.diag(covariance))
-    return (float(found[0]), float(found[1])), (float(deviations[0]), float(deviations[1]))
+    coulomb, viscous = (float(value) for value in np.linalg.lstsq(rows, torque, rcond=None)[0])
+    freedom = len(speed) - 2
+    if freedom == 0:
+        return (coulomb, None), (viscous, None), ()
+    if coulomb < 0:
+        said = ("Coulomb friction came out negative and is set to zero.",)
+        return (0.0, None), (float(torque @ speed / (speed @ speed)), None), said
+    if viscous < 0:
+        said = ("viscous friction came out negative and is set to zero.",)
+        return (float(torque.mean()), None), (0.0, None), said
+    residual = torque - coulomb - viscous * speed
+    deviations = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / freedom)
+    coulomb_std, viscous_std = (widened(float(std), freedom) for std in deviations)
+    return (coulomb, coulomb_std), (viscous, viscous_std), ()
 
 
 def _setup_inertia(drops: Sequence[Drop], slope: Array, radius_m: float) -> tuple[float, float | None]:
     total = np.array([drop.time_constant_s for drop in drops]) * slope
     values = total - np.array([drop.weight_kg for drop in drops]) * radius_m**2
-    spread = float(values.std(ddof=1) / math.sqrt(len(values))) if len(values) > 1 else None
-    return float(values.mean()), spread
+    return float(values.mean()), _mean_deviation(values)
+
+
+def _mean_deviation(values: Array) -> float | None:
+    if len(values) < 2:
+        return None
+    return widened(float(values.std(ddof=1) / math.sqrt(len(values))), len(values) - 1)
+
+
+def _with(std: float | None, common: float) -> float | None:
+    return None if std is None else math.hypot(std, common)
 
 
 def _moving(speed: Array) -> slice:
@@ -283,10 +291,8 @@ def _mean_std(inside: Array) -> float:
     return float(np.std(blocks, ddof=1) / math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
 
 
-def _fit_fall(
-    grid: Array, angle: Array, start: int, stop: int, speed: float
-) -> tuple[int, float, float, Array]:
-    """Fit eq. 2.13 from just before the release to the window's end; return its time constant.
+def _fit_fall(grid: Array, angle: Array, start: int, stop: int, speed: float) -> tuple[int, tuple[float, float], Array]:
+    """Fit eq. 2.13 from just before the release to the window's end; return terminal speed and time constant.
 
     The moment of release is a parameter: it lies between two samples.
     """
@@ -294,14 +300,12 @@ def _fit_fall(
     time, turned = grid[begin:stop], angle[begin:stop]
 
     def model(p: Array) -> Array:
-        level, fast, tau, release = p
+        level, terminal, tau, release = p
         fallen = np.maximum(time - release, 0.0)
         tau = max(tau, 1e-5)
-        return np.asarray(level + fast * (fallen + tau * np.expm1(-fallen / tau)))
+        return np.asarray(level + terminal * (fallen + tau * np.expm1(-fallen / tau)))
 
     first = np.array([turned[0], speed, 0.05, grid[start]])
     scale = np.array([1.0, speed, 0.05, 0.05])
     found = least_squares(lambda p: model(p) - turned, first, x_scale=scale, max_nfev=200)
-    variance = 2 * found.cost / max(len(time) - 4, 1)
-    spread = np.sqrt(variance * np.diag(np.linalg.pinv(found.jac.T @ found.jac)))
-    return begin, float(found.x[2]), float(spread[2]), model(found.x)
+    return begin, (float(found.x[1]), float(found.x[2])), model(found.x)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from cfid.analysis.axis_inertias import AxisInertias
 from cfid.analysis.consistency import is_consistent, nearest_consistent
@@ -63,12 +63,12 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
     condition = _check_axes(rows)
     measured = evaluated.about_centre_kg_m2
     moved = _moved_by_inputs(axis_inertias)
-    entries = np.linalg.lstsq(rows, measured, rcond=None)[0]
+    entries = np.linalg.lstsq(rows, measured, rcond=None)[0].astype(np.float64)
     # A tilt moves an axis' row too, by an amount that depends on the matrix: hence twice.
     for _ in range(2):
         columns = moved.about_centre - np.einsum("nei,e->ni", moved.rows, entries)
         gain, covariance = _gain(rows, columns)
-        entries = gain @ measured
+        entries = np.asarray(gain @ measured)
     residual = measured - rows @ entries
     chi_squared, freedom = _chi_squared(residual, columns), len(measured) - UNKNOWNS
     inflation, warnings, doubts = _scatter(chi_squared, freedom)
@@ -173,9 +173,7 @@ def _moved_by_inputs(axis_inertias: AxisInertias) -> _Moved:
 
     count = len(axis_inertias.swings)
     columns = contributions(outputs, axis_inertias.inputs)
-    return _Moved(
-        columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1)
-    )
+    return _Moved(columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1))
 
 
 def _norms(columns: Array) -> Array:
@@ -191,7 +189,7 @@ def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
     covariance = columns @ columns.T
     size = float(np.trace(covariance)) / len(rows)
     weight = np.linalg.inv(covariance + (1e-6 * size or 1.0) * np.eye(len(rows)))
-    gain = np.linalg.solve(rows.T @ weight @ rows, rows.T @ weight)
+    gain = np.linalg.solve(rows.T @ weight @ rows, rows.T @ weight).astype(np.float64)
     return gain, gain @ covariance @ gain.T
 
 
@@ -203,12 +201,12 @@ def _chi_squared(residual: Array, columns: Array) -> float:
 
 def _scatter(chi_squared: float, freedom: int) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
     """Return the factor by which repeated swings scatter beyond their deviations, and what to say of it."""
-    if freedom == 0 or chi_squared <= chi2.ppf(0.95, freedom):
+    if freedom == 0 or chi_squared <= chdtri(freedom, 0.05):
         return 1.0, (), ()
     inflation = math.sqrt(chi_squared / freedom)
     said = (
         f"the swings scatter {inflation:.1f} times as far as their uncertainties allow "
         f"(chi-squared {chi_squared:.1f} for {freedom} degrees of freedom): deviations are widened by that."
     )
-    contradiction = chi2.sf(chi_squared, freedom) < UNLIKELY
+    contradiction = chdtrc(freedom, chi_squared) < UNLIKELY
     return inflation, (said,), (said,) if contradiction else ()

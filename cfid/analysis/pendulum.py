@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_banded
-from scipy.signal import savgol_filter
 from scipy.sparse import csr_matrix
+
+from cfid.analysis.signals import smooth
 
 Array = npt.NDArray[np.float64]
 
@@ -74,9 +75,7 @@ class OutputError:
         return float(self.residual_rad @ self.residual_rad)
 
 
-def first_guess(
-    time_s: Array, angle_rad: Array, *, start_s: float, step_s: float
-) -> tuple[Coefficients, Trajectory]:
+def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: float) -> tuple[Coefficients, Trajectory]:
     """Smooth the record onto a grid and regress the acceleration on the model's terms.
 
     Smoothing flattens the acceleration, so that W comes out some per cent low: good enough to start from.
@@ -84,9 +83,7 @@ def first_guess(
     count = max(int(np.ceil((time_s[-1] - start_s) / step_s)) + 1, 16)
     grid = start_s + step_s * np.arange(count)
     sampled = np.interp(grid, time_s, angle_rad)
-    angle = savgol_filter(sampled, 15, 3)
-    speed = savgol_filter(sampled, 15, 3, deriv=1, delta=step_s)
-    acceleration = savgol_filter(sampled, 15, 3, deriv=2, delta=step_s)
+    angle, speed, acceleration = smooth(sampled, length=15, step_s=step_s)
     regressors = np.stack([-np.sin(angle), -speed, np.cos(angle)], axis=1)
     stiffness, viscous, offset = np.linalg.lstsq(regressors, acceleration, rcond=None)[0]
     coefficients = Coefficients(stiffness, max(viscous, 0.0), 0.0, 0.0, offset / stiffness)
@@ -245,14 +242,10 @@ def _linearised(
     right[3::2, 0] = step / 6 * (a[:-1] + 4 * middle.value + a[1:]) - np.diff(speed)
     right[2::2, 1:-2] = step**2 / 12 * difference
     right[3::2, 1:-2] = (
-        step
-        / 6
-        * (by_node[:-1] + 4 * (by_middle + middle.by_speed[:, None] * step / 8 * difference) + by_node[1:])
+        step / 6 * (by_node[:-1] + 4 * (by_middle + middle.by_speed[:, None] * step / 8 * difference) + by_node[1:])
     )
     right[0, -2] = right[1, -1] = 1.0
-    return np.asarray(
-        solve_banded((3, 1), matrix, right, overwrite_ab=True, overwrite_b=True, check_finite=False)
-    )
+    return np.asarray(solve_banded((3, 1), matrix, right, overwrite_ab=True, overwrite_b=True, check_finite=False))
 
 
 def _collocation_matrix(a_angle: Array, a_speed: Array, middle: _Acceleration, step: float) -> Array:

@@ -1,9 +1,11 @@
 """Sampled signals, whatever they mean: half-swings, steady stretches, correlated noise."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numpy.polynomial import Polynomial
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -53,6 +55,31 @@ def resample(time_s: Array, value: Array, *, step_s: float) -> tuple[Array, Arra
     return grid, np.interp(grid, time_s, value)
 
 
+class Smoothed(NamedTuple):
+    """A smoothed signal and its first two derivatives, (n,) each."""
+
+    value: Array
+    first: Array
+    second: Array
+
+
+def smooth(value: Array, *, length: int, step_s: float) -> Smoothed:
+    """Fit a cubic to every `length` neighbours of a uniform series (n,) and take it at their middle [SG].
+
+    The ends take the first and the last such cubic where they are.
+    """
+    half = length // 2
+    place = step_s * np.arange(-half, half + 1)
+    fit = np.linalg.pinv(np.vander(place, 4, increasing=True))
+    begin, end = Polynomial(fit @ value[:length]), Polynomial(fit @ value[-length:])
+    columns = []
+    for order in range(3):
+        middle = math.factorial(order) * np.correlate(value, fit[order], mode="valid")
+        ends = begin.deriv(order)(place[:half]), end.deriv(order)(place[half + 1 :])
+        columns.append(np.concatenate([ends[0], middle, ends[1]]))
+    return Smoothed(*columns)
+
+
 def correlation_inflation(series: Array, *, longest: int) -> float:
     """Return by how much correlation inflates the variance of the sum of a zero-mean series (n,).
 
@@ -74,4 +101,4 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
 def block_means(value: Array, *, length: int) -> Array:
     """Return the means of consecutive blocks of `length` samples, a rest at the end left out."""
     blocks = len(value) // length
-    return value[: blocks * length].reshape(blocks, length).mean(axis=1)
+    return np.asarray(value[: blocks * length].reshape(blocks, length).mean(axis=1))

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import savgol_filter
 
-from cfid.analysis.signals import HalfSwing, half_swings, resample, vertex
+from cfid.analysis.signals import HalfSwing, half_swings, resample, smooth, vertex
 from cfid.errors import DataError
 
 Array = npt.NDArray[np.float64]
@@ -159,7 +158,7 @@ def _release(time: Array, angle: Array, half: HalfSwing) -> int:
     grid, held = resample(time[begin : fallen + 1], angle[begin : fallen + 1], step_s=GRID_S)
     if len(grid) < 9:
         return half.extreme
-    speed = np.abs(savgol_filter(held, 9, 2, deriv=1, delta=GRID_S))
+    speed = np.abs(smooth(held, length=9, step_s=GRID_S).first)
     still = np.flatnonzero(speed < _STANDING_STILL * speed[-9:].max())
     at = grid[still[-1]] if len(still) else grid[0]
     return int(np.searchsorted(time, at))

@@ -75,9 +75,7 @@ def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
     def residual(p: Array) -> Array:
         return _damped_cosine(time, begin, *(p * scale)) - angle
 
-    found = least_squares(
-        residual, np.array([1.0, decay / scale[1], 0.0]), method="lm", xtol=1e-12, ftol=1e-12
-    )
+    found = least_squares(residual, np.array([1.0, decay / scale[1], 0.0]), method="lm", xtol=1e-12, ftol=1e-12)
     squared, viscous, speed = found.x * scale
     variance = 2 * found.cost / max(len(angle) - 3, 1)
     deviations = np.sqrt(variance * np.diag(np.linalg.inv(found.jac.T @ found.jac))) * scale
@@ -156,7 +154,5 @@ def _flexible(time: Array, a: Array) -> tuple[Array, Array, Array]:
     phase_2 = 2 * a[5] + 6 * a[6] * time
     cosine, sine = np.cos(phase), np.sin(phase)
     speed = height_1 * cosine - height * phase_1 * sine
-    acceleration = (height_2 - height * phase_1**2) * cosine - (
-        2 * height_1 * phase_1 + height * phase_2
-    ) * sine
+    acceleration = (height_2 - height * phase_1**2) * cosine - (2 * height_1 * phase_1 + height * phase_2) * sine
     return height * cosine, speed, acceleration

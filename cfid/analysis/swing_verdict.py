@@ -61,9 +61,7 @@ class Verdict:
         return tuple(doubts)
 
 
-def judge(
-    fit: OutputError, time_s: Array, *, resolution_rad: float, drift: float, drift_std: float
-) -> Verdict:
+def judge(fit: OutputError, time_s: Array, *, resolution_rad: float, drift: float, drift_std: float) -> Verdict:
     """Judge a fit to samples at `time_s` (n,) of an angle with the given resolution."""
     start = float(np.max(np.abs(fit.trajectory.angle_rad)))
     period = 2 * math.pi / math.sqrt(max(fit.coefficients.natural_frequency_squared_s2, 1e-9))

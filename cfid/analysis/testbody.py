@@ -75,9 +75,7 @@ def _calculated(body: TestBody, directions: Array) -> tuple[Array, Array]:
     inputs = [Input(name="mass", group="mass", value=body.mass_kg, std=body.mass_std_kg)]
     for i, row in enumerate(sizes):
         for j, size in enumerate(row):
-            inputs.append(
-                Input(name=f"edge {i}{j}", group="lengths", value=1.0, std=body.length_std_mm / size)
-            )
+            inputs.append(Input(name=f"edge {i}{j}", group="lengths", value=1.0, std=body.length_std_mm / size))
 
     def inertias(values: Array) -> Array:
         drawn = from_cuboids(body.cuboids, mass_kg=float(values[0]), scale=values[1:].reshape(sizes.shape))

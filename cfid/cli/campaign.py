@@ -33,9 +33,7 @@ def new(
 
 
 def runs(
-    campaign: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")
-    ] = None,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's runs: what, when, state, rows, losses.
@@ -47,9 +45,7 @@ def runs(
 
     found = find_campaign(campaign, start=Path.cwd())
     if found is None:
-        raise ConfigError(
-            f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one."
-        )
+        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
     _print_runs(list_runs(found.runs_folder), json=json)
 
 

@@ -56,9 +56,7 @@ def print_comparison(campaign: "Campaign", truth: "DemoTruth") -> None:
         rows.append((key, value, found[key].value, found[key].std))
     for name, true, value, std in rows:
         inside = std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)
-        table.add_row(
-            name, f"{true:.5g}", f"{value:.5g}", f"{std:.2g}" if std else "-", "yes" if inside else "no"
-        )
+        table.add_row(name, f"{true:.5g}", f"{value:.5g}", f"{std:.2g}" if std else "-", "yes" if inside else "no")
     Console().print(table)
     typer.echo(f"the campaign is {campaign.folder}: look at its rig.toml, runs and parameters.toml.")
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 @flat
 def friction(
+    *,
     runs: Annotated[
         list[str],
         typer.Argument(metavar="GRAMS=FILE|RUN ...", help="Dropped weights; a run has its own label."),
@@ -28,9 +29,7 @@ def friction(
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
-    radius_mm: Annotated[
-        float | None, typer.Option(help="Radius of the axis that the line is wound around.")
-    ] = None,
+    radius_mm: Annotated[float | None, typer.Option(help="Radius of the axis that the line is wound around.")] = None,
     method: Method = "default",
 ) -> None:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it.
@@ -43,28 +42,29 @@ def friction(
 
     workplace = open_workplace(rig)
     items = read_named(runs, reading.reading(), workplace, label="grams")
-    radius_m, notes = _radius_m(workplace, radius_mm)
+    radius_m, radius_std_m, notes = _radius_m(workplace, radius_mm)
     gravity = workplace.rig.site.gravity_mps2
     drops = [_drop(item, cut, radius_m, gravity) for item in items]
     if method == "thesis":
         found = thesis_friction(drops)
     else:
-        found = fit_friction(drops, radius_m=radius_m, gravity_mps2=gravity)
+        found = fit_friction(drops, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity)
     files = [item for item in items if isinstance(item, Named)]
-    outcome = _outcome(found, drops, files, workplace, radius_m, method, notes)
+    outcome = _outcome(
+        found=found, drops=drops, files=files, workplace=workplace, radius_m=radius_m, method=method, notes=notes
+    )
     deliver(outcome, delivery, workplace.campaign)
 
 
-def _radius_m(workplace: Workplace, radius_mm: float | None) -> tuple[float, tuple[str, ...]]:
+def _radius_m(workplace: Workplace, radius_mm: float | None) -> tuple[float, float, tuple[str, ...]]:
     from cfid.campaign import MM
 
     if radius_mm is not None:
-        return MM * positive(radius_mm, "--radius-mm"), ()
+        return MM * positive(radius_mm, "--radius-mm"), 0.0, ()
     if workplace.rig.friction is None:
-        raise ConfigError(
-            "the radius of the axis is not known: add [friction] to rig.toml, or say --radius-mm."
-        )
-    return MM * workplace.rig.friction.radius_mm, workplace.notes
+        raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or say --radius-mm.")
+    axis = workplace.rig.friction
+    return MM * axis.radius_mm, MM * axis.radius_std_mm, workplace.notes
 
 
 def _drop(item: Named | KnownInertia, cut: CutOptions, radius_m: float, gravity: float) -> "Drop":
@@ -91,6 +91,7 @@ def _drop(item: Named | KnownInertia, cut: CutOptions, radius_m: float, gravity:
 
 
 def _outcome(
+    *,
     found: "Friction",
     drops: "Sequence[Drop]",
     files: "Sequence[Named]",
@@ -119,16 +120,11 @@ def _outcome(
             *notes,
             *(note for file in files for note in file.record.notes),
             *found.warnings,
-            *(
-                f"{f.record.path.name} ({f.name} g): the speed never settles; it is left out."
-                for f in unsettled
-            ),
+            *(f"{f.record.path.name} ({f.name} g): the speed never settles; it is left out." for f in unsettled),
         ),
         sources=tuple(file.record.source for file in files),
         drawings=drawings,
-        beside=files[0].record.path.parent
-        if workplace.campaign is None
-        else workplace.campaign.folder / "figures",
+        beside=files[0].record.path.parent if workplace.campaign is None else workplace.campaign.folder / "figures",
     )
 
 
@@ -153,6 +149,7 @@ def _row(drop: "Drop") -> dict[str, Any]:
         "settled": drop.settled,
         "speed_rad_per_s": drop.speed_rad_per_s,
         "speed_std_rad_per_s": drop.speed_std_rad_per_s,
+        "terminal_rad_per_s": drop.terminal_rad_per_s if drop.settled else None,
         "coefficient_nms_per_rad": drop.coefficient_nms_per_rad if drop.settled else None,
         "from_s": drop.from_s,
         "to_s": drop.to_s,

@@ -11,6 +11,7 @@ from cfid.cli.outcome import deliver
 
 @flat
 def inertia(
+    *,
     runs: Annotated[
         list[str],
         typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias."),
@@ -19,9 +20,7 @@ def inertia(
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Propose axes and distances for the next swings.")
-    ] = False,
+    plan: Annotated[bool, typer.Option("--plan", help="Propose axes and distances for the next swings.")] = False,
     method: Method = "default",
 ) -> None:
     """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
@@ -43,7 +42,5 @@ def inertia(
     check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
     swings = measure_all(items, window, method)
     axis_inertias = AxisInertias(swings.mounted, body, surroundings(workplace, swings.fixture))
-    outcome = inertia_outcome(
-        axis_inertias, fit_inertia(axis_inertias), swings, workplace, method=method, plan=plan
-    )
+    outcome = inertia_outcome(axis_inertias, fit_inertia(axis_inertias), swings, workplace, method=method, plan=plan)
     deliver(outcome, delivery, workplace.campaign)

@@ -11,6 +11,7 @@ from cfid.cli.outcome import deliver
 
 @flat
 def swing(
+    *,
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a CSV file.")],
     window: WindowOptions,
     cut: CutOptions,
@@ -33,9 +34,7 @@ def swing(
     workplace = open_workplace(rig)
     record = read_recording(run, reading.reading(), workplace)
     axis = axis or record.label.axis
-    body = body_of_swing(
-        workplace, axis=axis, body=record.label.body, mass_kg=rig.mass_kg, distance_m=distance_m
-    )
+    body = body_of_swing(workplace, axis=axis, body=record.label.body, mass_kg=rig.mass_kg, distance_m=distance_m)
     found = find(record, window, axis=axis, cut=cut)
     analysed = analyse(record, found, method)
     outcome = swing_outcome(record, found, analysed, body=body, around=surroundings(workplace))

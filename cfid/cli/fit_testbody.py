@@ -19,6 +19,7 @@ _UNLIKELY_DEVIATIONS = 4.0
 
 @flat
 def testbody(
+    *,
     runs: Annotated[
         list[str],
         typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias."),
@@ -49,9 +50,7 @@ def testbody(
     deliver(_outcome(compare(body, axis_inertias), swings, workplace, method), delivery, workplace.campaign)
 
 
-def _outcome(
-    comparisons: "list[Comparison]", swings: "SwingSet", workplace: Workplace, method: str
-) -> Outcome:
+def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Workplace, method: str) -> Outcome:
     from cfid.parameters import Parameter
 
     parameters: dict[str, Parameter] = {}

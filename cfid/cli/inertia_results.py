@@ -116,9 +116,7 @@ def _budget_lines(fit: "InertiaFit") -> list[str]:
 
     if not fit.budget:
         return ["uncertainty budget: nothing given has a standard deviation"]
-    lines = [
-        "uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"
-    ]
+    lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
         products = 1e9 * np.mean([share[0, 1], share[0, 2], share[1, 2]])
@@ -137,8 +135,6 @@ def _plan_lines(axis_inertias: "AxisInertias", axes: list[str], fit: "InertiaFit
             f"best {1e3 * fit.best_distance_m[i]:6.2f} mm"
         )
     gain = off_diagonal_gain(axis_inertias.evaluate(axis_inertias.values).direction)
-    lines.append(
-        f"axes: the six diagonals of an icosahedron make the products' deviations {100 * gain:.0f} % smaller:"
-    )
+    lines.append(f"axes: the six diagonals of an icosahedron make the products' deviations {100 * gain:.0f} % smaller:")
     lines += [f"  direction = [{x:+.4f}, {y:+.4f}, {z:+.4f}]" for x, y, z in icosahedron_axes()]
     return lines

@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from cfid.campaign import Campaign, Rig
     from cfid.recording import AngleRecord, Reading
 
-NO_RIG = (
-    "no rig.toml here: the thesis' Crazyflie 2.0, cube and test body are taken (--geometry FILE for yours)."
-)
+NO_RIG = "no rig.toml here: the thesis' Crazyflie 2.0, cube and test body are taken (--geometry FILE for yours)."
 
 
 @dataclass(frozen=True)
@@ -117,9 +115,7 @@ def check_mounts(names: Iterable[str], mounts: Mapping[str, object], *, table: s
     for name in names:
         if name not in mounts:
             there = ", ".join(mounts) or "none"
-            raise ConfigError(
-                f"'{name}' is no mount of this rig.toml (it has: {there}): add [{table}.{name}]."
-            )
+            raise ConfigError(f"'{name}' is no mount of this rig.toml (it has: {there}): add [{table}.{name}].")
 
 
 def _known_inertia(name: str, text: str) -> KnownInertia | None:

@@ -25,9 +25,7 @@ class ReadingOptions:
 
     time_unit: Annotated[
         Literal["s", "ms", "us"] | None,
-        typer.Option(
-            help="Unit of the time column; default: its name's suffix, else s.", rich_help_panel=_FILE
-        ),
+        typer.Option(help="Unit of the time column; default: its name's suffix, else s.", rich_help_panel=_FILE),
     ] = None
     angle_unit: Annotated[
         Literal["counts", "rad", "deg"] | None,
@@ -38,16 +36,12 @@ class ReadingOptions:
     ] = None
     counts_per_turn: Annotated[
         str | None,
-        typer.Option(
-            metavar="N|rls-13bit-in-22", help="What one turn of the encoder is.", rich_help_panel=_FILE
-        ),
+        typer.Option(metavar="N|rls-13bit-in-22", help="What one turn of the encoder is.", rich_help_panel=_FILE),
     ] = None
     rate_hz: Annotated[
         float | None, typer.Option(help="Sampling rate of a file without times.", rich_help_panel=_FILE)
     ] = None
-    skip_lines: Annotated[
-        int, typer.Option(min=0, help="Lines to leave out at the top.", rich_help_panel=_FILE)
-    ] = 0
+    skip_lines: Annotated[int, typer.Option(min=0, help="Lines to leave out at the top.", rich_help_panel=_FILE)] = 0
     columns: Annotated[
         str | None, typer.Option(metavar="TIME,ANGLE", help="Names of the columns.", rich_help_panel=_FILE)
     ] = None
@@ -115,14 +109,10 @@ class CutOptions:
 class Delivery:
     """How the operator wants a result."""
 
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = (
-        False
-    )
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
     force: Annotated[
         bool,
-        typer.Option(
-            "--force", help="Give numbers that are not believed; overwrite files.", rich_help_panel=_OUTPUT
-        ),
+        typer.Option("--force", help="Give numbers that are not believed; overwrite files.", rich_help_panel=_OUTPUT),
     ] = False
     figures: Annotated[
         bool, typer.Option(help="Draw figures (with --json only if --out is given).", rich_help_panel=_OUTPUT)
@@ -154,12 +144,10 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def called(**options: Any) -> None:
         for name, bundle in bundles.items():
-            options[name] = bundle(
-                **{field.name: options.pop(field.name, field.default) for field in fields(bundle)}
-            )
+            options[name] = bundle(**{field.name: options.pop(field.name, field.default) for field in fields(bundle)})
         command(**options)
 
-    del called.__wrapped__  # type: ignore[attr-defined]
+    del called.__wrapped__
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return called

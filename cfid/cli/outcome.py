@@ -97,14 +97,10 @@ def _draw(outcome: Outcome, delivery: Delivery) -> Sequence[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         drawings = outcome.drawings()
-        saved = [
-            save_figure(figure, folder / name, force=delivery.force) for name, figure in drawings.items()
-        ]
+        saved = [save_figure(figure, folder / name, force=delivery.force) for name, figure in drawings.items()]
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ConfigError(
-            f"{folder}: no figure can be written: {reason}. Say --out DIR or --no-figures."
-        ) from None
+        raise ConfigError(f"{folder}: no figure can be written: {reason}. Say --out DIR or --no-figures.") from None
     return [path for paths in saved for path in paths]
 
 

@@ -18,13 +18,12 @@ _TERMINAL_POINTS = 400
 
 @flat
 def show(
+    *,
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a CSV file.")],
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
-    terminal: Annotated[
-        bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")
-    ] = False,
+    terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")] = False,
 ) -> None:
     """Plot an encoder recording: angle, speed and sampling.
 
@@ -71,9 +70,7 @@ def _plot_in_terminal(record: "AngleRecord") -> None:
     import plotext
 
     chosen = np.linspace(0, len(record.time_s) - 1, min(_TERMINAL_POINTS, len(record.time_s))).astype(int)
-    plotext.plot(
-        record.time_s[chosen].tolist(), np.degrees(record.angle_rad[chosen]).tolist(), marker="braille"
-    )
+    plotext.plot(record.time_s[chosen].tolist(), np.degrees(record.angle_rad[chosen]).tolist(), marker="braille")
     plotext.title(record.path.stem)
     plotext.xlabel("time, s")
     plotext.ylabel("angle, degrees")

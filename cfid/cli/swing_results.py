@@ -52,9 +52,7 @@ def find(
     from cfid.analysis.swing import find_swing
 
     cut = cut or CutOptions()
-    smallest = (
-        {} if window.min_angle_deg is None else {"smallest_peak_rad": math.radians(window.min_angle_deg)}
-    )
+    smallest = {} if window.min_angle_deg is None else {"smallest_peak_rad": math.radians(window.min_angle_deg)}
     try:
         return find_swing(
             record.time_s,
@@ -130,15 +128,11 @@ def _parameters(
     if body is not None:
         found |= _with_inertia(values, std, body, around)
     return found | {
-        "swing.start_angle_rad": Parameter(
-            value=analysed.start_angle_rad, std=analysed.start_std[0], unit="rad"
-        ),
+        "swing.start_angle_rad": Parameter(value=analysed.start_angle_rad, std=analysed.start_std[0], unit="rad"),
         "swing.start_speed_rad_per_s": Parameter(
             value=analysed.start_speed_rad_per_s, std=analysed.start_std[1], unit="rad/s"
         ),
-        "swing.zero_rad": Parameter(
-            value=swing.rest_rad + values.zero_rad, std=std.zero_rad or None, unit="rad"
-        ),
+        "swing.zero_rad": Parameter(value=swing.rest_rad + values.zero_rad, std=std.zero_rad or None, unit="rad"),
         "swing.peaks_used": Parameter(value=swing.peaks_used, unit="1"),
     }
 
@@ -153,9 +147,7 @@ def _with_inertia(
     from cfid.parameters import Parameter
 
     swung, mount = body
-    measured = MountedSwing(
-        axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2
-    )
+    measured = MountedSwing(axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
     axis_inertias = AxisInertias([measured], swung, around)
     inertia = float(axis_inertias.evaluate(axis_inertias.values).about_axis_kg_m2[0])
     moved = contributions(lambda v: axis_inertias.evaluate(v).about_axis_kg_m2, axis_inertias.inputs)

@@ -41,8 +41,7 @@ def measure_all(items: Sequence[Named | KnownInertia], window: WindowOptions, me
         mounted=[swing for swing, *_ in measured if swing.axis != FIXTURE],
         fixture=next((swing for swing, *_ in measured if swing.axis == FIXTURE), None),
         quality=[quality for _, quality, *_ in measured],
-        warnings=tuple(note for file in files for note in file.notes)
-        + tuple(w for m in measured for w in m[2]),
+        warnings=tuple(note for file in files for note in file.notes) + tuple(w for m in measured for w in m[2]),
         doubts=tuple(doubt for m in measured for doubt in m[3]),
         sources=tuple(file.source for file in files),
         beside=files[0].path.parent if files else Path(),
@@ -87,4 +86,5 @@ def _thesis(swing: "FreeSwing") -> tuple[float, float, dict[str, Any], tuple[str
 
     cosine = fit_damped_cosine(swing)
     quality = {"peaks_used": swing.peaks_used}
-    return *(pair[0] for pair in zip(cosine.frequencies, cosine.std)), quality, swing.warnings, ()
+    frequency, std = (found.natural_frequency_squared_s2 for found in (cosine.frequencies, cosine.std))
+    return frequency, std, quality, swing.warnings, ()

@@ -36,7 +36,7 @@ def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:
     if not isinstance(std, int | float) or not math.isfinite(std) or std <= 0:
         return f"{value:.{_DIGITS}g}", "-"
     digits = 1 + max(math.floor(math.log10(abs(value))) - math.floor(math.log10(std)), 0) + 1 if value else 2
-    return f"{value:.{min(digits, 12)}g}", f"{std:.2g}"
+    return f"{value:#.{min(digits, 12)}g}", f"{std:#.2g}"
 
 
 def _scalars(name: str, parameter: "Parameter") -> Iterator[tuple[str, Any, Any]]:
@@ -64,7 +64,15 @@ def _rows_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Any:
 
     table = Table(title=title, title_justify="left")
     for heading in rows[0]:
-        table.add_column(heading, justify="right", overflow="fold")
+        table.add_column(heading.replace("_", " "), justify="right")
     for row in rows:
-        table.add_row(*(f"{v:.5g}" if isinstance(v, float) else str(v) for v in row.values()))
+        table.add_row(*(_cell(value) for value in row.values()))
     return table
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "-" if value is None else str(value)

@@ -10,7 +10,7 @@ from matplotlib.gridspec import GridSpec
 
 Array = npt.NDArray[np.float64]
 
-MANY_PERIODS = 14
+MANY_PERIODS = 25
 _SHOWN_PERIODS = 5
 
 

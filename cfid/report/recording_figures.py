@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 TURNS_FROM = 2  # a record that spans more turns than this is drawn in turns
 
 _TIME = "time (s)"
-_GAP = 10  # median intervals without a sample that are worth a red line
+_GAP = 10  # median intervals without a sample that are worth a word
 _SMOOTHED = 9  # samples of the grid, over which the speed's parabola lies
 _BINS = 60
 
@@ -51,19 +51,19 @@ def recording_figure(record: AngleRecord, *, title: str) -> Figure:
 
 
 def _draw_angle(axes: Axes, record: AngleRecord) -> None:
-    in_turns = np.ptp(record.angle_rad) > 2 * np.pi * TURNS_FROM
+    in_turns = _in_turns(record)
     angle = record.angle_rad / (2 * np.pi) if in_turns else np.degrees(record.angle_rad)
     name_panel(axes, "(a) recording", x=_TIME, y="angle (turns)" if in_turns else "angle (°)")
-    for after in _gaps(np.diff(record.time_s)):
-        axes.axvspan(record.time_s[after], record.time_s[after + 1], color=DOUBT, alpha=0.25, lw=0.8)
+    intervals = np.diff(record.time_s)
+    pauses = [(record.time_s[after], intervals[after]) for after in _gaps(intervals)]
+    axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=DOUBT, alpha=0.25, lw=0.8)
     draw_line(axes, record.time_s, angle, color=RECORDED, lw=0.9)
     axes.margins(y=0.08)
 
 
 def _draw_speed(axes: Axes, record: AngleRecord) -> None:
     """Draw the slope of a parabola through neighbouring samples; their bare differences are mostly noise."""
-    interval = float(np.median(np.diff(record.time_s)))
-    step = max(GRID_S, interval)
+    step = max(GRID_S, float(np.median(np.diff(record.time_s))))
     name_panel(axes, f"(b) speed, smoothed over {1e3 * step * _SMOOTHED:.0f} ms", x=_TIME, y="speed (rad/s)")
     grid, angle = resample(record.time_s, record.angle_rad, step_s=step)
     if len(grid) < _SMOOTHED:
@@ -88,21 +88,25 @@ def _told(record: AngleRecord, intervals_s: Array) -> list[tuple[str, str]]:
     gaps = _gaps(intervals_s)
     duration, median = float(record.time_s[-1]), float(np.median(intervals_s))
     span = float(np.ptp(record.angle_rad))
-    longest = (
-        f"{1e3 * float(intervals_s.max()):.4g} ms after {record.time_s[int(np.argmax(intervals_s))]:.3f} s"
-    )
+    longest = f"{1e3 * float(intervals_s.max()):.4g} ms after {record.time_s[int(np.argmax(intervals_s))]:.3f} s"
     return [
         ("samples", f"{len(record.time_s)}"),
         ("duration", f"{duration:.2f} s"),
         ("mean rate", f"{len(intervals_s) / duration:.5g} Hz" if duration > 0 else "-"),
         ("median interval", f"{1e3 * median:.4g} ms"),
         ("longest interval", longest),
-        ("gaps", f"{len(gaps)} longer than {_GAP} median intervals" if len(gaps) else "none"),
+        ("gaps", f"{len(gaps)} over {_GAP} median intervals" if len(gaps) else "none"),
         ("repeated times", f"{np.count_nonzero(intervals_s == 0)}"),
-        ("angle's range", f"{np.degrees(span):.4g}°, {span / (2 * np.pi):.4g} turns"),
+        ("angle's range", f"{span / (2 * np.pi):.4g} turns" if _in_turns(record) else f"{np.degrees(span):.4g}°"),
     ]
+
+
+def _in_turns(record: AngleRecord) -> bool:
+    return bool(np.ptp(record.angle_rad) > 2 * np.pi * TURNS_FROM)
 
 
 def _gaps(intervals_s: Array) -> npt.NDArray[np.intp]:
     """Return the samples after which the recording paused."""
-    return np.flatnonzero(intervals_s > _GAP * np.median(intervals_s))
+    # Time stamps that come in blocks repeat: the median of all intervals may be zero.
+    passing = intervals_s[intervals_s > 0]
+    return np.flatnonzero(intervals_s > _GAP * np.median(passing)) if len(passing) else np.empty(0, dtype=np.intp)

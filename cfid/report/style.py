@@ -23,8 +23,8 @@ Array = npt.NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Okabe and Ito's colours, which the colour-blind tell apart. What is measured is wide and pale below what
-# is computed, thin and dark, so that the two also differ on a grey print.
+# After Okabe and Ito, whose colours the colour-blind tell apart. What is recorded lies wide and pale below
+# what is computed, thin and dark, so that the two also differ on a grey print.
 RECORDED = "#0072B2"
 RECORDED_BELOW = "#8CC8EE"
 MODEL = "#A33F00"
@@ -112,7 +112,7 @@ def figure(
     head = [(line, INK, "bold") for line in _wrapped(title, 84)]
     head += [(line, DOUBT, "normal") for doubt in doubts for line in _wrapped(doubt, _CHARACTERS)]
     head += [(line, MUTED, "normal") for note in notes for line in _wrapped(f"Note: {note}", _CHARACTERS)]
-    head_in = _LINE_IN * len(head) + (0.2 if head else 0.0)
+    head_in = _LINE_IN * len(head) + (0.15 if head else 0.0)
     height_in = sum(heights_in) + head_in
     page = Figure(figsize=(PAGE_WIDTH_IN, height_in))
     FigureCanvasAgg(page)
@@ -136,15 +136,19 @@ def name_panel(axes: Axes, title: str, *, x: str, y: str, colour: str = INK) -> 
 def legend(axes: Axes) -> None:
     """Put the legend above the axes at their right, where no data can be below it."""
     handles, _ = axes.get_legend_handles_labels()
-    axes.legend(
-        handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(handles), borderaxespad=0.35
-    )
+    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(handles), borderaxespad=0.35)
 
 
 def key_row(axes: Axes, *entries: Artist) -> None:
     """Turn axes into one legend for all panels below them."""
     axes.set_axis_off()
     axes.legend(handles=entries, loc="center right", ncols=len(entries))
+
+
+def key_column(axes: Axes, handles: Sequence[Artist]) -> None:
+    """Turn axes beside a panel into its legend."""
+    axes.set_axis_off()
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0, 1), labelspacing=0.6)
 
 
 def words(axes: Axes, title: str, lines: Sequence[tuple[str, str]], *, red: Sequence[str] = ()) -> None:

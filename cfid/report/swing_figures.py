@@ -8,6 +8,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
+from matplotlib.transforms import ScaledTranslation
 
 from cfid.analysis.pendulum import TERMS, sample
 from cfid.analysis.swing import FreeSwing
@@ -116,13 +117,15 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
             label="not used",
             **found,
         )
-    axes.plot(
-        swing.release_s, raw(swing.angle_rad[swing.release]), color=INK, marker="v", ls="", label="release"
-    )
+    held = swing.angle_rad[swing.release]
+    # Beside its sample, on the outer side: the release is the first peak, which has a mark of its own.
+    outside = axes.transData + ScaledTranslation(0, math.copysign(6.5 / 72, held), axes.figure.dpi_scale_trans)
+    how: dict[str, Any] = {"marker": "v" if held > 0 else "^", "ms": 5.5, "ls": "", "transform": outside}
+    axes.plot(swing.release_s, raw(held), color=INK, label="release", **how)
     if swing.hand_gone > swing.release:
         gone = raw(swing.angle_rad[swing.hand_gone])
         axes.plot(begin, gone, color=INK, marker="x", ms=5, mew=1.4, ls="", label="hand gone")
-    axes.margins(y=0.1)
+    axes.margins(y=0.13)
     legend(axes)
 
 
@@ -132,9 +135,7 @@ def _draw_overlay(
     """Draw a fit over what was recorded: thin and dark over wide and pale, and neither hides the other."""
     scale, quantity = (math.degrees(1.0), _DEGREES) if in_degrees else (1.0, _RADIANS)
     for axes, part in shown:
-        draw_line(
-            axes, time_s[part], scale * recorded_rad[part], color=RECORDED_BELOW, lw=3.2, label="recorded"
-        )
+        draw_line(axes, time_s[part], scale * recorded_rad[part], color=RECORDED_BELOW, lw=3.2, label="recorded")
         draw_line(axes, time_s[part], scale * fitted_rad[part], color=MODEL, lw=1.0, label="fitted")
         axes.margins(y=0.08)
         axes.set_xlabel(_TIME)
@@ -181,7 +182,7 @@ def _found(swing: FreeSwing, fit: SwingFit, motion_rad: Array) -> list[tuple[str
         ("misfit", f"{100 * verdict.misfit:.2g} %"),
         ("distortion", f"{100 * verdict.distortion:.2g} %, allowed {100 * verdict.distortion_limit:.2g} %"),
         ("drift", plus_minus(100 * verdict.drift, 100 * verdict.drift_std, unit="%")),
-        ("fit from integrated", f"up to {1e3 * apart:.2g} mrad apart"),
+        ("integrated anew", f"≤ {1e3 * apart:.2g} mrad from the fit"),
         (_VERDICT, "yes" if fit.believed else "NO"),
     ]
 

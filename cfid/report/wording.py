@@ -2,19 +2,20 @@
 
 import math
 
+_ROOM = 19  # characters: six digits with their deviation
+
 
 def plus_minus(value: float, std: float, *, unit: str = "") -> str:
-    """Return a value and its standard deviation, both to the deviation's second digit."""
+    """Return a value and its standard deviation, both to the deviation's second digit where there is room."""
     return _plus_minus(value, std, unit).replace("-", "−")
 
 
 def _plus_minus(value: float, std: float, unit: str) -> str:
     if not (math.isfinite(std) and math.isfinite(value) and std > 0):
         return f"{value:.5g} {unit}".rstrip()
-    digits = 1 - math.floor(math.log10(std))
-    if 0 <= digits <= 9 and abs(value) < 1e6:
-        return f"{value:.{digits}f} ± {std:.{digits}f} {unit}".rstrip()
-    return f"{value:.5g} ± {std:.2g} {unit}".rstrip()
+    digits = max(1 - math.floor(math.log10(std)), 0)
+    plain = f"{value:.{digits}f} ± {std:.{digits}f}"
+    return f"{plain if len(plain) <= _ROOM else f'{value:.6g} ± {std:.1g}'} {unit}".rstrip()
 
 
 def shortened(text: str, characters: int) -> str:

@@ -25,9 +25,7 @@ SETUP_INERTIA_KG_M2 = 1.5e-7
 
 _ENCODER = EncoderModel()
 _SECONDS_OF_A_FALL = {20.0: 12.0, 30.0: 5.0, 40.0: 4.0, 50.0: 4.0}
-_SPEED_SCATTER = (
-    0.03  # of friction, from one drop to the next; the thesis' speeds scatter as much (table 2.1)
-)
+_SPEED_SCATTER = 0.03  # of friction, from one drop to the next; the thesis' speeds scatter as much (table 2.1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +71,7 @@ def simulate_demo(rig: Rig, *, seed: int) -> tuple[DemoTruth, list[SimulatedRun]
         viscous_nms_per_rad=AXIS_VISCOUS_NMS_PER_RAD,
         setup_inertia_kg_m2=SETUP_INERTIA_KG_M2,
         testbody_kg_m2={
-            name: float(mount.direction @ body.inertia_kg_m2 @ mount.direction)
-            for name, mount in body.mounts.items()
+            name: float(mount.direction @ body.inertia_kg_m2 @ mount.direction) for name, mount in body.mounts.items()
         },
     )
     return truth, runs

@@ -61,9 +61,7 @@ def record(
     return Recording(stamps_s, _counts(sampled_rad + encoder.offset_rad, word=encoder.word))
 
 
-def _sampling_instants(
-    begin_s: float, end_s: float, *, encoder: EncoderModel, rng: np.random.Generator
-) -> Array:
+def _sampling_instants(begin_s: float, end_s: float, *, encoder: EncoderModel, rng: np.random.Generator) -> Array:
     shortest_s = encoder.poll_s - encoder.poll_jitter_s
     enough = math.floor((end_s - begin_s) / shortest_s) + 1
     intervals_s = encoder.poll_s + encoder.poll_jitter_s * rng.uniform(-1, 1, enough)

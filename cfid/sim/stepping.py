@@ -131,9 +131,7 @@ def _step_over_standstill(axes: Axes, before: State, time_s: float, step_s: floa
     after = _runge_kutta(axes, still, time_s + stop_s, step_s - stop_s)
     # Only a hand can turn an axis twice within a step: it stops here and the next step begins anew.
     twice = after.speed_rad_per_s * direction < 0
-    return State(
-        after.angle_rad, np.where(twice, 0.0, after.speed_rad_per_s), np.where(twice, 0.0, direction)
-    )
+    return State(after.angle_rad, np.where(twice, 0.0, after.speed_rad_per_s), np.where(twice, 0.0, direction))
 
 
 def _standstill(axes: Axes, before: State, time_s: float, step_s: float) -> tuple[Array, Array]:

@@ -100,9 +100,7 @@ def _draw_gravity(rig: Rig, *, rng: np.random.Generator) -> float:
     return rng.normal(rig.site.gravity_mps2, rig.site.gravity_std_mps2)
 
 
-def _draw_mounts(
-    mounts: Mapping[str, Mount], *, friction: Friction, rng: np.random.Generator
-) -> dict[str, TrueMount]:
+def _draw_mounts(mounts: Mapping[str, Mount], *, friction: Friction, rng: np.random.Generator) -> dict[str, TrueMount]:
     return {
         name: TrueMount(
             point_m=mount.point_m + MM * rng.normal(0, mount.point_std_mm) @ np.array(mount.point_axes),

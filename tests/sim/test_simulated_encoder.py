@@ -74,12 +74,8 @@ def test_words_of_13_bits_pass_their_own_check_and_step_8192_times_a_turn(offset
     assert below_rad.mean() == pytest.approx(TURN / 8192 / 2, rel=0.05)
 
 
-def test_between_the_plants_samples_a_swing_with_dry_friction_is_met_within_a_tenth_of_a_microradian() -> (
-    None
-):
-    pendulum = Pendulum(
-        axis_inertia_kg_m2=3.1e-5, gravity_moment_nm=6.3e-3, viscous_nms_per_rad=1e-5, coulomb_nm=4e-5
-    )
+def test_between_the_plants_samples_a_swing_with_dry_friction_is_met_within_a_tenth_of_a_microradian() -> None:
+    pendulum = Pendulum(axis_inertia_kg_m2=3.1e-5, gravity_moment_nm=6.3e-3, viscous_nms_per_rad=1e-5, coulomb_nm=4e-5)
     fine = swing(
         [pendulum],
         [HandRelease(angle_rad=1, wait_s=0.05, lift_s=0.3, hold_s=0.1)],

@@ -128,9 +128,7 @@ def test_the_distance_is_the_shortest_from_the_centre_of_mass_to_the_axis(truths
 def test_a_mount_is_one_axis_even_where_the_thesis_measured_along_another(rig: Rig) -> None:
     one_axis = rig.mounts["xy"].model_copy(update={"distance_direction": None})
     same = rig.model_copy(update={"mounts": {**rig.mounts, "xy": one_axis}})
-    first, second = (
-        draw_truth(r, inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(5)) for r in (rig, same)
-    )
+    first, second = (draw_truth(r, inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(5)) for r in (rig, same))
     assert pendulum(first, "xy") == pendulum(second, "xy")
 
 
@@ -139,12 +137,8 @@ def test_the_test_body_has_the_inertias_of_table_2_5(rig: Rig) -> None:
     assert truth.inertia_kg_m2[0, 0] == pytest.approx(6.410179e-6, rel=1e-6)
     assert truth.inertia_kg_m2[2, 2] == pytest.approx(9.860228e-6, rel=1e-6)
     # the distances that appendix C.1.6 prints
-    assert pendulum(truth, "x").gravity_moment_nm == pytest.approx(
-        0.0176 * 9.81 * 0.040344532815297, rel=1e-9
-    )
-    assert pendulum(truth, "z").gravity_moment_nm == pytest.approx(
-        0.0176 * 9.81 * 0.044400430747127, rel=1e-9
-    )
+    assert pendulum(truth, "x").gravity_moment_nm == pytest.approx(0.0176 * 9.81 * 0.040344532815297, rel=1e-9)
+    assert pendulum(truth, "z").gravity_moment_nm == pytest.approx(0.0176 * 9.81 * 0.044400430747127, rel=1e-9)
 
 
 def test_the_test_body_varies_with_its_edges_and_hangs_in_the_gravity_it_is_given(rig: Rig) -> None:
@@ -209,9 +203,7 @@ def test_recorded_swings_begin_and_end_at_rest_and_swing_between(rig: Rig) -> No
 def test_the_same_generator_records_the_same_swings(rig: Rig) -> None:
     truth = draw_truth(rig, inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(6))
     first, again = (
-        record_swings(
-            truth, ("x",), rng=np.random.default_rng(9), encoder=EncoderModel(word=4194304), duration_s=3.0
-        )
+        record_swings(truth, ("x",), rng=np.random.default_rng(9), encoder=EncoderModel(word=4194304), duration_s=3.0)
         for _ in range(2)
     )
     assert np.array_equal(first["x"].time_s, again["x"].time_s)

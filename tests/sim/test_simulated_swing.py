@@ -151,9 +151,7 @@ def test_dry_friction_moves_no_zero_crossing_by_more_than_a_billionth() -> None:
     expected_rad, _ = _reference(pendulum, motion, begin)
     crossings_s = _zero_crossings(motion, 0, begin)[:30]  # fifteen periods
     moving = np.isfinite(expected_rad)
-    reference = CubicHermiteSpline(
-        motion.time_s[moving], expected_rad[moving], motion.speed_rad_per_s[moving, 0]
-    )
+    reference = CubicHermiteSpline(motion.time_s[moving], expected_rad[moving], motion.speed_rad_per_s[moving, 0])
     expected_s = reference.roots(extrapolate=False)[: crossings_s.size]
     assert crossings_s.size > 20
     assert crossings_s == pytest.approx(expected_s, rel=1e-9)
@@ -194,9 +192,7 @@ def test_a_hand_trembles_about_the_angle_it_holds() -> None:
 
 
 def test_pendulums_swung_at_once_do_not_feel_each_other() -> None:
-    pendulums = [
-        replace(CRAZYFLIE, coulomb_nm=coulomb_nm, viscous_nms_per_rad=1e-5) for coulomb_nm in (0, 3e-5, 2e-4)
-    ]
+    pendulums = [replace(CRAZYFLIE, coulomb_nm=coulomb_nm, viscous_nms_per_rad=1e-5) for coulomb_nm in (0, 3e-5, 2e-4)]
     releases = [replace(_quick_hand(angle), wait_s=angle / 4) for angle in (0.3, 0.6, 1.2)]
     together = swing(pendulums, releases, duration_s=2.0, step_s=1e-3)
     for column, (pendulum, release) in enumerate(zip(pendulums, releases, strict=True)):

@@ -1,0 +1,187 @@
+"""Friction from dropping weights: table 2.1, simulated drops, and the speed that never settles."""
+
+import functools
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.friction import Drop, fit_friction, measure_drop, thesis_friction
+from cfid.errors import DataError, FitError
+from cfid.sim.plants import DroppingWeight, drop
+
+Array = npt.NDArray[np.float64]
+
+RADIUS_M, GRAVITY = 0.002, 9.81
+COULOMB, VISCOUS, SETUP = 3.2e-4, 1.1e-6, 1.5e-7
+
+# Table 2.1: grams, averaged speed in rad/s, printed coefficient in 1e-5 kg m^2/(rad s).
+TABLE_2_1 = [
+    (20, 51.97, 0.7551), (20, 57.13, 0.6869), (20, 57.41, 0.6835), (20, 58.13, 0.6750), (20, 66.53, 0.5898),
+    (30, 232.37, 0.2533), (30, 280.48, 0.2099), (30, 271.58, 0.2167), (30, 291.17, 0.2022), (30, 283.76, 0.2074),
+    (40, 498.07, 0.1576), (40, 463.00, 0.1695), (40, 470.78, 0.1667), (40, 513.76, 0.1528),
+    (50, 588.37, 0.1667), (50, 562.57, 0.1744), (50, 603.36, 0.1625), (50, 591.74, 0.1658), (50, 608.88, 0.1611),
+]  # fmt: skip
+MISPRINTED = {9: 0.2021, 17: 0.1626}  # rows whose coefficient does not follow from mass and speed
+
+
+def measured(time_s: Array, angle: Array, grams: float, **window: float) -> Drop:
+    return measure_drop(
+        time_s,
+        angle,
+        weight_kg=grams / 1000,
+        radius_m=RADIUS_M,
+        gravity_mps2=GRAVITY,
+        **window,  # type: ignore[arg-type]
+    )
+
+
+@functools.cache
+def fallen(
+    grams: float, coulomb: float = COULOMB, viscous: float = VISCOUS, ripple: float = 0.0, seconds: float = 6.0
+) -> tuple[Array, Array]:
+    weight = DroppingWeight(
+        setup_inertia_kg_m2=SETUP,
+        weight_kg=grams / 1000,
+        radius_m=RADIUS_M,
+        viscous_nms_per_rad=viscous,
+        coulomb_nm=coulomb,
+        ripple_nm=ripple,
+    )
+    motion = drop([weight], duration_s=seconds)
+    step = 2 * np.pi / 8192
+    return motion.time_s, step * np.floor(motion.angle_rad[:, 0] / step)
+
+
+def at_speed(speed: float, seconds: float = 3.0) -> tuple[Array, Array]:
+    time_s = np.arange(0, seconds, 0.001)
+    return time_s, speed * np.maximum(time_s - 0.5, 0)
+
+
+@pytest.mark.parametrize("row", range(1, 20))
+def test_table_2_1s_coefficients_follow_from_its_masses_and_speeds(row: int) -> None:
+    grams, speed, printed = TABLE_2_1[row - 1]
+    found = measured(*at_speed(speed), grams)
+
+    assert found.settled
+    assert found.speed_rad_per_s == pytest.approx(speed, rel=1e-6)
+    assert round(1e5 * found.coefficient_nms_per_rad, 4) == MISPRINTED.get(row, printed)
+
+
+def test_the_mean_of_rows_6_to_19_is_0_1833_where_table_2_2_says_0_1813() -> None:
+    drops = [measured(*at_speed(speed), grams) for grams, speed, _ in TABLE_2_1[5:]]
+
+    assert round(1e5 * thesis_friction(drops).viscous_nms_per_rad, 4) == 0.1833
+
+
+def test_all_weights_of_table_2_1_together_show_a_mostly_dry_friction() -> None:
+    drops = [measured(*at_speed(speed), grams) for grams, speed, _ in TABLE_2_1]
+    found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+
+    grams, speeds, _ = np.array(TABLE_2_1).T
+    viscous, coulomb = np.polyfit(speeds, 1e-3 * grams * GRAVITY * RADIUS_M, 1)
+    assert found.coulomb_nm == pytest.approx(coulomb, rel=1e-4)
+    assert found.viscous_nms_per_rad == pytest.approx(viscous, rel=1e-4)
+    assert coulomb > 0.5 * 0.03 * GRAVITY * RADIUS_M
+
+
+def test_simulated_drops_give_coulomb_viscous_and_set_up_inertia_back() -> None:
+    drops = [measured(*fallen(grams), grams) for grams in (30, 40, 50)]
+    found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+
+    assert found.coulomb_nm == pytest.approx(COULOMB, rel=0.01)
+    assert found.viscous_nms_per_rad == pytest.approx(VISCOUS, rel=0.02)
+    assert found.setup_inertia_kg_m2 == pytest.approx(SETUP, rel=0.04)
+
+
+def test_the_weights_own_inertia_is_taken_off_and_the_thesis_keeps_it() -> None:
+    drops = [measured(*fallen(grams, coulomb=0.0, viscous=2.0e-6), grams) for grams in (30, 50)]
+    ours = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+    theirs = thesis_friction(drops)
+
+    assert ours.setup_inertia_kg_m2 == pytest.approx(SETUP, rel=0.03)
+    assert theirs.setup_inertia_kg_m2 == pytest.approx(SETUP + 0.04 * RADIUS_M**2, rel=0.05)
+
+
+def test_a_speed_that_changes_within_a_turn_never_settles() -> None:
+    found = measured(*fallen(10, coulomb=1.2e-4, viscous=1.5e-5, ripple=6e-5, seconds=12.0), 10)
+
+    assert not found.settled
+    with pytest.raises(FitError, match="in no run did the speed settle"):
+        fit_friction([found], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+
+
+def test_an_unsettled_run_among_settled_ones_is_left_out() -> None:
+    settled = [measured(*fallen(grams), grams) for grams in (30, 50)]
+    unsettled = measured(*fallen(10, coulomb=1.2e-4, viscous=1.5e-5, ripple=6e-5, seconds=12.0), 10)
+    alone, among = (
+        fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+        for drops in (settled, [*settled, unsettled])
+    )
+
+    assert among == alone
+
+
+def test_the_window_lies_inside_the_fall_and_can_be_set_by_hand() -> None:
+    found = measured(*fallen(30), 30)
+    by_hand = measured(*fallen(30), 30, from_s=1.5, to_s=2.0)
+
+    assert 0.5 < found.from_s < found.to_s < 3.0
+    assert (by_hand.from_s, by_hand.to_s) == pytest.approx((1.5, 2.0), abs=0.005)
+
+
+def test_turning_the_other_way_is_the_same() -> None:
+    time_s, angle = fallen(40)
+
+    assert measured(time_s, -angle, 40).speed_rad_per_s == pytest.approx(measured(time_s, angle, 40).speed_rad_per_s)
+
+
+def test_one_weight_alone_leaves_coulomb_unknown_and_says_so() -> None:
+    found = fit_friction([measured(*fallen(40), 40)], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+
+    assert found.coulomb_nm is None
+    assert "one weight alone" in found.warnings[0]
+
+
+def test_an_axis_that_stands_still_is_refused() -> None:
+    time_s = np.arange(0, 3, 0.001)
+    with pytest.raises(DataError, match="no weight dropped"):
+        measured(time_s, np.zeros_like(time_s), 20)
+
+
+def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
+    rng = np.random.default_rng(8)
+    speeds = {20: 65.9, 30: 244.3, 40: 422.7, 50: 601.0}  # of VISCOUS and COULOMB
+    covered = []
+    for _ in range(400):
+        drops = []
+        for grams, speed in speeds.items():
+            for _ in range(2):
+                off = speed + rng.normal(0, 0.03 * COULOMB) / VISCOUS
+                drops.append(_settled_at(grams, off))
+        found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+        assert found.viscous_std is not None
+        covered.append(abs(found.viscous_nms_per_rad - VISCOUS) < 1.96 * found.viscous_std)
+
+    assert 0.93 <= np.mean(covered) <= 0.97
+
+
+def _settled_at(grams: float, speed: float) -> Drop:
+    nothing = np.zeros(2)
+    return Drop(
+        weight_kg=grams / 1000,
+        time_s=nothing,
+        angle_rad=nothing,
+        speed=nothing,
+        from_s=0.0,
+        to_s=1.0,
+        settled=True,
+        speed_rad_per_s=speed,
+        speed_std_rad_per_s=0.0,
+        ripple=0.0,
+        coefficient_nms_per_rad=grams / 1000 * GRAVITY * RADIUS_M / speed,
+        terminal_rad_per_s=speed,
+        time_constant_s=0.2,
+        model_time_s=nothing,
+        model_rad=nothing,
+    )

@@ -1,0 +1,113 @@
+"""Preparing a record: rest, release, peaks and window, found where a hand and an encoder made them."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.swing import FreeSwing, find_swing
+from cfid.errors import DataError
+from cfid.sim.plants import HandRelease, Pendulum, swing
+
+Array = npt.NDArray[np.float64]
+
+PENDULUM = Pendulum(
+    axis_inertia_kg_m2=3.1e-5, gravity_moment_nm=6.28e-3, viscous_nms_per_rad=1.5e-5, coulomb_nm=4e-5, rest_rad=0.3
+)
+
+
+def recorded(release: HandRelease, *, duration_s: float = 12.0) -> tuple[Array, Array]:
+    motion = swing([PENDULUM], [release], duration_s=duration_s, step_s=1e-3, store_every=1)
+    steps = 2 * math.pi / 8192
+    return motion.time_s, steps * np.floor(motion.angle_rad[:, 0] / steps)
+
+
+@pytest.mark.parametrize("degrees", [-65, -30, 12, 45, 70])
+def test_the_release_is_where_the_hand_lets_go(degrees: float) -> None:
+    release = HandRelease(angle_rad=math.radians(degrees), hold_s=1.1)
+    found = find_swing(*recorded(release))
+
+    assert found.release_s == pytest.approx(release.free_s, abs=0.04)
+    assert found.peak_angle_rad[0] == pytest.approx(math.radians(degrees), abs=math.radians(1.0))
+    assert found.time_s[found.hand_gone] > release.free_s
+
+
+def test_rest_is_read_from_the_end() -> None:
+    assert find_swing(*recorded(HandRelease(angle_rad=0.8))).rest_rad == pytest.approx(0.3, abs=math.radians(0.8))
+
+
+def test_the_release_counts_as_the_first_peak_and_one_follows_every_period() -> None:
+    found = find_swing(*recorded(HandRelease(angle_rad=0.8)), peaks=8)
+    small = 2 * math.pi * math.sqrt(3.1e-5 / 6.28e-3)
+
+    assert found.peaks_used == 8
+    assert np.all(np.diff(np.abs(found.peak_angle_rad)) < 0)
+    assert np.diff(found.peak_time_s)[-1] == pytest.approx(small, rel=0.01)
+    assert found.time_s[found.end] == pytest.approx(found.peak_time_s[7], abs=2e-3)
+
+
+def test_the_ten_degree_rule_stops_at_the_last_peak_of_ten_degrees() -> None:
+    found = find_swing(*recorded(HandRelease(angle_rad=0.9)), smallest_peak_rad=math.radians(10))
+    heights = np.degrees(np.abs(found.peak_angle_rad))
+
+    assert heights[found.peaks_used - 1] >= 10 > heights[found.peaks_used]
+
+
+def test_more_peaks_than_there_are_is_said() -> None:
+    found = find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
+
+    assert found.peaks_used == len(found.peak_time_s)
+    assert "99 peaks were asked for" in found.warnings[0]
+
+
+def test_a_record_that_begins_in_free_swing_is_taken_from_its_first_sample() -> None:
+    time_s, angle = recorded(HandRelease(angle_rad=0.8))
+    begin = int(np.searchsorted(time_s, 2.05))
+    found = find_swing(time_s[begin:], angle[begin:])
+
+    assert found.release_s < 0.3
+
+
+def test_a_swing_pushed_again_ends_before_the_push() -> None:
+    time_s, angle = recorded(HandRelease(angle_rad=0.8), duration_s=7.0)
+    pushed = np.concatenate([angle[:4500], 0.3 + (angle[2000:6000] - 0.3) * 0.9])
+    found = find_swing(0.001 * np.arange(len(pushed)), pushed)
+
+    assert found.time_s[found.end] < 4.6
+    assert "higher than the one before" in found.warnings[0]
+
+
+def test_a_window_by_hand_is_kept() -> None:
+    found: FreeSwing = find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=3.0, to_s=6.0)
+
+    assert found.time_s[found.release] == pytest.approx(3.0)
+    assert 5.4 < found.time_s[found.end] <= 6.0
+
+
+def test_an_angle_that_never_changes_is_refused() -> None:
+    with pytest.raises(DataError, match="never changes"):
+        find_swing(np.arange(0, 5, 0.01), np.full(500, 1.2))
+
+
+def test_a_wobble_below_a_degree_is_no_swing() -> None:
+    time_s = np.arange(0, 5, 0.001)
+    with pytest.raises(DataError, match="no swing"):
+        find_swing(time_s, 0.005 * np.cos(14 * time_s))
+
+
+def test_a_swing_of_500_rad_is_a_wrong_unit() -> None:
+    time_s, angle = recorded(HandRelease(angle_rad=0.8))
+    with pytest.raises(DataError, match="goes over the top"):
+        find_swing(time_s, 1000 * angle)
+
+
+def test_three_peaks_are_too_few() -> None:
+    time_s, angle = recorded(HandRelease(angle_rad=0.8))
+    with pytest.raises(DataError, match="usable peaks"):
+        find_swing(time_s[:3000], angle[:3000])
+
+
+def test_a_window_without_samples_is_said() -> None:
+    with pytest.raises(DataError, match="lie in the window"):
+        find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=100.0)

@@ -1,0 +1,260 @@
+"""From axis inertias to the matrix: the thesis' own numbers, and what must hold for any rig."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.analysis.bodies import axis_distance, axis_inertia
+from cfid.analysis.consistency import is_consistent, nearest_consistent
+from cfid.analysis.inertia import fit_inertia, icosahedron_axes, matrix_rows, off_diagonal_gain
+from cfid.campaign import MM, Fixture, Mount, thesis_rig
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+# Appendix C.1.4: eight peaks for all axes, and table 2.3's larger numbers of peaks.
+EIGHT_PEAKS = {
+    "x": 3.144988206680423e-05,
+    "y": 3.151127080468852e-05,
+    "z": 7.058874150001670e-05,
+    "xy": 5.003777167580184e-05,
+    "xz": 4.640539662252733e-05,
+    "yz": 4.780234696836194e-05,
+}
+MORE_PEAKS = {
+    "x": 3.119770273213515e-05,
+    "y": 3.128159434626518e-05,
+    "z": 7.004148241971259e-05,
+    "xy": 4.940332984711082e-05,
+    "xz": 4.600706365028182e-05,
+    "yz": 4.713092929680177e-05,
+}
+TRUTH = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1, 29.0]])
+SITE = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)
+
+
+def thesis_body() -> SwungBody:
+    vehicle = thesis_rig().vehicle
+    return SwungBody(
+        mass_kg=vehicle.mass_kg,
+        mass_std_kg=vehicle.mass_std_kg,
+        centre_m=MM * np.array(vehicle.centre_of_mass_mm),
+        centre_std_m=MM * np.array(vehicle.centre_of_mass_std_mm),
+        mounts=thesis_rig().mounts,
+    )
+
+
+def known(values: Mapping[str, float], std: float = 0.0) -> list[MountedSwing]:
+    return [MountedSwing(axis=axis, value=value, std=std, known=True) for axis, value in values.items()]
+
+
+def body_with(mounts: dict[str, Mount], **spread: float) -> SwungBody:
+    return SwungBody(
+        mass_kg=0.028,
+        mass_std_kg=spread.get("mass_std_kg", 0.0),
+        centre_m=np.zeros(3),
+        centre_std_m=np.zeros(3),
+        mounts=mounts,
+    )
+
+
+def swings_of(body: SwungBody, inertia: Array = TRUTH, *, std: float = 0.0) -> list[MountedSwing]:
+    """Return the exact natural frequencies squared of a body on all its mounts, W = m g r / (u' I u + m r^2)."""
+    swings = []
+    for axis, mount in body.mounts.items():
+        unit = np.array(mount.direction) / np.linalg.norm(mount.direction)
+        offset = body.centre_m - np.array(mount.point_m)
+        distance = np.sqrt(offset @ offset - (offset @ unit) ** 2)
+        total = unit @ inertia @ unit + body.mass_kg * distance**2
+        frequency = body.mass_kg * 9.81 * distance / total
+        swings.append(MountedSwing(axis=axis, value=float(frequency), std=std * float(frequency)))
+    return swings
+
+
+def mount_along(direction: Array | tuple[float, float, float], **spread: float) -> Mount:
+    unit = np.array(direction) / np.linalg.norm(direction)
+    across = np.cross(unit, np.eye(3)[np.argmin(np.abs(unit))])
+    x, y, z = 25 * across / np.linalg.norm(across)
+    return Mount(
+        point_mm=(x, y, z),
+        direction=(unit[0], unit[1], unit[2]),
+        point_std_mm=(spread.get("point_std_mm", 0.0),) * 3,
+        direction_std_deg=spread.get("direction_std_deg", 0.0),
+    )
+
+
+AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "xy": (1, 1, 0), "xz": (1, 0, 1), "yz": (0, 1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("given", "printed"),
+    [
+        (
+            EIGHT_PEAKS,
+            [[16.823890, 1.224320, 0.716891], [1.224320, 16.885278, 2.083147], [0.716891, 2.083147, 29.808912]],
+        ),
+        (
+            MORE_PEAKS,
+            [[16.571710, 0.830806, 0.718277], [0.830806, 16.655602, 1.800197], [0.718277, 1.800197, 29.261652]],
+        ),
+    ],
+    ids=["eq. 2.17", "eq. 2.18"],
+)
+def test_the_thesis_matrices_come_out_to_the_last_printed_digit(
+    given: dict[str, float], printed: list[list[float]]
+) -> None:
+    fit = fit_inertia(AxisInertias(known(given), thesis_body(), SITE))
+
+    assert np.round(1e6 * fit.matrix_kg_m2, 6).tolist() == printed
+
+
+@pytest.mark.parametrize(
+    ("mount", "millimetres"),
+    [("x", 22.855), ("y", 22.855), ("z", 38.163), ("xy", 33.784), ("xz", 28.267), ("yz", 28.267)],
+)
+def test_the_distances_of_c_1_7_follow_from_the_numbers_in_the_rig_file(mount: str, millimetres: float) -> None:
+    body, given = thesis_body(), thesis_rig().mounts[mount]
+    distance = axis_distance(body.centre_m, given.point_m, given.distance_direction or given.direction)
+
+    assert round(1e3 * distance, 3) == millimetres
+
+
+def test_six_exact_swings_give_the_matrix_exactly() -> None:
+    body = body_with({name: mount_along(direction) for name, direction in AXES.items()})
+    fit = fit_inertia(AxisInertias(swings_of(body), body, Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.0)))
+
+    assert fit.matrix_kg_m2 == pytest.approx(TRUTH, rel=1e-12)
+    assert fit.residual is None
+    assert not fit.std_kg_m2.any()
+
+
+def test_any_six_independent_axes_will_do() -> None:
+    rng = np.random.default_rng(3)
+    body = body_with({f"a{i}": mount_along(rng.normal(size=3)) for i in range(6)})
+    fit = fit_inertia(AxisInertias(swings_of(body), body, SITE))
+
+    assert fit.matrix_kg_m2 == pytest.approx(TRUTH, rel=1e-9)
+
+
+def test_turning_the_body_frame_turns_the_matrix_and_nothing_else() -> None:
+    angle = 0.7
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    body = body_with({name: mount_along(turn @ np.array(direction)) for name, direction in AXES.items()})
+    fit = fit_inertia(AxisInertias(swings_of(body, turn @ TRUTH @ turn.T), body, SITE))
+
+    assert turn.T @ fit.matrix_kg_m2 @ turn == pytest.approx(TRUTH, rel=1e-9)
+
+
+def test_five_axes_and_six_in_a_plane_are_refused() -> None:
+    flat = {f"a{i}": mount_along((np.cos(i), np.sin(i), 0)) for i in range(6)}
+    for mounts in ({name: mount_along(AXES[name]) for name in list(AXES)[:5]}, flat):
+        body = body_with(mounts)
+        with pytest.raises(FitError, match="six are needed"):
+            fit_inertia(AxisInertias(swings_of(body), body, SITE))
+
+
+def test_a_swing_that_contradicts_the_others_is_said_and_widens_the_deviations() -> None:
+    names = {**AXES, "xy2": (1, -1, 0), "xz2": (1, 0, -1), "yz2": (0, 1, -1)}
+    body = body_with({name: mount_along(direction) for name, direction in names.items()})
+    swings = swings_of(body, std=1e-4)
+    honest = fit_inertia(AxisInertias(swings, body, SITE))
+    spoilt = [*swings[:-1], MountedSwing(axis="yz2", value=1.01 * swings[-1].value, std=swings[-1].std)]
+    fit = fit_inertia(AxisInertias(spoilt, body, SITE))
+
+    assert honest.doubts == ()
+    assert honest.chi_squared < 1e-6
+    assert fit.freedom == 3
+    assert "scatter" in fit.doubts[0]
+    assert np.all(fit.std_kg_m2 > 3 * honest.std_kg_m2)
+
+
+def test_repeated_swings_share_their_mounts_error() -> None:
+    mounts = {name: mount_along(direction, point_std_mm=0.1) for name, direction in AXES.items()}
+    body = body_with(mounts)
+    once = swings_of(body, std=1e-5)
+    first, four = (fit_inertia(AxisInertias(once * n, body, SITE)) for n in (1, 4))
+
+    # The swings' own noise averages out, the mount's distance does not.
+    assert four.std_kg_m2 == pytest.approx(first.std_kg_m2, rel=0.02)
+    assert np.all(four.budget["swing fits"] < 0.55 * first.budget["swing fits"])
+
+
+def test_the_budget_adds_up_to_the_deviation() -> None:
+    fit = fit_inertia(AxisInertias(known(MORE_PEAKS, std=1e-8), thesis_body(), SITE))
+    total = np.sqrt(sum(share**2 for share in fit.budget.values()))
+
+    assert set(fit.budget) == {"axis directions", "mount distances", "centre of mass", "swing fits", "mass"}
+    assert total == pytest.approx(fit.std_kg_m2, rel=1e-9)
+
+
+def test_an_error_of_the_distance_is_not_felt_at_the_best_distance() -> None:
+    body = body_with({name: mount_along(direction) for name, direction in AXES.items()})
+    fit = fit_inertia(AxisInertias(swings_of(body), body, SITE))
+    best = dict(zip(AXES, fit.best_distance_m, strict=True))
+    z = best["z"]
+    moved = body_with({**body.mounts, "z": Mount(point_mm=(1e3 * z, 0, 0), direction=(0, 0, 1))})
+    again = fit_inertia(AxisInertias(swings_of(moved), moved, SITE))
+
+    assert z == pytest.approx(np.sqrt(29.0e-6 / 0.028), rel=1e-9)
+    assert again.sensitivity_kg_m[2] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_empty_fixture_is_taken_off_at_the_common_axis() -> None:
+    body = body_with({name: mount_along(direction) for name, direction in AXES.items()})
+    fixture = Fixture(mass_kg=0.0012, distance_mm=3.0)
+    own_inertia, own_moment = 4e-8, 0.0012 * 9.81 * 0.003
+    loaded = []
+    for swing, mount in zip(swings_of(body), body.mounts.values(), strict=True):
+        moment = 0.028 * 9.81 * axis_distance(body.centre_m, mount.point_m, mount.direction)
+        total = moment / swing.value + own_inertia
+        loaded.append(MountedSwing(axis=swing.axis, value=(moment + own_moment) / total, std=0.0))
+    empty = MountedSwing(axis="fixture", value=own_moment / own_inertia, std=0.0)
+    site = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.0, fixture=fixture, fixture_swing=empty)
+
+    assert fit_inertia(AxisInertias(loaded, body, site)).matrix_kg_m2 == pytest.approx(TRUTH, rel=1e-9)
+    assert fit_inertia(AxisInertias(loaded, body, SITE)).matrix_kg_m2 != pytest.approx(TRUTH, rel=1e-3)
+
+
+def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_and_said() -> None:
+    sheet = 1e-6 * np.array([[10.0, 0, 0], [0, 10.0, 0], [0, 0, 21.0]])  # zz above xx + yy: no body
+    body = body_with({name: mount_along(direction, direction_std_deg=0.5) for name, direction in AXES.items()})
+    fit = fit_inertia(AxisInertias(swings_of(body, sheet, std=1e-3), body, SITE))
+
+    assert not is_consistent(sheet)
+    assert fit.raw_matrix_kg_m2 == pytest.approx(sheet, rel=1e-9)
+    assert is_consistent(fit.matrix_kg_m2)
+    assert "no possible body" in fit.warnings[0]
+    assert np.abs(fit.matrix_kg_m2 - sheet).max() < 1e-6
+
+
+def test_a_possible_matrix_is_left_as_it_is() -> None:
+    body = body_with({name: mount_along(direction) for name, direction in AXES.items()})
+    fit = fit_inertia(AxisInertias(swings_of(body), body, SITE))
+
+    assert fit.raw_matrix_kg_m2 is None
+    assert is_consistent(fit.matrix_kg_m2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_consistent_refit_never_leaves_the_possible_bodies(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    entries = rng.normal(1.0, 1.0, 6) * 1e-5
+    xx, yy, zz, xy, xz, yz = nearest_consistent(entries, np.diag(np.full(6, 1e-12)))
+
+    assert is_consistent(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def test_the_icosahedron_makes_the_products_35_percent_better_than_the_thesis_axes() -> None:
+    thesis_axes = np.array([np.array(axis) / np.linalg.norm(axis) for axis in AXES.values()], dtype=float)
+
+    assert np.linalg.norm(icosahedron_axes(), axis=1) == pytest.approx(1.0)
+    assert off_diagonal_gain(thesis_axes) == pytest.approx(0.354, abs=0.001)
+    assert off_diagonal_gain(icosahedron_axes()) == pytest.approx(0.0, abs=1e-12)
+    assert np.linalg.matrix_rank(matrix_rows(icosahedron_axes())) == 6
+
+
+def test_an_axis_inertia_is_the_matrix_own_entries_along_the_direction() -> None:
+    assert axis_inertia(TRUTH, (1, 1, 0)) == pytest.approx((16.4 + 16.9 - 2 * 0.6) / 2 * 1e-6)

@@ -1,0 +1,136 @@
+"""The collocation fit against plants that share no code with it."""
+
+import functools
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import savgol_filter
+
+from cfid.analysis.pendulum import TERMS, Coefficients, OutputError, first_guess, fit_output_error, sample
+from cfid.analysis.signals import correlation_inflation, smooth
+from cfid.sim.plants import HandRelease, Pendulum, swing
+
+Array = npt.NDArray[np.float64]
+
+INERTIA, MOMENT = 4e-5, 0.028 * 9.81 * 0.0229
+FREQUENCY = MOMENT / INERTIA
+
+
+@functools.cache
+def free_swing(degrees: float, *, viscous: float, coulomb: float, quadratic: float) -> tuple[Array, Array]:
+    """Return a noiseless record from well after the release down to one degree."""
+    pendulum = Pendulum(
+        axis_inertia_kg_m2=INERTIA,
+        gravity_moment_nm=MOMENT,
+        viscous_nms_per_rad=viscous,
+        coulomb_nm=coulomb,
+        quadratic_nms2_per_rad2=quadratic,
+    )
+    release = HandRelease(angle_rad=math.radians(degrees))
+    motion = swing([pendulum], [release], duration_s=12.0, step_s=1e-3, store_every=1)
+    time_s, angle = motion.time_s, motion.angle_rad[:, 0]
+    last = time_s[np.abs(angle) > math.radians(1.0)][-1]
+    chosen = (time_s > release.free_s + 0.1) & (time_s < last)
+    return time_s[chosen], angle[chosen]
+
+
+def fitted(time_s: Array, angle: Array, terms: tuple[str, ...], step_s: float = 0.004) -> OutputError:
+    coefficients, trajectory = first_guess(time_s, angle, start_s=float(time_s[0]), step_s=step_s)
+    viscous = coefficients.viscous_per_s if "viscous" in terms else 0.0
+    guess = Coefficients(coefficients[0], viscous, 0.0, 0.0, coefficients.zero_rad)
+    return fit_output_error(time_s, angle, coefficients=guess, trajectory=trajectory, terms=terms)
+
+
+@pytest.mark.parametrize("degrees", [10, 40, 70])
+@pytest.mark.parametrize(
+    ("damping", "terms"),
+    [
+        ((1.5e-5, 0.0, 0.0), ("viscous",)),
+        ((0.0, 0.0, 2e-6), ("quadratic",)),
+        ((1.5e-5, 0.0, 2e-6), ("viscous", "quadratic")),
+    ],
+)
+def test_smooth_damping_comes_back_to_a_millionth(
+    degrees: float, damping: tuple[float, float, float], terms: tuple[str, ...]
+) -> None:
+    viscous, coulomb, quadratic = damping
+    fit = fitted(*free_swing(degrees, viscous=viscous, coulomb=coulomb, quadratic=quadratic), terms)
+
+    assert fit.converged
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(FREQUENCY, rel=1e-6)
+    assert INERTIA * np.array(fit.coefficients[1:4]) == pytest.approx(damping, rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize(("degrees", "limit"), [(10, 2e-5), (40, 4e-6), (70, 4e-6)])
+def test_coulomb_friction_jumps_at_every_turn_and_still_comes_back(degrees: float, limit: float) -> None:
+    fit = fitted(*free_swing(degrees, viscous=1.5e-5, coulomb=4e-5, quadratic=0.0), ("viscous", "coulomb"))
+
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(FREQUENCY, rel=limit)
+    assert INERTIA * fit.coefficients.viscous_per_s == pytest.approx(1.5e-5, rel=2e-3)
+    assert INERTIA * fit.coefficients.coulomb_per_s2 == pytest.approx(4e-5, rel=2e-3)
+
+
+def test_a_finer_grid_changes_nothing_that_matters() -> None:
+    record = free_swing(40, viscous=1.5e-5, coulomb=4e-5, quadratic=2e-8)
+    coarse, fine = (fitted(*record, TERMS, step_s).coefficients[0] for step_s in (0.004, 0.001))
+
+    assert coarse == pytest.approx(fine, rel=2e-6)
+
+
+def test_the_trajectory_solves_the_equation_of_motion() -> None:
+    fit = fitted(*free_swing(60, viscous=1.5e-5, coulomb=0.0, quadratic=2e-6), ("viscous", "quadratic"))
+    frequency, viscous, _, quadratic, zero = fit.coefficients
+
+    def motion(_: float, y: Array) -> list[float]:
+        return [y[1], -frequency * math.sin(y[0] - zero) - viscous * y[1] - quadratic * y[1] * abs(y[1])]
+
+    times = fit.trajectory.start_s + fit.trajectory.step_s * np.arange(len(fit.trajectory.angle_rad))
+    begin = [fit.start_angle_rad, fit.start_speed_rad_per_s]
+    truth = solve_ivp(motion, (times[0], times[-1]), begin, t_eval=times, method="DOP853", rtol=1e-11, atol=1e-12)
+
+    assert np.abs(truth.y[0] - fit.trajectory.angle_rad).max() < 1e-6
+    middle = (times[:-1] + times[1:]) / 2
+    assert sample(fit.trajectory, middle[::50]) == pytest.approx(np.interp(middle[::50], times, truth.y[0]), abs=2e-3)
+
+
+def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
+    time_s, angle = free_swing(40, viscous=1.5e-5, coulomb=4e-5, quadratic=2e-8)
+    fit = fitted(time_s, angle, TERMS)
+    held = fit_output_error(time_s, angle, coefficients=fit.coefficients, trajectory=fit.trajectory, terms=TERMS)
+    disturbed = angle + 1e-6 * held.jacobian @ np.array([3.0, 0.05, 0.2, 0.01, 0.001, 0.002, 0.02])
+    moved = fitted(time_s, disturbed, TERMS)
+
+    change = np.array(moved.coefficients) - np.array(held.coefficients)
+    assert change == pytest.approx(1e-6 * np.array([3.0, 0.05, 0.2, 0.01, 0.001]), rel=2e-2)
+
+
+def test_a_record_that_is_no_swing_does_not_converge_quietly() -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.arange(0, 5, 0.004)
+    fit = fitted(time_s, rng.normal(0, 0.5, len(time_s)), TERMS)
+
+    assert not fit.converged or np.std(fit.residual_rad) > 0.4
+
+
+def test_smoothing_equals_the_savitzky_golay_filter() -> None:
+    series = np.cumsum(np.random.default_rng(0).normal(size=80))
+    smoothed = smooth(series, length=15, step_s=0.01)
+
+    for order in range(3):
+        assert smoothed[order] == pytest.approx(savgol_filter(series, 15, 3, deriv=order, delta=0.01), abs=1e-9)
+
+
+def test_white_noise_is_not_inflated_and_correlated_noise_by_what_theory_says() -> None:
+    rng = np.random.default_rng(2)
+    white = rng.normal(size=40000)
+    correlated = np.empty_like(white)
+    correlated[0] = white[0]
+    for i in range(1, len(white)):
+        correlated[i] = 0.8 * correlated[i - 1] + white[i]
+
+    assert correlation_inflation(white, longest=200) == pytest.approx(1.0, abs=0.1)
+    # For a first-order process with coefficient a it is (1 + a) / (1 - a).
+    assert correlation_inflation(correlated, longest=200) == pytest.approx(9.0, rel=0.1)

@@ -1,0 +1,74 @@
+"""The test body: table 2.5 from the thesis' own inputs."""
+
+import numpy as np
+import pytest
+
+from cfid.analysis.axis_inertias import AxisInertias, MountedSwing, Surroundings
+from cfid.analysis.bodies import axis_distance, from_cuboids
+from cfid.analysis.testbody import compare, swung_test_body
+from cfid.campaign import Cuboid, TestBody, thesis_rig
+
+SITE = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)
+
+
+def thesis_test_body() -> TestBody:
+    body = thesis_rig().testbody
+    assert body is not None
+    return body
+
+
+@pytest.mark.parametrize(
+    ("given", "measured", "errors"),
+    [
+        # C.1.6: the 10th and 13th peak (its n_pks = 9 and 12), then the 8th for both.
+        ((3.507552821629088e-5, 4.469524719338436e-5), (6.428337, 9.998638), (0.2833, 1.4037)),
+        ((3.517772052094052e-5, 4.512302287526182e-5), (6.530529, 10.426414), (1.8775, 5.7421)),
+    ],
+    ids=["measured (1)", "measured (2)"],
+)
+def test_table_2_5_comes_out_to_the_last_printed_digit(
+    given: tuple[float, float], measured: tuple[float, float], errors: tuple[float, float]
+) -> None:
+    body = thesis_test_body()
+    swings = [
+        MountedSwing(axis=axis, value=value, std=0.0, known=True) for axis, value in zip("xz", given, strict=True)
+    ]
+    found = compare(body, AxisInertias(swings, swung_test_body(body), SITE))
+
+    assert [round(1e6 * c.calculated_kg_m2, 6) for c in found] == [6.410179, 9.860228]
+    assert tuple(round(1e6 * c.measured_kg_m2, 6) for c in found) == measured
+    assert tuple(round(100 * c.error, 4) for c in found) == errors
+
+
+def test_its_distances_are_those_of_c_1_6() -> None:
+    body = thesis_test_body()
+    centre = swung_test_body(body).centre_m
+    distances = {name: axis_distance(centre, mount.point_m, mount.direction) for name, mount in body.mounts.items()}
+
+    assert distances["x"] == pytest.approx(0.040344532815297, abs=1e-15)
+    assert distances["z"] == pytest.approx(0.044400430747127, abs=1e-15)
+
+
+def test_a_box_cut_in_two_has_the_inertia_of_the_box() -> None:
+    whole = from_cuboids([Cuboid(size_mm=(20, 30, 8), centre_mm=(1, 2, 3))], mass_kg=0.05)
+    halves = [Cuboid(size_mm=(10, 30, 8), centre_mm=(x, 2, 3)) for x in (-4, 6)]
+    cut = from_cuboids(halves, mass_kg=0.05)
+
+    assert cut.inertia_kg_m2 == pytest.approx(whole.inertia_kg_m2, rel=1e-12)
+    assert cut.centre_m == pytest.approx(whole.centre_m)
+    assert whole.inertia_kg_m2[2, 2] == pytest.approx(0.05 / 12 * (0.02**2 + 0.03**2))
+
+
+def test_the_calculated_inertia_is_as_uncertain_as_mass_and_lengths_make_it() -> None:
+    body = TestBody(
+        mass_kg=0.02,
+        mass_std_kg=0.0002,
+        length_std_mm=0.0,
+        cuboids=(Cuboid(size_mm=(20, 20, 20), centre_mm=(0, 0, 0)),),
+        mounts=thesis_test_body().mounts,
+    )
+    swings = [MountedSwing(axis="x", value=1e-4, std=0.0, known=True)]
+    comparison = compare(body, AxisInertias(swings, swung_test_body(body), SITE))[0]
+
+    assert comparison.calculated_std_kg_m2 == pytest.approx(0.01 * comparison.calculated_kg_m2)
+    assert np.isfinite(comparison.deviations)

@@ -1,0 +1,39 @@
+"""Start-up: `cfid --help` against a bare typer program with rich, whole processes in turn."""
+
+import statistics
+import subprocess
+import sys
+import time
+
+RUNS = 15
+
+BARE = """
+import typer
+app = typer.Typer()
+@app.command()
+def one(): 'One.'
+@app.command()
+def two(): 'Two.'
+app()
+"""
+
+
+def seconds(*command: str) -> float:
+    begin = time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    ours, theirs = [], []
+    for _ in range(RUNS):
+        ours.append(seconds(sys.executable, "-m", "cfid.cli.main", "--help"))
+        theirs.append(seconds(sys.executable, "-c", BARE, "--help"))
+    ratio = statistics.median(a / b for a, b in zip(ours, theirs, strict=True))
+    print(f"cfid --help            {1e3 * statistics.median(ours):7.1f} ms (median of {RUNS})")
+    print(f"bare typer with rich   {1e3 * statistics.median(theirs):7.1f} ms")
+    print(f"ratio                  {ratio:7.2f}  (goal: at most 1.6)")
+
+
+if __name__ == "__main__":
+    main()

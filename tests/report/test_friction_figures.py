@@ -1,0 +1,89 @@
+"""Dropped weights: what settled, what did not, and the line through them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from cfid.analysis.friction import Drop, fit_friction
+from cfid.report.friction_figures import drops_figure, friction_figure
+
+Look = Callable[[Figure], Any]
+MakeDrop = Callable[..., Drop]
+RADIUS_M, GRAVITY_MPS2 = 2e-3, 9.81
+
+
+def test_a_run_that_never_settled_is_marked_in_red_words(drop: MakeDrop, look: Look) -> None:
+    steady, wavy = drop(0.03), drop(0.01, ripple=0.5)
+    assert (steady.settled, wavy.settled) == (True, False)
+    page = look(drops_figure([steady, wavy], labels=["30 g, a", "10 g, b_$1$"]))
+    assert page.red().startswith("never settled")
+    assert page.red().count("never settled") == 1
+    assert page.overlapping() == []
+
+
+def test_the_windows_borders_and_mean_are_the_drops(drop: MakeDrop) -> None:
+    fallen = drop(0.03)
+    _, turned, speed = drops_figure([fallen], labels=["a"]).axes
+    for axes in (turned, speed):
+        (window,) = axes.patches
+        assert isinstance(window, Rectangle)
+        assert (window.get_x(), window.get_x() + window.get_width()) == pytest.approx((fallen.from_s, fallen.to_s))
+    (mean,) = (line for line in speed.get_lines() if line.get_label() == "mean")
+    assert mean.get_ydata() == pytest.approx([fallen.speed_rad_per_s] * 2)
+    assert mean.get_xdata() == pytest.approx([fallen.from_s, fallen.to_s])
+
+
+def test_a_row_keeps_the_runs_name_as_it_is(drop: MakeDrop) -> None:
+    _, turned, _ = drops_figure([drop(0.03)], labels=["30 g, a_$b$"]).axes
+    assert turned.get_title(loc="left") == "30 g, a_$b$"
+
+
+def test_more_than_six_runs_share_rows_by_weight(drop: MakeDrop, look: Look) -> None:
+    drops = [drop(weight, seed=i) for weight in (0.03, 0.02) for i in range(3)] + [drop(0.01, ripple=0.5)]
+    labels = [f"{1e3 * each.weight_kg:g} g, 2026-11-21_08301{i}_drop" for i, each in enumerate(drops)]
+    page = look(drops_figure(drops, labels=labels))
+    titles = [axes.get_title(loc="left") for axes in page.figure.axes]
+    assert [title for title in titles if "runs" in title] == ["10 g, runs: 1", "20 g, runs: 3", "30 g, runs: 3"]
+    written = [text.get_text() for text in page.texts()]
+    assert all(label.split(", ")[1] in written for label in labels[:6])
+    assert "2026-11-21_083016_drop:" in page.red()
+    assert page.overlapping() == []
+
+
+def test_friction_is_a_line_through_the_speeds_that_falls_tend_to(drop: MakeDrop, look: Look) -> None:
+    drops = [
+        *(drop(weight, slower=slower) for weight, slower in ((0.02, 0.1), (0.03, 0.0), (0.05, 0.02))),
+        drop(0.01, ripple=0.5),
+    ]
+    found = fit_friction(drops, radius_std_m=0.0, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2)
+    page = look(friction_figure(drops, found, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2))
+    lines = page.panel("(a)").get_lines()
+    line = next(line for line in lines if len(line.get_xdata()) > 2)
+    speed, torque = line.get_data()
+    assert found.coulomb_nm is not None
+    assert torque == pytest.approx(1e6 * (found.coulomb_nm + found.viscous_nms_per_rad * speed))
+    points = [tuple(np.ravel(line.get_data())) for line in lines if len(line.get_xdata()) == 1]
+    for each in drops[:3]:
+        expected = (each.terminal_rad_per_s, 1e6 * each.weight_kg * GRAVITY_MPS2 * RADIUS_M)
+        assert any(point == pytest.approx(expected) for point in points)
+    assert "not used" in " ".join(text.get_text() for text in page.texts())
+    assert page.overlapping() == []
+
+
+def test_one_weight_alone_says_that_it_cannot_tell_two_frictions_apart(drop: MakeDrop, look: Look) -> None:
+    drops = [drop(0.03, seed=1), drop(0.03, seed=2)]
+    page = look(
+        friction_figure(
+            drops,
+            fit_friction(drops, radius_std_m=0.0, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2),
+            radius_m=RADIUS_M,
+            gravity_mps2=GRAVITY_MPS2,
+        )
+    )
+    written = " ".join(text.get_text() for text in page.texts())
+    assert "one weight alone" in written
+    assert "not in this model" in written

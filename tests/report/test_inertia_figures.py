@@ -1,0 +1,107 @@
+"""The inertia matrix' budget, its swings, and the test body."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from cfid.analysis.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.analysis.inertia import InertiaFit, fit_inertia
+from cfid.analysis.testbody import Comparison
+from cfid.campaign import MM, thesis_rig
+from cfid.report import inertia_figures
+
+Look = Callable[[Figure], Any]
+THESIS = {"x": 3.119770, "y": 3.128159, "z": 7.004148, "xy": 4.940333, "xz": 4.600706, "yz": 4.713093}  # table 2.3
+
+
+def _fit(axes: list[str], *, std: float = 4e-3, scatter: float = 0.0) -> InertiaFit:
+    rig = thesis_rig()
+    noise = scatter * np.random.default_rng(4).standard_normal(len(axes))
+    swings = [
+        MountedSwing(axis=axis, value=1e-5 * THESIS[axis] * (1 + off), std=1e-5 * THESIS[axis] * std, known=True)
+        for axis, off in zip(axes, noise, strict=True)
+    ]
+    body = SwungBody(
+        mass_kg=rig.vehicle.mass_kg,
+        mass_std_kg=rig.vehicle.mass_std_kg,
+        centre_m=MM * np.array(rig.vehicle.centre_of_mass_mm),
+        centre_std_m=MM * np.array(rig.vehicle.centre_of_mass_std_mm),
+        mounts=rig.mounts,
+    )
+    return fit_inertia(AxisInertias(swings, body, Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)))
+
+
+def test_the_parts_of_a_bar_add_up_to_the_entrys_deviation(look: Look) -> None:
+    fit = _fit(list(THESIS))
+    page = look(inertia_figures.budget_figure(fit, axes=list(THESIS)))
+    tops = np.zeros(6)
+    for bar in page.panel("(a)").patches:
+        place = round(bar.get_x() + bar.get_width() / 2)
+        tops[place] = max(tops[place], bar.get_y() + bar.get_height())
+    assert tops == pytest.approx(1e6 * fit.std_kg_m2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    assert page.overlapping() == []
+
+
+def test_six_swings_leave_no_residual_to_draw() -> None:
+    titles = [
+        axes.get_title(loc="left") for axes in inertia_figures.budget_figure(_fit(list(THESIS)), axes=list(THESIS)).axes
+    ]
+    assert not any("χ²" in title for title in titles)
+
+
+def test_a_mounts_curve_is_zero_at_its_best_distance_and_meets_its_swing(look: Look) -> None:
+    fit = _fit(list(THESIS))
+    panel = look(inertia_figures.budget_figure(fit, axes=list(THESIS))).panel("(c)")
+    curves = [line for line in panel.get_lines() if len(line.get_xdata()) == 200]
+    for i, curve in enumerate(curves):
+        distance, sensitivity = curve.get_data()
+        falling = (sensitivity[::-1], distance[::-1])
+        assert np.interp(0.0, *falling) == pytest.approx(1e3 * fit.best_distance_m[i], rel=1e-3)
+        own = np.interp(1e3 * fit.distance_m[i], distance, sensitivity)
+        assert own == pytest.approx(1e3 * fit.sensitivity_kg_m[i], abs=1e-4)
+
+
+def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> None:
+    axes = [axis for axis in THESIS for _ in range(2)] + ["x"]
+    fit = _fit(axes, scatter=4e-3)
+    page = look(inertia_figures.budget_figure(fit, axes=axes))
+    points = page.panel("(b)").get_lines()[0].get_xdata()
+    assert len(np.unique(points)) == len(axes)
+    assert np.array_equal(np.round(points), [list(THESIS).index(axis) for axis in axes])
+    assert "χ²" in page.panel("(c)").get_title(loc="left")
+    assert page.overlapping() == []
+
+
+def test_swings_that_contradict_each_other_are_said_in_red(look: Look) -> None:
+    axes = [axis for axis in THESIS for _ in range(3)]
+    fit = _fit(axes, std=1e-3, scatter=0.05)
+    assert fit.doubts
+    assert "Not believed" in look(inertia_figures.budget_figure(fit, axes=axes)).red()
+
+
+def test_inputs_without_deviations_make_an_empty_budget() -> None:
+    fit = _fit(list(THESIS))
+    nothing = {name: 0.0 * part for name, part in fit.budget.items()}
+    certain = InertiaFit(**{**vars(fit), "budget": nothing, "std_kg_m2": 0.0 * fit.std_kg_m2})
+    inertia_figures.budget_figure(certain, axes=list(THESIS))
+
+
+def test_the_test_bodys_difference_keeps_its_sign(look: Look) -> None:
+    comparisons = [
+        Comparison(
+            axis=axis,
+            calculated_kg_m2=6.4e-6,
+            calculated_std_kg_m2=2e-8,
+            measured_kg_m2=6.4e-6 * factor,
+            measured_std_kg_m2=1e-7,
+        )
+        for axis, factor in (("x", 0.98), ("z", 1.03))
+    ]
+    page = look(inertia_figures.testbody_figure(comparisons))
+    written = [text.get_text() for text in page.texts()]
+    assert any(text.startswith("−2.00 %") for text in written)
+    assert any(text.startswith("+3.00 %") for text in written)
+    assert page.overlapping() == []
