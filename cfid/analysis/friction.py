@@ -16,6 +16,10 @@ from cfid.errors import DataError, FitError
 
 Array = npt.NDArray[np.float64]
 
+NEVER_SETTLED = (
+    "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer fall, or "
+    "set the window with --from and --to."
+)
 MEDIAN_SAMPLES = 7  # C.1.2, O_medfilt
 
 _BLOCK_S = 0.05
@@ -27,7 +31,7 @@ _BEFORE_S = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Drop:
-    """One dropped weight: the unwrapped record, its speed (n,), the window and what follows from it.
+    """One dropped weight: the unwrapped record (n,), its speed (n - 1,), the window and what follows from it.
 
     `speed_rad_per_s` is the mean in the window; `coefficient_nms_per_rad` = m g r / speed (eq. 2.14 at rest).
     Without a settled speed both are the values of the best window there is, and are not to be used.
@@ -38,7 +42,7 @@ class Drop:
     weight_kg: float
     time_s: Array
     angle_rad: Array
-    speed: Array
+    trace_rad_per_s: Array
     from_s: float
     to_s: float
     settled: bool
@@ -104,7 +108,7 @@ def measure_drop(
         weight_kg=weight_kg,
         time_s=grid,
         angle_rad=angle,
-        speed=speed,
+        trace_rad_per_s=speed,
         from_s=float(grid[window.start]),
         to_s=float(grid[window.stop - 1]),
         settled=ripple <= _STEADY,
@@ -164,10 +168,7 @@ def thesis_friction(drops: Sequence[Drop]) -> Friction:
 def _settled(drops: Sequence[Drop]) -> list[Drop]:
     settled = [drop for drop in drops if drop.settled]
     if not settled:
-        raise FitError(
-            "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer "
-            "fall, or set the window with --from and --to."
-        )
+        raise FitError(NEVER_SETTLED)
     return settled
 
 

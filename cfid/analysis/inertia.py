@@ -25,8 +25,8 @@ class InertiaFit:
     """The inertia matrix about the centre of mass, entries of the matrix itself, in the body frame.
 
     Per swing (n,): inertia about the mounting axis and about the parallel axis through the centre of mass,
-    each with one standard deviation; `residual` of the latter in standard deviations (None for six swings,
-    which leave none); `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes.
+    each with one standard deviation; `residual` of the latter over the deviation that it should have (None for
+    six swings, which leave none); `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes.
     `budget` says what each group of inputs contributes to the matrix' standard deviation, (3, 3) each.
     `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None.
     """
@@ -80,11 +80,14 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
             "the six entries belong to no possible body (triangle inequality): the nearest possible "
             "one within the uncertainties is given; the raw entries are kept under quality.raw_matrix_kg_m2.",
         )
-    shares = budget(inflation * gain @ columns, axis_inertias.inputs)
+    spread = inflation * np.sqrt(np.diag(covariance))
+    shares = budget(gain @ columns, axis_inertias.inputs)
+    if inflation > 1:
+        shares["scatter between swings"] = math.sqrt(1 - inflation**-2) * spread
     mass = axis_inertias.body.mass_kg
     return InertiaFit(
         matrix_kg_m2=as_matrix(entries),
-        std_kg_m2=as_matrix(inflation * np.sqrt(np.diag(covariance))),
+        std_kg_m2=as_matrix(spread),
         covariance=inflation**2 * covariance,
         about_axis_kg_m2=evaluated.about_axis_kg_m2,
         about_axis_std_kg_m2=_norms(moved.about_axis),
@@ -93,7 +96,7 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
         distance_m=evaluated.distance_m,
         sensitivity_kg_m=evaluated.about_axis_kg_m2 / evaluated.distance_m - 2 * mass * evaluated.distance_m,
         best_distance_m=np.sqrt(np.maximum(measured, 0.0) / mass),
-        residual=None if freedom == 0 else residual / _norms(columns),
+        residual=None if freedom == 0 else residual / _residual_deviations(rows, gain, columns),
         chi_squared=chi_squared,
         freedom=freedom,
         budget={name: as_matrix(share) for name, share in shares.items()},
@@ -191,6 +194,13 @@ def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
     weight = np.linalg.inv(covariance + (1e-6 * size or 1.0) * np.eye(len(rows)))
     gain = np.linalg.solve(rows.T @ weight @ rows, rows.T @ weight).astype(np.float64)
     return gain, gain @ covariance @ gain.T
+
+
+def _residual_deviations(rows: Array, gain: Array, columns: Array) -> Array:
+    """Return the deviations (n,) that the residuals should have: what swings share, the fit takes out."""
+    left = columns - rows @ (gain @ columns)
+    floor = 1e-9 * float(np.max(_norms(columns), initial=0.0)) or 1.0
+    return np.maximum(_norms(left), floor)
 
 
 def _chi_squared(residual: Array, columns: Array) -> float:

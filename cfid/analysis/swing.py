@@ -7,6 +7,7 @@ the release's side are found, the release counting as the first (as in table 2.3
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ FEWEST_PEAKS = 4
 _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
 _STANDING_STILL = 0.05  # of the first fall's highest speed
 _HAND_GONE = 0.8  # of the release angle: by then the fingers are open
+_UPPERMOST = 0.95  # of a peak: an eighth of a period around it
 _GROWTH = 1.05  # a free swing's peaks only shrink
 
 
@@ -32,7 +34,7 @@ class FreeSwing:
 
     `time_s` and `angle_rad` (n,) are the whole record, from its first sample and about rest. The free swing
     runs from sample `release` to sample `end` (inclusive); the default fit looks at it from `hand_gone` on.
-    Peaks are those on the release's side, the release first.
+    Peaks are those on the release's side, the release first; in a window set by hand, those that lie in it.
     """
 
     time_s: Array
@@ -94,19 +96,16 @@ def find_swing(
     _check_motion(angle[kept])
     halves = half_swings(angle[kept], threshold_rad=_THRESHOLD_RAD)
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
-    start = _largest(halves, angle) if from_s is None else 0
-    same_side = [h for h in halves[start + 1 :] if h.side == halves[start].side] if halves else []
-    release = first if from_s is not None else _release(time, angle, halves[start])
-    peak_time, peak_angle, warnings = _peaks(time, angle, release, halves[start], same_side)
+    begin = _let_go(time, angle, halves) if from_s is None else _by_hand(time, angle, halves, first)
+    peak_time, peak_angle, warnings = _peaks(time, angle, begin.peak, begin.later)
     used, warning = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
-    end = int(np.searchsorted(time, peak_time[used - 1], side="right")) - 1
     return FreeSwing(
         time_s=time,
         angle_rad=angle,
         rest_rad=rest,
-        release=release,
-        hand_gone=first if from_s is not None else _hand_gone(angle, release),
-        end=end,
+        release=begin.release,
+        hand_gone=begin.hand_gone,
+        end=int(np.searchsorted(time, peak_time[used - 1], side="right")) - 1,
         peak_time_s=peak_time,
         peak_angle_rad=peak_angle,
         peaks_used=used,
@@ -116,9 +115,47 @@ def find_swing(
     )
 
 
+class _Begin(NamedTuple):
+    """Where a swing begins: samples of the release and of hands off, first peak, later half-swings of its side."""
+
+    release: int
+    hand_gone: int
+    peak: tuple[float, float]
+    later: list[HalfSwing]
+
+
+def _let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> _Begin:
+    """Find the release in the half-swing that reaches farthest; it counts as the first peak."""
+    start = max(range(len(halves)), key=lambda i: abs(angle[halves[i].extreme]))
+    release = _release(time, angle, halves[start])
+    below = np.flatnonzero(np.abs(angle[release:]) < _HAND_GONE * abs(angle[release]))
+    hand_gone = release + int(below[0]) if len(below) else release
+    peak = float(time[release]), float(angle[release])
+    return _Begin(release, hand_gone, peak, _same_side(halves, start))
+
+
+def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:
+    """Begin at the sample asked for; the first peak is the first that the window does not cut."""
+    start = next((i for i, half in enumerate(halves) if half.extreme > first), 0)
+    return _Begin(first, first, _peak(time, angle, halves[start]), _same_side(halves, start))
+
+
+def _same_side(halves: list[HalfSwing], start: int) -> list[HalfSwing]:
+    return [half for half in halves[start + 1 :] if half.side == halves[start].side]
+
+
 def _rest(angle: Array) -> float:
-    """Return the median of the record's last third: rest, or the middle of a swing that still goes on."""
-    return float(np.median(angle[-max(len(angle) // 3, 1) :]))
+    """Return where the body hangs: the median of the record's last third.
+
+    Where it still swings at the end, the median depends on where the record was cut; the weighted mean of
+    three extremes in turn does not, and takes out a steady decay.
+    """
+    rest = float(np.median(angle[-max(len(angle) // 3, 1) :]))
+    halves = half_swings(angle - rest, threshold_rad=_THRESHOLD_RAD)
+    if len(halves) < 4 or halves[-1].first < len(angle) - (halves[-1].first - halves[-3].first):
+        return rest
+    before, middle, after = (float(angle[half.extreme]) for half in halves[-4:-1])
+    return (before + 2 * middle + after) / 4
 
 
 def _check_motion(angle: Array) -> None:
@@ -145,10 +182,6 @@ def _resolution(angle: Array) -> float:
     return float(np.min(moving)) if len(moving) < 0.98 * len(steps) and len(moving) else 0.0
 
 
-def _largest(halves: list[HalfSwing], angle: Array) -> int:
-    return max(range(len(halves)), key=lambda i: abs(angle[halves[i].extreme]), default=0)
-
-
 def _release(time: Array, angle: Array, half: HalfSwing) -> int:
     """Return the last sample at which the body stood still before its first fall.
 
@@ -164,33 +197,32 @@ def _release(time: Array, angle: Array, half: HalfSwing) -> int:
     return int(np.searchsorted(time, at))
 
 
-def _hand_gone(angle: Array, release: int) -> int:
-    below = np.flatnonzero(np.abs(angle[release:]) < _HAND_GONE * abs(angle[release]))
-    return release + int(below[0]) if len(below) else release
+def _peak(time: Array, angle: Array, half: HalfSwing) -> tuple[float, float]:
+    """Return time and angle of a half-swing's peak, by a parabola through its uppermost part."""
+    inside = slice(half.first, half.last + 1)
+    high = np.abs(angle[inside]) > _UPPERMOST * abs(angle[half.extreme])
+    at = np.flatnonzero(high) + half.first
+    if len(at) < 5:
+        return float(time[half.extreme]), float(angle[half.extreme])
+    return vertex(time[at], angle[at])
 
 
 def _peaks(
-    time: Array, angle: Array, release: int, half: HalfSwing, later: list[HalfSwing]
+    time: Array, angle: Array, begin: tuple[float, float], later: list[HalfSwing]
 ) -> tuple[Array, Array, tuple[str, ...]]:
-    times, angles = [float(time[release])], [float(angle[release])]
-    spacing = float(np.median(np.diff([time[h.extreme] for h in (half, *later)]))) if later else 0.0
-    for swing in later:
-        near = np.abs(time[swing.first : swing.last + 1] - time[swing.extreme]) <= spacing / 16
-        at = np.flatnonzero(near) + swing.first
-        peak_time, peak_angle = (
-            vertex(time[at], angle[at]) if len(at) >= 5 else (time[swing.extreme], angle[swing.extreme])
-        )
-        if abs(peak_angle) < SMALLEST_PEAK_RAD:
+    """Return times and angles of the peaks from the first one on, as long as they shrink."""
+    peaks = [begin]
+    warnings: tuple[str, ...] = ()
+    for half in later:
+        peak = _peak(time, angle, half)
+        if abs(peak[1]) < SMALLEST_PEAK_RAD:
             break
-        if len(angles) > 1 and abs(peak_angle) > _GROWTH * abs(angles[-1]):
-            return (
-                np.array(times),
-                np.array(angles),
-                (f"peak {len(angles) + 1} is higher than the one before: the free swing ends there.",),
-            )
-        times.append(float(peak_time))
-        angles.append(float(peak_angle))
-    return np.array(times), np.array(angles), ()
+        if len(peaks) > 1 and abs(peak[1]) > _GROWTH * abs(peaks[-1][1]):
+            warnings = (f"peak {len(peaks) + 1} is higher than the one before: the free swing ends there.",)
+            break
+        peaks.append(peak)
+    times, angles = np.array(peaks).T
+    return times, angles, warnings
 
 
 def _usable(peak_angle: Array, asked: int | None, smallest: float) -> tuple[int, tuple[str, ...]]:

@@ -45,7 +45,9 @@ def friction(
     radius_m, radius_std_m, notes = _radius_m(workplace, radius_mm)
     gravity = workplace.rig.site.gravity_mps2
     drops = [_drop(item, cut, radius_m, gravity) for item in items]
-    if method == "thesis":
+    if not any(drop.settled for drop in drops):
+        found = None
+    elif method == "thesis":
         found = thesis_friction(drops)
     else:
         found = fit_friction(drops, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity)
@@ -92,7 +94,7 @@ def _drop(item: Named | KnownInertia, cut: CutOptions, radius_m: float, gravity:
 
 def _outcome(
     *,
-    found: "Friction",
+    found: "Friction | None",
     drops: "Sequence[Drop]",
     files: "Sequence[Named]",
     workplace: Workplace,
@@ -105,10 +107,12 @@ def _outcome(
 
         labels = [f"{file.name} g, {file.record.path.stem}" for file in files]
         gravity = workplace.rig.site.gravity_mps2
-        return {
-            "friction_runs": drops_figure(drops, labels=labels),
-            "friction": friction_figure(drops, found, radius_m=radius_m, gravity_mps2=gravity),
-        }
+        figures = {"friction_runs": drops_figure(drops, labels=labels)}
+        if found is not None:
+            figures["friction"] = friction_figure(drops, found, radius_m=radius_m, gravity_mps2=gravity)
+        return figures
+
+    from cfid.analysis.friction import NEVER_SETTLED
 
     unsettled = [file for file, drop in zip(files, drops, strict=True) if not drop.settled]
     return Outcome(
@@ -119,18 +123,22 @@ def _outcome(
         warnings=(
             *notes,
             *(note for file in files for note in file.record.notes),
-            *found.warnings,
+            *(found.warnings if found else ()),
             *(f"{f.record.path.name} ({f.name} g): the speed never settles; it is left out." for f in unsettled),
         ),
         sources=tuple(file.record.source for file in files),
+        doubts=() if found else (NEVER_SETTLED,),
         drawings=drawings,
         beside=files[0].record.path.parent if workplace.campaign is None else workplace.campaign.folder / "figures",
     )
 
 
-def _parameters(found: "Friction", drops: "Sequence[Drop]") -> "dict[str, Parameter]":
+def _parameters(found: "Friction | None", drops: "Sequence[Drop]") -> "dict[str, Parameter]":
     from cfid.parameters import Parameter
 
+    runs = Parameter(value=[_row(drop) for drop in drops], unit="see names")
+    if found is None:
+        return {"friction.runs": runs}
     return {
         "friction.viscous_nms_per_rad": Parameter(
             value=found.viscous_nms_per_rad, std=found.viscous_std, unit="N m s/rad"
@@ -139,7 +147,7 @@ def _parameters(found: "Friction", drops: "Sequence[Drop]") -> "dict[str, Parame
         "friction.setup_inertia_kg_m2": Parameter(
             value=found.setup_inertia_kg_m2, std=found.setup_inertia_std, unit="kg m^2"
         ),
-        "friction.runs": Parameter(value=[_row(drop) for drop in drops], unit="see names"),
+        "friction.runs": runs,
     }
 
 

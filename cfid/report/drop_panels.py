@@ -51,7 +51,7 @@ def draw_alone(turned: Axes, speed: Axes, run: Run) -> None:
     for axes in (turned, speed):
         axes.axvspan(drop.from_s, drop.to_s, color=WINDOW if drop.settled else DOUBT, alpha=0.13, lw=0, label="window")
     draw_line(turned, drop.time_s, drop.angle_rad / _TURN_RAD, color=RECORDED_BELOW, lw=2.6)
-    draw_line(speed, drop.time_s[: len(drop.speed)], drop.speed, color=RECORDED_BELOW, lw=1.6)
+    draw_line(speed, drop.time_s[:-1], drop.trace_rad_per_s, color=RECORDED_BELOW, lw=1.6)
     draw_line(turned, drop.model_time_s, drop.model_rad / _TURN_RAD, color=MODEL, lw=0.9)
     draw_line(speed, drop.model_time_s, np.gradient(drop.model_rad, drop.model_time_s), color=MODEL, lw=0.9)
     window = [drop.from_s, drop.to_s], [drop.speed_rad_per_s] * 2
@@ -63,7 +63,7 @@ def draw_together(turned: Axes, speed: Axes, run: Run) -> None:
     drop = run.drop
     ls = "-" if drop.settled else ":"
     draw_line(turned, drop.time_s, drop.angle_rad / _TURN_RAD, color=run.colour, lw=1.0, ls=ls)
-    draw_line(speed, drop.time_s[: len(drop.speed)], drop.speed, color=run.colour, lw=0.7, ls=ls)
+    draw_line(speed, drop.time_s[:-1], drop.trace_rad_per_s, color=run.colour, lw=0.7, ls=ls)
     if drop.settled:
         window = [drop.from_s, drop.to_s], [drop.speed_rad_per_s] * 2
         speed.plot(*window, color=INK, lw=1.5, marker="|", ms=6, label="mean")

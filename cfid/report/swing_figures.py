@@ -121,8 +121,10 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
     # Beside its sample, on the outer side: the release is the first peak, which has a mark of its own.
     outside = axes.transData + ScaledTranslation(0, math.copysign(6.5 / 72, held), axes.figure.dpi_scale_trans)
     how: dict[str, Any] = {"marker": "v" if held > 0 else "^", "ms": 5.5, "ls": "", "transform": outside}
-    axes.plot(swing.release_s, raw(held), color=INK, label="release", **how)
-    if swing.hand_gone > swing.release:
+    # A window set by hand has no hand in it.
+    released = swing.hand_gone > swing.release
+    axes.plot(swing.release_s, raw(held), color=INK, label="release" if released else "start", **how)
+    if released:
         gone = raw(swing.angle_rad[swing.hand_gone])
         axes.plot(begin, gone, color=INK, marker="x", ms=5, mew=1.4, ls="", label="hand gone")
     axes.margins(y=0.13)

@@ -172,7 +172,7 @@ def _settled_at(grams: float, speed: float) -> Drop:
         weight_kg=grams / 1000,
         time_s=nothing,
         angle_rad=nothing,
-        speed=nothing,
+        trace_rad_per_s=nothing,
         from_s=0.0,
         to_s=1.0,
         settled=True,

@@ -1,7 +1,6 @@
 """The inertia matrix' intervals, tested as statistics: whole campaigns simulated with everything drawn anew."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +10,7 @@ from cfid.analysis.axis_inertias import AxisInertias, MountedSwing, Surroundings
 from cfid.analysis.inertia import InertiaFit, fit_inertia
 from cfid.analysis.swing import find_swing
 from cfid.analysis.swing_fit import fit_swing
-from cfid.campaign import MM, Rig, new_rig_text, load_rig
+from cfid.campaign import MM, Rig, load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import swing
 from cfid.sim.rig import Friction, Truth, draw_release, draw_truth, pendulum

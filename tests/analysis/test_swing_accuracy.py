@@ -90,7 +90,8 @@ def test_the_mean_error_over_200_runs_is_below_a_fiftieth_of_a_percent(
     errors, scores = inertia_errors(degrees, peaks, word=word, stamp_s=2e-4, count=200)
 
     print(
-        f"{degrees:.0f} degrees, {peaks} peaks, {word}: mean {100 * errors.mean():+.5f} %, std {100 * errors.std():.5f} %, "
+        f"{degrees:.0f} degrees, {peaks} peaks, {word}: mean {100 * errors.mean():+.5f} %, "
+        f"std {100 * errors.std():.5f} %, "
         f"within 95 % interval {np.mean(np.abs(scores) < 1.96):.3f}"
     )
     assert abs(errors.mean()) < 2e-4

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cfid.campaign import new_rig_text
+from cfid.campaign import load_rig, new_rig_text
 from cfid.sim.demo import INERTIA_KG_M2
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.rig import draw_truth, record_swings
-from cfid.campaign import load_rig
 
 RUNS = 9
 

@@ -37,9 +37,7 @@ def record() -> tuple[Array, Array]:
 
 def collocation(time_s: Array, angle: Array) -> float:
     coefficients, trajectory = first_guess(time_s, angle, start_s=0.0, step_s=STEP_S)
-    fit = fit_output_error(
-        time_s, angle, coefficients=coefficients, trajectory=trajectory, terms=("viscous",)
-    )
+    fit = fit_output_error(time_s, angle, coefficients=coefficients, trajectory=trajectory, terms=("viscous",))
     return fit.coefficients.natural_frequency_squared_s2
 
 
@@ -68,7 +66,9 @@ def linear_lmfit(time_s: Array, angle: Array) -> float:
     return float(lmfit.minimize(residual, parameters).params["omega"].value ** 2)
 
 
-def median_seconds(function: Callable[[Array, Array], float], data: tuple[Array, Array], runs: int) -> tuple[float, float]:
+def median_seconds(
+    function: Callable[[Array, Array], float], data: tuple[Array, Array], runs: int
+) -> tuple[float, float]:
     function(*data)
     times = []
     for _ in range(runs):

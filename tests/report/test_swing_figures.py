@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from cfid.analysis.pendulum import Coefficients, sample
-from cfid.analysis.swing import FreeSwing
-from cfid.analysis.swing_fit import SwingFit
+from cfid.analysis.swing import FreeSwing, find_swing
+from cfid.analysis.swing_fit import SwingFit, fit_swing
 from cfid.analysis.swing_thesis import fit_damped_cosine, fit_flexible
 from cfid.report.motion import fitted_motion
 from cfid.report.swing_figures import swing_figure, thesis_swing_figure
@@ -48,6 +48,13 @@ def test_rest_and_peaks_stand_where_the_record_has_them(page: Any, swing: FreeSw
     assert lines["not used"].get_xdata() == pytest.approx(swing.peak_time_s[7:])
     assert lines["release"].get_xdata() == pytest.approx([swing.release_s])
     assert lines["hand gone"].get_xdata() == pytest.approx([swing.time_s[swing.hand_gone]])
+
+
+def test_a_window_set_by_hand_has_a_start_and_no_release(swing: FreeSwing, look: Look) -> None:
+    cut = find_swing(swing.time_s, swing.angle_rad, from_s=1.6)
+    labels = {line.get_label() for line in look(swing_figure(cut, fit_swing(cut), title="")).panel("(a)").get_lines()}
+    assert "start" in labels
+    assert not labels & {"release", "hand gone"}
 
 
 def test_recorded_less_fitted_is_the_residual(page: Any, fit: SwingFit) -> None:

@@ -1,0 +1,53 @@
+"""Files as an operator would have them, and the program run as an operator runs it."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.campaign import RIG_FILE, load_rig, new_rig_text
+from cfid.sim.demo import INERTIA_KG_M2, SimulatedRun, simulate_demo
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def cfid(tmp_path: Path) -> Cfid:
+    """Run `cfid` with the given words in an empty folder and return what it said and its exit code."""
+
+    def run(*words: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with rig.toml and one CSV of times and counts for every recording of a simulated campaign."""
+    folder = tmp_path_factory.mktemp("files")
+    (folder / RIG_FILE).write_text(new_rig_text())
+    _, runs = simulate_demo(load_rig(folder / RIG_FILE), seed=5)
+    for i, run in enumerate(runs):
+        write(folder / f"{name(run, i)}.csv", run)
+    (folder / RIG_FILE).rename(folder / "geometry.toml")  # a file to name, not a campaign to find
+    return folder
+
+
+def name(run: SimulatedRun, number: int) -> str:
+    if run.weight_g is not None:
+        return f"drop_{run.weight_g:g}g_{number}"
+    return f"{'tb_' if run.body == 'testbody' else ''}{run.axis}"
+
+
+def write(path: Path, run: SimulatedRun) -> None:
+    rows = np.column_stack([run.time_s, run.counts])
+    np.savetxt(path, rows, fmt=("%.6f", "%d"), delimiter=",", header="t,phi", comments="")
+
+
+@pytest.fixture(scope="session")
+def truth() -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return INERTIA_KG_M2

@@ -1,0 +1,185 @@
+"""Bad input gets a sentence that names the fault and the next step, an exit code, and never a traceback."""
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.campaign import new_rig_text
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+Spoil = Callable[[list[str]], list[str]]
+
+
+def refused(said: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert said.returncode == code, said.stderr
+    assert "Traceback" not in said.stderr
+    for word in words:
+        assert word in said.stderr
+    assert '"value"' not in said.stdout
+
+
+def replaced(row: int, text: str) -> Spoil:
+    return lambda lines: [*lines[:row], text, *lines[row + 1 :]]
+
+
+def scaled(factor: float, column: int) -> Spoil:
+    def spoil(lines: list[str]) -> list[str]:
+        rows = [line.split(",") for line in lines[1:]]
+        for row in rows:
+            row[column] = f"{float(row[column]) * factor:.6f}"
+        return [lines[0], *(",".join(row) for row in rows)]
+
+    return spoil
+
+
+def in_unit(head: str, factor: float) -> Spoil:
+    """Rewrite counts as an angle, `factor` times radians."""
+
+    def spoil(lines: list[str]) -> list[str]:
+        rows = [line.split(",") for line in lines[1:]]
+        angle = np.unwrap(2 * np.pi * np.array([int(row[1]) for row in rows]) / 2**22)
+        angle = factor * (angle - angle[-1])
+        return [head, *(f"{row[0]},{value:.7f}" for row, value in zip(rows, angle, strict=True))]
+
+    return spoil
+
+
+CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
+    "a missing column": (replaced(0, "t,speed"), (), 4, ("no column of angle", "--columns")),
+    "a column named that is not there": (lambda lines: lines, ("--columns", "t,psi"), 4, ("psi", "t, phi")),
+    "degrees read as radians": (
+        in_unit("t,phi", 180 / np.pi),
+        ("--angle-unit", "rad"),
+        4,
+        ("over the top", "--angle-unit"),
+    ),
+    "an angle without a unit": (in_unit("t,phi", 1.0), (), 4, ("does not say its unit", "--angle-unit")),
+    "a swing of 500 rad": (in_unit("t,phi_rad", 700.0), (), 4, ("over the top",)),
+    "an empty file": (lambda _: [], (), 4, ("empty",)),
+    "a head alone": (lambda lines: lines[:1], (), 4, ("no rows",)),
+    "not a number": (replaced(500, "0.5,nan"), (), 4, (":501:", "phi")),
+    "a word in a column": (replaced(700, "0.7,lost"), (), 4, (":701:", "lost")),
+    "time going back": (replaced(900, "0.100000,512"), (), 4, (":901:", "goes back")),
+    "epoch microseconds read as seconds": (scaled(1e6, 0), (), 4, ("--time-unit us",)),
+    "seconds read as microseconds": (lambda lines: lines, ("--time-unit", "us"), 4, ("--time-unit s",)),
+    "an angle that never changes": (
+        lambda lines: [lines[0], *(f"{line.split(',')[0]},512" for line in lines[1:])],
+        (),
+        4,
+        ("never changes",),
+    ),
+    "fewer than four usable peaks": (lambda lines: lines[:3200], (), 4, ("usable peaks",)),
+    "counts that fail the 13-bit check": (
+        lambda lines: [
+            lines[0],
+            *(
+                f"{line.split(',')[0]},{int(line.split(',')[1]) ^ (4 * (i % 3 == 0))}"
+                for i, line in enumerate(lines[1:])
+            ),
+        ],
+        ("--counts-per-turn", "rls-13bit-in-22"),
+        4,
+        ("fail the check", "--counts-per-turn"),
+    ),
+    "a file that is no CSV": (lambda _: ["PK\x03\x04\0\0\0"], (), 4, ("no CSV",)),
+    "prose": (lambda _: ["This is a letter.", "It has two lines."], (), 4, ("no CSV",)),
+    "a mass of zero": (lambda lines: lines, ("--mass-kg", "0", "--distance-m", "0.02"), 2, ("--mass-kg", "above zero")),
+    "a negative distance": (lambda lines: lines, ("--mass-kg", "0.03", "--distance-m", "-0.02"), 2, ("--distance-m",)),
+    "three peaks asked for": (lambda lines: lines, ("--peaks", "3"), 2, ("four peaks",)),
+    "a rate of zero": (lambda lines: lines, ("--rate-hz", "0"), 2, ("--rate-hz",)),
+    "counts per turn of zero": (lambda lines: lines, ("--counts-per-turn", "0"), 2, ("--counts-per-turn",)),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_swing_from(cfid: Cfid, files: Path, tmp_path: Path, case: str) -> None:
+    spoil, options, code, words = CASES[case]
+    lines = (files / "x.csv").read_text().splitlines()
+    path = tmp_path / "spoilt.csv"
+    path.write_text("".join(line + "\n" for line in spoil(lines)))
+
+    refused(cfid("fit", "swing", path, *options, "--json"), code, *words)
+
+
+def test_a_file_cut_in_the_middle_of_a_row_loses_that_row_and_says_so(cfid: Cfid, files: Path, tmp_path: Path) -> None:
+    path = tmp_path / "cut.csv"
+    path.write_text((files / "x.csv").read_text()[:-4])
+    said = cfid("fit", "swing", path, "--json")
+
+    assert said.returncode == 0
+    assert "the last line was cut" in said.stdout
+
+
+def test_a_swing_that_is_not_believed_gives_no_number_unless_forced(cfid: Cfid, files: Path, tmp_path: Path) -> None:
+    lines = (files / "x.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    time_s = np.array([float(row[0]) for row in rows])
+    angle = np.unwrap(2 * np.pi * np.array([int(row[1]) for row in rows]) / 2**22)
+    shaken = angle + 0.02 * np.sin(45 * time_s)
+    path = tmp_path / "shaken.csv"
+    path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, shaken, strict=True)))
+
+    said = cfid("fit", "swing", path, "--json")
+    refused(said, 5, "not believed", "something else moves it too", "--force")
+    assert '"believed": false' in said.stdout
+    forced = cfid("fit", "swing", path, "--json", "--force")
+    assert forced.returncode == 0
+    assert '"believed": false' in forced.stdout
+    assert "swing.natural_frequency_squared_s2" in forced.stdout
+
+
+def test_five_axes_are_too_few_for_a_matrix(cfid: Cfid) -> None:
+    words = ["x=3.1e-5", "y=3.1e-5", "z=7.0e-5", "xy=4.9e-5", "xz=4.6e-5"]
+    refused(cfid("fit", "inertia", *words, "--json"), 5, "six are needed")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["diagonal=3.1e-5"], "no mount"),
+        (["x=-3.1e-5"], "above zero"),
+        (["x=3.1e-5:-1e-8"], "standard deviation"),
+        (["--mass-kg", "-1", "x=3.1e-5"], "--mass-kg"),
+        (["--gravity-mps2", "0", "x=3.1e-5"], "--gravity-mps2"),
+        (["fixture=3e-8", "x=3.1e-5"], "[fixture]"),
+    ],
+)
+def test_an_inertia_from_wrong_words_is_a_usage_error(cfid: Cfid, words: list[str], named: str) -> None:
+    refused(cfid("fit", "inertia", *words, "--json"), 2, named)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("mass_kg = 0.0280 ", "mass_kg = -0.0280 ", "vehicle.mass_kg"),
+        ("[vehicle]", "[vehicel]", "vehicel"),
+        ("direction = [1, 0, 0]", "direction = [0, 0, 0]", "mounts.x.direction"),
+        ('left = "-x"', 'left = "x"', "body_frame"),
+    ],
+)
+def test_a_rig_file_that_cannot_be_meant_so_is_named_by_key(
+    cfid: Cfid, tmp_path: Path, old: str, new: str, named: str
+) -> None:
+    text = new_rig_text()
+    assert old in text
+    (tmp_path / "rig.toml").write_text(text.replace(old, new, 1))
+    refused(cfid("fit", "inertia", "x=3.1e-5", "--json"), 2, "rig.toml", named)
+
+
+def test_a_run_outside_a_campaign_and_a_campaign_that_is_none_are_said(cfid: Cfid, tmp_path: Path) -> None:
+    refused(cfid("runs"), 2, "cfid new")
+    refused(cfid("runs", "--campaign", tmp_path / "nowhere"), 2, "no such file")
+    (tmp_path / "empty").mkdir()
+    refused(cfid("fit", "swing", tmp_path / "empty"), 4, "no run")
+
+
+def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
+    drop = next(files.glob("drop_50g*.csv"))
+    refused(cfid("fit", "friction", f"heavy={drop}", "--json"), 2, "no weight in grams")
+    refused(cfid("fit", "friction", f"-50={drop}", "--json"), 2)
+    refused(cfid("fit", "friction", f"50={drop}", "--radius-mm", "0", "--json"), 2, "--radius-mm")
+    refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4, "no weight dropped")
+    refused(cfid("fit", "friction", drop, "--json"), 4, "does not say its grams")

@@ -1,0 +1,64 @@
+"""How the program starts and ends: quickly, with help for everything, with one sentence for an error."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cfid import __version__
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+COMMANDS = [
+    ("demo",),
+    ("new",),
+    ("runs",),
+    ("show",),
+    ("fit", "swing"),
+    ("fit", "friction"),
+    ("fit", "inertia"),
+    ("fit", "testbody"),
+]
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext")
+
+
+def test_help_imports_nothing_heavy() -> None:
+    words = "import sys\ntry:\n    from cfid.cli.main import app\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
+    words += f"print('loaded:', [name for name in {HEAVY} if name in sys.modules])"
+    said = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+
+    assert said.stdout.strip().endswith("loaded: []")
+
+
+def test_the_version_is_printed(cfid: Cfid) -> None:
+    assert cfid("--version").stdout.strip() == f"cfid {__version__}"
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_every_command_has_help_with_an_example(cfid: Cfid, command: tuple[str, ...]) -> None:
+    said = cfid(*command, "--help")
+
+    assert said.returncode == 0
+    assert f"Example: cfid {' '.join(command)}" in " ".join(said.stdout.split())
+
+
+def test_an_unknown_option_is_a_usage_error(cfid: Cfid) -> None:
+    assert cfid("fit", "swing", "x.csv", "--nonsense").returncode == 2
+
+
+def test_an_error_is_one_sentence_on_stderr_and_nothing_on_stdout(cfid: Cfid) -> None:
+    said = cfid("fit", "swing", "missing.csv")
+
+    assert said.returncode == 4
+    assert said.stdout == ""
+    assert said.stderr == "cfid: missing.csv: no such file.\n"
+
+
+def test_output_into_a_closed_pipe_is_no_traceback(files: Path) -> None:
+    words = f"{sys.executable} -m cfid.cli.main fit swing {files / 'x.csv'} --no-figures --json | head -1"
+    said = subprocess.run(["bash", "-c", words], capture_output=True, text=True, check=False)
+
+    assert "Traceback" not in said.stderr
+    assert said.stdout == "{\n"

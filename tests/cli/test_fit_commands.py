@@ -1,0 +1,231 @@
+"""The fits as scripts see them: JSON by the contract, exit codes, and what a campaign keeps."""
+
+import json
+import math
+import shutil
+import subprocess
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.campaign import new_rig_text
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+AXES = ("x", "y", "z", "xy", "xz", "yz")
+C_1_4 = {
+    "x": "3.119770273213515e-05",
+    "y": "3.128159434626518e-05",
+    "z": "7.004148241971259e-05",
+    "xy": "4.940332984711082e-05",
+    "xz": "4.600706365028182e-05",
+    "yz": "4.713092929680177e-05",
+}
+
+
+def found(said: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert said.returncode == 0, said.stderr
+    result: dict[str, Any] = json.loads(said.stdout)
+    return result
+
+
+def swings(files: Path, *axes: str) -> list[str]:
+    return [f"{axis}={files / axis}.csv" for axis in axes or AXES]
+
+
+def test_json_has_the_keys_of_the_contract(cfid: Cfid, files: Path) -> None:
+    result = found(cfid("fit", "inertia", *swings(files), "--geometry", files / "geometry.toml", "--json"))
+
+    assert set(result) == {"command", "parameters", "quality", "warnings", "sources", "version"}
+    assert result["command"] == "fit inertia"
+    assert result["quality"]["believed"] is True
+    assert set(result["parameters"]) == {
+        "inertia.matrix_kg_m2",
+        *(f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in AXES),
+    }
+    for parameter in result["parameters"].values():
+        assert set(parameter) == {"value", "std", "unit"}
+        assert np.shape(parameter["value"]) == np.shape(parameter["std"])
+    assert [Path(source["path"]).stem for source in result["sources"]] == list(AXES)
+    assert all(len(source["sha256"]) == 64 for source in result["sources"])
+
+
+def test_six_recordings_give_the_simulated_matrix(
+    cfid: Cfid, files: Path, truth: np.ndarray[tuple[int, int], np.dtype[np.float64]]
+) -> None:
+    result = found(cfid("fit", "inertia", *swings(files), "--geometry", files / "geometry.toml", "--json"))
+    matrix = result["parameters"]["inertia.matrix_kg_m2"]
+
+    assert np.all(np.abs(np.array(matrix["value"]) - truth) < 3.5 * np.array(matrix["std"]))
+    assert max(np.array(matrix["std"]).ravel()) < 2e-7
+
+
+def test_the_thesis_matrix_comes_out_without_a_rig_and_it_is_said_whose_numbers_were_taken(cfid: Cfid) -> None:
+    result = found(cfid("fit", "inertia", *(f"{axis}={value}" for axis, value in C_1_4.items()), "--json"))
+    matrix = 1e6 * np.array(result["parameters"]["inertia.matrix_kg_m2"]["value"])
+
+    assert np.round(matrix, 6).tolist() == [
+        [16.571710, 0.830806, 0.718277],
+        [0.830806, 16.655602, 1.800197],
+        [0.718277, 1.800197, 29.261652],
+    ]
+    assert any("the thesis' Crazyflie 2.0" in warning for warning in result["warnings"])
+    assert any("sign" in warning for warning in result["warnings"])
+
+
+def test_numbers_with_a_deviation_and_files_mix(cfid: Cfid, files: Path) -> None:
+    words = [*swings(files, *AXES[1:]), "x=3.11e-05:4e-08", "--geometry", files / "geometry.toml", "--json"]
+    result = found(cfid("fit", "inertia", *words))
+
+    assert result["parameters"]["inertia.axis_kg_m2.x"] == {
+        "value": 3.11e-05,
+        "std": pytest.approx(4e-08),
+        "unit": "kg m^2",
+    }
+
+
+def test_peaks_can_be_given_per_axis(cfid: Cfid, files: Path) -> None:
+    words = [*swings(files), "--peaks", "x=8,z=9", "--geometry", files / "geometry.toml", "--json"]
+    used = {swing["axis"]: swing["peaks_used"] for swing in found(cfid("fit", "inertia", *words))["quality"]["swings"]}
+
+    assert (used["x"], used["z"]) == (8, 9)
+    assert used["xz"] > 9
+
+
+def test_a_swing_without_mass_and_distance_gives_a_frequency_and_no_inertia(cfid: Cfid, files: Path) -> None:
+    parameters = found(cfid("fit", "swing", files / "x.csv", "--axis", "x", "--json"))["parameters"]
+
+    assert parameters["swing.natural_frequency_squared_s2"]["value"] > 100
+    assert not any("inertia" in name or "_nm" in name for name in parameters)
+
+
+def test_a_swing_with_mass_and_distance_gives_inertia_and_damping(cfid: Cfid, files: Path) -> None:
+    words = ["fit", "swing", files / "x.csv", "--mass-kg", "0.028", "--distance-m", "0.022855", "--json"]
+    parameters = found(cfid(*words))["parameters"]
+    frequency = parameters["swing.natural_frequency_squared_s2"]["value"]
+
+    assert parameters["swing.axis_inertia_kg_m2"]["value"] == pytest.approx(0.028 * 9.81 * 0.022855 / frequency)
+    assert set(parameters) == {
+        "swing.natural_frequency_squared_s2",
+        "swing.axis_inertia_kg_m2",
+        "swing.viscous_nms_per_rad",
+        "swing.coulomb_nm",
+        "swing.quadratic_nms2_per_rad2",
+        "swing.start_angle_rad",
+        "swing.start_speed_rad_per_s",
+        "swing.zero_rad",
+        "swing.peaks_used",
+    }
+
+
+def test_the_thesis_method_gives_a_larger_inertia_and_says_why(cfid: Cfid, files: Path) -> None:
+    words = ["fit", "swing", files / "z.csv", "--mass-kg", "0.028", "--distance-m", "0.038163", "--json"]
+    ours, theirs = found(cfid(*words)), found(cfid(*words, "--method", "thesis"))
+    inertias = [r["parameters"]["swing.axis_inertia_kg_m2"]["value"] for r in (ours, theirs)]
+
+    assert inertias[1] > inertias[0]
+    assert inertias[1] / inertias[0] - 1 == pytest.approx(ours["quality"]["damped_cosine"]["relative_inertia_excess"])
+    assert any("sin(phi)" in warning for warning in theirs["warnings"])
+
+
+def test_friction_of_dropped_weights(cfid: Cfid, files: Path) -> None:
+    drops = [f"{path.stem.split('_')[1][:-1]}={path}" for path in sorted(files.glob("drop_*.csv"))]
+    result = found(cfid("fit", "friction", *drops, "--radius-mm", "2", "--json"))
+    parameters = result["parameters"]
+
+    assert set(parameters) == {
+        "friction.viscous_nms_per_rad",
+        "friction.coulomb_nm",
+        "friction.setup_inertia_kg_m2",
+        "friction.runs",
+    }
+    assert parameters["friction.coulomb_nm"]["value"] == pytest.approx(3.2e-4, rel=0.1)
+    assert parameters["friction.viscous_nms_per_rad"]["value"] == pytest.approx(1.1e-6, rel=0.15)
+    assert len(parameters["friction.runs"]["value"]) == len(drops)
+
+
+def test_the_test_body_agrees_with_its_drawing(cfid: Cfid, files: Path) -> None:
+    words = [f"x={files / 'tb_x.csv'}", f"z={files / 'tb_z.csv'}", "--geometry", files / "geometry.toml", "--json"]
+    parameters = found(cfid("fit", "testbody", *words))["parameters"]
+
+    for axis in "xz":
+        assert parameters[f"testbody.error.{axis}"]["value"] < 0.03
+        measured, calculated = (parameters[f"testbody.{k}_kg_m2.{axis}"] for k in ("measured", "calculated"))
+        assert abs(measured["value"] - calculated["value"]) < 3.5 * math.hypot(measured["std"], calculated["std"])
+
+
+def test_a_campaign_keeps_what_a_fit_found_and_another_fit_leaves_it(cfid: Cfid, files: Path, tmp_path: Path) -> None:
+    campaign = tmp_path / "campaign"
+    assert cfid("new", campaign).returncode == 0
+    inertia = found(cfid("fit", "inertia", *swings(files), "--json", folder=campaign))
+    found(cfid("fit", "testbody", f"x={files / 'tb_x.csv'}", "--json", folder=campaign))
+    kept = tomllib.loads((campaign / "parameters.toml").read_text())
+
+    assert set(kept) == {"inertia", "testbody"}
+    matrix = kept["inertia"]["parameters"]["inertia.matrix_kg_m2"]
+    assert matrix["value"] == inertia["parameters"]["inertia.matrix_kg_m2"]["value"]
+    assert matrix["unit"] == "kg m^2"
+    assert [Path(source["path"]).stem for source in kept["inertia"]["sources"]] == list(AXES)
+
+
+def test_figures_lie_where_they_are_asked_for_and_replace_only_themselves(
+    cfid: Cfid, files: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "figures"
+    words = ["fit", "swing", files / "y.csv", "--out", out]
+    assert cfid(*words).returncode == 0
+    assert {path.name for path in out.iterdir()} == {"y_swing.png", "y_swing.svg"}
+    assert cfid(*words).returncode == 0
+
+    (out / "y_swing.png").write_bytes(b"somebody's own picture")
+    refused = cfid(*words)
+    assert refused.returncode == 2
+    assert "--force" in refused.stderr
+    assert (out / "y_swing.png").read_bytes() == b"somebody's own picture"
+
+
+def test_a_run_folder_brings_its_axis_along(cfid: Cfid, tmp_path: Path) -> None:
+    demo = tmp_path / "demo"
+    assert cfid("demo", demo, "--no-figures").returncode == 0
+    run = next((demo / "runs").glob("*_swing_z"))
+    by_name = found(cfid("fit", "swing", run.name, "--json", folder=demo))
+    by_path = found(cfid("fit", "swing", run, "--json", "--campaign", demo))
+
+    assert by_name["parameters"] == by_path["parameters"]
+    assert by_name["parameters"]["swing.axis_inertia_kg_m2"]["value"] == pytest.approx(6.98e-5, rel=0.02)
+
+    again = cfid("demo", demo)
+    assert again.returncode == 2
+    assert "delete it" in again.stderr
+
+    listed = cfid("runs", "--json", "--campaign", demo)
+    states = {row["state"] for row in json.loads(listed.stdout)["runs"]}
+    assert states == {"complete"}
+
+    toml = run / "run.toml"
+    toml.write_text(toml.read_text().replace('"complete"', '"recording"'))
+    assert "cut while recording" in found(cfid("fit", "swing", run, "--json"))["warnings"][0]
+    assert "cut" in cfid("runs", "--campaign", demo).stdout
+
+
+def test_a_new_campaign_is_never_written_over(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", "mine").returncode == 0
+    (tmp_path / "mine" / "rig.toml").write_text("# mine\n" + new_rig_text())
+    refused = cfid("new", "mine")
+
+    assert refused.returncode == 2
+    assert "there already" in refused.stderr
+    assert (tmp_path / "mine" / "rig.toml").read_text().startswith("# mine")
+
+
+def test_show_draws_a_file_or_the_terminal(cfid: Cfid, files: Path, tmp_path: Path) -> None:
+    shutil.copy(files / "x.csv", tmp_path / "x.csv")
+    drawn, terminal = cfid("show", "x.csv"), cfid("show", "x.csv", "--terminal")
+
+    assert drawn.returncode == terminal.returncode == 0
+    assert (tmp_path / "x_recording.png").exists()
+    assert "angle, degrees" in terminal.stdout
