@@ -1,8 +1,10 @@
 """Files that are there whole or not at all, and TOML files read with a sentence for every fault."""
 
+import contextlib
 import os
+import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +40,27 @@ def write_toml(path: Path, content: Mapping[str, Any]) -> None:
     write_whole(path, tomli_w.dumps(content).encode("utf-8", "replace"))
 
 
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold off other processes that ask for the same, while a file is read, changed and written back.
+
+    Where the system has no such lock (Windows, some network drives) nothing is held off. Raises OSError when
+    there is no such folder.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
 def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     """Read a TOML file, as editors on any system leave it.
 
@@ -58,24 +81,33 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
 
 
 def first_fault(error: "ValidationError", content: Mapping[str, Any]) -> str:
-    """Return the key of the first fault that a model found in the content of a TOML file, and what is wrong."""
-    fault = error.errors()[0]
-    known, here = [], content
-    for part in fault["loc"]:
-        # The last parts of a key may be pydantic's names for the members of a union: they are not in the file.
-        inside = part in here if isinstance(here, Mapping) else isinstance(here, list) and part in range(len(here))
-        if not inside and fault["type"] != "missing":
+    """Say which key of a TOML file's content a model found wrong first, and what is wrong with it."""
+    faults = error.errors()
+    key = _key(faults[0]["loc"], content)
+    if faults[0]["type"] == "missing":
+        return f"{key}: is missing."
+    if faults[0]["type"] == "extra_forbidden":
+        return f"{key}: there is no such key. Is it misspelt, or in the wrong table?"
+    # A value that may be of several kinds has a fault for each.
+    reasons = [fault["msg"] for fault in faults if _key(fault["loc"], content) == key]
+    reasons = [reason.removeprefix("Value error, ").removeprefix("Input should be ") for reason in reasons]
+    verb = "should be " if faults[0]["msg"].startswith("Input should be ") else ""
+    shown = "" if isinstance(faults[0]["input"], Mapping | list) else f", not {_short(repr(faults[0]['input']))}"
+    return f"{key}: {verb}{' or '.join(reasons)}{shown}."
+
+
+def _key(place: tuple[int | str, ...], content: Mapping[str, Any]) -> str:
+    """Return the key as it stands in the file: without pydantic's names for the kinds that a value may have."""
+    known: list[str] = []
+    here: Any = content
+    for part in place:
+        if not isinstance(here, Mapping | list):
             break
         known.append(str(part))
-        here = here[part] if inside else {}  # type: ignore[index]
-    key = ".".join(known) or "(top)"
-    if fault["type"] == "missing":
-        return f"{key}: is missing."
-    if fault["type"] == "extra_forbidden":
-        return f"{key}: there is no such key."
-    return f"{key}: {fault['msg'].removeprefix('Value error, ')}, not {_shown(fault['input'])}."
+        inside = part in here if isinstance(here, Mapping) else part in range(len(here))
+        here = here[part] if inside else None
+    return ".".join(known) or "(top)"
 
 
-def _shown(value: object) -> str:
-    text = repr(value)
+def _short(text: str) -> str:
     return text if len(text) <= 40 else f"{text[:40]}..."

@@ -4,24 +4,24 @@ One section per fit; a later fit replaces its own section and touches no other.
 """
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
-from cfid.durable import write_whole
-from cfid.errors import DataError
+from cfid.durable import alone_in, first_fault, read_toml, write_toml
+from cfid.errors import ConfigError, DataError
 
 Value = Any  # a number, nested lists of numbers, or a list of rows (dicts): what TOML and JSON share
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A value with one standard deviation of the same shape (None where there is none) and its unit."""
+    """A value with one standard deviation of the same shape (None where there is none) and its unit.
+
+    What is not known inside of either is None or nan; parameters.toml keeps both as nan.
+    """
 
     value: Value
     std: Value = None
@@ -70,47 +70,62 @@ def load_sections(path: Path) -> dict[str, Section]:
 
     Raises DataError when the file cannot be understood.
     """
-    if not path.exists():
-        return {}
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-        return {name: _section(table) for name, table in content.items()}
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise DataError(f"{path}: {error}") from None
-    except (KeyError, TypeError, AttributeError) as error:
-        raise DataError(f"{path}: not as cfid writes it ({error}). Move it away and fit again.") from None
+    return _sections(path, _load(path))
 
 
 def store_section(path: Path, name: str, section: Section) -> None:
-    """Replace one section of parameters.toml, the file at once and whole."""
-    sections = load_sections(path) | {name: section}
-    content = {key: _table(value) for key, value in sorted(sections.items())}
-    write_whole(path, tomli_w.dumps(content, multiline_strings=True).encode())
+    """Replace one section of parameters.toml, the file at once and whole; the others stay as they stand there.
+
+    Raises DataError when the file cannot be understood, ConfigError when it cannot be written; it is unchanged then.
+    """
+    try:
+        with alone_in(path.parent):
+            content = _load(path)
+            _sections(path, content)
+            write_toml(path, dict(sorted((content | {name: _table(section)}).items())))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
 
 
-def _section(table: Mapping[str, Any]) -> Section:
-    return Section(
-        method=table["method"],
-        found=table["found"],
-        cfid_version=table["cfid_version"],
-        believed=table["believed"],
-        sources=tuple(Source(**source) for source in table["sources"]),
-        parameters={name: Parameter(**parameter) for name, parameter in table["parameters"].items()},
-    )
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        return read_toml(path, DataError)
+    except FileNotFoundError:
+        return {}
+
+
+def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return TypeAdapter(dict[str, Section]).validate_python(content)
+    except ValidationError as error:
+        fault = first_fault(error, content)
+        raise DataError(f"{path}: not as cfid writes it: {fault} Move it away and fit again.") from None
 
 
 def _table(section: Section) -> dict[str, Any]:
-    parameters = {name: _without_none(parameter.as_json()) for name, parameter in section.parameters.items()}
-    return asdict(section) | {
+    return {
+        "method": section.method,
+        "found": section.found,
+        "cfid_version": section.cfid_version,
+        "believed": section.believed,
         "sources": [asdict(source) for source in section.sources],
-        "parameters": parameters,
+        "parameters": {name: _row(parameter) for name, parameter in section.parameters.items()},
     }
 
 
-def _without_none(value: Value) -> Value:
-    """TOML knows no null: an unknown key is left out, an unknown element of a list is written as nan."""
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list):
-        return [math.nan if item is None else _without_none(item) for item in value]
-    return value
+def _row(parameter: Parameter) -> dict[str, Any]:
+    std = {} if parameter.std is None else {"std": _for_toml(parameter.std)}
+    return {"value": _for_toml(parameter.value), **std, "unit": parameter.unit}
+
+
+def _for_toml(value: Any) -> Value:
+    """Like `plain`, but TOML knows nan and inf and no null: what is unknown is written as nan."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _for_toml(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_for_toml(item) for item in value]
+    return math.nan if value is None else value

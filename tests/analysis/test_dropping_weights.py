@@ -32,7 +32,7 @@ def measured(time_s: Array, angle: Array, grams: float, **window: float) -> Drop
         weight_kg=grams / 1000,
         radius_m=RADIUS_M,
         gravity_mps2=GRAVITY,
-        **window,  # type: ignore[arg-type]
+        **window,
     )
 
 

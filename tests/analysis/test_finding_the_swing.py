@@ -71,8 +71,8 @@ def test_a_record_that_begins_in_free_swing_is_taken_from_its_first_sample() -> 
 
 def test_a_swing_pushed_again_ends_before_the_push() -> None:
     _, angle = recorded(HandRelease(angle_rad=0.8), duration_s=7.0)
-    pushed = np.concatenate([angle[:4500], 0.3 + (angle[2000:6000] - 0.3) * 0.9])
-    found = find_swing(0.001 * np.arange(len(pushed)), pushed)
+    pushed: Array = np.concatenate([angle[:4500], 0.3 + (angle[2000:6000] - 0.3) * 0.9]).astype(np.float64)
+    found = find_swing(np.asarray(0.001 * np.arange(len(pushed)), dtype=np.float64), pushed)
 
     assert found.time_s[found.end] < 4.6
     assert "higher than the one before" in found.warnings[0]
