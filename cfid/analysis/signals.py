@@ -41,11 +41,14 @@ def half_swings(angle_rad: Array, *, threshold_rad: float) -> list[HalfSwing]:
 def vertex(time_s: Array, value: Array) -> tuple[float, float]:
     """Return time and value of the extreme of a parabola through samples (n,) around a peak."""
     middle = float(time_s.mean())
-    curve, slope, level = np.polyfit(time_s - middle, value, 2)
+    span = float(np.ptp(time_s)) or 1.0
+    place = (time_s - middle) / span
+    # Least squares of least norm: where stamps repeat so often that no parabola is determined, a flat one serves.
+    curve, slope, level = np.linalg.lstsq(np.vander(place, 3), value, rcond=1e-9)[0]
     if curve == 0:
         return middle, float(level)
-    at = float(np.clip(-slope / (2 * curve), time_s[0] - middle, time_s[-1] - middle))
-    return middle + at, float(level + slope * at + curve * at**2)
+    at = float(np.clip(-slope / (2 * curve), place[0], place[-1]))
+    return middle + span * at, float(level + slope * at + curve * at**2)
 
 
 def resample(time_s: Array, value: Array, *, step_s: float) -> tuple[Array, Array]:

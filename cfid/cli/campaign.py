@@ -19,6 +19,15 @@ def new(
 
     Example: [bold]cfid new my-crazyflie[/bold]
     """
+    path = make_campaign(folder)
+    typer.echo(f"{path}: put your vehicle's mass, centre of mass and mounts there, then record.")
+
+
+def make_campaign(folder: Path) -> Path:
+    """Make a campaign folder and return the path of its rig.toml.
+
+    Raises ConfigError when there is one already.
+    """
     from cfid.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
 
     try:
@@ -29,7 +38,7 @@ def new(
         raise ConfigError(f"{folder / RIG_FILE} is there already: nothing was changed.") from None
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be made: {error.strerror}.") from None
-    typer.echo(f"{folder / RIG_FILE}: put your vehicle's mass, centre of mass and mounts there, then record.")
+    return folder / RIG_FILE
 
 
 def runs(

@@ -38,11 +38,11 @@ def demo(
 
 def _new_campaign(folder: Path) -> "Campaign":
     from cfid.campaign import RIG_FILE, find_campaign
-    from cfid.cli.campaign import new
+    from cfid.cli.campaign import make_campaign
 
     if (folder / RIG_FILE).exists():
         raise ConfigError(f"{folder} holds a campaign already: delete it, or give another folder.")
-    new(folder)
+    make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None  # it was named
     return campaign

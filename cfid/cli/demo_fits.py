@@ -35,11 +35,15 @@ def print_comparison(campaign: "Campaign", truth: "DemoTruth") -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from cfid.cli.tables import value_and_deviation
     from cfid.parameters import load_sections
 
     sections = load_sections(campaign.parameters_file)
     found = {name: p for section in sections.values() for name, p in section.parameters.items()}
-    table = Table("parameter", "truth", "estimate", "std", "within 95 %", title="the simulation's truth")
+    table = Table(title="the simulation's truth against the estimates", title_justify="left")
+    table.add_column("parameter", overflow="fold")
+    for heading in ("truth", "estimate", "std", "in 95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
     matrix = found["inertia.matrix_kg_m2"]
     rows = [
         (f"inertia {a}{b}", truth.inertia_kg_m2[i][j], matrix.value[i][j], matrix.std[i][j])
@@ -56,8 +60,9 @@ def print_comparison(campaign: "Campaign", truth: "DemoTruth") -> None:
         rows.append((key, value, found[key].value, found[key].std))
     for name, true, value, std in rows:
         inside = std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)
-        table.add_row(name, f"{true:.5g}", f"{value:.5g}", f"{std:.2g}" if std else "-", "yes" if inside else "no")
+        table.add_row(name, f"{true:.5g}", *value_and_deviation(value, std), "yes" if inside else "no")
     Console().print(table)
+    typer.echo("one in twenty lies outside its 95 % interval by chance.")
     typer.echo(f"the campaign is {campaign.folder}: look at its rig.toml, runs and parameters.toml.")
 
 

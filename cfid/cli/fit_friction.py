@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from cfid.analysis.friction import Drop, Friction
+    from cfid.analysis.drops import Drop
+    from cfid.analysis.friction import Friction
     from cfid.parameters import Parameter
 
 
@@ -70,7 +71,7 @@ def _radius_m(workplace: Workplace, radius_mm: float | None) -> tuple[float, flo
 
 
 def _drop(item: Named | KnownInertia, cut: CutOptions, radius_m: float, gravity: float) -> "Drop":
-    from cfid.analysis.friction import measure_drop
+    from cfid.analysis.drops import measure_drop
 
     if isinstance(item, KnownInertia):
         raise ConfigError(f"{item.name}={item.value_kg_m2:g}: expected GRAMS=FILE.")
@@ -128,9 +129,19 @@ def _outcome(
         ),
         sources=tuple(file.record.source for file in files),
         doubts=() if found else (NEVER_SETTLED,),
+        lines=tuple(_line(drop) for drop in drops),
         drawings=drawings,
         beside=files[0].record.path.parent if workplace.campaign is None else workplace.campaign.folder / "figures",
     )
+
+
+def _line(drop: "Drop") -> str:
+    words = (
+        f"{1000 * drop.weight_kg:5g} g: {drop.speed_rad_per_s:6.1f} rad/s from {drop.from_s:.2f} to {drop.to_s:.2f} s, "
+    )
+    if not drop.settled:
+        return words + "never settles"
+    return words + f"{1e5 * drop.coefficient_nms_per_rad:.4f}e-5 N m s/rad, tends to {drop.terminal_rad_per_s:.1f}"
 
 
 def _parameters(found: "Friction | None", drops: "Sequence[Drop]") -> "dict[str, Parameter]":

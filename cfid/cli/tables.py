@@ -1,7 +1,7 @@
 """Results on the terminal: values and deviations to the digits that mean something."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -12,7 +12,7 @@ _MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2),
 
 
 def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> None:
-    """Print value, one standard deviation and unit of every parameter; lists of rows follow as their own tables."""
+    """Print value, one standard deviation and unit of every parameter; a list of rows is its command's to print."""
     from rich.console import Console
     from rich.table import Table
 
@@ -22,11 +22,7 @@ def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> No
     for name, parameter in parameters.items():
         for label, value, std in _scalars(name, parameter):
             table.add_row(label, *value_and_deviation(value, std), parameter.unit)
-    console = Console()
-    console.print(table)
-    for name, parameter in parameters.items():
-        if _is_rows(parameter.value):
-            console.print(_rows_table(name, parameter.value))
+    Console().print(table)
 
 
 def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:
@@ -57,22 +53,3 @@ def _scalars(name: str, parameter: "Parameter") -> Iterator[tuple[str, Any, Any]
 
 def _is_rows(value: Any) -> bool:
     return isinstance(value, list | tuple) and len(value) > 0 and isinstance(value[0], Mapping)
-
-
-def _rows_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Any:
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left")
-    for heading in rows[0]:
-        table.add_column(heading.replace("_", " "), justify="right")
-    for row in rows:
-        table.add_row(*(_cell(value) for value in row.values()))
-    return table
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "-" if value is None else str(value)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from cfid.analysis.friction import Drop
+from cfid.analysis.drops import Drop
 from cfid.report.style import DOUBT, INK, MODEL, MUTED, RECORDED_BELOW, WINDOW, draw_line
 from cfid.report.wording import plus_minus, shortened
 

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from cfid.analysis.friction import Drop, Friction, thesis_friction
+from cfid.analysis.drops import Drop
+from cfid.analysis.friction import Friction, thesis_friction
 from cfid.report.drop_panels import (
     LABEL_CHARACTERS,
     Run,

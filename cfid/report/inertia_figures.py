@@ -131,11 +131,12 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
         bottom += part
     for x, ((_, i, j), height) in enumerate(zip(_ENTRIES, deviation, strict=True)):
         share = 100 * height / (_MICRO * abs(fit.matrix_kg_m2[i, j]))
-        _write_above(panel, x, height, f"{height:.2g}" if i != j else f"{height:.2g} ({share:.2g} %)")
+        _write_above(panel, x, height, f"{height:#.2g}" if i != j else f"{height:#.2g} ({share:#.2g} %)")
     panel.set_xticks(place, [f"I$_\\mathrm{{{name}}}$" for name, *_ in _ENTRIES])
     panel.set_xlim(-0.65, len(_ENTRIES) - 0.35)
     panel.grid(visible=False, axis="x")
-    panel.margins(y=0.12)
+    # A margin alone would be swallowed: a part of no height sticks to the top.
+    panel.set_ylim(0, 1.18 * max(deviation.max(), 1e-9))
     name_panel(
         panel, "(a) deviation of each entry, split by share of the variance",
         x="entry of the matrix", y="deviation (10⁻⁶ kg m²)",

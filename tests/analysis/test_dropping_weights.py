@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.friction import Drop, fit_friction, measure_drop, thesis_friction
+from cfid.analysis.drops import Drop, measure_drop
+from cfid.analysis.friction import fit_friction, thesis_friction
 from cfid.errors import DataError, FitError
 from cfid.sim.plants import DroppingWeight, drop
 
@@ -152,7 +153,7 @@ def test_an_axis_that_stands_still_is_refused() -> None:
 def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
     rng = np.random.default_rng(8)
     speeds = {20: 65.9, 30: 244.3, 40: 422.7, 50: 601.0}  # of VISCOUS and COULOMB
-    covered = []
+    covered, covered_inertia = [], []
     for _ in range(400):
         drops = []
         for grams, speed in speeds.items():
@@ -161,9 +162,12 @@ def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
                 drops.append(_settled_at(grams, off))
         found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
         assert found.viscous_std is not None
+        assert found.setup_inertia_std is not None
         covered.append(abs(found.viscous_nms_per_rad - VISCOUS) < 1.96 * found.viscous_std)
+        covered_inertia.append(abs(found.setup_inertia_kg_m2 - SETUP) < 1.96 * found.setup_inertia_std)
 
     assert 0.93 <= np.mean(covered) <= 0.97
+    assert 0.93 <= np.mean(covered_inertia) <= 0.985  # the slope's share is known to be common, so a little wide
 
 
 def _settled_at(grams: float, speed: float) -> Drop:
@@ -181,7 +185,7 @@ def _settled_at(grams: float, speed: float) -> Drop:
         ripple=0.0,
         coefficient_nms_per_rad=grams / 1000 * GRAVITY * RADIUS_M / speed,
         terminal_rad_per_s=speed,
-        time_constant_s=0.2,
+        time_constant_s=(SETUP + grams / 1000 * RADIUS_M**2) / VISCOUS,
         model_time_s=nothing,
         model_rad=nothing,
     )

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy.integrate import solve_ivp
 
-from cfid.analysis.friction import Drop, measure_drop
+from cfid.analysis.drops import Drop, measure_drop
 from cfid.analysis.swing import FreeSwing, find_swing
 from cfid.analysis.swing_fit import SwingFit, fit_swing
 from cfid.report.style import DOUBT

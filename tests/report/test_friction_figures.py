@@ -8,7 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from cfid.analysis.friction import Drop, fit_friction
+from cfid.analysis.drops import Drop
+from cfid.analysis.friction import fit_friction
 from cfid.report.friction_figures import drops_figure, friction_figure
 
 Look = Callable[[Figure], Any]
