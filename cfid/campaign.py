@@ -13,12 +13,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from cfid.durable import first_fault, read_toml
 from cfid.errors import ConfigError
 
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
 
-Vector = tuple[float, float, float]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # strict: neither true nor "1" is a number
+Vector = tuple[Number, Number, Number]
 BodyAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 MM = 1e-3
 
@@ -30,8 +32,8 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+Spread = Annotated[Number, Field(ge=0)]
 SpreadVector = tuple[Spread, Spread, Spread]
 
 
@@ -76,7 +78,7 @@ class Mount(_Table):
 
     point_mm: Vector
     point_std_mm: SpreadVector = (0.0, 0.0, 0.0)
-    point_yaw_deg: float = 0.0
+    point_yaw_deg: Number = 0.0
     direction: Direction
     direction_std_deg: Spread = 0.0
     distance_direction: Direction | None = None
@@ -198,11 +200,9 @@ def load_rig(path: Path) -> Rig:
     Raises ConfigError that names the file and the key.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path, ConfigError)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file. `cfid new DIR` makes a campaign with a commented one.") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: {error}") from None
     return _checked(content, name=str(path))
 
 
@@ -231,15 +231,20 @@ def find_campaign(folder: Path | None, *, start: Path) -> Campaign | None:
     if folder is not None:
         return Campaign(folder=folder, rig=load_rig(folder / RIG_FILE))
     for candidate in (start, *start.parents):
-        if (candidate / RIG_FILE).is_file():
+        if _has_rig(candidate):
             return Campaign(folder=candidate, rig=load_rig(candidate / RIG_FILE))
     return None
+
+
+def _has_rig(folder: Path) -> bool:
+    try:
+        return (folder / RIG_FILE).is_file()
+    except OSError:  # a parent folder that this user may not look into
+        return False
 
 
 def _checked(content: Mapping[str, object], *, name: str) -> Rig:
     try:
         return Rig.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "(top)"
-        raise ConfigError(f"{name}: {key}: {first['msg']}") from None
+        raise ConfigError(f"{name}: {first_fault(error, content)}") from None

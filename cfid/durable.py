@@ -77,22 +77,23 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     except RecursionError:
         raise error(f"{path}: no valid TOML: nested too deeply.") from None
     except ValueError as fault:  # TOMLDecodeError, and numbers that are too long for Python
-        raise error(f"{path}: no valid TOML: {fault}.") from None
+        raise error(f"{path}: no valid TOML: {fault}. Repair it there.") from None
 
 
 def first_fault(error: "ValidationError", content: Mapping[str, Any]) -> str:
     """Say which key of a TOML file's content a model found wrong first, and what is wrong with it."""
-    faults = error.errors()
-    key = _key(faults[0]["loc"], content)
-    if faults[0]["type"] == "missing":
-        return f"{key}: is missing."
-    if faults[0]["type"] == "extra_forbidden":
+    # A misspelt key is unknown, and the one that was meant is missing: the first of the two says more.
+    faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+    first = faults[0]
+    key = _key(first["loc"], content)
+    if first["type"] == "extra_forbidden":
         return f"{key}: there is no such key. Is it misspelt, or in the wrong table?"
+    if first["type"] == "missing":
+        return f"{key}: is missing."
     # A value that may be of several kinds has a fault for each.
-    reasons = [fault["msg"] for fault in faults if _key(fault["loc"], content) == key]
-    reasons = [reason.removeprefix("Value error, ").removeprefix("Input should be ") for reason in reasons]
-    verb = "should be " if faults[0]["msg"].startswith("Input should be ") else ""
-    shown = "" if isinstance(faults[0]["input"], Mapping | list) else f", not {_short(repr(faults[0]['input']))}"
+    reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault["loc"], content) == key]
+    verb = "should be " if first["msg"].startswith("Input should be ") else ""
+    shown = "" if isinstance(first["input"], Mapping | list) else f", not {_short(repr(first['input']))}"
     return f"{key}: {verb}{' or '.join(reasons)}{shown}."
 
 
@@ -104,9 +105,15 @@ def _key(place: tuple[int | str, ...], content: Mapping[str, Any]) -> str:
         if not isinstance(here, Mapping | list):
             break
         known.append(str(part))
-        inside = part in here if isinstance(here, Mapping) else part in range(len(here))
-        here = here[part] if inside else None
+        there = dict(here) if isinstance(here, Mapping) else dict(enumerate(here))
+        here = there.get(part)
     return ".".join(known) or "(top)"
+
+
+def _reason(kind: str, message: str) -> str:
+    if kind in ("dict_type", "model_type", "dataclass_type"):
+        return "a table"
+    return message.removeprefix("Value error, ").removeprefix("Input should be ").replace("tuple", "list")
 
 
 def _short(text: str) -> str:

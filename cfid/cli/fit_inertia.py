@@ -5,17 +5,14 @@ from typing import Annotated
 import typer
 
 from cfid.cli.inputs import check_mounts, open_workplace, read_named
-from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, WindowOptions, flat
+from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, Swings, WindowOptions, flat
 from cfid.cli.outcome import deliver
 
 
 @flat
 def inertia(
     *,
-    runs: Annotated[
-        list[str],
-        typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias."),
-    ],
+    runs: Swings,
     window: WindowOptions,
     rig: RigOptions,
     reading: ReadingOptions,

@@ -1,11 +1,9 @@
 """`cfid fit testbody`: the test body measured against its drawing."""
 
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from cfid.cli.inputs import Workplace, check_mounts, open_workplace, read_named
-from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, WindowOptions, flat
+from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, Swings, WindowOptions, flat
 from cfid.cli.outcome import Outcome, deliver
 
 if TYPE_CHECKING:
@@ -20,19 +18,16 @@ _UNLIKELY_DEVIATIONS = 4.0
 @flat
 def testbody(
     *,
-    runs: Annotated[
-        list[str],
-        typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias."),
-    ],
+    runs: Swings,
     window: WindowOptions,
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
-    """Compare the test body's measured inertias with those of its drawing (table 2.5).
+    r"""Compare the test body's measured inertias with those of its drawing (table 2.5).
 
-    AXIS is a mount of [testbody.mounts]; cuboids and mass are [testbody] of rig.toml.
+    AXIS is a mount of \[testbody.mounts]; cuboids and mass are \[testbody] of rig.toml.
 
     Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
     """

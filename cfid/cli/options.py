@@ -19,6 +19,11 @@ _RIG = "Vehicle and rig"
 Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' calculates as the thesis did.")]
 
 
+Swings = Annotated[
+    list[str], typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias.")
+]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
     """How to read a file that does not say so itself."""

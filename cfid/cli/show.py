@@ -76,4 +76,4 @@ def _plot_in_terminal(record: "AngleRecord") -> None:
     plotext.ylabel("angle, degrees")
     plotext.plotsize(78, 22)
     plotext.theme("clear")
-    plotext.show()
+    typer.echo(plotext.uncolorize(plotext.build()))

@@ -155,7 +155,7 @@ def test_an_inertia_from_wrong_words_is_a_usage_error(cfid: Cfid, words: list[st
     ("old", "new", "named"),
     [
         ("mass_kg = 0.0280 ", "mass_kg = -0.0280 ", "vehicle.mass_kg"),
-        ("[vehicle]", "[vehicel]", "vehicel"),
+        ("[site]", "[sight]", "sight"),
         ("direction = [1, 0, 0]", "direction = [0, 0, 0]", "mounts.x.direction"),
         ('left = "-x"', 'left = "x"', "body_frame"),
     ],

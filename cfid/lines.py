@@ -1,0 +1,122 @@
+"""A text file as the lines that have an end, and a line as its fields. Knows no columns and computes nothing."""
+
+import csv
+import itertools
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from cfid.errors import DataError
+
+_BOM = b"\xef\xbb\xbf"
+_OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+_LOOKED_AT = 4096  # bytes at the begin of a file, which has no control characters there if it is text
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+_COMMA_NUMBER = re.compile(r"[+-]?[\d.,']*\d,\d[\d.,']*(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+
+
+class Line(NamedTuple):
+    """A line: its number from 1, where it begins, and its text without the end."""
+
+    number: int
+    begin: int
+    text: str
+
+
+def read_text(path: Path) -> bytes:
+    """Return a text file's content as it is.
+
+    Raises DataError when it cannot be read, is empty, or is no text in UTF-8 or another one-byte code.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file.") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    if content.startswith(_OTHER_BOMS):
+        raise DataError(f"{path}: no CSV file in UTF-8, but text in UTF-16 or UTF-32: save it as UTF-8.")
+    text = content.removeprefix(_BOM).rstrip(b"\0")
+    if not text.strip():
+        raise DataError(f"{path}: empty; nothing was recorded.")
+    if _CONTROL.search(text[:_LOOKED_AT]):
+        raise DataError(f"{path}: no CSV file: it holds binary data (or text in UTF-16: save that as UTF-8).")
+    return content
+
+
+def whole_lines(content: bytes) -> tuple[bytes, bool]:
+    r"""Return the lines that have an end, each now ended by \n, and whether something came after them.
+
+    A power failure may leave zero bytes where the last lines should be: that is a cut too.
+    """
+    text = content.removeprefix(_BOM).rstrip(b"\0")
+    cut = content.endswith(b"\0")
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    end = text.rfind(b"\n") + 1
+    return text[:end], cut or bool(text[end:].strip())
+
+
+def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[Line]:
+    """Yield the lines that are not blank, without the first `skip` of all lines."""
+    begin = 0
+    for number in itertools.count(1):
+        end = text.find(b"\n", begin)
+        if end < 0:
+            return
+        line = text[begin:end]
+        if number > skip and line.strip():
+            yield Line(number, begin, _decoded(line))
+        begin = end + 1
+
+
+def separator_of(line: str) -> str | None:
+    """Return what stands between the fields of a line; None for spaces.
+
+    A comma comes last: between semicolons or tabs it is a decimal comma, which has to be seen as one.
+    """
+    return next((separator for separator in (";", "\t", ",") if separator in line), None)
+
+
+def fields_of(line: str, separator: str | None) -> list[str]:
+    """Return the fields of a line, without quotes and without spaces around them."""
+    if separator is None:
+        return line.replace('"', "").split()
+    fields = line.split(separator)
+    if '"' in line:
+        try:
+            fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        except csv.Error:
+            fields = [line]
+    return [field.strip() for field in fields]
+
+
+def is_number(field: str) -> bool:
+    """Return whether a field is meant as a number: nan and inf are."""
+    return bool(_NUMBER.fullmatch(field) or _NOT_FINITE.fullmatch(field))
+
+
+def is_finite(field: str) -> bool:
+    """Return whether a field is a finite number with a decimal point, or none."""
+    return bool(_NUMBER.fullmatch(field)) and math.isfinite(float(field))
+
+
+def has_comma(field: str) -> bool:
+    """Return whether a field is a number with a comma inside, decimal or of thousands."""
+    return bool(_COMMA_NUMBER.fullmatch(field))
+
+
+def short(text: str, length: int = 40) -> str:
+    """Return the begin of a text that an error repeats."""
+    return text if len(text) <= length else f"{text[:length]}..."
+
+
+def _decoded(line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")

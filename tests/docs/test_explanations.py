@@ -1,0 +1,41 @@
+"""The documentation says what the code computes, and links to what is there."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+
+
+def figures_script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_figures", ROOT / "docs" / "make_figures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_fall_of_table_2_3_is_as_the_page_says() -> None:
+    script, page = figures_script(), (ROOT / "docs" / "explanation" / "swing.md").read_text()
+    for peaks, printed in script.TABLE_2_3.items():
+        cosine, ours = script.inertias(script.RELEASE_DEG, peaks)
+        assert f"| {peaks} | {1e5 * cosine:.4f} | {1e5 * printed:.4f} | {1e5 * ours:.4f} |" in page
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+def test_every_label_in_the_code_is_in_the_literature_list() -> None:
+    listed = set(re.findall(r"^\| (\[\w+\]) \|", (ROOT / "docs/explanation/literature.md").read_text(), re.MULTILINE))
+    docstrings = "".join(path.read_text() for path in (ROOT / "cfid").rglob("*.py"))
+    used = set(re.findall(r"(?:^|[ (])(\[[A-Z]{2,4}\]|\[Gey\])", docstrings, re.MULTILINE))
+
+    assert used == listed
