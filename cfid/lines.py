@@ -4,6 +4,7 @@ import csv
 import itertools
 import math
 import re
+import string
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ _BOM = b"\xef\xbb\xbf"
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _LOOKED_AT = 4096  # bytes at the begin of a file, which has no control characters there if it is text
+_DARK = re.compile(r"[^\x00-\x20]+")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?[\d.,']*\d,\d[\d.,']*(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
@@ -85,14 +87,14 @@ def separator_of(line: str) -> str | None:
 def fields_of(line: str, separator: str | None) -> list[str]:
     """Return the fields of a line, without quotes and without spaces around them."""
     if separator is None:
-        return line.replace('"', "").split()
+        return _DARK.findall(line.replace('"', ""))
     fields = line.split(separator)
     if '"' in line:
         try:
             fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
         except csv.Error:
             fields = [line]
-    return [field.strip() for field in fields]
+    return [field.strip(string.whitespace) for field in fields]  # of ASCII alone, as numbers are parsed
 
 
 def is_number(field: str) -> bool:

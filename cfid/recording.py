@@ -5,32 +5,46 @@ time and counts are checked before anything is computed from them.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.parameters import Source
-from cfid.run import Label, read_run
-from cfid.table import Table, open_table
-from cfid.wire.e201 import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
+from cfid.run import RUN_FILE, DeviceRecord, Label, Run, read_run
+from cfid.table import Array, Table, open_table
+from cfid.turns import CountsPerTurn, continuous_angle
+from cfid.wire.e201 import RLS_13BIT_IN_22
 
-Array = npt.NDArray[np.float64]
 TimeUnit = Literal["s", "ms", "us"]
 AngleUnit = Literal["counts", "rad", "deg"]
-CountsPerTurn = float | str
 
 ENCODER = "encoder"
 SECONDS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 
-_TIME_NAME = re.compile(r"(?:t|time|timestamp)(?:[ _\[(]+(s|ms|us)[\])]?)?", re.IGNORECASE)
-_ANGLE_NAME = re.compile(r"(?:phi|angle|theta|position)(?:[ _\[(]+(rad|deg|counts)[\])]?)?", re.IGNORECASE)
-_FASTEST_S, _SLOWEST_S = 2e-5, 0.1  # sampling intervals of a rig: 50 kHz to 10 Hz
+_UNITS: dict[str, tuple[str, ...]] = {
+    "s": ("s", "sec", "second", "seconds"),
+    "ms": ("ms", "msec", "millis", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
+    "rad": ("rad", "radian", "radians"),
+    "deg": ("deg", "degree", "degrees", "°"),
+    "counts": ("counts", "count"),
+}
+
+
+def _names(names: str, units: tuple[str, ...]) -> re.Pattern[str]:
+    """Return what a column is called: `t`, `t_s`, `t [s]`, `angle(deg)`, `angle, deg`, ..."""
+    spelt = "|".join(word for unit in units for word in _UNITS[unit])
+    return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])]?)?", re.IGNORECASE)
+
+
+_TIME_NAME = _names("t|time|timestamp", ("s", "ms", "us"))
+_ANGLE_NAME = _names("phi|angle|theta|position", ("rad", "deg", "counts"))
+_FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with room for jitter
 _FEWEST_ROWS = 16
-_FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
+_REPEATED_SHARE = 0.01  # of time stamps that need no word when they repeat the one before
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 
@@ -63,18 +77,39 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
 
     Raises DataError with file, line and next step; ConfigError when options contradict the file.
     """
-    if not path.is_dir():
-        return _read(path, reading, Label(), ())
+    try:
+        is_run = path.is_dir()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    if not is_run:
+        return _read(path, reading, Label())[0]
     run = read_run(path)
     file, record = run.device_file(ENCODER), run.header.devices[ENCODER]
+    if len(record.columns) < 2:
+        raise DataError(f"{path / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.")
     own = Reading(
         time_unit="s",
         angle_unit="counts",
         counts_per_turn=reading.counts_per_turn or record.counts_per_turn,
         columns=record.columns[:2],
     )
-    notes = () if not run.cut else ("the run was cut while recording; what reached the disk is used.",)
-    return _read(file, own, run.header.label, notes)
+    found, rows = _read(file, own, run.header.label)
+    notes = tuple(f"{path.name}: {note}" for note in _losses(run, record, rows))
+    return replace(found, notes=notes + found.notes)
+
+
+def _losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
+    """Return what run.toml says about how the recording ended and what it lacks."""
+    said = []
+    if run.cut:
+        said.append("the run was cut while recording; what reached the disk is used.")
+    if run.header.state == "failed":
+        said.append(f"the run failed ({run.header.reason or 'no reason given'}); what was recorded is used.")
+    if record.lost:
+        said.append(f"{record.lost} samples were lost while recording.")
+    if record.rows is not None and record.rows != rows:
+        said.append(f"{record.rows} rows were recorded, but {record.file} has {rows}: it was changed since.")
+    return said
 
 
 def counts_per_turn(text: str) -> CountsPerTurn:
@@ -93,140 +128,119 @@ def counts_per_turn(text: str) -> CountsPerTurn:
     return value
 
 
-def _read(path: Path, reading: Reading, label: Label, notes: tuple[str, ...]) -> AngleRecord:
+def _read(path: Path, reading: Reading, label: Label) -> tuple[AngleRecord, int]:
+    """Return a file's record, and how many rows the file has."""
     table = open_table(path, skip_lines=reading.skip_lines)
     time_column, angle_column = _columns(table, reading)
     values = table.numbers([*([time_column] if time_column else []), angle_column])
     if len(values) < _FEWEST_ROWS:
         raise DataError(f"{path}: {len(values)} rows; a recording has at least {_FEWEST_ROWS}.")
-    time = _time(table, reading, time_column, values[:, 0])
-    angle, keep, said = _angle(path, reading, angle_column, values[:, -1])
+    time, said = _time(table, reading, time_column, values[:, 0])
+    unit = _unit(table, _ANGLE_NAME, angle_column, reading.angle_unit, "--angle-unit")
+    angle = continuous_angle(table, angle_column, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     if table.cut:
-        notes += ("the last line was cut in the middle and is left out.",)
-    return AngleRecord(
+        said += ("the last line was cut (it has no end) and is left out.",)
+    record = AngleRecord(
         path=path,
         source=Source(str(path), table.sha256),
         label=label,
-        time_s=time[keep] - time[keep][0],
-        angle_rad=angle,
-        notes=tuple(f"{path.name}: {note}" for note in notes + said),
+        time_s=time[angle.rows] - time[angle.rows[0]],
+        angle_rad=angle.angle_rad,
+        notes=tuple(f"{path.name}: {note}" for note in said + angle.said),
     )
+    return record, len(values)
 
 
 def _columns(table: Table, reading: Reading) -> tuple[str | None, str]:
-    """Return the names of the time column (None with a given rate) and of the angle column."""
+    """Return the time column (None with a given rate) and the angle column, each as the table finds it."""
     if reading.columns:
-        if len(reading.columns) != (1 if reading.rate_hz else 2):
+        if len(reading.columns) != (1 if reading.rate_hz is not None else 2):
             raise ConfigError("--columns names the time and the angle column, or with --rate-hz the angle alone.")
-        return (None if reading.rate_hz else reading.columns[0]), reading.columns[-1]
-    names = table.names
-    if not table.has_head and len(names) <= 2:
-        if len(names) == 1 and not reading.rate_hz:
-            raise DataError(f"{table.path}: one column and no time: say --rate-hz.")
-        return (None if reading.rate_hz else names[0]), names[-1]
+        if len({table.place(column) for column in reading.columns}) < len(reading.columns):
+            raise ConfigError(f"--columns {','.join(reading.columns)}: one column cannot be both time and angle.")
+        return (None if reading.rate_hz is not None else reading.columns[0]), reading.columns[-1]
+    names = [name for name in table.names if name]
+    if not table.has_head and len(names) == (1 if reading.rate_hz is not None else 2):
+        return (None if reading.rate_hz is not None else names[0]), names[-1]
+    if not table.has_head:
+        needed = "one with the angle alone" if reading.rate_hz is not None else "time and angle"
+        option = "--columns ANGLE" if reading.rate_hz is not None else "--columns TIME,ANGLE, or --rate-hz"
+        raise DataError(
+            f"{table.path}: no head, and {len(names)} columns where {needed} could be told: say {option}, in numbers."
+        )
     angle = _named(table, _ANGLE_NAME, "angle (phi, angle, theta)", "--columns TIME,ANGLE")
-    if reading.rate_hz:
+    if reading.rate_hz is not None:
         return None, angle
     return _named(table, _TIME_NAME, "time (t, time)", "--columns TIME,ANGLE, or --rate-hz"), angle
 
 
 def _named(table: Table, pattern: re.Pattern[str], what: str, option: str) -> str:
-    fitting = [name for name in table.names if pattern.fullmatch(name)]
+    fitting = [(str(i + 1), name) for i, name in enumerate(table.names) if pattern.fullmatch(name)]
     if len(fitting) == 1:
-        return fitting[0]
-    columns = ", ".join(table.names)
+        return fitting[0][1]
     if not fitting:
-        raise DataError(f"{table.path}: no column of {what} among {columns}: say {option}.")
-    raise DataError(f"{table.path}: more than one column of {what}: {', '.join(fitting)}. Say {option}.")
+        raise DataError(f"{table.path}: no column of {what} among {table.listing}: say {option}.")
+    several = ", ".join(f"{name} ({number})" for number, name in fitting)
+    raise DataError(f"{table.path}: more than one column of {what}: {several}. Say {option}, by name or number.")
 
 
-def _suffix(pattern: re.Pattern[str], name: str | None) -> str | None:
-    match = pattern.fullmatch(name or "")
-    return match.group(1).lower() if match and match.group(1) else None
-
-
-def _unit(path: Path, asked: str | None, named: str | None, column: str | None, option: str) -> str | None:
+def _unit(table: Table, pattern: re.Pattern[str], column: str, asked: str | None, option: str) -> str | None:
+    """Return the unit that was asked for or that the column's name ends with, if any."""
+    name = table.names[table.place(column)]
+    match = pattern.fullmatch(name)
+    word = match.group(1) if match else None
+    named = next((unit for unit, words in _UNITS.items() if word and word.lower() in words), None)
     if asked and named and asked != named:
-        raise ConfigError(f"{path}: column '{column}' says {named}, {option} says {asked}.")
+        raise ConfigError(f"{table.path}: column '{name}' says {named}, {option} says {asked}.")
     return asked or named
 
 
-def _time(table: Table, reading: Reading, column: str | None, raw: Array) -> Array:
+def _time(table: Table, reading: Reading, column: str | None, raw: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return the times in seconds from the first on, and what is to be said about them."""
     if reading.rate_hz is not None:
-        if reading.rate_hz <= 0:
+        if not 0 < reading.rate_hz < np.inf:
             raise ConfigError(f"--rate-hz {reading.rate_hz:g}: a rate is above zero.")
-        return np.arange(len(raw)) / reading.rate_hz
-    unit = _unit(table.path, reading.time_unit, _suffix(_TIME_NAME, column), column, "--time-unit") or "s"
-    backwards = np.flatnonzero(np.diff(raw) < 0)
+        return np.arange(len(raw)) / reading.rate_hz, ()
+    unit = _unit(table, _TIME_NAME, column or "", reading.time_unit, "--time-unit") or "s"
+    intervals = np.diff(raw)
+    backwards = np.flatnonzero(intervals < 0)
     if len(backwards):
         row = int(backwards[0]) + 1
         raise DataError(
             f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
             f"{unit}. Was the clock set, or are two recordings in one file?"
         )
-    _check_interval(table.path, raw, unit)
-    return np.asarray((raw - raw[0]) * SECONDS[unit])
+    said = _check_unit(table.path, raw, unit)
+    repeated = int(np.count_nonzero(intervals == 0))
+    if repeated > _REPEATED_SHARE * len(raw):
+        said += (f"{repeated} of {len(raw)} samples have the time of the one before.",)
+    return np.asarray((raw - raw[0]) * SECONDS[unit]), said
 
 
-def _check_interval(path: Path, raw: Array, unit: str) -> None:
+def _check_unit(path: Path, raw: Array, unit: str) -> tuple[str, ...]:
     """Refuse a time unit that makes no sampling interval a rig can have, and propose one that does."""
-    interval = (raw[-1] - raw[0]) / (len(raw) - 1)
-    if _FASTEST_S <= interval * SECONDS[unit] <= _SLOWEST_S:
-        return
+    intervals = np.diff(raw)
+    if not np.any(intervals):
+        raise DataError(
+            f"{path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, or is this not the time "
+            "column? See --columns and --rate-hz."
+        )
+    # The median of those that pass: stamps that come in blocks repeat, and a pause is one long interval.
+    interval = float(np.median(intervals[intervals > 0]))
     fitting = [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= _SLOWEST_S]
     epoch = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= raw[0] * scale <= _UNIX_S[1]]
-    advice = f"Say --time-unit {fitting[0]}." if fitting else "Is this the time column? See --columns and --rate-hz."
+    contradicted = bool(epoch) and epoch[0] in fitting and unit not in epoch
+    if unit in fitting and not contradicted:
+        others = " or ".join(name for name in fitting if name != unit)
+        # A slow recording in s looks like a very fast one in ms. Few are very fast.
+        doubtful = others and unit != fitting[0]
+        return (f"time is read in {unit}: {1 / (interval * SECONDS[unit]):.0f} Hz. Is it in {others}?",) * bool(
+            doubtful
+        )
     dated = f" It starts at {raw[0]:.0f}, which is a date (Unix time) in {epoch[0]}." if epoch else ""
+    advice = "Is this the time column? See --columns and --rate-hz."
+    if fitting:
+        advice = f"Say --time-unit {epoch[0] if contradicted else fitting[0]}."
     raise DataError(
         f"{path}: read in {unit}, the time column has {interval * SECONDS[unit]:.3g} s between samples.{dated} {advice}"
     )
-
-
-def _angle(
-    path: Path, reading: Reading, column: str, raw: Array
-) -> tuple[Array, npt.NDArray[np.bool_], tuple[str, ...]]:
-    """Return the continuous angle, which rows it kept, and what is to be said about them."""
-    unit = _unit(path, reading.angle_unit, _suffix(_ANGLE_NAME, column), column, "--angle-unit")
-    everything = np.ones(len(raw), dtype=bool)
-    whole = bool(np.all(raw == np.round(raw)))
-    if unit is None and (whole or reading.counts_per_turn is not None):
-        unit = "counts"
-    if unit is None:
-        raise DataError(
-            f"{path}: column '{column}' does not say its unit, and whole counts it is not: say --angle-unit rad|deg."
-        )
-    if unit == "counts":
-        if not whole:
-            raise DataError(f"{path}: column '{column}' is read as counts but has fractions: say --angle-unit rad|deg.")
-        return _from_counts(path, reading.counts_per_turn, raw.astype(np.int64))
-    angle = np.radians(raw) if unit == "deg" else raw
-    # Only an angle that was folded into one turn can need unfolding.
-    folded = np.ptp(angle) <= 2 * np.pi * (1 + 1e-9)
-    return (np.unwrap(angle) if folded else angle), everything, ()
-
-
-def _from_counts(
-    path: Path, setting: CountsPerTurn | None, counts: npt.NDArray[np.int64]
-) -> tuple[Array, npt.NDArray[np.bool_], tuple[str, ...]]:
-    position, valid = decode_words(counts)
-    said: tuple[str, ...] = ()
-    if setting is None:
-        # A word passes its check by chance once in 512: a file in which most pass is of that kind.
-        setting = RLS_13BIT_IN_22 if np.mean(valid) > 0.5 else float(WORD_COUNTS_PER_TURN)
-        name = setting if setting == RLS_13BIT_IN_22 else f"{WORD_COUNTS_PER_TURN}"
-        said = (f"counts are read as --counts-per-turn {name}.",)
-        if setting != RLS_13BIT_IN_22 and (counts.min() < 0 or counts.max() >= WORD_COUNTS_PER_TURN):
-            raise DataError(f"{path}: counts run from {counts.min()} to {counts.max()}: say --counts-per-turn.")
-    if setting != RLS_13BIT_IN_22:
-        turns = counts / float(setting)
-        return np.unwrap(2 * np.pi * (turns - np.floor(turns))), np.ones(len(counts), dtype=bool), said
-    failed = int(np.count_nonzero(~valid))
-    if failed > _FAILED_SHARE * len(counts):
-        raise DataError(
-            f"{path}: {failed} of {len(counts)} samples fail the check of a 13-bit word in 22 bits, more than "
-            f"{100 * _FAILED_SHARE:g} %: a loose cable, or another encoder (--counts-per-turn N, e.g. 4194304)."
-        )
-    if failed:
-        said += (f"{failed} of {len(counts)} samples fail the 13-bit check and are left out.",)
-    angle = np.unwrap(2 * np.pi / STEPS_PER_TURN * position[valid])
-    return angle, valid, said

@@ -4,24 +4,34 @@ run.toml says `state = "recording"` until the run is closed; a run found in that
 reached the disk is read with a word about it. What the columns mean is `recording`'s business.
 """
 
-import tomllib
+import contextlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-import tomli_w
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cfid.durable import write_whole
+from cfid.durable import first_fault, read_toml, write_toml
 from cfid.errors import ConfigError, DataError
+from cfid.rows import RowFile
 
 RUN_FILE = "run.toml"
 FORMAT = 1
 
+_RESERVE_FILE = ".reserve"
+_RESERVE_BYTES = 16384  # more than run.toml takes, in blocks of any file system
+
 State = Literal["recording", "complete", "interrupted", "failed"]
+
+
+_Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+_Count = Annotated[int, Field(strict=True, ge=0)]
+_FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*\.csv$")]  # in this folder, and no other file
+_ColumnName = Annotated[str, Field(pattern=r"^[^\s,;\"][^\t\r\n,;\"]*$")]
 
 
 class _Section(BaseModel):
@@ -32,7 +42,7 @@ class Label(_Section):
     """What the operator said the run is: mount, weight, body, a note."""
 
     axis: str | None = None
-    weight_g: float | None = None
+    weight_g: _Positive | None = None
     body: Literal["crazyflie", "testbody", "fixture"] | None = None
     note: str | None = None
 
@@ -40,11 +50,11 @@ class Label(_Section):
 class DeviceRecord(_Section):
     """One device's file: its columns as the device said them, and the scale that turns counts into SI."""
 
-    file: str
-    columns: tuple[str, ...]
-    counts_per_turn: float | str | None = None
-    rows: int | None = None
-    lost: int = 0
+    file: _FileName
+    columns: tuple[_ColumnName, ...] = Field(min_length=1)
+    counts_per_turn: _Positive | Literal["rls-13bit-in-22"] | None = None
+    rows: _Count | None = None
+    lost: _Count = 0
 
 
 class RunHeader(_Section):
@@ -90,16 +100,16 @@ def read_run(folder: Path) -> Run:
     """
     path = folder / RUN_FILE
     try:
-        header = RunHeader.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        content = read_toml(path, DataError)
     except FileNotFoundError:
         raise DataError(f"{folder}: no run: it has no {RUN_FILE}.") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise DataError(f"{path}: {error}") from None
+    written = content.get("format")
+    if isinstance(written, int) and written > FORMAT:
+        raise DataError(f"{path}: written by a newer cfid (format {written}, this one reads {FORMAT}): update cfid.")
+    try:
+        header = RunHeader.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise DataError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    if header.format > FORMAT:
-        raise DataError(f"{path}: written by a newer cfid (format {header.format}, this one reads {FORMAT}).")
+        raise DataError(f"{path}: {first_fault(error, content)}") from None
     return Run(folder=folder, header=header)
 
 
@@ -118,38 +128,58 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
 class RunWriter:
     """A run being recorded. Made by `create_run`; used as a context manager it always closes itself.
 
-    Blocks are flushed as they come, so that a killed process costs at most the block in hand.
+    Blocks are written as they come, so that a killed process costs at most the block in hand.
     """
 
     folder: Path
     header: RunHeader
-    _files: dict[str, IO[str]] = field(default_factory=dict)
-    _rows: dict[str, int] = field(default_factory=dict)
+    _files: dict[str, RowFile] = field(default_factory=dict)
+    _fault: str = ""
 
     def append(self, device: str, columns: Sequence[Sequence[float] | Any]) -> None:
-        """Write one block of a device, given as columns of equal length: time in seconds, then raw values."""
-        record = self.header.devices[device]
-        if len(columns) != len(record.columns) or len({len(column) for column in columns}) != 1:
-            raise ValueError(f"{device} has the columns {record.columns}, each as long as the others")
-        texts = [
-            [f"{value:.6f}" for value in columns[0]],
-            *([_exact(value) for value in column] for column in columns[1:]),
-        ]
-        lines = [",".join(row) for row in zip(*texts, strict=True)]
-        self._files[device].write("\n".join(lines) + "\n" if lines else "")
-        self._files[device].flush()
-        self._rows[device] += len(lines)
+        """Write one block of a device, given as columns of equal length: time in seconds, then raw values.
+
+        Raises DataError when the disk does not take it; the run can then only be closed, and is failed.
+        """
+        if self.header.state != "recording" or self._fault:
+            raise ValueError(f"{self.folder} takes no more rows: {self._fault or self.header.state}")
+        try:
+            self._files[device].append(columns)
+        except DataError as error:
+            self._fault = str(error)
+            raise
+
+    def count_lost(self, device: str, samples: int) -> None:
+        """Count samples of a device that are known to be missing; run.toml says them however the run ends."""
+        self._files[device].lost += samples
 
     def close(self, state: State, *, reason: str = "", lost: Mapping[str, int] | None = None) -> Run:
-        """End the run and replace run.toml by its final form."""
+        """End the run and replace run.toml by its final form; a run whose disk failed it is failed in any case.
+
+        Raises DataError when that cannot be written: run.toml then still says that the run is recording.
+        """
+        if self.header.state != "recording":
+            raise ValueError(f"{self.folder} is closed already")
+        for device, samples in (lost or {}).items():
+            self.count_lost(device, samples)
         for file in self._files.values():
             file.close()
         devices = {
-            name: record.model_copy(update={"rows": self._rows[name], "lost": (lost or {}).get(name, 0)})
+            name: record.model_copy(update={"rows": self._files[name].rows, "lost": self._files[name].lost})
             for name, record in self.header.devices.items()
         }
-        self.header = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
-        _write_header(self.folder, self.header)
+        if self._fault:
+            state, reason = "failed", self._fault
+        final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
+        try:
+            (self.folder / _RESERVE_FILE).unlink(missing_ok=True)
+            _write_header(self.folder, final)
+        except OSError as error:
+            path = self.folder / RUN_FILE
+            raise DataError(
+                f"{path}: cannot be written: {error.strerror}. It says that the run was cut; its rows are there."
+            ) from None
+        self.header = final
         return Run(folder=self.folder, header=self.header)
 
     def __enter__(self) -> Self:
@@ -164,10 +194,13 @@ class RunWriter:
             return
         if error is None:
             self.close("complete")
-        elif isinstance(error, KeyboardInterrupt):
-            self.close("interrupted", reason="stopped by the operator")
-        else:
-            self.close("failed", reason=str(error) or type(error).__name__)
+            return
+        stopped = isinstance(error, KeyboardInterrupt)
+        with contextlib.suppress(DataError):  # the first error is the one to be told
+            if stopped:
+                self.close("interrupted", reason="stopped by the operator")
+            else:
+                self.close("failed", reason=str(error) or type(error).__name__)
 
 
 def create_run(
@@ -184,7 +217,6 @@ def create_run(
     Raises ConfigError when it cannot be made; never touches a folder that is there already.
     """
     stem = "_".join(filter(None, [f"{started:%Y-%m-%d_%H%M%S}", kind, _label_words(label)]))
-    folder = _new_folder(runs_folder, stem)
     header = RunHeader(
         kind=kind,
         started=started,
@@ -193,14 +225,18 @@ def create_run(
         label=label,
         devices=dict(devices),
     )
-    _write_header(folder, header)
+    folder = _new_folder(runs_folder, re.sub(r"[^A-Za-z0-9_.+-]", "-", stem))
     writer = RunWriter(folder=folder, header=header)
-    for name, record in devices.items():
-        file = (folder / record.file).open("x", encoding="utf-8", newline="\n")
-        file.write(",".join(record.columns) + "\n")
-        file.flush()
-        writer._files[name] = file
-        writer._rows[name] = 0
+    try:
+        _write_header(folder, header)
+        # A full disk must not keep run.toml from saying so at the end.
+        (folder / _RESERVE_FILE).write_bytes(bytes(_RESERVE_BYTES))
+        for name, record in devices.items():
+            writer._files[name] = RowFile.create(folder / record.file, record.columns)
+    except OSError as error:
+        for file in writer._files.values():
+            file.close()
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     return writer
 
 
@@ -223,11 +259,7 @@ def _label_words(label: Label) -> str:
     return "_".join(filter(None, [body, label.axis, weight]))
 
 
-def _exact(value: float) -> str:
-    return str(int(value)) if float(value).is_integer() else repr(float(value))
-
-
 def _write_header(folder: Path, header: RunHeader) -> None:
     content = header.model_dump(mode="json", exclude_none=True)
     content["started"] = header.started
-    write_whole(folder / RUN_FILE, tomli_w.dumps(content).encode())
+    write_toml(folder / RUN_FILE, content)

@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
 _SPACE = 32
+_TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
 _POINTS = "Numbers need decimal points, and no comma inside."
 _REPAIR = "Repair or cut that line."
 
@@ -60,27 +61,10 @@ class Table:
         """
         places = [self.place(name) for name in columns]
         rows = self._rows()
-        if rows is None:
-            raise self._first_fault(places)
-        import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
-
-        try:
-            frame = pd.read_csv(
-                io.BytesIO(rows),
-                sep=self._separator or r"\s+",
-                header=None,
-                usecols=sorted(set(places)),
-                dtype=np.float64,
-                skipinitialspace=True,
-                quoting=csv.QUOTE_NONE,
-                na_filter=False,
-                encoding="latin-1",
-            )
-        except (ValueError, OverflowError):
-            raise self._first_fault(places) from None
-        values: Array = frame[places].to_numpy()
-        if not np.all(np.isfinite(values)):
-            raise self._first_fault(places)
+        values = None if rows is None else self._parsed(rows, places)
+        if values is None or not np.all(np.isfinite(values)):
+            self._check_lines(places)
+            raise DataError(f"{self.path}: not readable as a table of numbers.")
         return values
 
     def place(self, column: str) -> int:
@@ -125,6 +109,29 @@ class Table:
         kept = np.repeat(filled, np.diff(ends, prepend=-1))
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
+    def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
+        import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
+
+        # pandas reads a column of nothing but `true` as ones. One letter is found far sooner than a word.
+        if any(word[-1:] in rows and word in rows for word in _TRUTHS):
+            self._check_lines(places)
+        try:
+            frame = pd.read_csv(
+                io.BytesIO(rows),
+                sep=self._separator or r"\s+",
+                header=None,
+                usecols=sorted(set(places)),
+                dtype=np.float64,
+                skipinitialspace=True,
+                quoting=csv.QUOTE_NONE,
+                na_filter=False,
+                encoding="latin-1",
+            )
+        except (ValueError, OverflowError):
+            return None
+        values: Array = frame[places].to_numpy()
+        return values
+
     def _unquoted(self) -> "Table":
         lines = self._body.decode("latin-1").split("\n")
         between = self._separator or " "
@@ -148,12 +155,12 @@ class Table:
             fields[~np.logical_or.reduceat(body > _SPACE, starts)] = 0
         return fields, ends
 
-    def _first_fault(self, places: Sequence[int]) -> DataError:
+    def _check_lines(self, places: Sequence[int]) -> None:
+        """Look at every line by itself; slow."""
         for line in filled_lines(self._body):
             fault = self._fault(line.text, places)
             if fault:
-                return DataError(f"{self.path}:{self._first_line + line.number - 1}: {fault}")
-        return DataError(f"{self.path}: not readable as a table of numbers.")
+                raise DataError(f"{self.path}:{self._first_line + line.number - 1}: {fault}")
 
     def _fault(self, line: str, places: Sequence[int]) -> str | None:
         if "\0" in line:

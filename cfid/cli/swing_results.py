@@ -204,6 +204,9 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
             f"{100 * fit.verdict.distortion:.2g} % of the start angle, drift {100 * fit.verdict.drift:+.2g} %",
             f"check: the thesis' damped cosine would give {cosine.natural_frequency_squared_s2:.6g} 1/s^2, "
             f"an inertia {100 * excess:+.2f} % off",
+            f"check: logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter of peaks "
+            f"{decrement.viscous_scatter_per_s / 2:.2g}; its period gives "
+            f"{decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
         ),
         drawings=drawings,
     )

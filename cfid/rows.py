@@ -1,0 +1,90 @@
+"""A CSV file that is being recorded: whole rows of numbers are added, and nothing else ever gets into it."""
+
+import contextlib
+import os
+from collections.abc import Sequence
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cfid.errors import DataError
+
+
+class RowFile:
+    """A new CSV file with a head, open for rows; `rows` have reached it, `lost` are known to be missing.
+
+    Rows go straight to the system, so that a killed process leaves all that it was given.
+    """
+
+    def __init__(self, path: Path, raw: FileIO, columns: Sequence[str]) -> None:
+        """Take over an empty file that is open for writing; `create` makes one."""
+        self.path, self.columns = path, tuple(columns)
+        self.rows = self.lost = 0
+        self._raw = raw
+
+    @classmethod
+    def create(cls, path: Path, columns: Sequence[str]) -> "RowFile":
+        """Make the file and write its head. Raises OSError, also when there is such a file."""
+        file = cls(path, path.open("xb", buffering=0), columns)
+        try:
+            file._write((",".join(columns) + "\n").encode())
+        except OSError:
+            file._raw.close()
+            raise
+        file.rows = 0
+        return file
+
+    def append(self, columns: Sequence[Sequence[float] | Any]) -> None:
+        """Add rows, given as columns of equal length: time in seconds, then raw values.
+
+        Raises DataError when not all of them fit; the file then ends with the last that did.
+        """
+        if len(columns) != len(self.columns) or len({len(column) for column in columns}) != 1:
+            raise ValueError(f"{self.path.name} has the columns {self.columns}, each as long as the others")
+        texts = [_times(columns[0]), *(_exact(column) for column in columns[1:])]
+        lines = [",".join(row) + "\n" for row in zip(*texts, strict=True)]
+        try:
+            self._write("".join(lines).encode())
+        except OSError as error:
+            raise DataError(
+                f"{self.path}: {error.strerror} after {self.rows} rows, which are kept: the recording ends there."
+            ) from None
+
+    def close(self) -> None:
+        """Bring the rows to the disk. What it loses all the same shows when `rows` is compared."""
+        if not self._raw.closed:
+            with contextlib.suppress(OSError):
+                os.fsync(self._raw.fileno())
+            self._raw.close()
+
+    def _write(self, block: bytes) -> None:
+        """Write lines; when that is broken off, the last whole one ends the file."""
+        begin = self._raw.tell()
+        left = memoryview(block)
+        try:
+            while left:
+                left = left[self._raw.write(left) :]
+        finally:
+            written = self._raw.tell() - begin
+            whole = block.rfind(b"\n", 0, written) + 1
+            self.rows += block.count(b"\n", 0, whole)
+            if written > whole:
+                with contextlib.suppress(OSError):  # the reader leaves out a torn row
+                    self._raw.truncate(begin + whole)
+
+
+def _times(column: Sequence[float] | Any) -> list[str]:
+    values = np.asarray(column, dtype=np.float64)
+    if not np.all(np.isfinite(values)):
+        raise ValueError("a time is a finite number")
+    return [f"{value:.6f}" for value in values.tolist()]
+
+
+def _exact(column: Sequence[float] | Any) -> list[str]:
+    return [_shortest(value) for value in np.asarray(column).tolist()]
+
+
+def _shortest(value: float) -> str:
+    return str(int(value)) if isinstance(value, int) or value.is_integer() else repr(value)

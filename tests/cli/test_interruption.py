@@ -1,0 +1,20 @@
+"""Ctrl-C in the middle of a long command."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+
+def test_ctrl_c_ends_the_demo_with_130_and_says_no_traceback(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "cfid.cli.main", "demo", str(tmp_path / "demo")]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 30
+    while not (tmp_path / "demo" / "rig.toml").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=30)
+
+    assert running.returncode == 130
+    assert "Traceback" not in said
