@@ -70,6 +70,12 @@ class AngleRecord:
     time_s: Array
     angle_rad: Array
     notes: tuple[str, ...]
+    run: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What to call it: the run's name, or the file's."""
+        return self.run or self.path.stem
 
 
 def read_angle(path: Path, reading: Reading) -> AngleRecord:
@@ -95,7 +101,7 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     )
     found, rows = _read(file, own, run.header.label)
     notes = tuple(f"{path.name}: {note}" for note in _losses(run, record, rows))
-    return replace(found, notes=notes + found.notes)
+    return replace(found, run=path.resolve().name, notes=notes + found.notes)
 
 
 def _losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
@@ -162,11 +168,13 @@ def _columns(table: Table, reading: Reading) -> tuple[str | None, str]:
     names = [name for name in table.names if name]
     if not table.has_head and len(names) == (1 if reading.rate_hz is not None else 2):
         return (None if reading.rate_hz is not None else names[0]), names[-1]
+    if not table.has_head and len(names) == 1:
+        raise DataError(f"{table.path}: one column and no time: say --rate-hz.")
     if not table.has_head:
-        needed = "one with the angle alone" if reading.rate_hz is not None else "time and angle"
-        option = "--columns ANGLE" if reading.rate_hz is not None else "--columns TIME,ANGLE, or --rate-hz"
+        option = "--columns TIME,ANGLE" if reading.rate_hz is None else "--columns ANGLE"
         raise DataError(
-            f"{table.path}: no head, and {len(names)} columns where {needed} could be told: say {option}, in numbers."
+            f"{table.path}: no head names its {len(names)} columns: say {option} by number, as in "
+            f"{'1,2' if reading.rate_hz is None else '2'}. Numbers need decimal points, and no comma inside."
         )
     angle = _named(table, _ANGLE_NAME, "angle (phi, angle, theta)", "--columns TIME,ANGLE")
     if reading.rate_hz is not None:
@@ -202,7 +210,8 @@ def _time(table: Table, reading: Reading, column: str | None, raw: Array) -> tup
             raise ConfigError(f"--rate-hz {reading.rate_hz:g}: a rate is above zero.")
         return np.arange(len(raw)) / reading.rate_hz, ()
     unit = _unit(table, _TIME_NAME, column or "", reading.time_unit, "--time-unit") or "s"
-    intervals = np.diff(raw)
+    with np.errstate(over="ignore"):
+        intervals = np.diff(raw)
     backwards = np.flatnonzero(intervals < 0)
     if len(backwards):
         row = int(backwards[0]) + 1
@@ -210,37 +219,32 @@ def _time(table: Table, reading: Reading, column: str | None, raw: Array) -> tup
             f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
             f"{unit}. Was the clock set, or are two recordings in one file?"
         )
-    said = _check_unit(table.path, raw, unit)
+    said = _check_unit(table.path, raw[0], intervals, unit)
     repeated = int(np.count_nonzero(intervals == 0))
     if repeated > _REPEATED_SHARE * len(raw):
         said += (f"{repeated} of {len(raw)} samples have the time of the one before.",)
     return np.asarray((raw - raw[0]) * SECONDS[unit]), said
 
 
-def _check_unit(path: Path, raw: Array, unit: str) -> tuple[str, ...]:
+def _check_unit(path: Path, first: float, intervals: Array, unit: str) -> tuple[str, ...]:
     """Refuse a time unit that makes no sampling interval a rig can have, and propose one that does."""
-    intervals = np.diff(raw)
     if not np.any(intervals):
         raise DataError(
-            f"{path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, or is this not the time "
-            "column? See --columns and --rate-hz."
+            f"{path}: time stands still at {first:.12g}. Were its last digits cut off, are there decimal commas, or is "
+            "this not the time column? See --columns and --rate-hz."
         )
     # The median of those that pass: stamps that come in blocks repeat, and a pause is one long interval.
     interval = float(np.median(intervals[intervals > 0]))
     fitting = [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= _SLOWEST_S]
-    epoch = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= raw[0] * scale <= _UNIX_S[1]]
-    contradicted = bool(epoch) and epoch[0] in fitting and unit not in epoch
-    if unit in fitting and not contradicted:
-        others = " or ".join(name for name in fitting if name != unit)
-        # A slow recording in s looks like a very fast one in ms. Few are very fast.
-        doubtful = others and unit != fitting[0]
-        return (f"time is read in {unit}: {1 / (interval * SECONDS[unit]):.0f} Hz. Is it in {others}?",) * bool(
-            doubtful
-        )
-    dated = f" It starts at {raw[0]:.0f}, which is a date (Unix time) in {epoch[0]}." if epoch else ""
-    advice = "Is this the time column? See --columns and --rate-hz."
-    if fitting:
-        advice = f"Say --time-unit {epoch[0] if contradicted else fitting[0]}."
-    raise DataError(
-        f"{path}: read in {unit}, the time column has {interval * SECONDS[unit]:.3g} s between samples.{dated} {advice}"
-    )
+    dates = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= first * scale <= _UNIX_S[1]]
+    dated = f" It starts at {first:.0f}, which is a date (Unix time) in {dates[0]}." if dates else ""
+    better = dates if dates and dates[0] in fitting else fitting
+    if unit not in fitting or (better is dates and unit not in dates):
+        advice = f"Say --time-unit {better[0]}." if better else "Is this the time column? See --columns and --rate-hz."
+        seconds = f"{interval * SECONDS[unit]:.3g}"
+        raise DataError(f"{path}: read in {unit}, the time column has {seconds} s between samples.{dated} {advice}")
+    if unit == better[0]:
+        return ()
+    # What is slow in one unit is very fast in the next, and few instruments are.
+    rate = f"{1 / (interval * SECONDS[unit]):.0f} Hz"
+    return (f"time is read in {unit}, which makes {rate}: is it not in {better[0]}?",)

@@ -189,7 +189,7 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
         raise ConfigError(f"--skip-lines {skip_lines}: has to be zero or more.")
     content = read_text(path)
     text, cut = whole_lines(content)
-    if not text:
+    if not text.strip():
         raise DataError(f"{path}: its one line has no end: the recording was cut before its first row.")
     lines = filled_lines(text, skip=skip_lines)
     first = next(lines, None)

@@ -17,7 +17,7 @@ _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
 _JUMP_SHARE = 0.01  # of samples that may jump
 _JUMP_RAD = np.pi / 2  # from a sample to the next: half a turn could go either way
 _FOLDED_TURNS = 1.5  # range of an angle that may have been folded into one turn, with room for wrong readings
-_EXACT_COUNTS = 2.0**53
+_EXACT = 2.0**53  # beyond, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that never gets beyond may as well be one of fewer bits
 
 
@@ -37,6 +37,10 @@ def continuous_angle(
     Raises DataError when the unit or the counts of a turn cannot be told, when too many words fail their check,
     and when samples lie too far apart to count whole turns.
     """
+    farthest = int(np.argmax(np.abs(values)))
+    if abs(values[farthest]) >= _EXACT:
+        line = table.line_of_row(farthest)
+        raise DataError(f"{table.path}:{line}: {values[farthest]:.6g} in column '{column}' is no angle. Cut that line.")
     whole = bool(np.all(values == np.round(values)))
     if unit is None and (whole or counts_per_turn is not None):
         unit = "counts"
@@ -52,9 +56,6 @@ def continuous_angle(
         raise DataError(
             f"{table.path}: column '{column}' is read as counts but has fractions: say --angle-unit rad|deg."
         )
-    if np.max(np.abs(values)) >= _EXACT_COUNTS:
-        largest = values[np.argmax(np.abs(values))]
-        raise DataError(f"{table.path}: column '{column}' has {largest:.6g}, which no encoder counts to.")
     return _from_counts(table, counts_per_turn, values.astype(np.int64))
 
 

@@ -106,7 +106,7 @@ def _outcome(
     def drawings() -> "dict[str, Figure]":
         from cfid.report.friction_figures import drops_figure, friction_figure
 
-        labels = [f"{file.name} g, {file.record.path.stem}" for file in files]
+        labels = [f"{file.name} g, {file.record.name}" for file in files]
         gravity = workplace.rig.site.gravity_mps2
         figures = {"friction_runs": drops_figure(drops, labels=labels)}
         if found is not None:
@@ -125,7 +125,7 @@ def _outcome(
             *notes,
             *(note for file in files for note in file.record.notes),
             *(found.warnings if found else ()),
-            *(f"{f.record.path.name} ({f.name} g): the speed never settles; it is left out." for f in unsettled),
+            *(f"{f.record.name} ({f.name} g): the speed never settles; it is left out." for f in unsettled),
         ),
         sources=tuple(file.record.source for file in files),
         doubts=() if found else (NEVER_SETTLED,),

@@ -69,9 +69,12 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
         warnings=workplace.notes + swings.warnings + _apart(comparisons),
         sources=swings.sources,
         doubts=swings.doubts,
-        lines=tuple(
-            f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
-            for c in comparisons
+        lines=(
+            *swings.lines,
+            *(
+                f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
+                for c in comparisons
+            ),
         ),
         drawings=drawings,
         beside=swings.beside if workplace.campaign is None else workplace.campaign.folder / "figures",

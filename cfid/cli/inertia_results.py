@@ -41,7 +41,7 @@ def inertia_outcome(
         warnings=workplace.notes + swings.warnings + fit.warnings + _quirks(axis_inertias),
         sources=swings.sources,
         doubts=swings.doubts + fit.doubts,
-        lines=(*_budget_lines(fit), *(_plan_lines(axis_inertias, axes, fit) if plan else ())),
+        lines=(*swings.lines, *_budget_lines(fit), *(_plan_lines(axis_inertias, axes, fit) if plan else ())),
         drawings=drawings,
         beside=swings.beside if workplace.campaign is None else workplace.campaign.folder / "figures",
     )

@@ -44,7 +44,7 @@ def _outcome(record: "AngleRecord", *, draws: bool) -> Outcome:
     def drawings() -> "dict[str, Figure]":
         from cfid.report.recording_figures import recording_figure
 
-        return {f"{record.path.stem}_recording": recording_figure(record, title=record.path.stem)}
+        return {f"{record.path.stem}_recording": recording_figure(record, title=record.name)}
 
     interval = np.diff(record.time_s)
     return Outcome(
@@ -71,7 +71,7 @@ def _plot_in_terminal(record: "AngleRecord") -> None:
 
     chosen = np.linspace(0, len(record.time_s) - 1, min(_TERMINAL_POINTS, len(record.time_s))).astype(int)
     plotext.plot(record.time_s[chosen].tolist(), np.degrees(record.angle_rad[chosen]).tolist(), marker="braille")
-    plotext.title(record.path.stem)
+    plotext.title(record.name)
     plotext.xlabel("time, s")
     plotext.ylabel("angle, degrees")
     plotext.plotsize(78, 22)

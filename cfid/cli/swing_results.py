@@ -173,7 +173,7 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
     def drawings() -> "dict[str, Figure]":
         from cfid.report.swing_figures import swing_figure
 
-        return {f"{record.path.stem}_swing": swing_figure(swing, fit, title=record.path.stem)}
+        return {f"{record.path.stem}_swing": swing_figure(swing, fit, title=record.name)}
 
     return AnalysedSwing(
         method="default",
@@ -225,7 +225,7 @@ def _as_the_thesis(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
         from cfid.report.swing_figures import thesis_swing_figure
 
         name = f"{record.path.stem}_swing_thesis"
-        return {name: thesis_swing_figure(swing, cosine, flexible, title=record.path.stem)}
+        return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
 
     return AnalysedSwing(
         method="thesis",

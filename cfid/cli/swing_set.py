@@ -29,6 +29,11 @@ class SwingSet:
     sources: "tuple[Source, ...]"
     beside: Path
 
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What a person reads of each swing."""
+        return tuple(_line(quality) for quality in self.quality)
+
 
 def measure_all(items: Sequence[Named | KnownInertia], window: WindowOptions, method: str) -> SwingSet:
     """Fit every recording and take the known axis inertias as they are.
@@ -46,6 +51,15 @@ def measure_all(items: Sequence[Named | KnownInertia], window: WindowOptions, me
         sources=tuple(file.source for file in files),
         beside=files[0].path.parent if files else Path(),
     )
+
+
+def _line(quality: dict[str, Any]) -> str:
+    if "known_kg_m2" in quality:
+        return f"{quality['axis']}: {quality['known_kg_m2']:.7g} kg m^2, as given"
+    words = f"{quality['axis']}: W {quality['natural_frequency_squared_s2']:.7g} 1/s^2, {quality['peaks_used']} peaks"
+    if "damping_terms" not in quality:
+        return f"{words}, damped cosine"
+    return f"{words}, waveform off by {100 * quality['distortion']:.2g} %, drift {100 * quality['drift']:+.2g} %"
 
 
 def _measure(
