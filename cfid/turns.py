@@ -16,7 +16,7 @@ Rows = npt.NDArray[np.intp]
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
 _JUMP_SHARE = 0.01  # of samples that may jump
 _JUMP_RAD = np.pi / 2  # from a sample to the next: half a turn could go either way
-_FOLDED_TURNS = 1.5  # range of an angle that may have been folded into one turn, with room for wrong readings
+_FOLDED_TURNS = 1.5  # range of an angle that may have been folded into one turn, with room for a wrong scale
 _EXACT = 2.0**53  # beyond, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that never gets beyond may as well be one of fewer bits
 
@@ -105,7 +105,8 @@ def _guessed(table: Table, counts: Counts, valid: npt.NDArray[np.bool_]) -> Coun
 def _joined(table: Table, turns: Array, rows: Rows, said: tuple[str, ...]) -> Angle:
     """Return the continuous angle of turns that may have been folded into one."""
     angle = 2 * np.pi * turns
-    if np.ptp(turns) <= _FOLDED_TURNS:
+    low, high = np.percentile(turns, (1, 99))  # a few wrong readings must not make it look unfolded
+    if high - low <= _FOLDED_TURNS:
         angle = np.unwrap(angle)
         jumps = np.flatnonzero(np.abs(np.diff(angle)) > _JUMP_RAD) + 1
     else:  # whole turns were counted: it may turn fast, but not of a sudden

@@ -13,6 +13,12 @@ Array = npt.NDArray[np.float64]
 _LEAST_THICKNESS = 1e-6  # smallest second moment over the trace that the refit may reach
 
 
+def as_matrix(entries: Array) -> Array:
+    """Return the symmetric matrix of the entries xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = entries
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 def is_consistent(matrix_kg_m2: Array) -> bool:
     """Return whether a matrix (3, 3) belongs to a possible body."""
     return bool(np.linalg.eigvalsh(_second_moments(matrix_kg_m2))[0] > 0)
@@ -31,7 +37,7 @@ def nearest_consistent(entries: Array, covariance: Array) -> Array:
     def mismatch(factor: Array) -> Array:
         return whiten @ (_entries(factor, scale) - entries)
 
-    moments = _second_moments(np.array(_symmetric(entries))) / scale
+    moments = _second_moments(as_matrix(entries)) / scale
     values, vectors = np.linalg.eigh(moments)
     start = np.linalg.cholesky(vectors @ np.diag(np.maximum(values, 0.01 * values.max())) @ vectors.T)
     begin = np.concatenate([np.log(np.diag(start)), start[[1, 2, 2], [0, 0, 1]]])
@@ -51,8 +57,3 @@ def _entries(factor: Array, scale: float) -> Array:
     moments = scale * lower @ lower.T
     matrix = np.trace(moments) * np.eye(3) - moments
     return np.asarray(matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-
-
-def _symmetric(entries: Array) -> list[list[float]]:
-    xx, yy, zz, xy, xz, yz = entries
-    return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]

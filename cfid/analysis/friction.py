@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,15 +24,16 @@ NEVER_SETTLED = (
 class Friction:
     """All weights together: torque = coulomb + viscous * speed, and the inertia of the set-up.
 
-    Deviations come from how the runs scatter about the line. `coulomb_nm` is None when only one weight
-    settled, which cannot tell the two frictions apart.
+    Deviations come from how the runs scatter about the line; None where no run is left over to scatter. All
+    values are None when only one weight settled: it cannot tell the two frictions apart, and the inertia rests
+    on the viscous one.
     """
 
-    viscous_nms_per_rad: float
+    viscous_nms_per_rad: float | None
     viscous_std: float | None
     coulomb_nm: float | None
     coulomb_std: float | None
-    setup_inertia_kg_m2: float
+    setup_inertia_kg_m2: float | None
     setup_inertia_std: float | None
     warnings: tuple[str, ...]
 
@@ -49,23 +51,18 @@ def fit_friction(drops: Sequence[Drop], *, radius_m: float, radius_std_m: float,
     torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in settled])
     speed = np.array([drop.terminal_rad_per_s for drop in settled])
     if len({drop.weight_kg for drop in settled}) == 1:
-        said = ("one weight alone cannot tell Coulomb from viscous friction: drop another one too.",)
-        return _one_coefficient(settled, torque / speed, radius_m, said)
-    (coulomb, coulomb_std), (viscous, viscous_std), warnings = _line(speed, torque)
-    slope = viscous if viscous > 0 else float(np.mean(torque / speed))
-    inertia, inertia_std = _setup_inertia(settled, np.full(len(settled), slope), radius_m)
-    # Radius and slope are common to all runs: what they are off by does not average out.
+        return _UNTOLD
+    coulomb, viscous, warnings = _line(speed, torque)
+    # The radius is common to all runs: what it is off by does not average out.
     common = radius_std_m / radius_m
-    accelerated = inertia + radius_m**2 * float(np.mean([drop.weight_kg for drop in settled]))
-    if inertia_std is not None and viscous_std is not None:
-        inertia_std = math.hypot(inertia_std, accelerated * viscous_std / slope, accelerated * common)
+    inertia = _setup_inertia(settled, viscous, radius_m, common) if viscous.value > 0 else _Estimate(None, None)
     return Friction(
-        viscous_nms_per_rad=viscous,
-        viscous_std=_with(viscous_std, viscous * common),
-        coulomb_nm=coulomb,
-        coulomb_std=_with(coulomb_std, coulomb * common),
-        setup_inertia_kg_m2=inertia,
-        setup_inertia_std=inertia_std,
+        viscous_nms_per_rad=viscous.value,
+        viscous_std=_with(viscous.std, viscous.value * common),
+        coulomb_nm=coulomb.value,
+        coulomb_std=_with(coulomb.std, coulomb.value * common),
+        setup_inertia_kg_m2=inertia.value,
+        setup_inertia_std=inertia.std,
         warnings=warnings,
     )
 
@@ -76,7 +73,41 @@ def thesis_friction(drops: Sequence[Drop]) -> Friction:
     Raises FitError when no drop settled.
     """
     settled = _settled(drops)
-    return _one_coefficient(settled, np.array([drop.coefficient_nms_per_rad for drop in settled]), 0.0, ())
+    coefficients = np.array([drop.coefficient_nms_per_rad for drop in settled])
+    inertias = coefficients * np.array([drop.time_constant_s for drop in settled])
+    return Friction(
+        viscous_nms_per_rad=float(coefficients.mean()),
+        viscous_std=_mean_deviation(coefficients),
+        coulomb_nm=None,
+        coulomb_std=None,
+        setup_inertia_kg_m2=float(inertias.mean()),
+        setup_inertia_std=_mean_deviation(inertias),
+        warnings=(),
+    )
+
+
+class _Known(NamedTuple):
+    value: float
+    std: float | None
+
+
+class _Estimate(NamedTuple):
+    value: float | None
+    std: float | None
+
+
+_UNTOLD = Friction(
+    viscous_nms_per_rad=None,
+    viscous_std=None,
+    coulomb_nm=None,
+    coulomb_std=None,
+    setup_inertia_kg_m2=None,
+    setup_inertia_std=None,
+    warnings=(
+        "one weight alone cannot tell Coulomb from viscous friction, and so neither the inertia of the set-up: drop "
+        "another weight too. `--method thesis` gives one coefficient for both.",
+    ),
+)
 
 
 def _settled(drops: Sequence[Drop]) -> list[Drop]:
@@ -86,49 +117,46 @@ def _settled(drops: Sequence[Drop]) -> list[Drop]:
     return settled
 
 
-def _one_coefficient(
-    settled: Sequence[Drop], coefficients: Array, radius_m: float, warnings: tuple[str, ...]
-) -> Friction:
-    inertia, inertia_std = _setup_inertia(settled, coefficients, radius_m)
-    return Friction(
-        viscous_nms_per_rad=float(coefficients.mean()),
-        viscous_std=_mean_deviation(coefficients),
-        coulomb_nm=None,
-        coulomb_std=None,
-        setup_inertia_kg_m2=inertia,
-        setup_inertia_std=inertia_std,
-        warnings=warnings,
-    )
+def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[str, ...]]:
+    """Fit torque = coulomb + viscous * speed, neither negative; return both and what to say."""
+    coulomb, viscous = _least_squares([np.ones_like(speed), speed], torque)
+    if coulomb.value < 0:
+        return (
+            _Known(0.0, None),
+            _least_squares([speed], torque)[0],
+            ("Coulomb friction is set to zero: it came out below.",),
+        )
+    if viscous.value < 0:
+        said = "viscous friction is set to zero: it came out below. The inertia of the set-up cannot be told."
+        return _least_squares([np.ones_like(speed)], torque)[0], _Known(0.0, None), (said,)
+    return coulomb, viscous, ()
 
 
-def _line(
-    speed: Array, torque: Array
-) -> tuple[tuple[float, float | None], tuple[float, float | None], tuple[str, ...]]:
-    """Fit torque = coulomb + viscous * speed; deviations from the scatter about the line.
+def _least_squares(columns: list[Array], torque: Array) -> list[_Known]:
+    """Return each column's coefficient with its deviation from the scatter, None where nothing is left to scatter.
 
-    What scatters from drop to drop is the friction itself, so the residual is a torque.
+    What differs from drop to drop is the friction itself, so the residual is a torque.
     """
-    rows = np.stack([np.ones_like(speed), speed], axis=1)
-    coulomb, viscous = (float(value) for value in np.linalg.lstsq(rows, torque, rcond=None)[0])
-    freedom = len(speed) - 2
+    rows = np.stack(columns, axis=1)
+    found = np.linalg.lstsq(rows, torque, rcond=None)[0]
+    freedom = len(torque) - len(columns)
     if freedom == 0:
-        return (coulomb, None), (viscous, None), ()
-    if coulomb < 0:
-        said = ("Coulomb friction came out negative and is set to zero.",)
-        return (0.0, None), (float(torque @ speed / (speed @ speed)), None), said
-    if viscous < 0:
-        said = ("viscous friction came out negative and is set to zero.",)
-        return (float(torque.mean()), None), (0.0, None), said
-    residual = torque - coulomb - viscous * speed
+        return [_Known(float(value), None) for value in found]
+    residual = torque - rows @ found
     deviations = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / freedom)
-    coulomb_std, viscous_std = (widened(float(std), freedom) for std in deviations)
-    return (coulomb, coulomb_std), (viscous, viscous_std), ()
+    return [_Known(float(value), widened(float(std), freedom)) for value, std in zip(found, deviations, strict=True)]
 
 
-def _setup_inertia(drops: Sequence[Drop], slope: Array, radius_m: float) -> tuple[float, float | None]:
-    total = np.array([drop.time_constant_s for drop in drops]) * slope
-    values = total - np.array([drop.weight_kg for drop in drops]) * radius_m**2
-    return float(values.mean()), _mean_deviation(values)
+def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, common: float) -> _Estimate:
+    """Return the mean of c tau - m r^2 over the drops; c and the radius are common to all of them."""
+    weights = np.array([drop.weight_kg for drop in drops])
+    accelerated = viscous.value * np.array([drop.time_constant_s for drop in drops])
+    values = accelerated - weights * radius_m**2
+    scatter = _mean_deviation(values)
+    if scatter is None or viscous.std is None:
+        return _Estimate(float(values.mean()), None)
+    shared = float(accelerated.mean()) * math.hypot(viscous.std / viscous.value, common)
+    return _Estimate(float(values.mean()), math.hypot(scatter, shared))
 
 
 def _mean_deviation(values: Array) -> float | None:

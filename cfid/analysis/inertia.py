@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
 from cfid.analysis.axis_inertias import AxisInertias
-from cfid.analysis.consistency import is_consistent, nearest_consistent
+from cfid.analysis.consistency import as_matrix, is_consistent, nearest_consistent
 from cfid.analysis.uncertainty import budget, contributions
 from cfid.errors import FitError
 
@@ -113,12 +113,6 @@ def matrix_rows(direction: Array) -> Array:
     return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z], axis=1)
 
 
-def as_matrix(entries: Array) -> Array:
-    """Return the symmetric matrix of the entries xx, yy, zz, xy, xz, yz."""
-    xx, yy, zz, xy, xz, yz = entries
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
 def icosahedron_axes() -> Array:
     """Return the six diagonals of an icosahedron as unit vectors (6, 3).
 
@@ -155,7 +149,8 @@ def _check_axes(rows: Array) -> float:
     if independent < UNKNOWNS:
         raise FitError(
             f"{len(rows)} swings about {independent} independent axes: six are needed for the six entries of the "
-            "matrix. Swing about another axis; `--plan` proposes six that lie evenly."
+            "matrix. Swing about another axis; six that lie evenly are (0, 1, 1.618), (0, 1, -1.618), (1, 1.618, 0), "
+            "(1, -1.618, 0), (1.618, 0, 1), (-1.618, 0, 1)."
         )
     return float(singular[0] / singular[-1])
 

@@ -96,6 +96,8 @@ def find_swing(
     _check_motion(angle[kept])
     halves = half_swings(angle[kept], threshold_rad=_THRESHOLD_RAD)
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
+    if not halves:
+        raise DataError("the angle never leaves rest by half a degree to stay: no swing.")
     begin = _let_go(time, angle, halves) if from_s is None else _by_hand(time, angle, halves, first)
     peak_time, peak_angle, warnings = _peaks(time, angle, begin.peak, begin.later)
     used, warning = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
@@ -229,8 +231,9 @@ def _usable(peak_angle: Array, asked: int | None, smallest: float) -> tuple[int,
     found = len(peak_angle)
     if found < FEWEST_PEAKS:
         raise DataError(
-            f"{found} usable peaks of at least 1 degree: a fit needs {FEWEST_PEAKS}. "
-            "Release higher, let it swing until it stops, or check the window (--from, --to)."
+            f"{found} usable peaks of at least 1 degree, the highest {math.degrees(np.abs(peak_angle).max()):.2g}: a "
+            f"fit needs {FEWEST_PEAKS}. Release higher and let it swing until it stops; look at it with `cfid show`; "
+            "is the unit right (--angle-unit, --counts-per-turn)?"
         )
     if asked is None:
         return max(FEWEST_PEAKS, int(np.count_nonzero(np.abs(peak_angle) >= smallest))), ()

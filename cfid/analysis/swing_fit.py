@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 PHASE_STEP = 0.08  # rad of the natural oscillation a grid step may span: phase error 1e-7
 _SUBSETS = [subset for size in (1, 2) for subset in combinations(TERMS, size) if subset != ("viscous",)]
 _HOPELESS_BIC = 100.0
+_FINER_STEPS = (0.5, 0.7)
 _LED_BY_HAND = 0.15  # of the release angle
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 
@@ -66,7 +67,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     candidates = [base, full, *(_refit(base, time, angle, terms) for terms in promising)]
     physical = [fit for fit in candidates if fit.converged and _physical(fit.coefficients)]
     if not physical:
-        raise FitError("no damped pendulum follows this record: is it a free swing? See `cfid show`, --from and --to.")
+        raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
     return _judged(swing, _ranked(physical))
 
 
@@ -145,11 +146,34 @@ def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
     return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))
 
 
+def _step_error(swing: FreeSwing, fit: OutputError) -> float:
+    """Return by how much the grid's step moves W where dry friction jumps: twice the change on two finer grids.
+
+    How a turning point falls between two nodes is a matter of luck, hence two. Without dry friction the grid's
+    error is of fourth order and far below anything else.
+    """
+    if fit.coefficients.coulomb_per_s2 == 0:
+        return 0.0
+    time, angle = swing.hands_off
+    changes = [0.0]
+    for share in _FINER_STEPS:
+        step = share * fit.trajectory.step_s
+        _, trajectory = first_guess(time, angle, start_s=fit.trajectory.start_s, step_s=step)
+        finer = fit_output_error(time, angle, coefficients=fit.coefficients, trajectory=trajectory, terms=_terms(fit))
+        if finer.converged:
+            changes.append(abs(finer.coefficients[0] - fit.coefficients[0]))
+    return 2 * max(changes)
+
+
+def _terms(fit: OutputError) -> tuple[str, ...]:
+    return tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
+
+
 def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
     deviations = _deviations(fit)
-    deviations[0] = math.hypot(deviations[0], _spread_of_choices(ranked))
+    deviations[0] = math.hypot(deviations[0], _spread_of_choices(ranked), _step_error(swing, fit))
     per_coefficient = np.zeros(len(fit.free))
     per_coefficient[np.flatnonzero(fit.free)] = deviations[:-2]
     drift, drift_std = _drift(swing, fit)
@@ -157,7 +181,7 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingF
     if abs(drift) > 3 * drift_std:
         # The halves disagree by more than noise: the truth lies between them as likely as anywhere else.
         per_coefficient[0] = math.hypot(frequency_std, frequency * abs(drift) / math.sqrt(12))
-    terms = tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
+    terms = _terms(fit)
     return SwingFit(
         output_error=fit,
         terms=terms,

@@ -1,10 +1,11 @@
 """`cfid new` and `cfid runs`: a campaign folder, and what was recorded in it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cfid.cli.speech import note
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -71,18 +72,24 @@ def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
     if not rows and not broken:
         typer.echo("no runs yet")
         return
+    from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("run", "what", "state", "rows", "lost", "note")
+    # A run's name is what the other commands take: it is never cut.
+    table = Table(box=SIMPLE, pad_edge=False)
+    table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row in rows), default=0))
+    for heading in ("state", "rows", "lost"):
+        table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
+    table.add_column("note", overflow="fold")
     for row in rows:
-        table.add_row(*(str(row[key]) for key in ("run", "what", "state", "rows", "lost", "note")))
+        table.add_row(*(str(row[key]) for key in ("run", "state", "rows", "lost", "note")))
     Console().print(table)
     for sentence in broken:
-        typer.secho(f"note: {sentence}", fg=typer.colors.YELLOW)
+        note(sentence)
 
 
-def _row(run: "Run") -> dict[str, str | int]:
+def _row(run: "Run") -> dict[str, Any]:
     header, devices = run.header, run.header.devices.values()
     label = header.label
     weight = None if label.weight_g is None else f"{label.weight_g:g} g"

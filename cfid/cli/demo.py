@@ -28,12 +28,16 @@ def demo(
     from cfid.sim.demo import simulate_demo
 
     campaign = _new_campaign(folder)
-    typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
-    truth, simulated = simulate_demo(campaign.rig, seed=seed)
-    folders = [_record(campaign, run) for run in simulated]
-    typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
-    fit_everything(campaign, figures=figures)
-    print_comparison(campaign, truth)
+    try:
+        typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
+        truth, simulated = simulate_demo(campaign.rig, seed=seed)
+        folders = [_record(campaign, run) for run in simulated]
+        typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
+        fit_everything(campaign, figures=figures)
+        print_comparison(campaign, truth)
+    except KeyboardInterrupt:
+        typer.echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
+        raise
 
 
 def _new_campaign(folder: Path) -> "Campaign":

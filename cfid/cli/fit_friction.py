@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid.cli.inputs import KnownInertia, Named, Workplace, open_workplace, positive, read_named
-from cfid.cli.options import CutOptions, Delivery, Method, ReadingOptions, RigOptions, flat
+from cfid.cli.inputs import Workplace, open_workplace, read_weights
+from cfid.cli.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions, flat, positive
 from cfid.cli.outcome import Outcome, deliver
 from cfid.errors import ConfigError, DataError
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cfid.analysis.drops import Drop
     from cfid.analysis.friction import Friction
     from cfid.parameters import Parameter
+    from cfid.recording import AngleRecord
 
 
 @flat
@@ -31,6 +32,7 @@ def friction(
     reading: ReadingOptions,
     delivery: Delivery,
     radius_mm: Annotated[float | None, typer.Option(help="Radius of the axis that the line is wound around.")] = None,
+    gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it.
@@ -41,20 +43,20 @@ def friction(
     """
     from cfid.analysis.friction import fit_friction, thesis_friction
 
-    workplace = open_workplace(rig)
-    items = read_named(runs, reading.reading(), workplace, label="grams")
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    weights = read_weights(runs, reading.reading(), workplace)
     radius_m, radius_std_m, notes = _radius_m(workplace, radius_mm)
     gravity = workplace.rig.site.gravity_mps2
-    drops = [_drop(item, cut, radius_m, gravity) for item in items]
+    records = [record for _, record in weights]
+    drops = [_drop(grams, record, cut, radius_m, gravity) for grams, record in weights]
     if not any(drop.settled for drop in drops):
         found = None
     elif method == "thesis":
         found = thesis_friction(drops)
     else:
         found = fit_friction(drops, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity)
-    files = [item for item in items if isinstance(item, Named)]
     outcome = _outcome(
-        found=found, drops=drops, files=files, workplace=workplace, radius_m=radius_m, method=method, notes=notes
+        found=found, drops=drops, records=records, workplace=workplace, radius_m=radius_m, method=method, notes=notes
     )
     deliver(outcome, delivery, workplace.campaign)
 
@@ -70,19 +72,13 @@ def _radius_m(workplace: Workplace, radius_mm: float | None) -> tuple[float, flo
     return MM * axis.radius_mm, MM * axis.radius_std_mm, workplace.notes
 
 
-def _drop(item: Named | KnownInertia, cut: CutOptions, radius_m: float, gravity: float) -> "Drop":
+def _drop(grams: float, record: "AngleRecord", cut: CutOptions, radius_m: float, gravity: float) -> "Drop":
     from cfid.analysis.drops import measure_drop
 
-    if isinstance(item, KnownInertia):
-        raise ConfigError(f"{item.name}={item.value_kg_m2:g}: expected GRAMS=FILE.")
-    try:
-        grams = positive(float(item.name), "GRAMS=")
-    except ValueError:
-        raise ConfigError(f"'{item.name}' is no weight in grams: write GRAMS=FILE.") from None
     try:
         return measure_drop(
-            item.record.time_s,
-            item.record.angle_rad,
+            record.time_s,
+            record.angle_rad,
             weight_kg=grams / 1000,
             radius_m=radius_m,
             gravity_mps2=gravity,
@@ -90,14 +86,14 @@ def _drop(item: Named | KnownInertia, cut: CutOptions, radius_m: float, gravity:
             to_s=cut.to_s,
         )
     except DataError as error:
-        raise DataError(f"{item.record.path}: {error}") from None
+        raise DataError(f"{record.path}: {error}") from None
 
 
 def _outcome(
     *,
     found: "Friction | None",
     drops: "Sequence[Drop]",
-    files: "Sequence[Named]",
+    records: "Sequence[AngleRecord]",
     workplace: Workplace,
     radius_m: float,
     method: str,
@@ -106,7 +102,7 @@ def _outcome(
     def drawings() -> "dict[str, Figure]":
         from cfid.report.friction_figures import drops_figure, friction_figure
 
-        labels = [f"{file.name} g, {file.record.name}" for file in files]
+        labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(drops, records, strict=True)]
         gravity = workplace.rig.site.gravity_mps2
         figures = {"friction_runs": drops_figure(drops, labels=labels)}
         if found is not None:
@@ -115,7 +111,7 @@ def _outcome(
 
     from cfid.analysis.friction import NEVER_SETTLED
 
-    unsettled = [file for file, drop in zip(files, drops, strict=True) if not drop.settled]
+    unsettled = [record for record, drop in zip(records, drops, strict=True) if not drop.settled]
     return Outcome(
         command="fit friction",
         method=method,
@@ -123,15 +119,15 @@ def _outcome(
         quality={"settled": sum(drop.settled for drop in drops), "left_out": len(unsettled)},
         warnings=(
             *notes,
-            *(note for file in files for note in file.record.notes),
+            *(note for record in records for note in record.notes),
             *(found.warnings if found else ()),
-            *(f"{f.record.name} ({f.name} g): the speed never settles; it is left out." for f in unsettled),
+            *(f"{record.name}: the speed never settles; it is left out." for record in unsettled),
         ),
-        sources=tuple(file.record.source for file in files),
+        sources=tuple(record.source for record in records),
         doubts=() if found else (NEVER_SETTLED,),
         lines=tuple(_line(drop) for drop in drops),
         drawings=drawings,
-        beside=files[0].record.path.parent if workplace.campaign is None else workplace.campaign.folder / "figures",
+        beside=workplace.figures_beside([record.path for record in records]),
     )
 
 
@@ -141,13 +137,13 @@ def _line(drop: "Drop") -> str:
     )
     if not drop.settled:
         return words + "never settles"
-    return words + f"{1e5 * drop.coefficient_nms_per_rad:.4f}e-5 N m s/rad, tends to {drop.terminal_rad_per_s:.1f}"
+    return words + f"{drop.coefficient_nms_per_rad:.4g} N m s/rad, tends to {drop.terminal_rad_per_s:.1f}"
 
 
 def _parameters(found: "Friction | None", drops: "Sequence[Drop]") -> "dict[str, Parameter]":
     from cfid.parameters import Parameter
 
-    runs = Parameter(value=[_row(drop) for drop in drops], unit="see names")
+    runs = Parameter(value=[_row(drop) for drop in drops], unit="as named")
     if found is None:
         return {"friction.runs": runs}
     return {

@@ -4,8 +4,18 @@ from typing import Annotated
 
 import typer
 
-from cfid.cli.inputs import check_mounts, open_workplace, read_named
-from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, Swings, WindowOptions, flat
+from cfid.cli.inputs import FIXTURE, check_mounts, open_workplace, read_swings
+from cfid.cli.options import (
+    Delivery,
+    GravityMps2,
+    MassKg,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    Swings,
+    WindowOptions,
+    flat,
+)
 from cfid.cli.outcome import deliver
 
 
@@ -18,6 +28,8 @@ def inertia(
     reading: ReadingOptions,
     delivery: Delivery,
     plan: Annotated[bool, typer.Option("--plan", help="Propose axes and distances for the next swings.")] = False,
+    mass_kg: MassKg = None,
+    gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
     """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
@@ -30,12 +42,12 @@ def inertia(
     from cfid.analysis.axis_inertias import AxisInertias
     from cfid.analysis.inertia import fit_inertia
     from cfid.cli.inertia_results import inertia_outcome
-    from cfid.cli.swing_set import FIXTURE, measure_all
+    from cfid.cli.swing_set import measure_all
     from cfid.cli.swung import surroundings, vehicle
 
-    workplace = open_workplace(rig)
-    items = read_named(runs, reading.reading(), workplace, label="axis")
-    body = vehicle(workplace, rig.mass_kg)
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    items = read_swings(runs, reading.reading(), workplace, body="crazyflie")
+    body = vehicle(workplace, mass_kg)
     check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
     swings = measure_all(items, window, method)
     axis_inertias = AxisInertias(swings.mounted, body, surroundings(workplace, swings.fixture))

@@ -5,7 +5,17 @@ from typing import Annotated
 import typer
 
 from cfid.cli.inputs import open_workplace, read_recording
-from cfid.cli.options import CutOptions, Delivery, Method, ReadingOptions, RigOptions, WindowOptions, flat
+from cfid.cli.options import (
+    CutOptions,
+    Delivery,
+    GravityMps2,
+    MassKg,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    WindowOptions,
+    flat,
+)
 from cfid.cli.outcome import deliver
 
 
@@ -20,6 +30,8 @@ def swing(
     delivery: Delivery,
     axis: Annotated[str | None, typer.Option(help="Mount it swung about; default: the run's label.")] = None,
     distance_m: Annotated[float | None, typer.Option(help="From the axis to the centre of mass.")] = None,
+    mass_kg: MassKg = None,
+    gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
     """Fit one swing: a pendulum with its sine kept and the damping that the data supports.
@@ -28,14 +40,15 @@ def swing(
 
     Example: [bold]cfid fit swing x.csv --time-unit us --mass-kg 0.028 --distance-m 0.022855[/bold]
     """
-    from cfid.cli.swing_results import analyse, find, swing_outcome
+    from cfid.cli.swing_results import analyse, check_peaks, find, swing_outcome
     from cfid.cli.swung import body_of_swing, surroundings
 
-    workplace = open_workplace(rig)
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
     record = read_recording(run, reading.reading(), workplace)
     axis = axis or record.label.axis
-    body = body_of_swing(workplace, axis=axis, body=record.label.body, mass_kg=rig.mass_kg, distance_m=distance_m)
+    body = body_of_swing(workplace, axis=axis, body=record.label.body, mass_kg=mass_kg, distance_m=distance_m)
+    check_peaks(window.peaks, [axis] if axis else [])
     found = find(record, window, axis=axis, cut=cut)
     analysed = analyse(record, found, method)
-    outcome = swing_outcome(record, found, analysed, body=body, around=surroundings(workplace))
+    outcome = swing_outcome(record, found, analysed, axis=axis, body=body, around=surroundings(workplace))
     deliver(outcome, delivery, workplace.campaign)

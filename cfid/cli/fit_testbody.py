@@ -2,8 +2,18 @@
 
 from typing import TYPE_CHECKING
 
-from cfid.cli.inputs import Workplace, check_mounts, open_workplace, read_named
-from cfid.cli.options import Delivery, Method, ReadingOptions, RigOptions, Swings, WindowOptions, flat
+from cfid.cli.inputs import FIXTURE, Workplace, check_mounts, open_workplace, read_swings
+from cfid.cli.options import (
+    Delivery,
+    GravityMps2,
+    MassKg,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    Swings,
+    WindowOptions,
+    flat,
+)
 from cfid.cli.outcome import Outcome, deliver
 
 if TYPE_CHECKING:
@@ -23,6 +33,8 @@ def testbody(
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
+    mass_kg: MassKg = None,
+    gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
     r"""Compare the test body's measured inertias with those of its drawing (table 2.5).
@@ -33,12 +45,12 @@ def testbody(
     """
     from cfid.analysis.axis_inertias import AxisInertias
     from cfid.analysis.testbody import compare
-    from cfid.cli.swing_set import FIXTURE, measure_all
+    from cfid.cli.swing_set import measure_all
     from cfid.cli.swung import described_test_body, surroundings, swung
 
-    workplace = open_workplace(rig)
-    items = read_named(runs, reading.reading(), workplace, label="axis")
-    body = described_test_body(workplace, rig.mass_kg)
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    items = read_swings(runs, reading.reading(), workplace, body="testbody")
+    body = described_test_body(workplace, mass_kg)
     check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="testbody.mounts")
     swings = measure_all(items, window, method)
     axis_inertias = AxisInertias(swings.mounted, swung(body), surroundings(workplace, swings.fixture))
@@ -77,7 +89,7 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
             ),
         ),
         drawings=drawings,
-        beside=swings.beside if workplace.campaign is None else workplace.campaign.folder / "figures",
+        beside=workplace.figures_beside(swings.files),
     )
 
 

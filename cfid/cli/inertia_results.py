@@ -43,7 +43,7 @@ def inertia_outcome(
         doubts=swings.doubts + fit.doubts,
         lines=(*swings.lines, *_budget_lines(fit), *(_plan_lines(axis_inertias, axes, fit) if plan else ())),
         drawings=drawings,
-        beside=swings.beside if workplace.campaign is None else workplace.campaign.folder / "figures",
+        beside=workplace.figures_beside(swings.files),
     )
 
 
@@ -64,11 +64,13 @@ def _parameters(axes: list[str], fit: "InertiaFit") -> "dict[str, Parameter]":
 
 
 def _combined(values: Any, deviations: Any) -> tuple[float, float]:
-    """Return mean and deviation of one mount's swings.
+    """Return the weighted mean of one mount's swings and its deviation.
 
     They share mass and geometry, which averaging does not better: the smallest deviation stands.
     """
-    return float(values.mean()), float(deviations.min())
+    if not deviations.all():
+        return float(values.mean()), 0.0
+    return float(values @ deviations**-2.0 / (deviations**-2.0).sum()), float(deviations.min())
 
 
 def _quality(axes: list[str], fit: "InertiaFit", swings: SwingSet) -> dict[str, Any]:

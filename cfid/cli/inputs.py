@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cfid.cli.options import RigOptions
+from cfid.cli.options import RigOptions, positive
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.campaign import Campaign, Rig
     from cfid.recording import AngleRecord, Reading
 
+FIXTURE = "fixture"
 NO_RIG = "no rig.toml here: the thesis' Crazyflie 2.0, cube and test body are taken (--geometry FILE for yours)."
 
 
@@ -45,8 +46,14 @@ class Workplace:
         """What is to be said when the rig's numbers are used."""
         return (NO_RIG,) if self.borrowed else ()
 
+    def figures_beside(self, files: Sequence[Path]) -> Path:
+        """Return where figures of several recordings go: into the campaign, else beside the first file."""
+        if self.campaign is not None:
+            return self.campaign.folder / "figures"
+        return files[0].parent if files else Path()
 
-def open_workplace(options: RigOptions) -> Workplace:
+
+def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) -> Workplace:
     """Find the campaign and its rig; --geometry and --gravity-mps2 override, the thesis' rig stands in."""
     from cfid.campaign import find_campaign, load_rig, thesis_rig
 
@@ -56,22 +63,10 @@ def open_workplace(options: RigOptions) -> Workplace:
         rig = load_rig(options.geometry)
     else:
         rig = thesis_rig() if campaign is None else campaign.rig
-    if options.gravity_mps2 is not None:
-        gravity = positive(options.gravity_mps2, "--gravity-mps2")
+    if gravity_mps2 is not None:
+        gravity = positive(gravity_mps2, "--gravity-mps2")
         rig = rig.model_copy(update={"site": rig.site.model_copy(update={"gravity_mps2": gravity})})
-    if options.mass_kg is not None:
-        positive(options.mass_kg, "--mass-kg")
     return Workplace(campaign, rig, borrowed)
-
-
-def positive(value: float, option: str) -> float:
-    """Return a number that has to be above zero.
-
-    Raises ConfigError when it is not.
-    """
-    if not 0 < value < float("inf"):
-        raise ConfigError(f"{option} {value:g}: has to be above zero.")
-    return value
 
 
 def read_recording(word: str, reading: "Reading", workplace: Workplace) -> "AngleRecord":
@@ -82,28 +77,48 @@ def read_recording(word: str, reading: "Reading", workplace: Workplace) -> "Angl
     if workplace.campaign is not None:
         named = workplace.campaign.runs_folder / word
         path = named if named.is_dir() and not path.exists() else path
-        if path.is_file() and reading.counts_per_turn is None:
-            reading = replace(reading, counts_per_turn=workplace.campaign.rig.encoder.counts_per_turn)
+    if path.is_file() and not workplace.borrowed and reading.counts_per_turn is None:
+        reading = replace(reading, counts_per_turn=workplace.rig.encoder.counts_per_turn)
     return read_angle(path, reading)
 
 
-def read_named(
-    words: Sequence[str], reading: "Reading", workplace: Workplace, *, label: str
+def read_swings(
+    words: Sequence[str], reading: "Reading", workplace: Workplace, *, body: str
 ) -> list[Named | KnownInertia]:
-    """Read NAME=FILE, NAME=NUMBER, NAME=NUMBER:DEVIATION, or a RUN whose label (axis or grams) is its name.
+    """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:DEVIATION, or a RUN whose label says axis and body.
 
-    Raises ConfigError for a word that is none of these, DataError for a run without that label.
+    A run labelled as the empty fixture is the fixture's swing, whatever its axis.
+
+    Raises ConfigError for a word that is none of these, and for a run of another body; DataError for a run
+    without an axis.
     """
     found: list[Named | KnownInertia] = []
     for word in words:
         name, equals, rest = word.partition("=")
         if not equals or Path(word).exists():
-            record = read_recording(word, reading, workplace)
-            found.append(Named(_label(record, label, word), record))
+            name, rest = "", word
         elif known := _known_inertia(name, rest):
             found.append(known)
-        else:
-            found.append(Named(name, read_recording(rest, reading, workplace)))
+            continue
+        record = read_recording(rest, reading, workplace)
+        found.append(Named(_axis(record, name, rest, body), record))
+    return found
+
+
+def read_weights(words: Sequence[str], reading: "Reading", workplace: Workplace) -> list[tuple[float, "AngleRecord"]]:
+    """Read GRAMS=FILE, or a RUN whose label says its weight; return grams and recordings.
+
+    Raises ConfigError for what is no weight, DataError for a run without one.
+    """
+    found = []
+    for word in words:
+        name, equals, rest = word.partition("=")
+        if not equals or Path(word).exists():
+            name, rest = "", word
+        record = read_recording(rest, reading, workplace)
+        if not name and record.label.weight_g is None:
+            raise DataError(f"{word}: does not say its weight in grams: write GRAMS={word}.")
+        found.append((_grams(name) if name else record.label.weight_g or 0.0, record))
     return found
 
 
@@ -130,8 +145,20 @@ def _known_inertia(name: str, text: str) -> KnownInertia | None:
     return known
 
 
-def _label(record: "AngleRecord", label: str, word: str) -> str:
-    value = record.label.axis if label == "axis" else record.label.weight_g
-    if value is None:
-        raise DataError(f"{word}: does not say its {label}: write {label.upper()}={word}.")
-    return value if isinstance(value, str) else f"{value:g}"
+def _axis(record: "AngleRecord", name: str, word: str, body: str) -> str:
+    """Return the mount a recording was swung on: the name given, else its label."""
+    label = record.label
+    if label.body == FIXTURE:
+        return FIXTURE
+    if label.body is not None and label.body != body and name != FIXTURE:
+        raise ConfigError(f"{word}: is labelled as a swing of the {label.body}, not of the {body}.")
+    if not name and label.axis is None:
+        raise DataError(f"{word}: does not say its axis: write AXIS={word}.")
+    return name or label.axis or ""
+
+
+def _grams(text: str) -> float:
+    try:
+        return positive(float(text), "GRAMS=")
+    except ValueError:
+        raise ConfigError(f"'{text}' is no weight in grams: write GRAMS=FILE.") from None

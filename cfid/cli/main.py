@@ -13,6 +13,7 @@ from cfid.cli.fit_inertia import inertia
 from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
 from cfid.cli.show import show
+from cfid.cli.speech import fault
 from cfid.errors import CfidError
 
 app = typer.Typer(
@@ -57,7 +58,7 @@ def main() -> None:
     try:
         app(prog_name="cfid")
     except CfidError as error:
-        typer.secho(f"cfid: {error}", err=True, fg=typer.colors.RED)
+        fault(str(error))
         sys.exit(error.exit_code)
 
 

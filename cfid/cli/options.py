@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
+from cfid.errors import ConfigError
+
 if TYPE_CHECKING:
     from cfid.recording import Reading
 
@@ -19,6 +21,12 @@ _RIG = "Vehicle and rig"
 Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' calculates as the thesis did.")]
 
 
+MassKg = Annotated[
+    float | None, typer.Option(help="Mass of what swings; its deviation stays rig.toml's.", rich_help_panel=_RIG)
+]
+GravityMps2 = Annotated[
+    float | None, typer.Option(help="Local gravity; its deviation stays rig.toml's.", rich_help_panel=_RIG)
+]
 Swings = Annotated[
     list[str], typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias.")
 ]
@@ -55,6 +63,8 @@ class ReadingOptions:
         """Return the options as the readers take them."""
         from cfid import recording
 
+        if self.rate_hz is not None:
+            positive(self.rate_hz, "--rate-hz")
         scale = self.counts_per_turn
         return recording.Reading(
             time_unit=self.time_unit,
@@ -80,8 +90,6 @@ class RigOptions:
     geometry: Annotated[
         Path | None, typer.Option(help="A rig.toml to use instead of the campaign's.", rich_help_panel=_RIG)
     ] = None
-    mass_kg: Annotated[float | None, typer.Option(help="Mass of what swings.", rich_help_panel=_RIG)] = None
-    gravity_mps2: Annotated[float | None, typer.Option(help="Local gravity.", rich_help_panel=_RIG)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +134,16 @@ class Delivery:
         Path | None,
         typer.Option(help="Folder for the figures; default: beside the run.", rich_help_panel=_OUTPUT),
     ] = None
+
+
+def positive(value: float, option: str) -> float:
+    """Return a number that has to be above zero.
+
+    Raises ConfigError when it is not.
+    """
+    if not 0 < value < float("inf"):
+        raise ConfigError(f"{option} {value:g}: has to be above zero.")
+    return value
 
 
 def flat(command: Callable[..., None]) -> Callable[..., None]:

@@ -26,6 +26,7 @@ class Outcome:
     """
 
     command: str
+    section: str = ""
     method: str
     parameters: "Mapping[str, Parameter]"
     quality: Mapping[str, Any]
@@ -43,15 +44,16 @@ def deliver(outcome: Outcome, delivery: Delivery, campaign: "Campaign | None") -
     Raises FitError when it is not believed and --force does not ask for the numbers all the same.
     """
     given = not outcome.doubts or delivery.force
+    drawn = _draw(outcome, delivery)
     if given and campaign is not None and outcome.parameters:
         _keep(outcome, campaign)
-    drawn = _draw(outcome, delivery)
     if delivery.json:
         typer.echo(_as_json(outcome, given))
     else:
         _print(outcome, given, drawn)
     if not given:
-        raise FitError(f"not believed: {' '.join(outcome.doubts)} --force gives the numbers all the same.")
+        kept = " parameters.toml keeps what it had." if campaign is not None else ""
+        raise FitError(f"not believed: {' '.join(outcome.doubts)}{kept} --force gives the numbers all the same.")
 
 
 def _as_json(outcome: Outcome, given: bool) -> str:
@@ -74,17 +76,23 @@ def _as_json(outcome: Outcome, given: bool) -> str:
 def _keep(outcome: Outcome, campaign: "Campaign") -> None:
     from datetime import UTC, datetime
 
-    from cfid.parameters import Section, store_section
+    from cfid.parameters import Section, Source, store_section
 
     section = Section(
         method=outcome.method,
         found=datetime.now(UTC).replace(microsecond=0),
         cfid_version=__version__,
         believed=not outcome.doubts,
-        sources=outcome.sources,
+        sources=tuple(Source(_path_in(campaign, source.path), source.sha256) for source in outcome.sources),
         parameters=outcome.parameters,
     )
-    store_section(campaign.parameters_file, outcome.command.removeprefix("fit "), section)
+    store_section(campaign.parameters_file, outcome.section or outcome.command.removeprefix("fit "), section)
+
+
+def _path_in(campaign: "Campaign", path: str) -> str:
+    """Return a path that holds wherever one stands: from the campaign's folder on if it lies there."""
+    here, folder = Path(path).resolve(), campaign.folder.resolve()
+    return str(here.relative_to(folder) if here.is_relative_to(folder) else here)
 
 
 def _draw(outcome: Outcome, delivery: Delivery) -> Sequence[Path]:
@@ -105,6 +113,7 @@ def _draw(outcome: Outcome, delivery: Delivery) -> Sequence[Path]:
 
 
 def _print(outcome: Outcome, given: bool, drawn: Sequence[Path]) -> None:
+    from cfid.cli.speech import note
     from cfid.cli.tables import print_parameters
 
     if given:
@@ -112,7 +121,7 @@ def _print(outcome: Outcome, given: bool, drawn: Sequence[Path]) -> None:
     for line in outcome.lines:
         typer.echo(line)
     for warning in (*outcome.warnings, *(outcome.doubts if given else ())):
-        typer.secho(f"note: {warning}", fg=typer.colors.YELLOW)
+        note(warning)
     for path in drawn:
         if path.suffix == ".png":
-            typer.echo(f"figure: {path} (and .svg)")
+            typer.echo(f"figure: {path} (and .svg)", err=True)

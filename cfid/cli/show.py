@@ -7,6 +7,7 @@ import typer
 from cfid.cli.inputs import open_workplace, read_recording
 from cfid.cli.options import Delivery, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
+from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +30,8 @@ def show(
 
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
+    if terminal and delivery.json:
+        raise ConfigError("--terminal draws where --json would print: give one of them.")
     workplace = open_workplace(rig)
     record = read_recording(run, reading.reading(), workplace)
     if terminal:

@@ -1,13 +1,13 @@
 """One swing's analysis, and its result in the contract's keys."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cfid.cli.options import CutOptions, WindowOptions
 from cfid.cli.outcome import Outcome
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError, DataError, FitError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from cfid.analysis.swing import FreeSwing
     from cfid.parameters import Parameter
     from cfid.recording import AngleRecord
+
+FEWEST_PEAKS = 4
 
 _DAMPING = {
     "swing.viscous_nms_per_rad": ("viscous_per_s", "N m s/rad"),
@@ -71,19 +73,47 @@ def peaks_of(text: str | None, axis: str | None) -> int | None:
 
     Raises ConfigError when it is neither, or below four.
     """
+    by_axis = _by_axis(text)
+    return by_axis.get(None, by_axis.get(axis))
+
+
+def check_peaks(text: str | None, axes: Sequence[str]) -> None:
+    """Check that every axis that --peaks names is one that swings.
+
+    Raises ConfigError naming the one that is not.
+    """
+    for axis in _by_axis(text):
+        if axis is not None and axis not in axes:
+            raise ConfigError(
+                f"--peaks {text}: no swing is about '{axis}', but about {', '.join(axes) or 'an axis not named'}."
+            )
+
+
+def _by_axis(text: str | None) -> dict[str | None, int]:
+    """Parse --peaks; a single number holds for all axes and has None as its key."""
     if text is None:
-        return None
+        return {}
     try:
         if "=" not in text:
-            count: int | None = int(text)
+            counts: dict[str | None, int] = {None: int(text)}
         else:
-            pairs = dict(part.split("=") for part in text.split(","))
-            count = int(pairs[axis]) if axis in pairs else None
+            pairs = (part.split("=") for part in text.split(","))
+            counts = {axis.strip(): int(count) for axis, count in pairs}
     except ValueError:
         raise ConfigError(f"--peaks {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None
-    if count is not None and count < 4:
+    if min(counts.values()) < FEWEST_PEAKS:
         raise ConfigError(f"--peaks {text}: a fit needs four peaks at least, the release being the first.")
-    return count
+    return counts
+
+
+def doubts_of(swing: "FreeSwing") -> tuple[str, ...]:
+    """Return why no pendulum describes a record, for a method that has no verdict of its own."""
+    from cfid.analysis.swing_fit import fit_swing
+
+    try:
+        return fit_swing(swing).verdict.doubts
+    except FitError as error:
+        return (str(error),)
 
 
 def analyse(record: "AngleRecord", swing: "FreeSwing", method: str) -> AnalysedSwing:
@@ -96,12 +126,14 @@ def swing_outcome(
     swing: "FreeSwing",
     analysed: AnalysedSwing,
     *,
+    axis: str | None,
     body: "tuple[SwungBody, str] | None",
     around: "Surroundings",
 ) -> Outcome:
     """Return the result of `cfid fit swing`, with inertia and torques where body and mount are known."""
     return Outcome(
         command="fit swing",
+        section=f"swing {axis or record.name}",
         method=analysed.method,
         parameters=_parameters(swing, analysed, body, around),
         quality=analysed.quality,
@@ -204,7 +236,7 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
             f"{100 * fit.verdict.distortion:.2g} % of the start angle, drift {100 * fit.verdict.drift:+.2g} %",
             f"check: the thesis' damped cosine would give {cosine.natural_frequency_squared_s2:.6g} 1/s^2, "
             f"an inertia {100 * excess:+.2f} % off",
-            f"check: logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter of peaks "
+            f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
             f"{decrement.viscous_scatter_per_s / 2:.2g}; its period gives "
             f"{decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
         ),
@@ -240,7 +272,7 @@ def _as_the_thesis(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
             "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; "
             "its deviation counts noise alone.",
         ),
-        doubts=(),
+        doubts=doubts_of(swing),
         lines=(
             f"damped cosine: residual {1e3 * rms:.3g} mrad rms",
             f"nonlinear equation (2.9) on the flexible function (2.16): "

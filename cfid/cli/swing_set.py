@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cfid.cli.inputs import KnownInertia, Named
+from cfid.cli.inputs import FIXTURE, KnownInertia, Named
 from cfid.cli.options import WindowOptions
-from cfid.cli.swing_results import find
+from cfid.cli.swing_results import check_peaks, doubts_of, find
+from cfid.errors import ConfigError, FitError
 
 if TYPE_CHECKING:
     from cfid.analysis.axis_inertias import MountedSwing
     from cfid.analysis.swing import FreeSwing
     from cfid.parameters import Source
-
-FIXTURE = "fixture"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +26,7 @@ class SwingSet:
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]
     sources: "tuple[Source, ...]"
-    beside: Path
+    files: tuple[Path, ...]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -38,8 +37,12 @@ class SwingSet:
 def measure_all(items: Sequence[Named | KnownInertia], window: WindowOptions, method: str) -> SwingSet:
     """Fit every recording and take the known axis inertias as they are.
 
-    Raises DataError and FitError naming the file.
+    Raises DataError and FitError naming the file, ConfigError for a second fixture.
     """
+    names = [item.name for item in items]
+    if names.count(FIXTURE) > 1:
+        raise ConfigError("more than one swing of the empty fixture: give one.")
+    check_peaks(window.peaks, names)
     measured = [_measure(item, window, method) for item in items]
     files = [item.record for item in items if isinstance(item, Named)]
     return SwingSet(
@@ -49,7 +52,7 @@ def measure_all(items: Sequence[Named | KnownInertia], window: WindowOptions, me
         warnings=tuple(note for file in files for note in file.notes) + tuple(w for m in measured for w in m[2]),
         doubts=tuple(doubt for m in measured for doubt in m[3]),
         sources=tuple(file.source for file in files),
-        beside=files[0].path.parent if files else Path(),
+        files=tuple(file.path for file in files),
     )
 
 
@@ -71,7 +74,10 @@ def _measure(
         known = MountedSwing(axis=item.name, value=item.value_kg_m2, std=item.std_kg_m2, known=True)
         return known, {"axis": item.name, "known_kg_m2": item.value_kg_m2}, (), ()
     swing = find(item.record, window, axis=item.name)
-    value, std, quality, warnings, doubts = (_thesis if method == "thesis" else _default)(swing)
+    try:
+        value, std, quality, warnings, doubts = (_thesis if method == "thesis" else _default)(swing)
+    except FitError as error:
+        raise FitError(f"{item.record.path}: {error}") from None
     named = tuple(f"{item.name}: {doubt}" for doubt in doubts)
     said = tuple(f"{item.name}: {warning}" for warning in warnings)
     quality = {"axis": item.name, "natural_frequency_squared_s2": value, "std_s2": std, **quality}
@@ -101,4 +107,4 @@ def _thesis(swing: "FreeSwing") -> tuple[float, float, dict[str, Any], tuple[str
     cosine = fit_damped_cosine(swing)
     quality = {"peaks_used": swing.peaks_used}
     frequency, std = (found.natural_frequency_squared_s2 for found in (cosine.frequencies, cosine.std))
-    return frequency, std, quality, swing.warnings, ()
+    return frequency, std, quality, swing.warnings, doubts_of(swing)

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from cfid.cli.inputs import Workplace, check_mounts, positive
+from cfid.cli.inputs import FIXTURE, Workplace, check_mounts
+from cfid.cli.options import positive
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -13,7 +14,10 @@ BY_HAND = "by hand"
 
 
 def vehicle(workplace: Workplace, mass_kg: float | None) -> "SwungBody":
-    """Return the vehicle of rig.toml, its mass overridden by --mass-kg."""
+    """Return the vehicle of rig.toml, its mass overridden by --mass-kg.
+
+    Raises ConfigError for a mass that is none.
+    """
     import numpy as np
 
     from cfid.analysis.axis_inertias import SwungBody
@@ -21,7 +25,7 @@ def vehicle(workplace: Workplace, mass_kg: float | None) -> "SwungBody":
 
     given = workplace.rig.vehicle
     return SwungBody(
-        mass_kg=mass_kg or given.mass_kg,
+        mass_kg=given.mass_kg if mass_kg is None else positive(mass_kg, "--mass-kg"),
         mass_std_kg=given.mass_std_kg,
         centre_m=MM * np.array(given.centre_of_mass_mm),
         centre_std_m=MM * np.array(given.centre_of_mass_std_mm),
@@ -37,7 +41,7 @@ def described_test_body(workplace: Workplace, mass_kg: float | None) -> "TestBod
     body = workplace.rig.testbody
     if body is None:
         raise ConfigError("rig.toml describes no test body: add [testbody] with its cuboids and mounts.")
-    return body if mass_kg is None else body.model_copy(update={"mass_kg": mass_kg})
+    return body if mass_kg is None else body.model_copy(update={"mass_kg": positive(mass_kg, "--mass-kg")})
 
 
 def swung(body: "TestBody") -> "SwungBody":
@@ -80,7 +84,7 @@ def body_of_swing(
     """
     if distance_m is not None:
         return _by_hand(mass_kg, positive(distance_m, "--distance-m"))
-    if workplace.borrowed or axis is None or body == "fixture":
+    if workplace.borrowed or axis is None or body == FIXTURE:
         if mass_kg is not None:
             raise ConfigError("--mass-kg alone gives no inertia: add --distance-m, or a rig.toml and --axis.")
         return None
@@ -100,7 +104,7 @@ def _by_hand(mass_kg: float | None, distance_m: float) -> "tuple[SwungBody, str]
         raise ConfigError("--distance-m needs --mass-kg.")
     mount = Mount(point_mm=(0.0, 1e3 * distance_m, 0.0), direction=(1, 0, 0))
     body = SwungBody(
-        mass_kg=mass_kg,
+        mass_kg=positive(mass_kg, "--mass-kg"),
         mass_std_kg=0.0,
         centre_m=np.zeros(3),
         centre_std_m=np.zeros(3),

@@ -103,6 +103,8 @@ def friction_figure(
     speed = np.linspace(0.0, 1.03 * torque_axes.get_xlim()[1], 300)[1:]
     highest = coefficient_axes.get_ylim()[1]
     for found, colour, ls in ((friction, MODEL, "-"), (thesis, MUTED, "--")):
+        if found.viscous_nms_per_rad is None:
+            continue
         line = _MICRO * ((found.coulomb_nm or 0.0) + found.viscous_nms_per_rad * speed)
         torque_axes.plot(speed, line, color=colour, ls=ls, zorder=1.5)
         coefficient_axes.plot(speed, line / speed, color=colour, ls=ls, zorder=1.5)
@@ -151,13 +153,15 @@ def _key(friction: Friction, all_settled: bool) -> list[Artist]:
 
 
 def _name(friction: Friction) -> str:
+    if friction.viscous_nms_per_rad is None:
+        return "not told by one weight"
     return "viscous alone" if friction.coulomb_nm is None else "Coulomb and viscous"
 
 
 def _numbers(found: Friction) -> list[tuple[str, str]]:
     def row(name: str, value: float | None, std: float | None, scale: float, unit: str) -> tuple[str, str]:
         if value is None:
-            return name, "not in this model"
+            return name, "not told"
         return name, plus_minus(scale * value, scale * (std or 0.0), unit=unit)
 
     return [

@@ -72,7 +72,7 @@ def test_table_2_1s_coefficients_follow_from_its_masses_and_speeds(row: int) -> 
 def test_the_mean_of_rows_6_to_19_is_0_1833_where_table_2_2_says_0_1813() -> None:
     drops = [measured(*at_speed(speed), grams) for grams, speed, _ in TABLE_2_1[5:]]
 
-    assert round(1e5 * thesis_friction(drops).viscous_nms_per_rad, 4) == 0.1833
+    assert thesis_friction(drops).viscous_nms_per_rad == pytest.approx(0.1833e-5, abs=0.00005e-5)
 
 
 def test_all_weights_of_table_2_1_together_show_a_mostly_dry_friction() -> None:
@@ -137,11 +137,24 @@ def test_turning_the_other_way_is_the_same() -> None:
     assert measured(time_s, -angle, 40).speed_rad_per_s == pytest.approx(measured(time_s, angle, 40).speed_rad_per_s)
 
 
-def test_one_weight_alone_leaves_coulomb_unknown_and_says_so() -> None:
+def test_one_weight_alone_gives_no_friction_and_says_why() -> None:
     found = fit_friction([measured(*fallen(40), 40)], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
 
-    assert found.coulomb_nm is None
+    assert (found.viscous_nms_per_rad, found.coulomb_nm, found.setup_inertia_kg_m2) == (None, None, None)
     assert "one weight alone" in found.warnings[0]
+
+
+def test_friction_that_comes_out_negative_is_set_to_zero_and_said() -> None:
+    dry_below, viscous_below = (
+        fit_friction(
+            [_settled_at(20, a), _settled_at(40, b)], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY
+        )
+        for a, b in ((100, 190), (300, 200))
+    )
+
+    assert (dry_below.coulomb_nm, viscous_below.viscous_nms_per_rad) == (0.0, 0.0)
+    assert "Coulomb friction is set to zero" in dry_below.warnings[0]
+    assert viscous_below.setup_inertia_kg_m2 is None
 
 
 def test_an_axis_that_stands_still_is_refused() -> None:
@@ -162,6 +175,8 @@ def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
                 drops.append(_settled_at(grams, off))
         found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
         assert found.viscous_std is not None
+        assert found.viscous_nms_per_rad is not None
+        assert found.setup_inertia_kg_m2 is not None
         assert found.setup_inertia_std is not None
         covered.append(abs(found.viscous_nms_per_rad - VISCOUS) < 1.96 * found.viscous_std)
         covered_inertia.append(abs(found.setup_inertia_kg_m2 - SETUP) < 1.96 * found.setup_inertia_std)

@@ -72,3 +72,23 @@ def test_the_calculated_inertia_is_as_uncertain_as_mass_and_lengths_make_it() ->
 
     assert comparison.calculated_std_kg_m2 == pytest.approx(0.01 * comparison.calculated_kg_m2)
     assert np.isfinite(comparison.deviations)
+
+
+def test_a_mass_that_both_inertias_share_does_not_set_them_apart() -> None:
+    body = thesis_test_body().model_copy(update={"mass_std_kg": 0.002, "length_std_mm": 0.0})
+    exact = {
+        name: mount.model_copy(update={"point_std_mm": (0, 0, 0), "direction_std_deg": 0.0})
+        for name, mount in body.mounts.items()
+    }
+    body = body.model_copy(update={"mounts": exact})
+    swung = swung_test_body(body)
+    site = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.0)
+    drawn = from_cuboids(body.cuboids, mass_kg=body.mass_kg)
+    distance = axis_distance(drawn.centre_m, exact["x"].point_m, exact["x"].direction)
+    frequency = 9.81 * distance / (drawn.inertia_kg_m2[0, 0] / body.mass_kg + distance**2)
+    found = compare(body, AxisInertias([MountedSwing(axis="x", value=float(frequency), std=0.0)], swung, site))[0]
+
+    # m g r / W - m r^2 and the drawing's inertia are both proportional to the mass.
+    assert found.measured_std_kg_m2 > 0.1 * found.measured_kg_m2
+    assert found.error == pytest.approx(0.0, abs=1e-9)
+    assert found.error_std == pytest.approx(0.0, abs=1e-9)

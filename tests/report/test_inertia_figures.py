@@ -97,6 +97,7 @@ def test_the_test_bodys_difference_keeps_its_sign(look: Look) -> None:
             calculated_std_kg_m2=2e-8,
             measured_kg_m2=6.4e-6 * factor,
             measured_std_kg_m2=1e-7,
+            error_std=0.016,
         )
         for axis, factor in (("x", 0.98), ("z", 1.03))
     ]

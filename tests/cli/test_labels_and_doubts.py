@@ -1,0 +1,109 @@
+"""Labels keep bodies apart, doubts stop every method, and nothing is kept of a command that failed."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    import sys
+
+    folder = tmp_path_factory.mktemp("campaign") / "demo"
+    command = [sys.executable, "-m", "cfid.cli.main", "demo", str(folder), "--no-figures"]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder
+
+
+def run_named(demo: Path, ending: str) -> Path:
+    return next((demo / "runs").glob(f"*_{ending}"))
+
+
+def test_a_swing_of_the_test_body_is_not_taken_for_the_vehicles(cfid: Cfid, demo: Path) -> None:
+    said = cfid("fit", "inertia", run_named(demo, "swing_testbody_x"), "--campaign", demo, "--json")
+
+    assert said.returncode == 2
+    assert "labelled as a swing of the testbody, not of the crazyflie" in said.stderr
+
+
+def test_a_run_labelled_as_the_fixture_is_the_fixture(cfid: Cfid, demo: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "fixture_swing"
+    shutil.copytree(run_named(demo, "swing_y"), copy)
+    header = copy / "run.toml"
+    header.write_text(header.read_text().replace('body = "crazyflie"', 'body = "fixture"'))
+    said = cfid("fit", "inertia", copy, "x=3.1e-5", "--campaign", demo, "--json")
+
+    assert said.returncode == 2
+    assert "[fixture]" in said.stderr
+
+
+def test_the_thesis_method_is_not_believed_where_no_pendulum_is(cfid: Cfid, tmp_path: Path) -> None:
+    time_s = np.arange(0, 8, 0.001)
+    angle = 0.8 * np.exp(-0.3 * time_s) * np.cos(14 * time_s) + 0.03 * np.sin(45 * time_s)
+    path = tmp_path / "shaken.csv"
+    path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, angle, strict=True)))
+
+    assert cfid("fit", "swing", path, "--method", "thesis", "--json").returncode == 5
+
+
+def test_a_command_that_cannot_draw_keeps_no_parameters(cfid: Cfid, demo: Path, tmp_path: Path) -> None:
+    campaign = tmp_path / "campaign"
+    shutil.copytree(demo, campaign)
+    before = (campaign / "parameters.toml").read_bytes()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "encoder_swing.png").write_bytes(b"mine")
+    said = cfid("fit", "swing", run_named(campaign, "swing_z"), "--out", tmp_path / "out", "--campaign", campaign)
+
+    assert said.returncode == 2
+    assert (campaign / "parameters.toml").read_bytes() == before
+
+
+def test_swings_are_kept_by_axis_with_paths_from_the_campaign_on(cfid: Cfid, demo: Path, tmp_path: Path) -> None:
+    campaign = tmp_path / "campaign"
+    shutil.copytree(demo, campaign)
+    for axis in "xz":
+        run = run_named(campaign, f"swing_{axis}")
+        assert cfid("fit", "swing", run, "--no-figures", "--campaign", campaign).returncode == 0
+    import tomllib
+
+    kept = tomllib.loads((campaign / "parameters.toml").read_text())
+    assert {"swing x", "swing z"} <= set(kept)
+    assert kept["swing z"]["sources"][0]["path"] == f"runs/{run.name}/encoder.csv"
+
+
+def test_every_runs_name_is_printed_whole(cfid: Cfid, demo: Path) -> None:
+    said = cfid("runs", "--campaign", demo)
+
+    assert all(run.name in said.stdout for run in (demo / "runs").iterdir())
+
+
+@pytest.mark.parametrize("peaks", ["q=9", "x=9,q=9", "x=3,y=9", "9,10", "x=a"])
+def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, demo: Path, peaks: str) -> None:
+    words = [run_named(demo, f"swing_{axis}") for axis in ("x", "y")]
+    said = cfid("fit", "inertia", *words, "--peaks", peaks, "--campaign", demo, "--json")
+
+    assert said.returncode == 2
+    assert "--peaks" in said.stderr
+
+
+def test_json_is_all_there_is_on_stdout(cfid: Cfid, demo: Path) -> None:
+    said = cfid("fit", "swing", run_named(demo, "swing_x"), "--json", "--campaign", demo)
+
+    assert json.loads(said.stdout)["command"] == "fit swing"
+
+
+def test_one_weight_gives_null_for_what_it_cannot_tell(cfid: Cfid, demo: Path) -> None:
+    said = cfid(
+        "fit", "friction", run_named(demo, "drop_30g"), run_named(demo, "drop_30g-2"), "--json", "--campaign", demo
+    )
+    parameters = json.loads(said.stdout)["parameters"]
+
+    assert parameters["friction.viscous_nms_per_rad"]["value"] is None
+    assert parameters["friction.setup_inertia_kg_m2"]["value"] is None

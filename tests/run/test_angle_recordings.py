@@ -1,0 +1,414 @@
+"""Time and angle of a file: found by name, in the unit that was meant, continuous over turns; or asked for."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.errors import ConfigError, DataError
+from cfid.recording import AngleRecord, Reading, counts_per_turn, read_angle
+from cfid.wire.e201 import encode_positions
+
+TURN = 2 * np.pi
+TIME_S = np.arange(2000) * 1e-3
+ANGLE_RAD = 0.9 * np.exp(-0.4 * TIME_S) * np.cos(9 * TIME_S)
+EPOCH_S = 1_763_712_345.0
+
+
+def text_of(time: npt.ArrayLike, values: npt.ArrayLike, head: str = "t,phi", time_format: str = ".6f") -> str:
+    rows = zip(np.asarray(time).tolist(), np.asarray(values).tolist(), strict=True)
+    return "".join([f"{head}\n" if head else "", *(f"{t:{time_format}},{value}\n" for t, value in rows)])
+
+
+def read(folder: Path, text: str, **options: Any) -> AngleRecord:
+    path = folder / "swing.csv"
+    path.write_text(text)
+    return read_angle(path, Reading(**options))
+
+
+def refusal(folder: Path, text: str, kind: type[Exception] = DataError, **options: Any) -> str:
+    with pytest.raises(kind) as caught:
+        read(folder, text, **options)
+    return str(caught.value)
+
+
+def words(angle_rad: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Return what a 13-bit encoder says in 22-bit words."""
+    return encode_positions(np.floor(angle_rad / TURN * 8192).astype(np.int64) % 8192)
+
+
+def counts(angle_rad: npt.NDArray[Any], per_turn: int) -> npt.NDArray[np.int64]:
+    return np.floor(angle_rad / TURN * per_turn).astype(np.int64) % per_turn
+
+
+def off_by(record: AngleRecord, angle_rad: npt.NDArray[Any]) -> float:
+    """Return the largest difference from an angle, whole turns of the first sample aside."""
+    difference = record.angle_rad - angle_rad
+    return float(np.abs(difference - TURN * np.round(difference[0] / TURN)).max())
+
+
+# Heads
+
+
+HEADS = {
+    "t,phi_rad": (1.0, 1.0),
+    "T,Phi_RAD": (1.0, 1.0),
+    "t [s],theta [rad]": (1.0, 1.0),
+    "time_s,theta_rad": (1.0, 1.0),
+    "time (ms),angle(deg)": (1e3, 180 / np.pi),
+    "timestamp_us,position [deg]": (1e6, 180 / np.pi),
+    "t[us],phi(rad)": (1e6, 1.0),
+    "t [µs],phi [°]": (1e6, 180 / np.pi),
+    "time/ms,angle/degrees": (1e3, 180 / np.pi),
+    "when,t_s,speed,phi [radians]": (1.0, 1.0),
+    '"t [s]","angle, deg"': (1.0, 180 / np.pi),
+}
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_names_and_units_are_read_from_the_head(tmp_path: Path, head: str) -> None:
+    time_scale, angle_scale = HEADS[head]
+    before, middle = ("7,", ",5") if "speed" in head else ("", "")
+    rows = zip(TIME_S * time_scale, ANGLE_RAD * angle_scale, strict=True)
+    record = read(tmp_path, f"{head}\n" + "".join(f"{before}{t:.6f}{middle},{a:.9f}\n" for t, a in rows))
+    assert record.time_s == pytest.approx(TIME_S, abs=1e-9)
+    assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
+    assert record.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        ("t,psi", "no column of angle (phi, angle, theta) among t, psi: say --columns TIME,ANGLE"),
+        ("x,phi_rad", "no column of time (t, time) among x, phi_rad: say --columns TIME,ANGLE, or --rate-hz"),
+        ("t [min],phi_rad", "no column of time"),
+        ("t,phi [gon]", "no column of angle"),
+        ("phi,phi", ": phi (1), phi (2). Say --columns"),
+        ("t,phi_rad,time", "more than one column of time (t, time): t (1), time (3). Say"),
+    ],
+)
+def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, said: str) -> None:
+    row = ",".join("1" for _ in head.split(","))
+    assert said in refusal(tmp_path, f"{head}\n" + f"{row}\n" * 20)
+
+
+def test_columns_are_chosen_by_name_or_number_and_keep_the_unit_of_their_name(tmp_path: Path) -> None:
+    rows = "".join(f"{1000 * t:.3f},{a:.9f},{2 * a:.9f}\n" for t, a in zip(TIME_S, ANGLE_RAD, strict=True))
+    text = f"t [ms],phi_rad,phi_rad\n{rows}"
+    record = read(tmp_path, text, columns=("1", "3"))
+    assert record.time_s == pytest.approx(TIME_S, abs=1e-9)
+    assert record.angle_rad == pytest.approx(2 * ANGLE_RAD, abs=1e-8)
+    assert "columns 2, 3 are all called" in refusal(tmp_path, text, columns=("t [ms]", "phi_rad"))
+    assert "no column '4'" in refusal(tmp_path, text, columns=("1", "4"))
+
+
+@pytest.mark.parametrize("columns", [("t",), ("t", "phi", "x"), ("t", "t"), ("1", "t")])
+def test_columns_that_are_no_pair_of_time_and_angle_are_a_usage_error(tmp_path: Path, columns: tuple[str, ...]) -> None:
+    assert "--columns" in refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), ConfigError, columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("head", "options", "said"),
+    [
+        ("t_ms,phi", {"time_unit": "us"}, "column 't_ms' says ms, --time-unit says us"),
+        ("t_ms,phi_rad", {"angle_unit": "deg"}, "column 'phi_rad' says rad, --angle-unit says deg"),
+    ],
+)
+def test_an_option_that_contradicts_the_head_is_a_usage_error(
+    tmp_path: Path, head: str, options: dict[str, Any], said: str
+) -> None:
+    assert said in refusal(tmp_path, text_of(1e3 * TIME_S, ANGLE_RAD, head), ConfigError, **options)
+
+
+# Files without times
+
+
+def test_one_column_needs_a_rate_and_two_with_a_rate_need_a_choice(tmp_path: Path) -> None:
+    column = "".join(f"{word}\n" for word in words(ANGLE_RAD))
+    assert "one column and no time: say --rate-hz" in refusal(tmp_path, column)
+    record = read(tmp_path, column, rate_hz=1000.0)
+    assert record.time_s == pytest.approx(TIME_S, abs=1e-12)
+    assert off_by(record, ANGLE_RAD) < TURN / 8192 + 1e-9
+
+    two = text_of(TIME_S, words(ANGLE_RAD), head="")
+    assert "no head names its 2 columns: say --columns ANGLE by number" in refusal(tmp_path, two, rate_hz=500.0)
+    assert read(tmp_path, two, rate_hz=500.0, columns=("2",)).time_s == pytest.approx(2 * TIME_S, abs=1e-12)
+
+
+def test_three_columns_without_a_head_need_a_choice(tmp_path: Path) -> None:
+    text = "".join(f"{i},{t:.3f},{a:.9f}\n" for i, (t, a) in enumerate(zip(TIME_S, ANGLE_RAD, strict=True)))
+    assert "no head names its 3 columns: say --columns TIME,ANGLE by number" in refusal(tmp_path, text)
+    record = read(tmp_path, text, columns=("2", "3"), angle_unit="rad")
+    assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_a_usage_error(tmp_path: Path, rate_hz: float) -> None:
+    assert "--rate-hz" in refusal(tmp_path, "phi\n" + "512\n" * 20, ConfigError, rate_hz=rate_hz)
+
+
+def test_a_column_of_decimal_commas_is_never_read_as_two(tmp_path: Path) -> None:
+    degrees = "".join(f"{a:.3f}\n".replace(".", ",") for a in np.degrees(ANGLE_RAD))
+    assert "decimal points" in refusal(tmp_path, degrees, rate_hz=1000.0)
+    seconds = "".join(f"{t:.3f}\n".replace(".", ",") for t in TIME_S)
+    assert "s between samples" in refusal(tmp_path, seconds)
+    assert "decimal commas" in refusal(tmp_path, "".join(seconds.splitlines(keepends=True)[:900]))
+
+
+def test_decimal_commas_are_refused_in_every_setting(tmp_path: Path) -> None:
+    for between in (";", "\t", " ", ","):
+        for head in ("t,phi", ""):
+            for time_unit in ("s", "ms", "us"):
+                rows = "".join(
+                    f"{t:.3f}{between}{a:.3f}\n".replace(".", ",")
+                    for t, a in zip(1e3 * TIME_S, 100 * np.degrees(ANGLE_RAD), strict=True)
+                )
+                text = head.replace(",", between) + "\n" * bool(head) + rows
+                said = refusal(tmp_path, text, time_unit=time_unit, counts_per_turn=4194304.0)
+                assert "decimal points" in said
+
+
+# Time
+
+
+@pytest.mark.parametrize("start_s", [0.0, EPOCH_S])
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e3), ("us", 1e6)])
+@pytest.mark.parametrize("taken_for", ["s", "ms", "us"])
+def test_time_in_a_wrong_unit_is_refused_and_the_right_one_proposed(
+    tmp_path: Path, start_s: float, unit: str, scale: float, taken_for: str
+) -> None:
+    text = text_of((start_s + TIME_S) * scale, words(ANGLE_RAD))
+    if taken_for == unit:
+        assert read(tmp_path, text, time_unit=taken_for).time_s == pytest.approx(TIME_S, abs=1e-6)
+        return
+    said = refusal(tmp_path, text, time_unit=taken_for)
+    assert f"Say --time-unit {unit}." in said
+    assert (f"a date (Unix time) in {unit}" in said) == (start_s > 0)
+
+
+def test_time_of_a_slow_recording_in_a_finer_unit_is_doubted_and_with_a_date_refused(tmp_path: Path) -> None:
+    slow_s = 0.03 * np.arange(200)
+    text = text_of(slow_s, words(np.cos(slow_s)))
+    assert read(tmp_path, text).notes == ("swing.csv: counts are read as --counts-per-turn rls-13bit-in-22.",)
+    assert "33333 Hz: is it not in s?" in read(tmp_path, text, time_unit="ms").notes[0]
+    dated = text_of(EPOCH_S + slow_s, words(np.cos(slow_s)))
+    assert "Say --time-unit s." in refusal(tmp_path, dated, time_unit="ms")
+
+
+def test_a_pause_does_not_make_the_unit_wrong(tmp_path: Path) -> None:
+    paused_s = TIME_S + np.where(TIME_S > 1, 3600.0, 0.0)
+    assert read(tmp_path, text_of(paused_s, words(ANGLE_RAD))).time_s[-1] == pytest.approx(3601.999)
+
+
+@pytest.mark.parametrize("preface", [[], ["t,phi"], ["", "t,phi", ""], ["rig 7", "", "Monday", "", "t,phi"]])
+@pytest.mark.parametrize("end", ["\n", "\n\n", "\r\n"])
+def test_time_that_goes_back_is_refused_with_its_line(tmp_path: Path, preface: list[str], end: str) -> None:
+    time_s = np.where(np.arange(2000) < 700, TIME_S, TIME_S - 0.5)
+    lines = [*preface, *text_of(time_s, words(ANGLE_RAD), head="").splitlines()]
+    text = end.join(lines) + end
+    said = refusal(tmp_path, text, skip_lines=(len(preface) - 1) * len(end.strip("\r")) if "rig 7" in preface else 0)
+    line = 1 + (len(preface) + 700) * end.count("\n")
+    assert f"swing.csv:{line}: time goes back from 0.699000 to 0.200000 s" in said
+
+
+def test_time_that_stands_still_is_refused(tmp_path: Path) -> None:
+    text = text_of(EPOCH_S + TIME_S, words(ANGLE_RAD), time_format=".4g")
+    assert "time stands still at 1764000000" in refusal(tmp_path, text)
+
+
+def test_times_that_repeat_are_counted(tmp_path: Path) -> None:
+    blocks_s = np.floor(TIME_S / 0.005) * 0.005
+    record = read(tmp_path, text_of(blocks_s, words(ANGLE_RAD)))
+    assert any("1600 of 2000 samples have the time of the one before" in note for note in record.notes)
+
+
+def test_a_time_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
+    time = 1.7e307 * np.arange(-10, 10)
+    assert "between samples" in refusal(tmp_path, text_of(time, words(ANGLE_RAD[:20]), time_format=".17g"))
+
+
+@pytest.mark.parametrize("rows", [1, 15])
+def test_a_handful_of_rows_is_no_recording(tmp_path: Path, rows: int) -> None:
+    said = refusal(tmp_path, text_of(TIME_S[:rows], words(ANGLE_RAD[:rows])))
+    assert f"{rows} rows; a recording has at least 16" in said
+
+
+# Angle
+
+
+@pytest.mark.parametrize("start_rad", np.linspace(-TURN, TURN, 25))
+@pytest.mark.parametrize("per_turn", [8192, 4194304, "words", "rad", "deg"])
+def test_an_angle_is_continuous_wherever_its_turn_ends(tmp_path: Path, start_rad: float, per_turn: int | str) -> None:
+    angle = ANGLE_RAD + start_rad
+    folded = angle % TURN
+    if per_turn == "words":
+        record, step = read(tmp_path, text_of(TIME_S, words(angle))), TURN / 8192
+    elif isinstance(per_turn, int):
+        text = text_of(TIME_S, counts(angle, per_turn))
+        record, step = read(tmp_path, text, counts_per_turn=float(per_turn)), TURN / per_turn
+    else:
+        text = text_of(TIME_S, np.round(folded if per_turn == "rad" else np.degrees(folded), 6))
+        record, step = read(tmp_path, text, angle_unit=per_turn), 1e-6
+    assert off_by(record, angle) < step + 1e-8
+    assert record.path.name == "swing.csv"
+
+
+def test_many_turns_are_counted_whether_the_counts_are_folded_or_not(tmp_path: Path) -> None:
+    falling = 300 * TIME_S**2
+    assert falling[-1] > 100 * TURN
+    for text, per_turn in [
+        (text_of(TIME_S, words(falling)), None),
+        (text_of(TIME_S, counts(falling, 4194304)), 4194304.0),
+        (text_of(TIME_S, np.floor(falling / TURN * 8192).astype(int)), 8192.0),
+        (text_of(TIME_S, np.floor(-falling / TURN * 8192).astype(int)), 8192.0),
+    ]:
+        sign = -1 if text.splitlines()[-1].split(",")[1].startswith("-") else 1
+        assert off_by(read(tmp_path, text, counts_per_turn=per_turn), sign * falling) < TURN / 8192 + 1e-8
+    assert off_by(read(tmp_path, text_of(TIME_S, falling, "t,phi_rad")), falling) < 1e-9
+
+
+def test_counts_that_were_never_folded_may_turn_faster_than_half_a_turn_a_sample(tmp_path: Path) -> None:
+    slow_s, spinning = 0.02 * np.arange(200), 300 * 0.02 * np.arange(200)
+    text = text_of(slow_s, np.floor(spinning / TURN * 8192).astype(int))
+    record = read(tmp_path, text, counts_per_turn=8192.0)
+    assert off_by(record, spinning) < TURN / 8192 + 1e-8
+    assert record.notes == ()
+
+
+def test_folded_counts_that_turn_too_fast_for_their_rate_are_refused(tmp_path: Path) -> None:
+    slow_s = 0.02 * np.arange(200)
+    said = refusal(tmp_path, text_of(slow_s, counts(300 * slow_s**2, 8192)), counts_per_turn=8192.0)
+    assert "swing.csv:10: the angle jumps" in said
+    assert "too fast for this rate. Whole turns cannot be counted" in said
+
+
+@pytest.mark.parametrize("scaled_by", [4194047, 4194304])
+def test_the_thesis_scaling_of_its_words_is_off_by_less_than_a_step(tmp_path: Path, scaled_by: int) -> None:
+    text = text_of(TIME_S, words(ANGLE_RAD - 0.3))
+    record = read(tmp_path, text, counts_per_turn=float(scaled_by))
+    assert off_by(record, ANGLE_RAD - 0.3) < 2 * TURN / 8192
+    own = read(tmp_path, text)
+    assert np.abs(own.angle_rad - record.angle_rad - (own.angle_rad - record.angle_rad)[0]).max() < TURN / 8192
+
+
+def test_words_are_told_from_plain_counts_and_the_guess_is_said(tmp_path: Path) -> None:
+    plain = read(tmp_path, text_of(TIME_S, counts(ANGLE_RAD, 4194304)))
+    assert plain.notes == ("swing.csv: counts are read as --counts-per-turn 4194304.",)
+    assert off_by(plain, ANGLE_RAD) < 2e-6
+    own = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)))
+    assert own.notes == ("swing.csv: counts are read as --counts-per-turn rls-13bit-in-22.",)
+    said = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn="rls-13bit-in-22")
+    assert said.notes == ()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        counts(ANGLE_RAD, 8192),
+        counts(ANGLE_RAD + 1, 65536),
+        counts(ANGLE_RAD, 4194304) - 4194304,
+        4194304 + counts(ANGLE_RAD, 4194304),
+        np.round(np.degrees(ANGLE_RAD)).astype(int),
+        np.round(np.degrees(ANGLE_RAD) + 90).astype(int),
+    ],
+    ids=["13 bits", "16 bits", "negative counts", "counts over the word", "whole degrees", "whole degrees above zero"],
+)
+def test_whole_numbers_that_leave_a_choice_are_asked_about(tmp_path: Path, values: npt.NDArray[np.int64]) -> None:
+    said = refusal(tmp_path, text_of(TIME_S, values))
+    assert f"counts run from {values.min()} to {values.max()}" in said
+    assert "say --counts-per-turn N, or --angle-unit" in said
+
+
+def test_words_read_with_another_count_of_a_turn_are_refused(tmp_path: Path) -> None:
+    said = refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn=8192.0)
+    assert "say --counts-per-turn rls-13bit-in-22" in said
+
+
+def test_an_angle_with_fractions_needs_a_unit_and_is_no_count(tmp_path: Path) -> None:
+    text = text_of(TIME_S, ANGLE_RAD)
+    assert "does not say its unit, and whole counts it is not: say --angle-unit rad|deg" in refusal(tmp_path, text)
+    for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):
+        assert "has fractions: say --angle-unit rad|deg" in refusal(tmp_path, text, **options)
+
+
+@pytest.mark.parametrize("head", ["t,phi", "t,phi_rad"])
+@pytest.mark.parametrize("value", ["1e300", "-1e300", "9007199254740993"])
+def test_a_value_that_no_angle_has_is_refused_with_its_line(tmp_path: Path, head: str, value: str) -> None:
+    lines = text_of(TIME_S, words(ANGLE_RAD), head).splitlines(keepends=True)
+    lines[900] = f"0.899,{value}\n"
+    assert "swing.csv:901:" in refusal(tmp_path, "".join(lines))
+
+
+def spoilt(share: float, spoil: Callable[[int], int]) -> npt.NDArray[np.int64]:
+    values = words(ANGLE_RAD)
+    at = np.random.default_rng(5).choice(len(values), round(share * len(values)), replace=False)
+    values[at] = [spoil(int(value)) for value in values[at]]
+    return values
+
+
+@pytest.mark.parametrize("setting", [None, "rls-13bit-in-22"])
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda word: word ^ 4, lambda word: word ^ 0x100, lambda word: word + 4194304, lambda word: -1 - word],
+    ids=["a flipped bit", "the gap bit", "over the word", "negative"],
+)
+def test_a_few_words_that_fail_their_check_are_left_out_and_many_are_refused(
+    tmp_path: Path, setting: str | None, spoil: Callable[[int], int]
+) -> None:
+    few = spoilt(0.005, spoil)
+    record = read(tmp_path, text_of(TIME_S, few), counts_per_turn=setting)
+    kept = few == words(ANGLE_RAD)
+    line = int(np.flatnonzero(~kept)[0]) + 2
+    assert record.time_s == pytest.approx(TIME_S[kept] - TIME_S[kept][0], abs=1e-12)
+    assert off_by(record, ANGLE_RAD[kept]) < TURN / 8192 + 1e-9
+    assert any(f"10 of 2000 samples fail the 13-bit check (first: line {line})" in note for note in record.notes)
+
+    said = refusal(tmp_path, text_of(TIME_S, spoilt(0.05, spoil)), counts_per_turn=setting)
+    assert "100 of 2000 samples fail the check" in said
+    assert "--counts-per-turn" in said
+
+
+def test_plain_counts_with_a_wrong_one_are_doubted_and_with_many_refused(tmp_path: Path) -> None:
+    values = counts(ANGLE_RAD + 1.5, 4194304)
+    values[1234] ^= 1 << 21
+    record = read(tmp_path, text_of(TIME_S, values))
+    assert any(
+        "jumps by more than a quarter of a turn in 2 of 2000 samples (first: line 1236)" in n for n in record.notes
+    )
+    noise = np.random.default_rng(0).integers(0, 4194304, len(TIME_S))
+    said = refusal(tmp_path, text_of(TIME_S, noise))
+    assert "Whole turns cannot be counted" in said
+
+
+def test_a_wrong_number_far_off_does_not_make_folded_counts_look_unfolded(tmp_path: Path) -> None:
+    values = counts(ANGLE_RAD, 8192)
+    values[1500] = 15 * 8192 + 4096
+    record = read(tmp_path, text_of(TIME_S, values), counts_per_turn=8192.0)
+    assert "jumps by more than a quarter of a turn in 2 of 2000 samples (first: line 1502)" in record.notes[0]
+    others = np.delete(np.arange(2000), 1500)
+    assert np.abs(np.exp(1j * record.angle_rad) - np.exp(1j * ANGLE_RAD))[others].max() < TURN / 8192 + 1e-9
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "many", ""])
+def test_counts_per_turn_that_make_no_turn_are_a_usage_error(text: str) -> None:
+    with pytest.raises(ConfigError, match="--counts-per-turn"):
+        counts_per_turn(text)
+
+
+def test_counts_per_turn_are_a_number_or_the_name_of_a_word() -> None:
+    assert counts_per_turn("4194304") == 4194304.0
+    assert counts_per_turn("rls-13bit-in-22") == "rls-13bit-in-22"
+
+
+# Places that cannot be read
+
+
+@pytest.mark.parametrize("name", ["nowhere.csv", "x" * 300, "file.csv/inside"])
+def test_a_place_that_cannot_be_read_is_said(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file.csv").write_text("t,phi\n")
+    with pytest.raises(DataError) as caught:
+        read_angle(tmp_path / name, Reading())
+    assert str(tmp_path / name) in str(caught.value)

@@ -1,0 +1,230 @@
+"""A killed process, a full disk: what was recorded before stays readable, and the files say what happened."""
+
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.parameters import load_sections
+from cfid.recording import Reading, read_angle
+from cfid.run import Run, read_run
+
+STEP_RAD = 2 * np.pi / 8192
+
+PREFACE = """
+import resource, sys
+from datetime import UTC, datetime
+from pathlib import Path
+import numpy as np
+from cfid.errors import CfidError
+from cfid.parameters import Parameter, Section, Source, store_section
+from cfid.run import DeviceRecord, Label, create_run
+from cfid.wire.e201 import encode_positions
+
+place = Path(sys.argv[1])
+
+def limit(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+def new():
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn="rls-13bit-in-22")}
+    return create_run(place, kind="swing", label=Label(), devices=devices, started=datetime.now(UTC), cfid_version="0")
+
+def record(writer, rows, blocks):
+    for block in range(blocks):
+        index = np.arange(rows) + block * rows
+        writer.append("encoder", (1763712345 + 1e-3 * index, encode_positions(index % 8192)))
+
+def store(name, size):
+    section = Section(method="m", found=datetime.now(UTC), cfid_version="0", believed=True, sources=(),
+                      parameters={"p": Parameter(value=np.arange(size), unit="1")})
+    store_section(place / "parameters.toml", name, section)
+"""
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="limits and name spaces of Linux")
+SMALL_DISK = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/tmp"]  # in a name space of its own
+without_small_disks = (
+    not shutil.which("unshare") or subprocess.run(SMALL_DISK, capture_output=True, check=False).returncode
+)
+
+
+def start(body: str, place: Path, *, wrapper: tuple[str, ...] = ()) -> "subprocess.Popen[str]":
+    command = [*wrapper, sys.executable, "-c", PREFACE + body, str(place)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def output(body: str, place: Path) -> str:
+    process = start(body, place)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    return out
+
+
+def wait_for(path: Path, *, size: int) -> None:
+    end = time.monotonic() + 30
+    while time.monotonic() < end:
+        if path.exists() and path.stat().st_size >= size:
+            return
+        time.sleep(0.001)
+    raise TimeoutError(path)
+
+
+def check_rows(run: Run, count: int) -> None:
+    record = read_angle(run.folder, Reading())
+    assert len(record.time_s) == count
+    assert record.angle_rad == pytest.approx(STEP_RAD * np.arange(count), abs=1e-9)
+    assert record.time_s == pytest.approx(1e-3 * np.arange(count), abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [1000, 300_000, 4_000_000])
+def test_a_run_killed_while_recording_is_cut_and_every_whole_row_is_read(tmp_path: Path, size: int) -> None:
+    process = start("w = new(); print(w.folder, flush=True); record(w, 40_000, 10**9)", tmp_path)
+    assert process.stdout is not None
+    folder = Path(process.stdout.readline().strip())
+    wait_for(folder / "encoder.csv", size=size)
+    process.kill()
+    process.communicate()
+
+    run = read_run(folder)
+    assert run.cut
+    assert run.header.devices["encoder"].rows is None
+    content = (folder / "encoder.csv").read_bytes()
+    check_rows(run, content.count(b"\n") - 1)
+    notes = read_angle(folder, Reading()).notes
+    assert "the run was cut while recording" in notes[0]
+    assert any("the last line was cut" in note for note in notes) == (not content.endswith(b"\n"))
+
+
+@linux
+@pytest.mark.parametrize("size", [50_000, 50_001, 50_013])
+def test_a_run_that_the_disk_refuses_is_failed_and_keeps_the_rows_that_fit(tmp_path: Path, size: int) -> None:
+    said = output(
+        f"""
+limit({size})
+try:
+    with new() as writer:
+        record(writer, 700, 10**9)
+except CfidError as error:
+    print(error.exit_code, error)
+print(writer.folder)
+""",
+        tmp_path,
+    ).splitlines()
+    run = read_run(Path(said[1]))
+    rows = run.header.devices["encoder"].rows
+    assert rows is not None
+    assert said[0] == f"4 {run.header.reason}"
+    assert f"encoder.csv: File too large after {rows} rows, which are kept" in run.header.reason
+    assert run.header.state == "failed"
+    content = (run.folder / "encoder.csv").read_bytes()
+    assert content.endswith(b"\n")
+    assert size - 30 < len(content) <= size
+    check_rows(run, rows)
+    assert "the run failed (" in read_angle(run.folder, Reading()).notes[0]
+    assert sorted(path.name for path in run.folder.iterdir()) == ["encoder.csv", "run.toml"]
+
+
+@linux
+def test_a_run_whose_full_disk_was_overlooked_is_failed_all_the_same(tmp_path: Path) -> None:
+    said = output(
+        """
+limit(50_000)
+with new() as writer:
+    try:
+        record(writer, 700, 10**9)
+    except CfidError:
+        pass
+    try:
+        record(writer, 1, 1)
+    except ValueError as error:
+        print("refused:", error)
+    writer.close("complete")
+print(writer.folder)
+""",
+        tmp_path,
+    ).splitlines()
+    assert said[0].startswith("refused:")
+    assert "File too large" in said[0]
+    run = read_run(Path(said[1]))
+    assert run.header.state == "failed"
+    check_rows(run, run.header.devices["encoder"].rows or 0)
+
+
+@linux
+@pytest.mark.skipif(bool(without_small_disks), reason="no right to mount a small disk")
+def test_a_run_that_fills_its_disk_to_the_last_byte_is_closed_as_failed(tmp_path: Path) -> None:
+    disk, kept = tmp_path / "disk", tmp_path / "kept"
+    disk.mkdir()
+    body = f"""
+import shutil, subprocess
+subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", str(place)], check=True)
+try:
+    with new() as writer:
+        record(writer, 700, 10**9)
+except CfidError as error:
+    print(error)
+shutil.copytree(place, {str(kept)!r})
+"""
+    process = start(body, disk, wrapper=("unshare", "-rm"))
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert "No space left on device" in out
+    run = read_run(next(kept.iterdir()))
+    assert run.header.state == "failed"
+    assert run.header.devices["encoder"].rows is not None
+    check_rows(run, run.header.devices["encoder"].rows)
+    assert (run.folder / "encoder.csv").stat().st_size > 200_000
+
+
+@linux
+def test_a_disk_that_takes_no_run_at_all_is_a_configuration_error(tmp_path: Path) -> None:
+    said = output("limit(20)\ntry:\n    new()\nexcept CfidError as error:\n    print(error.exit_code, error)", tmp_path)
+    assert said.startswith(f"2 {tmp_path}")
+    assert "cannot be written: File too large." in said
+
+
+# parameters.toml
+
+
+@linux
+def test_parameters_that_do_not_fit_the_disk_leave_the_old_ones(tmp_path: Path) -> None:
+    body = """
+store("swing", 3)
+before = (place / "parameters.toml").read_bytes()
+limit(len(before))
+try:
+    store("friction", 3000)
+except CfidError as error:
+    print(error.exit_code, error)
+assert (place / "parameters.toml").read_bytes() == before
+"""
+    said = output(body, tmp_path)
+    assert said.startswith(f"2 {tmp_path / 'parameters.toml'}: cannot be written: File too large.")
+    assert [path.name for path in tmp_path.iterdir()] == ["parameters.toml"]
+
+
+def test_parameters_of_a_process_killed_while_writing_are_the_old_or_the_new(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.toml"
+    for attempt in range(3):
+        process = start("while True:\n    store('a', 4000)\n    store('a', 10)\n    store('b', 10)", tmp_path)
+        wait_for(file, size=1)
+        time.sleep(0.05 + 0.013 * attempt)
+        process.kill()
+        process.communicate()
+        sections = load_sections(file)
+        assert set(sections) <= {"a", "b"}
+        assert len(sections["a"].parameters["p"].value) in (10, 4000)
+
+
+def test_fits_that_end_at_the_same_time_all_keep_their_section(tmp_path: Path) -> None:
+    processes = [start(f"for i in range(15):\n    store('fit{n}_' + str(i), 3)", tmp_path) for n in range(3)]
+    for process in processes:
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == 0, err
+    assert len(load_sections(tmp_path / "parameters.toml")) == 45
+    assert len(tomllib.loads((tmp_path / "parameters.toml").read_text())) == 45

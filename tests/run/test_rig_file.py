@@ -1,0 +1,263 @@
+"""rig.toml: the thesis' rig as a preset, and every key that cannot be meant so refused by file and key."""
+
+import math
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cfid.campaign import MM, Mount, Rig, TestBody, Vehicle, find_campaign, load_rig, new_rig_text, thesis_rig
+from cfid.errors import ConfigError
+
+# The distances that the thesis' appendix C.1.7 calculates, to the micrometre.
+DISTANCES_MM = {"x": 22.855, "y": 22.855, "z": 38.163, "xy": 33.784, "xz": 28.267, "yz": 28.267}
+
+
+def preset(folder: Path, old: str = "", new: str = "") -> Path:
+    text = new_rig_text()
+    assert old in text
+    path = folder / "rig.toml"
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+def distance_mm(vehicle: Vehicle, mount: Mount) -> float:
+    direction = np.array(mount.distance_direction or mount.direction) / math.hypot(
+        *(mount.distance_direction or mount.direction)
+    )
+    arm = MM * np.array(vehicle.centre_of_mass_mm) - np.array(mount.point_m)
+    return float(np.linalg.norm(np.cross(arm, direction)) / MM)
+
+
+# The preset
+
+
+def test_the_preset_has_the_distances_of_the_thesis(tmp_path: Path) -> None:
+    for rig in (load_rig(preset(tmp_path)), thesis_rig()):
+        distances = {name: distance_mm(rig.vehicle, mount) for name, mount in rig.mounts.items()}
+        assert distances == pytest.approx(DISTANCES_MM, abs=5e-4)
+
+
+def test_the_preset_is_the_thesis_vehicle(tmp_path: Path) -> None:
+    rig = load_rig(preset(tmp_path))
+    assert rig.vehicle.mass_kg == 0.028
+    assert rig.site.gravity_mps2 == 9.81
+    assert rig.friction is not None
+    assert rig.friction.radius_mm == 2.0
+    assert rig.encoder.counts_per_turn == "rls-13bit-in-22"
+    assert rig.fixture is None
+    frame = rig.vehicle.body_frame
+    assert (frame.forward, frame.left, frame.up) == ("y", "-x", "z")
+
+
+def test_the_preset_points_each_mount_the_way_its_cube_can_turn(tmp_path: Path) -> None:
+    rig = load_rig(preset(tmp_path))
+    assert {name: mount.direction for name, mount in rig.mounts.items()} == {
+        "x": (1, 0, 0),
+        "y": (0, 1, 0),
+        "z": (0, 0, 1),
+        "xy": (-1, 1, 0),
+        "xz": (1, 0, 1),
+        "yz": (0, 1, 1),
+    }
+    assert all(mount.distance_direction is None for mount in rig.mounts.values())
+
+
+def test_the_thesis_rig_differs_in_the_two_directions_of_xy_alone(tmp_path: Path) -> None:
+    ours, thesis = load_rig(preset(tmp_path)), thesis_rig()
+    assert thesis.mounts["xy"].direction == (1, 1, 0)
+    assert thesis.mounts["xy"].distance_direction == (-1, 1, 0)
+    restored = thesis.mounts["xy"].model_copy(update={"direction": (-1, 1, 0), "distance_direction": None})
+    assert thesis.model_copy(update={"mounts": thesis.mounts | {"xy": restored}}) == ours
+
+
+def test_the_test_body_of_the_preset_is_the_thesis_two_boxes(tmp_path: Path) -> None:
+    body = load_rig(preset(tmp_path)).testbody
+    assert isinstance(body, TestBody)
+    assert [cuboid.size_mm for cuboid in body.cuboids] == [(5.1, 26.0, 4.8), (49.8, 59.75, 4.8)]
+    assert set(body.mounts) == {"x", "z"}
+
+
+@given(yaw=st.floats(-720, 720), x=st.floats(-100, 100), y=st.floats(-100, 100), z=st.floats(-100, 100))
+def test_a_point_turned_by_its_yaw_keeps_its_distance_from_the_z_axis(yaw: float, x: float, y: float, z: float) -> None:
+    mount = Mount(point_mm=(x, y, z), point_yaw_deg=yaw, direction=(0, 0, 1))
+    turned = mount.point_m
+    assert math.hypot(*turned[:2]) == pytest.approx(MM * math.hypot(x, y), abs=1e-12)
+    assert turned[2] == MM * z
+    axes = np.array(mount.point_axes)
+    assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.array([x, y, z]) @ axes * MM == pytest.approx(np.array(turned), abs=1e-12)
+
+
+# What cannot be meant so
+
+FAULTS = {
+    "a negative mass": (
+        "mass_kg = 0.0280",
+        "mass_kg = -0.028",
+        "vehicle.mass_kg: should be greater than 0, not -0.028.",
+    ),
+    "a mass of zero": ("mass_kg = 0.0280", "mass_kg = 0", "vehicle.mass_kg: should be greater than 0, not 0."),
+    "a mass that is no number": ("mass_kg = 0.0280", "mass_kg = nan", "vehicle.mass_kg: should be a finite number"),
+    "an infinite mass": ("mass_kg = 0.0280", "mass_kg = inf", "vehicle.mass_kg: should be a finite number"),
+    "a mass in words": ("mass_kg = 0.0280", 'mass_kg = "0.028"', "vehicle.mass_kg: should be a valid number"),
+    "a mass that is true": ("mass_kg = 0.0280", "mass_kg = true", "vehicle.mass_kg: should be a valid number"),
+    "a mass too large for any": ("mass_kg = 0.0280", f"mass_kg = 1{400 * '0'}", "vehicle.mass_kg: should be a valid"),
+    "a missing mass": ("mass_kg = 0.0280", "# none", "vehicle.mass_kg: is missing."),
+    "a misspelt key": ("mass_kg = 0.0280", "mas_kg = 0.028", "vehicle.mas_kg: there is no such key."),
+    "a misspelt table": ("[vehicle]", "[vehicel]", "vehicel: there is no such key."),
+    "a key in the wrong table": ("gravity_mps2 = 9.81", "radius_mm = 2.0", "site.radius_mm: there is no such key."),
+    "a value for a table": ("[site]", "site = 9.81\n[sight]", "there is no such key"),
+    "a negative deviation": (
+        "mass_std_kg = 0.00003",
+        "mass_std_kg = -1",
+        "vehicle.mass_std_kg: should be greater than",
+    ),
+    "a vector of two": ("[0.0, 0.0, 17.425]", "[0.0, 17.425]", "vehicle.centre_of_mass_mm.2: is missing."),
+    "a vector of four": ("[0.0, 0.0, 17.425]", "[0, 0, 0, 17.425]", "vehicle.centre_of_mass_mm: "),
+    "a number for a vector": ("[0.0, 0.0, 17.425]", "17.425", "vehicle.centre_of_mass_mm: should be a valid list"),
+    "a vector with a hole": (
+        "[0.0, 0.0, 17.425]",
+        "[0.0, nan, 17.425]",
+        "vehicle.centre_of_mass_mm.1: should be a finite",
+    ),
+    "a vector of words": ("[0.0, 0.0, 17.425]", '["a", 0, 0]', "vehicle.centre_of_mass_mm.0: should be a valid number"),
+    "a direction of zero": ("[1, 0, 0]", "[0, 0, 0]", "mounts.x.direction: a direction needs a length above zero."),
+    "a direction without end": ("[1, 0, 0]", "[inf, 0, 0]", "mounts.x.direction.0: should be a finite number"),
+    "a missing direction": ("direction = [1, 0, 0]", "", "mounts.x.direction: is missing."),
+    "a mount that is a number": ("[mounts.x]", "[mounts]\nx = 3\n[mounts.q]", "mounts.x: should be a table, not 3."),
+    "a left-handed frame": ('left = "-x"', 'left = "x"', "vehicle.body_frame: forward, left and up must be three axes"),
+    "a frame of two axes": ('left = "-x"', 'left = "y"', "vehicle.body_frame: forward, left and up must be three axes"),
+    "a frame axis of another name": ('left = "-x"', 'left = "west"', "vehicle.body_frame.left: should be 'x', '-x'"),
+    "gravity of zero": ("gravity_mps2 = 9.81", "gravity_mps2 = 0.0", "site.gravity_mps2: should be greater than 0"),
+    "counts of no turn": ('"rls-13bit-in-22"\n', "0\n", "encoder.counts_per_turn: should be greater than 0 or 'rls"),
+    "an unknown word": (
+        '"rls-13bit-in-22"\n',
+        '"22 bits"\n',
+        "encoder.counts_per_turn: should be a valid number or 'rls",
+    ),
+    "a box without a size": ("size_mm = [5.1, 26.0, 4.8]", "", "testbody.cuboids.0.size_mm: is missing."),
+    "a flat box": ("[49.8, 59.75, 4.8]", "[49.8, 59.75, 0]", "testbody.cuboids.1.size_mm.2: should be greater than 0"),
+    "a radius of zero": ("radius_mm = 2.0", "radius_mm = 0.0", "friction.radius_mm: should be greater than 0"),
+    "the same key twice": (
+        "mass_kg = 0.0280",
+        "mass_kg = 1\nmass_kg = 2",
+        "no valid TOML: Cannot overwrite a value (at line",
+    ),
+    "an open bracket": ("[vehicle]", "[vehicle", "no valid TOML: Expected ']'"),
+    "a decimal comma": ("mass_kg = 0.0280", "mass_kg = 0,0280", "no valid TOML: "),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_refused_by_file_and_key_is(tmp_path: Path, fault: str) -> None:
+    old, new, said = FAULTS[fault]
+    path = preset(tmp_path, old, new)
+    with pytest.raises(ConfigError) as caught:
+        load_rig(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert said in str(caught.value)
+    assert caught.value.exit_code == 2
+    assert len(str(caught.value)) - len(str(path)) < 200
+
+
+def test_a_test_body_without_boxes_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("[vehicle]\nmass_kg=1\ncentre_of_mass_mm=[0,0,0]\n[testbody]\nmass_kg=1\ncuboids=[]\n")
+    with pytest.raises(ConfigError, match=r"testbody\.cuboids"):
+        load_rig(path)
+
+
+def test_whole_numbers_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("[vehicle]\nmass_kg = 1\ncentre_of_mass_mm = [0, 0, 1]\n[encoder]\ncounts_per_turn = 8192\n")
+    rig = load_rig(path)
+    assert (rig.vehicle.mass_kg, rig.vehicle.centre_of_mass_mm, rig.encoder.counts_per_turn) == (1, (0, 0, 1), 8192)
+    assert rig == Rig.model_validate(tomllib.loads(path.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "vehicle: is missing"),
+        (b"\xff\xfe[\0", "byte 1 is no UTF-8 text"),
+        ("name = 'Käfer'".encode("latin-1"), "byte 10 is no UTF-8 text"),
+        (b"a = " + b"[" * 5000, "nested too deeply"),
+        (b"\x89PNG\r\n\x1a\n", "no UTF-8 text"),
+    ],
+)
+def test_a_file_that_is_no_rig_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load_rig(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("change", [lambda t: "\ufeff" + t, lambda t: t.replace("\n", "\r\n")], ids=["BOM", "CRLF"])
+def test_a_file_from_another_editor_is_read(tmp_path: Path, change: Callable[[str], str]) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_bytes(change(new_rig_text()).encode())
+    assert load_rig(path) == load_rig(preset(tmp_path))
+
+
+RIG = new_rig_text().encode()
+
+
+@settings(deadline=None, max_examples=150)
+@given(at=st.integers(0, len(RIG) - 1), junk=st.binary(max_size=3), length=st.integers(0, 30))
+def test_a_rig_damaged_anywhere_is_a_rig_or_refused_with_its_name(
+    tmp_path_factory: pytest.TempPathFactory, at: int, junk: bytes, length: int
+) -> None:
+    path = tmp_path_factory.mktemp("damaged") / "rig.toml"
+    path.write_bytes(RIG[:at] + junk + RIG[at + length :])
+    try:
+        mass_kg = load_rig(path).vehicle.mass_kg
+        said = f"{path}: "
+    except ConfigError as error:
+        mass_kg, said = 1.0, str(error)
+    assert said.startswith(f"{path}: ")
+    assert 0 < mass_kg < math.inf
+
+
+# Finding it
+
+
+def test_a_campaign_is_found_in_the_folder_that_was_named_or_above(tmp_path: Path) -> None:
+    assert find_campaign(None, start=tmp_path) is None
+    preset(tmp_path)
+    below = tmp_path / "runs" / "some" / "run"
+    below.mkdir(parents=True)
+    for found in (find_campaign(tmp_path, start=Path("/")), find_campaign(None, start=below)):
+        assert found is not None
+        assert found.folder == tmp_path
+        assert found.runs_folder == tmp_path / "runs"
+        assert found.parameters_file == tmp_path / "parameters.toml"
+
+
+def test_a_nearer_campaign_wins(tmp_path: Path) -> None:
+    preset(tmp_path)
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    preset(inner, "mass_kg = 0.0280", "mass_kg = 0.5")
+    found = find_campaign(None, start=inner)
+    assert found is not None
+    assert found.rig.vehicle.mass_kg == 0.5
+
+
+def test_a_folder_that_was_named_and_holds_no_rig_is_a_configuration_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"rig\.toml: no such file\. `cfid new DIR`"):
+        find_campaign(tmp_path, start=tmp_path)
+    (tmp_path / "rig.toml").mkdir()
+    with pytest.raises(ConfigError, match=r"rig\.toml: cannot be read: Is a directory"):
+        find_campaign(tmp_path, start=tmp_path)
+    assert find_campaign(None, start=tmp_path) is None
+
+
+def test_a_start_that_cannot_be_looked_into_holds_no_campaign(tmp_path: Path) -> None:
+    assert find_campaign(None, start=tmp_path / ("x" * 300)) is None

@@ -1,0 +1,384 @@
+"""A run folder: made once, appended to, closed, read; never overwritten, and never silent about what it lacks."""
+
+import tomllib
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from cfid.errors import ConfigError, DataError
+from cfid.recording import Reading, read_angle
+from cfid.run import DeviceRecord, Label, Run, RunWriter, create_run, list_runs, read_run
+from cfid.wire.e201 import encode_positions
+
+STARTED = datetime(2026, 11, 21, 8, 30, 12, 345678, tzinfo=UTC)
+ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn="rls-13bit-in-22")
+EPOCH_S = 1_763_712_345.0
+TIME_S = EPOCH_S + np.arange(100) * 1e-3
+COUNTS = encode_positions(np.arange(100))
+
+
+def new(folder: Path, **changes: Any) -> RunWriter:
+    settings: dict[str, Any] = {
+        "kind": "swing",
+        "label": Label(axis="x"),
+        "devices": {"encoder": ENCODER},
+        "started": STARTED,
+        "cfid_version": "0.1.0",
+    }
+    return create_run(folder / "runs", **(settings | changes))
+
+
+def recorded(folder: Path, rows: int = 100, **changes: Any) -> Path:
+    with new(folder, **changes) as writer:
+        writer.append("encoder", (TIME_S[:rows], COUNTS[:rows]))
+    return writer.folder
+
+
+def header_of(folder: Path) -> dict[str, Any]:
+    return tomllib.loads((folder / "run.toml").read_text())
+
+
+def changed(folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    content = header_of(folder)
+    change(content)
+    (folder / "run.toml").write_bytes(tomli_w.dumps(content).encode())
+    return folder
+
+
+# Recording
+
+
+def test_a_run_is_recorded_in_blocks_and_read_back(tmp_path: Path) -> None:
+    with new(tmp_path) as writer:
+        for begin in range(0, 100, 7):
+            writer.append("encoder", (TIME_S[begin : begin + 7], COUNTS[begin : begin + 7]))
+        writer.append("encoder", ([], []))
+    assert writer.folder == tmp_path / "runs" / "2026-11-21_083012_swing_x"
+    assert sorted(path.name for path in writer.folder.iterdir()) == ["encoder.csv", "run.toml"]
+    lines = (writer.folder / "encoder.csv").read_bytes().decode().split("\n")
+    assert lines[:3] == ["t,phi", "1763712345.000000,0", "1763712345.001000,512"]
+    assert lines[-2:] == ["1763712345.099000,50691", ""]
+
+    run = read_run(writer.folder)
+    assert run == Run(folder=writer.folder, header=writer.header)
+    assert (run.header.state, run.header.reason, run.cut) == ("complete", "", False)
+    assert run.header.devices["encoder"].rows == 100
+    assert run.header.started == STARTED
+    record = read_angle(writer.folder, Reading())
+    assert record.time_s == pytest.approx(TIME_S - EPOCH_S, abs=1e-6)
+    assert record.angle_rad == pytest.approx(np.arange(100) * 2 * np.pi / 8192)
+    assert record.label == Label(axis="x")
+    assert record.notes == ()
+
+
+def test_every_row_is_in_the_file_before_append_returns(tmp_path: Path) -> None:
+    with new(tmp_path) as writer:
+        file = writer.folder / "encoder.csv"
+        assert file.read_text() == "t,phi\n"
+        writer.append("encoder", ([EPOCH_S], [512]))
+        assert file.read_text() == "t,phi\n1763712345.000000,512\n"
+        assert read_run(writer.folder).cut
+
+
+def test_raw_values_are_written_exactly(tmp_path: Path) -> None:
+    values = [0.1, 1e-300, -5.0, 2**53 + 2, 1 / 3, -(2**31)]
+    column = np.array(values, dtype=object)
+    with new(tmp_path) as writer:
+        writer.append("encoder", (np.arange(len(values)), column))
+        writer.append("encoder", ([7.0], np.array([0.1], dtype=np.float32)))
+        writer.append("encoder", ([8.0], np.array([4294967295], dtype=np.uint32)))
+    rows = (writer.folder / "encoder.csv").read_text().splitlines()[1:]
+    assert [float(row.split(",")[1]) for row in rows] == [*values, float(np.float32(0.1)), 4294967295.0]
+    assert rows[3] == "3.000000,9007199254740994"
+
+
+def test_the_folder_is_named_after_what_the_operator_said(tmp_path: Path) -> None:
+    stem = "2026-11-21_083012"
+    assert recorded(tmp_path, label=Label(body="testbody", axis="z")).name == f"{stem}_swing_testbody_z"
+    assert recorded(tmp_path, label=Label(body="crazyflie", axis="z")).name == f"{stem}_swing_z"
+    assert recorded(tmp_path, kind="drop", label=Label(weight_g=20)).name == f"{stem}_drop_20g"
+    assert recorded(tmp_path, kind="drop", label=Label(weight_g=2.5)).name == f"{stem}_drop_2.5g"
+    assert recorded(tmp_path, label=Label()).name == f"{stem}_swing"
+
+
+@pytest.mark.parametrize("axis", ["../../outside", "a/b", "/etc", "a b\nc", "ü", "..", "CON:"])
+def test_no_label_leads_out_of_the_runs_folder(tmp_path: Path, axis: str) -> None:
+    folder = recorded(tmp_path, label=Label(axis=axis))
+    assert folder.parent == tmp_path / "runs"
+    assert read_run(folder).header.label.axis == axis
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+    assert len(list_runs(tmp_path / "runs")) == 1
+
+
+def test_two_runs_in_the_same_second_do_not_mix(tmp_path: Path) -> None:
+    with new(tmp_path) as one, new(tmp_path) as other:
+        one.append("encoder", (TIME_S[:50], COUNTS[:50]))
+        other.append("encoder", (TIME_S, COUNTS))
+    third = recorded(tmp_path, rows=20)
+    assert [one.folder.name, other.folder.name, third.name] == [
+        "2026-11-21_083012_swing_x",
+        "2026-11-21_083012_swing_x-2",
+        "2026-11-21_083012_swing_x-3",
+    ]
+    assert [len(read_angle(path, Reading()).time_s) for path in (one.folder, other.folder, third)] == [50, 100, 20]
+
+
+def test_nothing_that_is_there_is_touched(tmp_path: Path) -> None:
+    folder = tmp_path / "runs" / "2026-11-21_083012_swing_x"
+    folder.mkdir(parents=True)
+    (folder / "encoder.csv").write_text("mine")
+    (tmp_path / "runs" / "2026-11-21_083012_swing_x-2").symlink_to("nowhere")
+    assert recorded(tmp_path).name == "2026-11-21_083012_swing_x-3"
+    assert [path.read_text() for path in folder.iterdir()] == ["mine"]
+
+
+def test_a_block_that_does_not_fit_the_columns_is_a_bug_and_writes_nothing(tmp_path: Path) -> None:
+    with new(tmp_path) as writer:
+        for columns in ([TIME_S], [TIME_S, COUNTS, COUNTS], [TIME_S, COUNTS[:5]], [[float("nan")], [1]]):
+            with pytest.raises(ValueError):
+                writer.append("encoder", columns)
+        with pytest.raises(KeyError):
+            writer.append("loadcell", (TIME_S, COUNTS))
+    assert (writer.folder / "encoder.csv").read_text() == "t,phi\n"
+
+
+# Ends
+
+
+def test_ctrl_c_closes_the_run_as_interrupted_with_all_rows(tmp_path: Path) -> None:
+    writer = new(tmp_path)
+    writer.append("encoder", (TIME_S, COUNTS))
+    with pytest.raises(KeyboardInterrupt), writer:
+        raise KeyboardInterrupt
+    run = read_run(writer.folder)
+    assert (run.header.state, run.header.devices["encoder"].rows) == ("interrupted", 100)
+    assert read_angle(writer.folder, Reading()).notes == ()
+
+
+def test_an_error_closes_the_run_as_failed_with_its_reason_and_its_losses(tmp_path: Path) -> None:
+    writer = new(tmp_path)
+    writer.append("encoder", (TIME_S, COUNTS))
+    writer.count_lost("encoder", 3)
+    writer.count_lost("encoder", 4)
+    with pytest.raises(RuntimeError), writer:
+        raise RuntimeError("cable \udcff pulled\r\nat noon")
+    header = read_run(writer.folder).header
+    assert header.state == "failed"
+    assert header.reason == "cable ? pulled\r\nat noon"
+    assert header.devices["encoder"].lost == 7
+    notes = read_angle(writer.folder, Reading()).notes
+    assert "the run failed (cable" in notes[0]
+    assert "7 samples were lost while recording" in notes[1]
+
+
+def test_a_run_closed_by_hand_keeps_its_reason_and_takes_no_more(tmp_path: Path) -> None:
+    with new(tmp_path) as writer:
+        writer.append("encoder", (TIME_S, COUNTS))
+        closed = writer.close("interrupted", reason="enough", lost={"encoder": 2})
+        with pytest.raises(ValueError, match="takes no more rows"):
+            writer.append("encoder", (TIME_S, COUNTS))
+        with pytest.raises(ValueError, match="closed already"):
+            writer.close("complete")
+    assert read_run(writer.folder) == closed
+    assert (closed.header.reason, closed.header.devices["encoder"].lost) == ("enough", 2)
+
+
+def test_losses_of_a_device_that_the_run_has_not_are_a_bug(tmp_path: Path) -> None:
+    with new(tmp_path) as writer, pytest.raises(KeyError):
+        writer.count_lost("encodr", 1)
+
+
+def test_a_run_whose_folder_vanished_says_so_when_it_is_closed(tmp_path: Path) -> None:
+    writer = new(tmp_path)
+    for path in writer.folder.iterdir():
+        path.unlink()
+    writer.folder.rmdir()
+    with pytest.raises(DataError, match=r"run\.toml: cannot be written"):
+        writer.close("complete")
+
+
+@pytest.mark.parametrize("name", ["runs", "."])
+def test_a_place_where_no_run_can_be_made_is_a_configuration_error(tmp_path: Path, name: str) -> None:
+    (tmp_path / "runs").write_text("a file")
+    with pytest.raises(ConfigError, match="cannot be made"):
+        new(tmp_path / name)
+
+
+def test_two_devices_cannot_share_a_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be written"):
+        new(tmp_path, devices={"encoder": ENCODER, "other": ENCODER})
+
+
+# Reading what is damaged, newer or changed
+
+
+def test_a_run_that_was_not_closed_is_read_and_says_so(tmp_path: Path) -> None:
+    writer = new(tmp_path)
+    writer.append("encoder", (TIME_S, COUNTS))
+    record = read_angle(writer.folder, Reading())
+    assert len(record.time_s) == 100
+    assert record.notes == (f"{writer.folder.name}: the run was cut while recording; what reached the disk is used.",)
+    writer.close("complete")
+
+
+@pytest.mark.parametrize("rows", [60, 99])
+def test_a_file_that_lost_rows_since_says_how_many_there_were(tmp_path: Path, rows: int) -> None:
+    folder = recorded(tmp_path)
+    file = folder / "encoder.csv"
+    file.write_text("".join(file.read_text().splitlines(keepends=True)[: rows + 1]))
+    record = read_angle(folder, Reading())
+    assert len(record.time_s) == rows
+    assert record.notes == (
+        f"{folder.name}: 100 rows were recorded, but encoder.csv has {rows}: it was changed since.",
+    )
+
+
+def test_a_run_folder_that_was_cut_at_any_byte_gives_its_first_rows_and_says_so(tmp_path: Path) -> None:
+    folder = recorded(tmp_path, rows=20)
+    file = folder / "encoder.csv"
+    content = file.read_bytes()
+    whole = read_angle(folder, Reading())
+    for length in range(len(content) - 70, len(content)):
+        file.write_bytes(content[:length])
+        record = read_angle(folder, Reading())
+        rows = content.count(b"\n", 0, length) - 1
+        assert record.angle_rad.tolist() == whole.angle_rad[:rows].tolist()
+        assert record.time_s.tolist() == whole.time_s[:rows].tolist()
+        assert any(f"20 rows were recorded, but encoder.csv has {rows}" in note for note in record.notes)
+
+
+def test_options_for_bare_files_do_not_touch_a_run_but_a_scale_does(tmp_path: Path) -> None:
+    folder = recorded(tmp_path)
+    for reading in (Reading(time_unit="us"), Reading(angle_unit="deg"), Reading(skip_lines=9), Reading(rate_hz=7.0)):
+        assert read_angle(folder, reading).angle_rad.tolist() == read_angle(folder, Reading()).angle_rad.tolist()
+    scaled = read_angle(folder, Reading(counts_per_turn=4194304.0))
+    assert scaled.angle_rad == pytest.approx(COUNTS * 2 * np.pi / 4194304)
+
+
+def test_a_run_of_a_newer_format_asks_for_a_newer_cfid_whatever_it_holds(tmp_path: Path) -> None:
+    folder = recorded(tmp_path)
+    (folder / "run.toml").write_text('format = 2\nstate = "dreaming"\n')
+    with pytest.raises(DataError, match=r"written by a newer cfid \(format 2, this one reads 1\): update cfid"):
+        read_run(folder)
+
+
+def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> None:
+    folder = changed(recorded(tmp_path), lambda content: content.update(weather="rain"))
+    assert read_run(folder).header.model_dump()["weather"] == "rain"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c.pop("kind"), "kind: is missing"),
+        (lambda c: c.pop("started"), "started: is missing"),
+        (lambda c: c.update(state="done"), "state: should be 'recording', 'complete', 'interrupted' or 'failed'"),
+        (lambda c: c.update(format="one"), "format: should be a valid integer"),
+        (lambda c: c.update(started="noon"), "started: should be a valid datetime"),
+        (lambda c: c["label"].update(weight_g=-5), "label.weight_g: should be greater than 0, not -5"),
+        (lambda c: c["label"].update(weight_g="20"), "label.weight_g: should be a valid number, not '20'"),
+        (lambda c: c["label"].update(body="cat"), "label.body: should be 'crazyflie', 'testbody' or 'fixture'"),
+        (lambda c: c.update(label=3), "label: should be a table"),
+        (lambda c: c.update(devices=[]), "devices: should be a table"),
+        (lambda c: c["devices"]["encoder"].pop("file"), "devices.encoder.file: is missing"),
+        (lambda c: c["devices"]["encoder"].update(file="../../etc/passwd"), "devices.encoder.file: "),
+        (lambda c: c["devices"]["encoder"].update(file="/etc/x.csv"), "devices.encoder.file: "),
+        (lambda c: c["devices"]["encoder"].update(file="run.toml"), "devices.encoder.file: "),
+        (lambda c: c["devices"]["encoder"].update(columns=[]), "devices.encoder.columns: "),
+        (lambda c: c["devices"]["encoder"].update(columns=["t,phi"]), "devices.encoder.columns.0: "),
+        (lambda c: c["devices"]["encoder"].update(rows=-1), "devices.encoder.rows: should be greater than"),
+        (lambda c: c["devices"]["encoder"].update(counts_per_turn=0), "devices.encoder.counts_per_turn: "),
+        (lambda c: c["devices"]["encoder"].update(counts_per_turn="22 bits"), "'rls-13bit-in-22', not '22 bits'"),
+        (lambda c: c["devices"]["encoder"].update(counts_per_turn=True), "devices.encoder.counts_per_turn: "),
+    ],
+)
+def test_a_damaged_run_is_refused_by_file_and_key(
+    tmp_path: Path, change: Callable[[dict[str, Any]], object], said: str
+) -> None:
+    folder = changed(recorded(tmp_path), change)
+    with pytest.raises(DataError) as caught:
+        read_angle(folder, Reading())
+    assert f"{folder / 'run.toml'}: " in str(caught.value)
+    assert said in str(caught.value)
+    assert list_runs(tmp_path / "runs")[0].__class__ is DataError
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "kind: is missing"),
+        (b"kind = ", "no valid TOML: Invalid value (at end of document)"),
+        (b"\xff\xfe", "byte 1 is no UTF-8 text"),
+        (b"a = 1\na = 2\n", "no valid TOML: Cannot overwrite a value (at line 2"),
+        (b"a = " + b"[" * 3000, "no valid TOML: nested too deeply"),
+        (b"a = " + b"9" * 5000, "no valid TOML"),
+        (bytes(64), "no valid TOML"),
+    ],
+)
+def test_a_run_file_that_is_no_toml_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    folder = recorded(tmp_path)
+    (folder / "run.toml").write_bytes(content)
+    with pytest.raises(DataError) as caught:
+        read_run(folder)
+    assert str(caught.value).startswith(f"{folder / 'run.toml'}: {said}")
+
+
+def test_a_run_file_with_a_byte_order_mark_and_crlf_is_read(tmp_path: Path) -> None:
+    folder = recorded(tmp_path)
+    file = folder / "run.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert read_run(folder).header.devices["encoder"].rows == 100
+
+
+def test_a_folder_without_a_run_and_a_run_without_its_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"no run: it has no run\.toml"):
+        read_angle(tmp_path, Reading())
+    folder = recorded(tmp_path)
+    (folder / "encoder.csv").unlink()
+    with pytest.raises(DataError, match=r"encoder\.csv: no such file"):
+        read_angle(folder, Reading())
+    (folder / "run.toml").unlink()
+    (folder / "run.toml").mkdir()
+    with pytest.raises(DataError, match=r"run\.toml: cannot be read: Is a directory"):
+        read_angle(folder, Reading())
+
+
+def test_a_run_without_an_encoder_or_without_its_angle_is_refused(tmp_path: Path) -> None:
+    loadcell = DeviceRecord(file="loadcell.csv", columns=("t", "Fx"))
+    with new(tmp_path, devices={"loadcell": loadcell}) as writer:
+        writer.append("loadcell", (TIME_S, COUNTS))
+    with pytest.raises(DataError, match="holds no encoder recording, but loadcell"):
+        read_angle(writer.folder, Reading())
+    with new(tmp_path, devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t",))}) as writer:
+        writer.append("encoder", (TIME_S,))
+    with pytest.raises(DataError, match=r"devices\.encoder\.columns"):
+        read_angle(writer.folder, Reading())
+
+
+def test_a_column_that_the_run_file_names_and_the_csv_has_not_is_refused(tmp_path: Path) -> None:
+    folder = changed(recorded(tmp_path), lambda c: c["devices"]["encoder"].update(columns=["t", "psi"]))
+    with pytest.raises(DataError, match=r"encoder\.csv: no column 'psi'; it has t, phi"):
+        read_angle(folder, Reading())
+
+
+def test_runs_are_listed_by_start_and_broken_ones_among_them(tmp_path: Path) -> None:
+    assert list_runs(tmp_path / "runs") == []
+    for hour in (2, 1, 3):
+        recorded(tmp_path, started=STARTED.replace(hour=hour, tzinfo=timezone(timedelta(hours=1))))
+    (tmp_path / "runs" / "notes.txt").write_text("not a run")
+    (tmp_path / "runs" / "2026-11-21_013012_swing_x" / "run.toml").write_text("broken")
+    (tmp_path / "runs" / "2026-11-20_empty").mkdir()
+    first, *others = list_runs(tmp_path / "runs")
+    assert isinstance(first, DataError)
+    assert [run.header.started.hour for run in others if isinstance(run, Run)] == [2, 3]
+
+
+@pytest.mark.parametrize("file", ["../x.csv", "a/b.csv", ".csv", "run.toml", "C:\\x.csv", ".hidden.csv"])
+def test_a_device_cannot_be_recorded_outside_of_its_run(file: str) -> None:
+    with pytest.raises(ValueError):
+        DeviceRecord(file=file, columns=("t", "phi"))
