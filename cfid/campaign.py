@@ -19,7 +19,7 @@ from cfid.errors import ConfigError
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # strict: neither true nor "1" is a number
+Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Vector = tuple[Number, Number, Number]
 BodyAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 MM = 1e-3

@@ -79,7 +79,7 @@ def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[Line]:
 def separator_of(line: str) -> str | None:
     """Return what stands between the fields of a line; None for spaces.
 
-    A comma comes last: between semicolons or tabs it is a decimal comma, which has to be seen as one.
+    A comma comes last: between semicolons or tabs it belongs to a name, or is a decimal comma that must be seen.
     """
     return next((separator for separator in (";", "\t", ",") if separator in line), None)
 

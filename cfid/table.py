@@ -94,8 +94,8 @@ class Table:
     def _rows(self) -> bytes | None:
         """Return the body without quotes and blank lines; None when some row has too many or too few fields.
 
-        Left to itself, pandas drops surplus fields without a word, ends a field at a zero byte, and lets an
-        open quote swallow the lines up to the next one. It sees only what leaves it no such choice.
+        Left to itself, pandas drops surplus fields without a word, and lets an open quote swallow the lines up
+        to the next one. It sees only what leaves it no such choice.
         """
         if b"\0" in self._body:
             return None
@@ -198,7 +198,7 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
         raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that --skip-lines leaves out.")
     separator = separator_of(first.text)
     names = fields_of(re.sub(r"^\s*[#%]+\s*", "", first.text), separator)
-    has_head = _is_head(path, first, names, separator)
+    has_head = _is_head(path, first, names)
     row = next(lines, None) if has_head else first
     if row is None:
         raise DataError(f"{path}: a head and no rows; nothing was recorded.")
@@ -220,7 +220,7 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
     )
 
 
-def _is_head(path: Path, line: Line, fields: Sequence[str], separator: str | None) -> bool:
+def _is_head(path: Path, line: Line, fields: Sequence[str]) -> bool:
     """Tell a head from a row.
 
     Raises DataError for a line that is neither: a spoilt first row must not pass as a head.
@@ -231,9 +231,11 @@ def _is_head(path: Path, line: Line, fields: Sequence[str], separator: str | Non
         return True
     if numbers == len(fields) - (not fields[-1]):
         return False
-    advice = _POINTS if commas or separator == "," else "Repair it, or leave it out with --skip-lines."
     text = short(line.text.strip())
-    raise DataError(f"{path}:{line.number}: '{text}' is neither a head nor a row of numbers. {advice}")
+    raise DataError(
+        f"{path}:{line.number}: '{text}' is neither a head nor a row of numbers: leave it out with --skip-lines, or "
+        f"repair it. {_POINTS}"
+    )
 
 
 def _numbered(row: list[str]) -> tuple[str, ...]:

@@ -40,7 +40,8 @@ def swing(
 
     Example: [bold]cfid fit swing x.csv --time-unit us --mass-kg 0.028 --distance-m 0.022855[/bold]
     """
-    from cfid.cli.swing_results import analyse, check_peaks, find, swing_outcome
+    from cfid.cli.swing_results import analyse, swing_outcome
+    from cfid.cli.swing_window import check_peaks, find
     from cfid.cli.swung import body_of_swing, surroundings
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)

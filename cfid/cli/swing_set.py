@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from cfid.cli.inputs import FIXTURE, KnownInertia, Named
 from cfid.cli.options import WindowOptions
-from cfid.cli.swing_results import check_peaks, doubts_of, find
+from cfid.cli.swing_results import doubts_of
+from cfid.cli.swing_window import check_peaks, find
 from cfid.errors import ConfigError, FitError
 
 if TYPE_CHECKING:

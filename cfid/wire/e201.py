@@ -42,7 +42,7 @@ def decode_words(word: npt.NDArray[np.int64]) -> Positions:
     bits 0 to 8 and 14 to 21. Bits 9 to 13, the low five of the position, have no copy: flips there pass as
     a position that is up to 31 steps (1.4 degrees) off.
     """
-    in_range = (word >= 0) & (word < WORD_COUNTS_PER_TURN)
     gap_is_zero = (word & _GAP_BIT) == 0
+    # What is negative or beyond 22 bits has a top that no low byte repeats.
     repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
-    return Positions(position=word >> _SHIFT, valid=in_range & gap_is_zero & repeats)
+    return Positions(position=word >> _SHIFT, valid=gap_is_zero & repeats)

@@ -88,7 +88,7 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
     "prose": (lambda _: ["This is a letter.", "It has two lines."], (), 4, ("no CSV",)),
     "a mass of zero": (lambda lines: lines, ("--mass-kg", "0", "--distance-m", "0.02"), 2, ("--mass-kg", "above zero")),
     "a negative distance": (lambda lines: lines, ("--mass-kg", "0.03", "--distance-m", "-0.02"), 2, ("--distance-m",)),
-    "three peaks asked for": (lambda lines: lines, ("--peaks", "3"), 2, ("four peaks",)),
+    "three peaks asked for": (lambda lines: lines, ("--peaks", "3"), 2, ("4 peaks at least",)),
     "a rate of zero": (lambda lines: lines, ("--rate-hz", "0"), 2, ("--rate-hz",)),
     "counts per turn of zero": (lambda lines: lines, ("--counts-per-turn", "0"), 2, ("--counts-per-turn",)),
 }

@@ -208,6 +208,26 @@ assert (place / "parameters.toml").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["parameters.toml"]
 
 
+def test_a_file_that_is_being_replaced_is_whole_at_any_time(tmp_path: Path) -> None:
+    size = 3_000_000
+    body = f"""
+from cfid.durable import write_whole
+while True:
+    for letter in (b"a", b"b"):
+        write_whole(place / "file", {size} * letter)
+"""
+    process = start(body, tmp_path)
+    wait_for(tmp_path / "file", size=1)
+    try:
+        for _ in range(150):
+            content = (tmp_path / "file").read_bytes()
+            assert content in (size * b"a", size * b"b")
+    finally:
+        process.kill()
+        process.communicate()
+    assert (tmp_path / "file").read_bytes() in (size * b"a", size * b"b")
+
+
 def test_parameters_of_a_process_killed_while_writing_are_the_old_or_the_new(tmp_path: Path) -> None:
     file = tmp_path / "parameters.toml"
     for attempt in range(3):

@@ -93,8 +93,15 @@ def test_lines_that_are_skipped_may_hold_anything(tmp_path: Path) -> None:
 
 
 def test_columns_that_are_not_asked_for_may_hold_anything_but_separators(tmp_path: Path) -> None:
-    text = 't,note,phi\n0,"a ""b"", c",1\n1,nan,2\n2,,3\n3,12" rotor,4\n4,\u00b5,5\n'
-    assert open_table(write(tmp_path, text)).numbers(["t", "phi"]).tolist() == [[i, i + 1.0] for i in range(5)]
+    text = 't,note,phi\n0,"a ""b"", c",1\n1,nan,2\n2,,3\n3,12" rotor,4\n4,\u00b5,5\n5,"""x",6\n6,true,7\n'
+    assert open_table(write(tmp_path, text)).numbers(["t", "phi"]).tolist() == [[i, i + 1.0] for i in range(7)]
+
+
+def test_a_comma_in_a_name_is_no_separator_between_semicolons_or_tabs(tmp_path: Path) -> None:
+    for between in ";\t":
+        table = open_table(write(tmp_path, f"time, s{between}angle, deg\n0{between}1\n"))
+        assert table.names == ("time, s", "angle, deg")
+        assert table.numbers(["angle, deg"]).tolist() == [[1.0]]
 
 
 def test_a_latin_1_head_is_read(tmp_path: Path) -> None:
@@ -168,6 +175,10 @@ FAULTS: dict[str, tuple[str | bytes, str]] = {
     "too many fields between spaces": ("t phi\n0 1\n0.1 2 3\n", "3: 3 fields where the file has 2 columns"),
     "a torn row with another after it": ("t,phi\n0.001,4000.002,17\n", "2: 3 fields"),
     "zero bytes inside": (b"t,phi\n" + 2000 * b"0,1\n" + b"0,1\0002\n0,1\n", "2002: zero bytes"),
+    "zero bytes in a column that nobody reads": (
+        b"t,phi,x\n" + 2000 * b"0,1,2\n" + b"0,1,\0\n0,1,2\n",
+        "2002: zero bytes",
+    ),
     "a decimal comma between semicolons": ("t;phi\n0,001;1,5\n", "2: '0,001' in column 't' is no number. Numbers need"),
     "a decimal comma between tabs": ("t\tphi\n0\t1\n0,5\t1\n", "3: '0,5' in column 't' is no number. Numbers need"),
     "a decimal comma between spaces": ("t phi\n0,001 1,5\n", "2: '0,001' in column 't' is no number. Numbers need"),
