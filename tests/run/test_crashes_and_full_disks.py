@@ -1,8 +1,9 @@
-"""A killed process, a full disk: what was recorded before stays readable, and the files say what happened."""
+"""A killed process, a full disk, a forbidden file: what was recorded stays readable, what happened is said."""
 
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 from pathlib import Path
@@ -248,3 +249,65 @@ def test_fits_that_end_at_the_same_time_all_keep_their_section(tmp_path: Path) -
         assert process.returncode == 0, err
     assert len(load_sections(tmp_path / "parameters.toml")) == 45
     assert len(tomllib.loads((tmp_path / "parameters.toml").read_text())) == 45
+
+
+# Permissions
+
+
+@linux
+def test_what_this_user_may_not_read_or_write_is_said_by_name() -> None:
+    body = """
+import fcntl, os, tomli_w  # before another user, who may not see this Python, is taken on
+from cfid.campaign import find_campaign, load_rig
+from cfid.parameters import load_sections
+from cfid.recording import Reading, read_angle
+from cfid.run import read_run
+from cfid.table import open_table
+
+if os.geteuid() == 0:
+    os.setgroups([])
+    os.setuid(65534)
+for act in (
+    lambda: open_table(place / "file"),
+    lambda: read_angle(place / "file", Reading()),
+    lambda: read_angle(place / "locked" / "file", Reading()),
+    lambda: read_angle(place / "locked", Reading()),
+    lambda: read_run(place / "locked"),
+    lambda: load_rig(place / "file"),
+    lambda: load_sections(place / "locked" / "parameters.toml"),
+    lambda: find_campaign(place / "locked", start=place),
+    new,
+    lambda: store("fit", 3),
+):
+    try:
+        act()
+    except CfidError as error:
+        print(error.exit_code, str(error).removeprefix(str(place)))
+print(find_campaign(None, start=place / "locked"))
+"""
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        (place / "file").write_text("t,phi\n")
+        (place / "file").chmod(0)
+        (place / "locked").mkdir(mode=0)
+        place.chmod(0o555)
+        try:
+            said = output(body, place)
+        finally:
+            place.chmod(0o755)
+            (place / "locked").chmod(0o755)
+    assert said.splitlines() == [
+        "4 /file: cannot be read: Permission denied.",
+        "4 /file: cannot be read: Permission denied.",
+        "4 /locked/file: cannot be read: Permission denied.",
+        "4 /locked/run.toml: cannot be read: Permission denied.",
+        "4 /locked/run.toml: cannot be read: Permission denied.",
+        "2 /file: cannot be read: Permission denied.",
+        "4 /locked/parameters.toml: cannot be read: Permission denied.",
+        "2 /locked/rig.toml: cannot be read: Permission denied.",
+        said.splitlines()[8],
+        "2 /parameters.toml: cannot be written: Permission denied. It is as it was.",
+        "None",
+    ]
+    assert said.splitlines()[8].startswith("2 /20")
+    assert said.splitlines()[8].endswith("_swing: cannot be made: Permission denied.")
