@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 PHASE_STEP = 0.08  # rad of the natural oscillation a grid step may span: phase error 1e-7
 _SUBSETS = [subset for size in (1, 2) for subset in combinations(TERMS, size) if subset != ("viscous",)]
 _HOPELESS_BIC = 100.0
+_DAMPING = Coefficients._fields[1:4]
 _FINER_STEPS = (0.5, 0.7)
 _LED_BY_HAND = 0.15  # of the release angle
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
@@ -65,7 +66,10 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     full = _refit(base, time, angle, TERMS)
     promising = [terms for terms in _SUBSETS if not _hopeless(full, terms)]
     candidates = [base, full, *(_refit(base, time, angle, terms) for terms in promising)]
-    physical = [fit for fit in candidates if fit.converged and _physical(fit.coefficients)]
+    physical = [fit for fit in candidates if _acceptable(fit)]
+    if not physical:
+        # Damping too weak to be told from none comes out negative half of the time.
+        physical = [fit for fit in [_refit(base, time, angle, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
     return _judged(swing, _ranked(physical))
@@ -77,11 +81,8 @@ def grid_step(swing: FreeSwing) -> float:
 
 
 def _refit(fit: OutputError, time: Array, angle: Array, terms: tuple[str, ...]) -> OutputError:
-    kept = {
-        f"{term}": value if term in terms else 0.0 for term, value in zip(TERMS, fit.coefficients[1:4], strict=True)
-    }
-    frequency, *_, zero = fit.coefficients
-    start = Coefficients(frequency, kept["viscous"], kept["coulomb"], kept["quadratic"], zero)
+    dropped = {field: 0.0 for field, term in zip(_DAMPING, TERMS, strict=True) if term not in terms}
+    start = fit.coefficients._replace(**dropped)
     return fit_output_error(time, angle, coefficients=start, trajectory=fit.trajectory, terms=terms)
 
 
@@ -90,7 +91,7 @@ def _hopeless(full: OutputError, terms: tuple[str, ...]) -> bool:
 
     It saves the fits that take longest: those of models that cannot follow the record.
     """
-    if not (full.converged and _physical(full.coefficients)):
+    if not _acceptable(full):
         return False
     dropped = [1 + i for i, term in enumerate(TERMS) if term not in terms]
     inverse = np.linalg.pinv(full.jacobian.T @ full.jacobian, hermitian=True, rcond=1e-14)
@@ -100,8 +101,9 @@ def _hopeless(full: OutputError, terms: tuple[str, ...]) -> bool:
     return effective * math.log1p(rise / full.sum_of_squares_rad2) > _HOPELESS_BIC
 
 
-def _physical(coefficients: Coefficients) -> bool:
-    return coefficients.natural_frequency_squared_s2 > 0 and min(coefficients[1:4]) >= 0
+def _acceptable(fit: OutputError) -> bool:
+    frequency, *damping, _ = fit.coefficients
+    return fit.converged and frequency > 0 and min(damping) >= 0
 
 
 def _ranked(fits: list[OutputError]) -> list[tuple[float, OutputError]]:

@@ -39,7 +39,7 @@ class Outcome:
 
 
 def deliver(outcome: Outcome, delivery: Delivery, campaign: "Campaign | None") -> None:
-    """Keep, draw and print an outcome.
+    """Draw, keep and print an outcome.
 
     Raises FitError when it is not believed and --force does not ask for the numbers all the same.
     """

@@ -167,7 +167,8 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
         warnings=fit.warnings,
         doubts=fit.verdict.doubts,
         lines=(
-            f"damping: {', '.join(fit.terms)}; residual {1e3 * fit.residual_rms_rad:.3g} mrad rms, waveform off by "
+            f"damping: {', '.join(fit.terms) or 'none'}; residual {1e3 * fit.residual_rms_rad:.3g} mrad rms, waveform "
+            f"off by "
             f"{100 * fit.verdict.distortion:.2g} % of the start angle, drift {100 * fit.verdict.drift:+.2g} %",
             f"check: the thesis' damped cosine would give {cosine.natural_frequency_squared_s2:.6g} 1/s^2, "
             f"an inertia {100 * excess:+.2f} % off",

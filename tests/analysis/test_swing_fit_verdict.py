@@ -115,3 +115,13 @@ def test_a_clock_twice_as_fast_makes_a_frequency_squared_four_times_as_high() ->
     assert fast.coefficients.natural_frequency_squared_s2 == pytest.approx(
         4 * slow.coefficients.natural_frequency_squared_s2, rel=1e-5
     )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_swing_without_friction_is_fitted_without_damping_or_with_next_to_none(seed: int) -> None:
+    time_s, angle = recorded(noise_rad=0.0, degrees=30)
+    noise = np.random.default_rng(seed).normal(0, 2e-3, len(time_s))
+    fit = fit_swing(find_swing(time_s, angle + noise, peaks=10))
+
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(MOMENT / INERTIA, rel=2e-4)
+    assert 0 <= fit.coefficients.viscous_per_s < 1e-3
