@@ -16,7 +16,7 @@ from cfid.parameters import Source
 from cfid.run import RUN_FILE, DeviceRecord, Label, Run, read_run
 from cfid.table import Array, Table, open_table
 from cfid.turns import CountsPerTurn, continuous_angle
-from cfid.wire.e201 import RLS_13BIT_IN_22
+from cfid.wire.rls import RLS_13BIT_IN_22
 
 TimeUnit = Literal["s", "ms", "us"]
 AngleUnit = Literal["counts", "rad", "deg"]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.table import Array, Table
-from cfid.wire.e201 import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
+from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
 
 CountsPerTurn = float | str
 Counts = npt.NDArray[np.int64]

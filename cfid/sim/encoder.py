@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline
 
 from cfid.sim.stepping import Array
-from cfid.wire.e201 import STEPS_PER_TURN, encode_positions
+from cfid.wire.rls import STEPS_PER_TURN, encode_positions
 
 
 class Recording(NamedTuple):

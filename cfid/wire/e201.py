@@ -1,48 +1,130 @@
-"""What the encoder's counts mean: plain counts per turn, or a 13-bit position inside a 22-bit word.
+"""The serial protocol of RLS' E201-9S encoder interface: commands of one character, replies that end in CR.
 
-The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That is no resolution but a
-pattern: a position p of 13 bits, read as a 22-bit word that repeats itself after a zero bit,
-raw = (p << 9) | (p >> 5). So 8192 steps make a turn and every sample carries its own check.
+Replies come back in any slicing. A reply is taken only if all of it makes sense; everything else is counted.
+USB carries its own checksums, so that bytes are lost or joined rather than changed; what a changed digit
+would do is caught by the word's own check where it has one (see `rls`).
 """
 
+import re
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
+VERSION = b"v"
+SERIAL_NUMBER = b"s"
+SUPPLY = b"e"
+POWER_ON = b"n"
+POWER_OFF = b"f"
+POSITION = b"?"
+STAMPED_POSITION = b"!"
+HEX_POSITION = b">"
+HEX_STAMPED_POSITION = b"<"
+WORD_WIDTH = b"b"
+CONTINUOUS = b"1"
+STOP_CONTINUOUS = b"0"
 
-RLS_13BIT_IN_22 = "rls-13bit-in-22"
-POSITION_BITS = 13
-WORD_BITS = 22
-REPEATED_BITS = 8
-STEPS_PER_TURN = 1 << POSITION_BITS
-WORD_COUNTS_PER_TURN = 1 << WORD_BITS
+PRODUCT = "E201 USB Encoder Interface"
+USB_VENDOR = 0x0483  # of the chip's maker: a Crazyflie on USB has it too
 
-_SHIFT = WORD_BITS - POSITION_BITS
-_GAP_BIT = 1 << REPEATED_BITS
-_REPEATED_MASK = (1 << REPEATED_BITS) - 1
+STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual says so)
 
-
-class Positions(NamedTuple):
-    """Decoded words: positions 0..8191, and which samples passed their own check."""
-
-    position: npt.NDArray[np.int64]
-    valid: npt.NDArray[np.bool_]
-
-
-def encode_positions(position: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the 22-bit words of positions 0..8191, any shape; any other number becomes no valid word."""
-    return (position << _SHIFT) | (position >> (POSITION_BITS - REPEATED_BITS))
+_END = b"\r"
+_LONGEST = 64  # of a reply; the longest that is known, the version, has less than half of it
+_POSITION = re.compile(rb"(\d{1,10})(?:[: ](\d{1,10}))?")
+_WIDTH = re.compile(rb"\D*(\d{1,2})\D*")
 
 
-def decode_words(word: npt.NDArray[np.int64]) -> Positions:
-    """Decode 22-bit words of any shape.
+class Reading(NamedTuple):
+    """One position as the device said it, and its stamp in microseconds if it has one."""
 
-    A word is valid when it fits 22 bits, its gap bit is zero and its low byte repeats the top of the
-    position: nine redundant bits, so that a random word passes once in 512. Any one flipped bit is caught in
-    bits 0 to 8 and 14 to 21. Bits 9 to 13, the low five of the position, have no copy: flips there pass as
-    a position that is up to 31 steps (1.4 degrees) off.
+    position: int
+    stamp_us: int | None
+
+
+def set_word_width(bits: int) -> bytes:
+    """Return the command that sets the SSI word's width, 1 to 32 bits."""
+    if not 1 <= bits <= 32:
+        raise ValueError(f"an SSI word has 1 to 32 bits, not {bits}")
+    return b"B%02d\r" % bits
+
+
+def word_width(reply: bytes) -> int | None:
+    """Return the bits that a reply to `b` names, or None when it names none."""
+    match = _WIDTH.fullmatch(reply)
+    return int(match[1]) if match else None
+
+
+def names_e201(reply: bytes) -> bool:
+    """Return whether a reply to `v` is an E201's."""
+    return b"E201" in reply
+
+
+class ReplyReader:
+    """Cuts what a device sends into replies; `rejected` counts those that are too long to be any."""
+
+    def __init__(self) -> None:
+        """Start between two replies."""
+        self.rejected = 0
+        self._begun = b""
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the replies that `data` completes, without their ends and without line feeds before them."""
+        *complete, self._begun = (self._begun + data).split(_END)
+        replies = []
+        for reply in complete:
+            if self._skipping or len(reply) > _LONGEST:
+                self.rejected += 1
+                self._skipping = False
+            else:
+                replies.append(reply.removeprefix(b"\n"))
+        if len(self._begun) > _LONGEST:  # it will be rejected: only that must be remembered
+            self._begun, self._skipping = b"", True
+        return replies
+
+    def forget(self) -> None:
+        """Drop the beginning of a reply whose rest is given up, and count it."""
+        self.rejected += bool(self._begun) or self._skipping
+        self._begun, self._skipping = b"", False
+
+
+class PositionReader:
+    """Reads positions; `rejected` counts replies that are none, `errors` those in which the device says Error.
+
+    The first position decides whether replies carry a stamp; one of the other kind is then no position.
     """
-    gap_is_zero = (word & _GAP_BIT) == 0
-    # What is negative or beyond 22 bits has a top that no low byte repeats.
-    repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
-    return Positions(position=word >> _SHIFT, valid=gap_is_zero & repeats)
+
+    def __init__(self, *, word_bits: int) -> None:
+        """Take the width of the word, which no position exceeds."""
+        self.errors = 0
+        self._unread = 0
+        self._replies = ReplyReader()
+        self._limit = 1 << word_bits
+        self._stamped: bool | None = None
+
+    @property
+    def rejected(self) -> int:
+        """How many replies were no position."""
+        return self._unread + self._replies.rejected
+
+    def feed(self, data: bytes) -> list[Reading]:
+        """Return the positions that `data` completes."""
+        found = (self._read(reply) for reply in self._replies.feed(data))
+        return [reading for reading in found if reading is not None]
+
+    def forget(self) -> None:
+        """Drop the beginning of a reply whose rest is given up, and count it."""
+        self._replies.forget()
+
+    def _read(self, reply: bytes) -> Reading | None:
+        match = _POSITION.fullmatch(reply)
+        if match is None:
+            self.errors += b"error" in reply.lower()
+            self._unread += 1
+            return None
+        position, stamp_us = int(match[1]), None if match[2] is None else int(match[2])
+        stamped = stamp_us is not None
+        if self._stamped is None:
+            self._stamped = stamped
+        if stamped != self._stamped or position >= self._limit or (stamp_us or 0) >> STAMP_BITS:
+            self._unread += 1
+            return None
+        return Reading(position, stamp_us)

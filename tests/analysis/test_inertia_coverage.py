@@ -14,7 +14,7 @@ from cfid.campaign import MM, Rig, load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import swing
 from cfid.sim.rig import Friction, Truth, draw_release, draw_truth, pendulum
-from cfid.wire.e201 import decode_words
+from cfid.wire.rls import decode_words
 
 Array = npt.NDArray[np.float64]
 

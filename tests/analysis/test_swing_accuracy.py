@@ -13,7 +13,7 @@ from cfid.analysis.swing_fit import fit_swing
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.rig import draw_release
-from cfid.wire.e201 import decode_words
+from cfid.wire.rls import decode_words
 
 Array = npt.NDArray[np.float64]
 

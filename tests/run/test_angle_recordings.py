@@ -10,7 +10,7 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.recording import AngleRecord, Reading, counts_per_turn, read_angle
-from cfid.wire.e201 import encode_positions
+from cfid.wire.rls import encode_positions
 
 TURN = 2 * np.pi
 TIME_S = np.arange(2000) * 1e-3

@@ -25,7 +25,7 @@ import numpy as np
 from cfid.errors import CfidError
 from cfid.parameters import Parameter, Section, Source, store_section
 from cfid.run import DeviceRecord, Label, create_run
-from cfid.wire.e201 import encode_positions
+from cfid.wire.rls import encode_positions
 
 place = Path(sys.argv[1])
 

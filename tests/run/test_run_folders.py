@@ -13,7 +13,7 @@ import tomli_w
 from cfid.errors import ConfigError, DataError
 from cfid.recording import Reading, read_angle
 from cfid.run import DeviceRecord, Label, Run, RunWriter, create_run, list_runs, read_run
-from cfid.wire.e201 import encode_positions
+from cfid.wire.rls import encode_positions
 
 STARTED = datetime(2026, 11, 21, 8, 30, 12, 345678, tzinfo=UTC)
 ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn="rls-13bit-in-22")

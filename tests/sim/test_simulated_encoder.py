@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import HandRelease, Pendulum, swing
-from cfid.wire.e201 import decode_words
+from cfid.wire.rls import decode_words
 
 Array = npt.NDArray[np.float64]
 

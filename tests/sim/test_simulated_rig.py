@@ -13,7 +13,7 @@ from cfid.errors import ConfigError
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.plants import HandRelease, swing
 from cfid.sim.rig import Friction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings
-from cfid.wire.e201 import decode_words
+from cfid.wire.rls import decode_words
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6
 DRAWS = 2000

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.wire.e201 import STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words, encode_positions
+from cfid.wire.rls import STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words, encode_positions
 
 Words = npt.NDArray[np.int64]
 

@@ -1,0 +1,166 @@
+"""What a Net F/T says of itself over HTTP, and its single readings over TCP port 49151."""
+
+import re
+import struct
+from collections.abc import Mapping
+from typing import NamedTuple
+from urllib.parse import urlencode
+
+from cfid.wire.rdt_status import Family
+
+TCP_PORT = 49151
+DEFAULT_ADDRESS = "192.168.1.1"
+CONFIGURATION_PATH = "/netftapi2.xml"
+FASTEST_HZ = 7000
+
+NEWTONS: Mapping[str, float] = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
+NEWTON_METRES: Mapping[str, float] = {
+    "Nm": 1.0,
+    "Nmm": 1e-3,
+    "kNm": 1e3,
+    "lbfin": 0.1129848290276167,
+    "lbfft": 1.3558179483314004,
+    "kgfcm": 0.0980665,
+}
+
+_TAG = re.compile(r"<([A-Za-z]\w*)>\s*([^<>]*?)\s*</\1>")
+_READING = struct.Struct(">HH6h")
+_SCALES = struct.Struct(">HBBII6H")
+_HEADER = 0x1234
+
+READ_FORCES = bytes(20)  # READFT: command 0, all else zero, so that nothing is biased
+READ_SCALES = b"\x01" + bytes(19)  # READCALINFO
+READING_BYTES = _READING.size
+SCALES_BYTES = _SCALES.size
+
+
+class Settings(NamedTuple):
+    """The box' active configuration, in its own units; `rate_hz` and `buffer_size` are those of RDT."""
+
+    product: str
+    firmware: str
+    configuration: str
+    calibration_serial: str
+    counts_per_force: float
+    counts_per_torque: float
+    force_unit: str
+    torque_unit: str
+    ranges: tuple[float, ...]
+    bias: tuple[float, ...]
+    rdt_enabled: bool
+    rate_hz: int
+    buffer_size: int
+
+    @property
+    def family(self) -> Family:
+        """Which table of status bits holds."""
+        return "axia" if "axia" in self.product.lower() else "netft"
+
+    @property
+    def counts_per_n(self) -> float:
+        """Counts of one newton."""
+        return self.counts_per_force / NEWTONS[self.force_unit]
+
+    @property
+    def counts_per_nm(self) -> float:
+        """Counts of one newton metre."""
+        return self.counts_per_torque / NEWTON_METRES[_torque_unit(self.torque_unit)]
+
+
+class Reading(NamedTuple):
+    """A single reading over TCP: status, and Fx to Tz in the box' scaled counts."""
+
+    status: int
+    values: tuple[int, ...]
+
+
+def active_configuration(xml: str) -> int:
+    """Return the index of the configuration in use. Raises ValueError when the page does not say it."""
+    return int(_number(_tags(xml), "setcfgsel"))
+
+
+def configuration_query(index: int) -> str:
+    """Return the path and query that asks for a configuration."""
+    return f"{CONFIGURATION_PATH}?{urlencode({'index': index})}"
+
+
+def rate_query(*, rate_hz: int, buffer_size: int) -> str:
+    """Return the path and query that sets RDT on, its rate and its buffer."""
+    return "/comm.cgi?" + urlencode({"comrdte": 1, "comrdtrate": rate_hz, "comrdtbsiz": buffer_size})
+
+
+def read_settings(xml: str) -> Settings:
+    """Read the page of the active configuration. Raises ValueError that names what is missing or wrong."""
+    tags = _tags(xml)
+    force_unit, torque_unit = _text(tags, "scfgfu"), _text(tags, "scfgtu")
+    if force_unit not in NEWTONS:
+        raise ValueError(f"forces are in '{force_unit}', which is no unit known here ({', '.join(NEWTONS)})")
+    if _torque_unit(torque_unit) not in NEWTON_METRES:
+        raise ValueError(f"torques are in '{torque_unit}', which is no unit known here ({', '.join(NEWTON_METRES)})")
+    return Settings(
+        product=_text(tags, "prodname"),
+        firmware=tags.get("mfgdigver", ""),
+        configuration=tags.get("cfgnam", ""),
+        calibration_serial=tags.get("cfgcalsn", ""),
+        counts_per_force=_positive(tags, "cfgcpf"),
+        counts_per_torque=_positive(tags, "cfgcpt"),
+        force_unit=force_unit,
+        torque_unit=torque_unit,
+        ranges=_six(tags, "cfgmr"),
+        bias=_six(tags, "setbias"),
+        rdt_enabled=tags.get("comrdte", "Enabled").lower() in ("enabled", "1", "on"),
+        rate_hz=int(_positive(tags, "comrdtrate")),
+        buffer_size=int(_positive(tags, "comrdtbsiz")),
+    )
+
+
+def read_reading(data: bytes) -> Reading:
+    """Read the answer to READ_FORCES. Raises ValueError for anything else."""
+    header, status, *values = _READING.unpack(data) if len(data) == _READING.size else (0, 0)
+    if header != _HEADER:
+        raise ValueError(f"{len(data)} bytes that are no reading: {data[:8].hex(' ')} ...")
+    return Reading(status, tuple(values))
+
+
+def encode_reading(reading: Reading) -> bytes:
+    """Return a reading's 16 bytes."""
+    return _READING.pack(_HEADER, reading.status, *reading.values)
+
+
+def _tags(xml: str) -> dict[str, str]:
+    """Return the page's plain tags; it is flat, and nothing else in it is looked at."""
+    return dict(_TAG.findall(xml))
+
+
+def _text(tags: Mapping[str, str], name: str) -> str:
+    if name not in tags:
+        raise ValueError(f"<{name}> is missing")
+    return tags[name]
+
+
+def _number(tags: Mapping[str, str], name: str) -> float:
+    text = _text(tags, name)
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"<{name}> is '{text}', no number") from None
+
+
+def _positive(tags: Mapping[str, str], name: str) -> float:
+    value = _number(tags, name)
+    if not 0 < value < float("inf"):
+        raise ValueError(f"<{name}> is {value:g}, not above zero")
+    return value
+
+
+def _six(tags: Mapping[str, str], name: str) -> tuple[float, ...]:
+    """Return six numbers; a page without them is no reason to refuse a box."""
+    texts = re.split(r"[;,\s]+", tags.get(name, "").strip())
+    try:
+        return tuple(float(text) for text in texts) if len(texts) == 6 else ()
+    except ValueError:
+        return ()
+
+
+def _torque_unit(text: str) -> str:
+    return text.replace("-", "").replace(" ", "")

@@ -1,0 +1,88 @@
+"""ATI's RDT protocol over UDP port 49152: requests, and records of 36 bytes, both big-endian.
+
+Decodes whole blocks into arrays. What order the records are in, and which are missing, is `rdt_order`'s business;
+what a status word means is `rdt_status`'.
+"""
+
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+PORT = 49152
+RECORD_BYTES = 36
+LONGEST_BUFFER = 40  # records in one datagram
+INTERNAL_HZ = 7000  # what a Net F/T counts in ft_sequence, whatever rate it sends at
+
+_HEADER = 0x1234
+_REQUEST = struct.Struct(">HHI")
+_LAYOUT = np.dtype([("rdt_sequence", ">u4"), ("ft_sequence", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
+
+
+class Command(IntEnum):
+    """What can be asked for; each replaces the one before."""
+
+    STOP = 0
+    REAL_TIME = 2
+    BUFFERED = 3
+    MULTI_UNIT = 4
+    RESET_THRESHOLD = 0x41
+    BIAS = 0x42
+
+
+class Request(NamedTuple):
+    """A command and how many records it asks for, 0 for no end."""
+
+    command: int
+    records: int = 0
+
+
+class Records(NamedTuple):
+    """n records: their numbers since the request and since power-up, status, and Fx to Tz in counts (n, 6)."""
+
+    rdt_sequence: npt.NDArray[np.uint32]
+    ft_sequence: npt.NDArray[np.uint32]
+    status: npt.NDArray[np.uint32]
+    counts: npt.NDArray[np.int32]
+
+
+def encode_request(request: Request) -> bytes:
+    """Return a request's 8 bytes."""
+    return _REQUEST.pack(_HEADER, *request)
+
+
+def decode_request(datagram: bytes) -> Request | None:
+    """Return what a datagram asks for, or None when it is no request."""
+    if len(datagram) != _REQUEST.size:
+        return None
+    header, command, records = _REQUEST.unpack(datagram)
+    return Request(command, records) if header == _HEADER else None
+
+
+def is_block(size: int) -> bool:
+    """Return whether a datagram of so many bytes can be a block of records."""
+    return 0 < size <= LONGEST_BUFFER * RECORD_BYTES and size % RECORD_BYTES == 0
+
+
+def encode_records(records: Records) -> bytes:
+    """Return the bytes of n records."""
+    block = np.empty(len(records.rdt_sequence), _LAYOUT)
+    for name, column in zip(Records._fields, records, strict=True):
+        block[name] = column
+    return block.tobytes()
+
+
+def decode_records(data: bytes | bytearray | memoryview) -> Records:
+    """Return the records of one or several datagrams laid end to end.
+
+    Raises ValueError when these are no whole records; `is_block` tells before.
+    """
+    block = np.frombuffer(data, _LAYOUT)
+    return Records(
+        block["rdt_sequence"].astype(np.uint32),
+        block["ft_sequence"].astype(np.uint32),
+        block["status"].astype(np.uint32),
+        block["counts"].astype(np.int32),
+    )

@@ -1,0 +1,48 @@
+"""What the encoder's counts mean: plain counts per turn, or a 13-bit position inside a 22-bit word.
+
+The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That is no resolution but a
+pattern: a position p of 13 bits, read as a 22-bit word that repeats itself after a zero bit,
+raw = (p << 9) | (p >> 5). So 8192 steps make a turn and every sample carries its own check.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+RLS_13BIT_IN_22 = "rls-13bit-in-22"
+POSITION_BITS = 13
+WORD_BITS = 22
+REPEATED_BITS = 8
+STEPS_PER_TURN = 1 << POSITION_BITS
+WORD_COUNTS_PER_TURN = 1 << WORD_BITS
+
+_SHIFT = WORD_BITS - POSITION_BITS
+_GAP_BIT = 1 << REPEATED_BITS
+_REPEATED_MASK = (1 << REPEATED_BITS) - 1
+
+
+class Positions(NamedTuple):
+    """Decoded words: positions 0..8191, and which samples passed their own check."""
+
+    position: npt.NDArray[np.int64]
+    valid: npt.NDArray[np.bool_]
+
+
+def encode_positions(position: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the 22-bit words of positions 0..8191, any shape; any other number becomes no valid word."""
+    return (position << _SHIFT) | (position >> (POSITION_BITS - REPEATED_BITS))
+
+
+def decode_words(word: npt.NDArray[np.int64]) -> Positions:
+    """Decode 22-bit words of any shape.
+
+    A word is valid when it fits 22 bits, its gap bit is zero and its low byte repeats the top of the
+    position: nine redundant bits, so that a random word passes once in 512. Any one flipped bit is caught in
+    bits 0 to 8 and 14 to 21. Bits 9 to 13, the low five of the position, have no copy: flips there pass as
+    a position that is up to 31 steps (1.4 degrees) off.
+    """
+    gap_is_zero = (word & _GAP_BIT) == 0
+    # What is negative or beyond 22 bits has a top that no low byte repeats.
+    repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
+    return Positions(position=word >> _SHIFT, valid=gap_is_zero & repeats)
