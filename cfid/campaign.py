@@ -163,12 +163,40 @@ class FrictionRig(_Table):
     radius_std_mm: Spread = 0.0
 
 
+class EncoderPort(_Table):
+    """Where the encoder's interface is plugged in; without a port it is looked for."""
+
+    port: str = ""
+    rate_hz: Positive = 1000.0
+
+
+PortNumber = Annotated[int, Field(strict=True, ge=1, le=65535)]
+
+
+class LoadCellBox(_Table):
+    """Where the load cell's box is, and how often it shall send."""
+
+    address: str = Field("192.168.1.1", min_length=1)
+    rate_hz: Annotated[int, Field(strict=True, gt=0)] = 7000
+    rdt_port: PortNumber = 49152
+    http_port: PortNumber = 80
+    tcp_port: PortNumber = 49151
+
+
+class Devices(_Table):
+    """What is connected to this computer."""
+
+    encoder: EncoderPort = EncoderPort()
+    loadcell: LoadCellBox = LoadCellBox()
+
+
 class Rig(_Table):
     """Everything rig.toml says."""
 
     vehicle: Vehicle
     site: Site = Site()
     encoder: Encoder = Encoder()
+    devices: Devices = Devices()
     friction: FrictionRig | None = None
     mounts: dict[str, Mount] = {}
     fixture: Fixture | None = None

@@ -66,6 +66,7 @@ class RunHeader(_Section):
     state: State
     reason: str = ""
     cfid_version: str = ""
+    simulated: bool = False
     label: Label = Label()
     devices: dict[str, DeviceRecord] = {}
 
@@ -134,6 +135,7 @@ class RunWriter:
     folder: Path
     header: RunHeader
     _files: dict[str, RowFile] = field(default_factory=dict)
+    _facts: dict[str, dict[str, Any]] = field(default_factory=dict)
     _fault: str = ""
 
     def append(self, device: str, columns: Sequence[Sequence[float] | Any]) -> None:
@@ -148,6 +150,19 @@ class RunWriter:
         except DataError as error:
             self._fault = str(error)
             raise
+
+    def sync(self) -> None:
+        """Bring what was written so far to the disk itself; slow, and safe to call from another thread."""
+        for file in self._files.values():
+            file.sync()
+
+    def rows(self, device: str) -> int:
+        """Return how many rows of a device were written."""
+        return self._files[device].rows
+
+    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
+        """Add to what run.toml will say of a device once the run is closed."""
+        self._facts.setdefault(device, {}).update(facts)
 
     def count_lost(self, device: str, samples: int) -> None:
         """Count samples of a device that are known to be missing; run.toml says them however the run ends."""
@@ -164,10 +179,7 @@ class RunWriter:
             self.count_lost(device, samples)
         for file in self._files.values():
             file.close()
-        devices = {
-            name: record.model_copy(update={"rows": self._files[name].rows, "lost": self._files[name].lost})
-            for name, record in self.header.devices.items()
-        }
+        devices = {name: self._closed(name, record) for name, record in self.header.devices.items()}
         if self._fault:
             state, reason = "failed", self._fault
         final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
@@ -181,6 +193,10 @@ class RunWriter:
             ) from None
         self.header = final
         return Run(folder=self.folder, header=self.header)
+
+    def _closed(self, name: str, record: DeviceRecord) -> DeviceRecord:
+        file = self._files[name]
+        return record.model_copy(update={**self._facts.get(name, {}), "rows": file.rows, "lost": file.lost})
 
     def __enter__(self) -> Self:
         """Return the writer itself."""
@@ -211,6 +227,7 @@ def create_run(
     devices: Mapping[str, DeviceRecord],
     started: datetime,
     cfid_version: str,
+    simulated: bool = False,
 ) -> RunWriter:
     """Make a new run folder named after its start, kind and label, and open its files.
 
@@ -222,6 +239,7 @@ def create_run(
         started=started,
         state="recording",
         cfid_version=cfid_version,
+        simulated=simulated,
         label=label,
         devices=dict(devices),
     )

@@ -9,6 +9,7 @@ from cfid.cli.speech import note
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
+    from cfid.campaign import Campaign
     from cfid.errors import DataError
     from cfid.run import Run
 
@@ -50,13 +51,22 @@ def runs(
 
     Example: [bold]cfid runs --campaign my-crazyflie[/bold]
     """
-    from cfid.campaign import RIG_FILE, find_campaign
     from cfid.run import list_runs
 
-    found = find_campaign(campaign, start=Path.cwd())
+    _print_runs(list_runs(here(campaign).runs_folder), json=json)
+
+
+def here(folder: Path | None) -> "Campaign":
+    """Return the campaign named, else the one at or above the current folder.
+
+    Raises ConfigError when there is none.
+    """
+    from cfid.campaign import RIG_FILE, find_campaign
+
+    found = find_campaign(folder, start=Path.cwd())
     if found is None:
         raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
-    _print_runs(list_runs(found.runs_folder), json=json)
+    return found
 
 
 def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
@@ -101,5 +111,6 @@ def _row(run: "Run") -> dict[str, Any]:
         "state": "cut" if run.cut else header.state,
         "rows": sum(known) if known else "?",
         "lost": sum(device.lost for device in devices),
-        "note": label.note or header.reason,
+        "simulated": header.simulated,
+        "note": "; ".join(filter(None, ["simulated" * header.simulated, label.note, header.reason])),
     }

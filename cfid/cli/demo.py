@@ -60,7 +60,7 @@ def _record(campaign: "Campaign", run: "SimulatedRun") -> Path:
     record = DeviceRecord(
         file="encoder.csv", columns=("t", "phi"), counts_per_turn=campaign.rig.encoder.counts_per_turn
     )
-    label = Label(axis=run.axis, weight_g=run.weight_g, body=run.body, note="simulated")
+    label = Label(axis=run.axis, weight_g=run.weight_g, body=run.body)
     with create_run(
         campaign.runs_folder,
         kind=run.kind,
@@ -68,6 +68,7 @@ def _record(campaign: "Campaign", run: "SimulatedRun") -> Path:
         devices={"encoder": record},
         started=datetime.now(UTC),
         cfid_version=__version__,
+        simulated=True,
     ) as writer:
         writer.append("encoder", (run.time_s, run.counts))
     return writer.folder

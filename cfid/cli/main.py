@@ -12,6 +12,8 @@ from cfid.cli.fit_friction import friction
 from cfid.cli.fit_inertia import inertia
 from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
+from cfid.cli.log import encoder, loadcell
+from cfid.cli.rig import check, sim
 from cfid.cli.show import show
 from cfid.cli.speech import fault
 from cfid.errors import CfidError
@@ -24,10 +26,19 @@ app = typer.Typer(
 )
 fit = typer.Typer(no_args_is_help=True, help="Find parameters from recordings.")
 
+rig = typer.Typer(no_args_is_help=True, help="Ask the rig's devices, or simulate them.")
+log = typer.Typer(no_args_is_help=True, help="Record from the rig.")
+
 app.command()(demo)
 app.command()(new)
 app.command()(runs)
 app.command()(show)
+app.add_typer(rig, name="rig")
+rig.command()(check)
+rig.command()(sim)
+app.add_typer(log, name="log")
+log.command()(encoder)
+log.command()(loadcell)
 app.add_typer(fit, name="fit")
 fit.command()(swing)
 fit.command()(friction)

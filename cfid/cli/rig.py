@@ -1,0 +1,160 @@
+"""`cfid rig check` and `cfid rig sim`: who answers, and a rig to practise on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.options import flat, positive
+from cfid.cli.speech import note
+from cfid.errors import ConfigError, DeviceError
+
+if TYPE_CHECKING:
+    from cfid.campaign import Campaign
+    from cfid.rig.check import Finding
+    from cfid.rig.loop import Ending, Loop
+    from cfid.sim.service import SimulatedRig
+
+
+def check(
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Ask every device who it is, and say what is wrong and what to do. Changes no setting.
+
+    A load cell's box streams to one client only: this takes the stream for a moment, except from a cfid log.
+
+    Example: [bold]cfid rig check[/bold]
+    """
+    from cfid.cli.campaign import here
+    from cfid.rig.check import check_encoder, check_loadcell
+    from cfid.rig.sim_file import SIM_FILE, devices_in
+
+    found = here(campaign)
+    devices, simulated = devices_in(found.folder, found.rig)
+    if simulated:
+        note(f"the rig is simulated: {found.folder / SIM_FILE} points at it.")
+    findings = {
+        "encoder": check_encoder(devices.encoder, counts_per_turn=found.rig.encoder.counts_per_turn),
+        "loadcell": check_loadcell(devices.loadcell),
+    }
+    _print_findings(findings, simulated=simulated, json=json)
+    faulty = [name for name, answers in findings.items() if any(answer.state == "fault" for answer in answers)]
+    if faulty:
+        raise DeviceError(f"not ready: {', '.join(faulty)}.")
+
+
+def _print_findings(findings: "dict[str, list[Finding]]", *, simulated: bool, json: bool) -> None:
+    if json:
+        import json as encoder
+
+        content = {name: [answer._asdict() for answer in answers] for name, answers in findings.items()}
+        typer.echo(encoder.dumps({"command": "rig check", "simulated": simulated, "devices": content}, indent=2))
+        return
+    for name, answers in findings.items():
+        for answer in answers:
+            typer.echo(f"{name:9} {answer.asked:15} {answer.state:8} {answer.answer}")
+            if answer.advice:
+                typer.echo(f"{'':35}-> {answer.advice}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimOptions:
+    """What is simulated."""
+
+    truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another rig and other noise.")] = 1
+    axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="What swings: the vehicle on this mount.")] = None
+    weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="A weight drops instead.")] = None
+    spin: Annotated[
+        str, typer.Option(metavar="M1,M2,M3,M4", help="Motor commands of the vehicle on the load cell.")
+    ] = "0,0,0,0"
+    fault: Annotated[
+        list[str] | None, typer.Option(metavar="DEVICE.FAULT=VALUE", help="A fault, as loadcell.drop_every=100.")
+    ] = None
+
+
+@flat
+def sim(
+    *,
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="S", help="Seconds to serve; default: until Ctrl-C.")
+    ] = None,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    options: SimOptions,
+) -> None:
+    """Serve a simulated encoder and load cell on real wires; cfid's commands use them while this runs.
+
+    Example: [bold]cfid rig sim --axis x --spin 28000,0,28000,0[/bold]
+    """
+    from cfid.cli.campaign import here
+    from cfid.rig.loop import run_until_done
+
+    if for_s is not None:
+        positive(for_s, "--for")
+    found = here(campaign)
+
+    async def main(loop: "Loop", ending: "Ending") -> None:
+        with TemporaryDirectory(prefix="cfid-sim-") as folder:
+            rig = _simulated(found, loop, Path(folder), options)
+            await _serve(found, rig, ending, for_s=for_s, seed=options.seed)
+
+    run_until_done(main)
+
+
+def _simulated(campaign: "Campaign", loop: "Loop", folder: Path, options: SimOptions) -> "SimulatedRig":
+    from cfid.sim.faults import parse_faults
+    from cfid.sim.service import SimulatedRig
+    from cfid.sim.truth_file import SimTruth, load_truth
+
+    encoder_faults, loadcell_faults = parse_faults(options.fault or ())
+    return SimulatedRig(
+        campaign.rig,
+        reactor=loop,
+        folder=folder,
+        seed=options.seed,
+        truth=load_truth(options.truth) if options.truth else SimTruth(),
+        encoder_faults=encoder_faults,
+        loadcell_faults=loadcell_faults,
+        axis=options.axis,
+        weight_g=options.weight,
+        commands=_commands(options.spin),
+    )
+
+
+async def _serve(
+    campaign: "Campaign", rig: "SimulatedRig", ending: "Ending", *, for_s: float | None, seed: int
+) -> None:
+    from cfid.campaign import Devices
+    from cfid.rig.sim_file import published
+
+    where = rig.open()
+    try:
+        devices = Devices(
+            encoder=campaign.rig.devices.encoder.model_copy(update={"port": str(where.encoder_port)}),
+            loadcell=campaign.rig.devices.loadcell.model_copy(
+                update={
+                    "address": where.address,
+                    "rdt_port": where.rdt_port,
+                    "http_port": where.http_port,
+                    "tcp_port": where.tcp_port,
+                }
+            ),
+        )
+        with published(campaign.folder, devices, seed=seed) as path:
+            typer.echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
+            await ending.within(for_s)
+    finally:
+        await rig.close()
+
+
+def _commands(text: str) -> tuple[int, int, int, int]:
+    try:
+        one, two, three, four = (int(word) for word in text.split(","))
+    except ValueError:
+        one = two = three = four = -1
+    if not all(0 <= command <= 65535 for command in (one, two, three, four)):
+        raise ConfigError(f"--spin {text}: expected four motor commands from 0 to 65535, as 28000,0,28000,0.")
+    return one, two, three, four

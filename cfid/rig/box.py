@@ -1,0 +1,98 @@
+"""The load cell's box over HTTP and TCP: its settings read, set and read back, and a single reading."""
+
+import http.client
+import socket
+
+from cfid.campaign import LoadCellBox
+from cfid.errors import DeviceError
+from cfid.wire import netft
+
+_TIME_OUT_S = 3.0
+_LONGEST_PAGE = 1 << 18
+_BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
+
+
+def read_settings(box: LoadCellBox) -> netft.Settings:
+    """Return the box' active configuration.
+
+    Raises DeviceError when the box does not answer, or says what makes no sense.
+    """
+    try:
+        index = netft.active_configuration(_page(box, netft.configuration_query(0)))
+        return netft.read_settings(_page(box, netft.configuration_query(index)))
+    except ValueError as error:
+        raise DeviceError(
+            f"http://{box.address}{netft.CONFIGURATION_PATH}: {error}. Is {box.address} a Net F/T? "
+            "Open its web page to see."
+        ) from None
+
+
+def set_rate(box: LoadCellBox, *, buffered: bool) -> netft.Settings:
+    """Set how often the box sends, and how many records at once; return its settings read back.
+
+    Raises DeviceError when the box keeps other ones.
+    """
+    size = buffer_size(box.rate_hz) if buffered else 1
+    before = read_settings(box)
+    if before.rate_hz == box.rate_hz and before.rdt_enabled and before.buffer_size == size:
+        return before
+    _page(box, netft.rate_query(rate_hz=box.rate_hz, buffer_size=size))
+    after = read_settings(box)
+    if not after.rdt_enabled:
+        raise DeviceError(f"{box.address}: RDT is off and stays off: enable it on the box' web page, Communications.")
+    if after.rate_hz != box.rate_hz or after.buffer_size != size:
+        raise DeviceError(
+            f"{box.address}: asked for {box.rate_hz} Hz and {size} records a datagram, the box keeps "
+            f"{after.rate_hz} Hz and {after.buffer_size}. It has {netft.FASTEST_HZ}/n Hz: set devices.loadcell.rate_hz "
+            f"in rig.toml to such a rate, {after.rate_hz} for instance."
+        )
+    return after
+
+
+def buffer_size(rate_hz: float) -> int:
+    """Return how many records a datagram shall hold, so that none waits long in the box."""
+    return max(1, min(40, round(rate_hz * _BUFFERED_S)))
+
+
+def read_once(box: LoadCellBox) -> netft.Reading:
+    """Return a single reading over TCP. Raises DeviceError."""
+    where = f"{box.address} TCP {box.tcp_port}"
+    try:
+        with socket.create_connection((box.address, box.tcp_port), timeout=_TIME_OUT_S) as connection:
+            connection.sendall(netft.READ_FORCES)
+            answer = b""
+            while len(answer) < netft.READING_BYTES and (part := connection.recv(netft.READING_BYTES - len(answer))):
+                answer += part
+    except OSError as error:
+        raise DeviceError(f"{where}: {_reason(error)}.") from None
+    try:
+        return netft.read_reading(answer)
+    except ValueError as error:
+        raise DeviceError(f"{where}: {error}.") from None
+
+
+def _page(box: LoadCellBox, path: str) -> str:
+    where = f"http://{box.address}:{box.http_port}"
+    connection = http.client.HTTPConnection(box.address, box.http_port, timeout=_TIME_OUT_S)
+    try:
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        content = answer.read(_LONGEST_PAGE)
+    except (OSError, http.client.HTTPException) as error:
+        raise DeviceError(
+            f"{where}: {_reason(error)}. Is the box powered, and this computer in its network? "
+            "`cfid rig check` looks further."
+        ) from None
+    finally:
+        connection.close()
+    if answer.status != http.client.OK:
+        raise DeviceError(f"{where}{path}: answers {answer.status} {answer.reason}, where a Net F/T has its settings: another device.")
+    return content.decode("utf-8", "replace")
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, TimeoutError):
+        return f"no answer within {_TIME_OUT_S:g} s"
+    if isinstance(error, ConnectionRefusedError):
+        return "nobody listens there (connection refused)"
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

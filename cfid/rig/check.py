@@ -1,0 +1,161 @@
+"""Asks each device who it is and how it is set, and says what is wrong and what to do; changes no setting."""
+
+import socket
+import time
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from cfid.campaign import EncoderPort, LoadCellBox
+from cfid.errors import DeviceError
+from cfid.rig import box as loadcell_box
+from cfid.rig.e201_port import find_encoder, word_bits
+from cfid.rig.lock import DeviceLock, holder_of
+from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, enlarge
+from cfid.wire import rdt
+from cfid.wire.netft import Settings
+from cfid.wire.rdt_status import read_status
+from cfid.wire.rls import RLS_13BIT_IN_22, decode_words
+
+_STREAM_S = 0.3
+_WAIT_S = 1.0
+
+_REACH = "check power, cable, and devices.loadcell.address in rig.toml"
+
+State = Literal["ok", "warning", "fault"]
+
+
+class Finding(NamedTuple):
+    """What was asked of a device, what it answered, and what to do if that is not as it should be."""
+
+    asked: str
+    state: State
+    answer: str
+    advice: str = ""
+
+
+def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list[Finding]:
+    """Ask the encoder's interface who it is, and for its word's width and a position."""
+    try:
+        found = find_encoder(setting.port, counts_per_turn=counts_per_turn, configure=False)
+    except DeviceError as error:
+        return [Finding("port", "fault", str(error), "plug it in, or set devices.encoder.port in rig.toml")]
+    named = Finding("port", "ok", f"{found.port}: {found.version}, serial number {found.serial_number}")
+    wanted = word_bits(counts_per_turn)
+    bits = f"{found.word_bits} bits"
+    if wanted not in (None, found.word_bits):
+        advice = f"rig.toml's counts_per_turn asks for {wanted} bits: `cfid log encoder` sets them"
+        return [named, Finding("word", "warning", bits, advice)]
+    stamped = "with the device's own stamps" if found.stamped else "without stamps"
+    if counts_per_turn == RLS_13BIT_IN_22 and not decode_words(np.array([found.position])).valid[0]:
+        advice = "no 13-bit position in 22 bits: set encoder.counts_per_turn in rig.toml to its counts per turn"
+        return [named, Finding("word", "fault", f"{bits}, position {found.position}", advice)]
+    return [named, Finding("word", "ok", f"{bits}, position {found.position}, {stamped}")]
+
+
+def check_loadcell(setting: LoadCellBox) -> list[Finding]:
+    """Ask the load cell's box over HTTP, TCP and UDP.
+
+    While a log of ours holds it, UDP is left alone: the box answers one client only, and a second one takes
+    the stream from the first.
+    """
+    settings, over_http = _http(setting)
+    over_tcp = _tcp(setting, settings)
+    where = f"{setting.address}:{setting.rdt_port}"
+    if holder := holder_of(where):
+        held = Finding("RDT, UDP", "ok", f"held by {holder}", "not asked: it would take the stream from there")
+        return [over_http, over_tcp, held]
+    if settings is None and over_tcp.state == "fault":
+        return [over_http, over_tcp]
+    with DeviceLock.take(where, holder="cfid rig check"):
+        return [over_http, over_tcp, *_udp(setting, settings, alive=over_tcp.state != "fault")]
+
+
+def _http(setting: LoadCellBox) -> tuple[Settings | None, Finding]:
+    try:
+        settings = loadcell_box.read_settings(setting)
+    except DeviceError as error:
+        return None, Finding(
+            "settings, HTTP", "fault", str(error), "power, cable, devices.loadcell.address in rig.toml"
+        )
+    told = (
+        f"{settings.product}, firmware {settings.firmware}, calibration {settings.calibration_serial} "
+        f"({settings.configuration}), {settings.counts_per_force:g} counts/{settings.force_unit}, "
+        f"{settings.counts_per_torque:g} counts/{settings.torque_unit}, {settings.rate_hz} Hz, "
+        f"{settings.buffer_size} records a datagram"
+    )
+    if not settings.rdt_enabled:
+        return settings, Finding("settings, HTTP", "warning", told, "RDT is off: `cfid log loadcell` switches it on")
+    if settings.rate_hz != setting.rate_hz:
+        advice = f"rig.toml asks for {setting.rate_hz} Hz: `cfid log loadcell` sets them"
+        return settings, Finding("settings, HTTP", "warning", told, advice)
+    return settings, Finding("settings, HTTP", "ok", told)
+
+
+def _tcp(setting: LoadCellBox, settings: Settings | None) -> Finding:
+    try:
+        reading = loadcell_box.read_once(setting)
+    except DeviceError as error:
+        return Finding("reading, TCP", "fault", str(error), _REACH)
+    status = read_status(reading.status, settings.family if settings else "netft")
+    if status.faults:
+        return Finding(
+            "reading, TCP", "fault", ", ".join(status.faults), "take the load off; switch the box off and on"
+        )
+    if status.warnings:
+        return Finding("reading, TCP", "warning", ", ".join(status.warnings), "readings are not affected")
+    return Finding("reading, TCP", "ok", "healthy")
+
+
+def _udp(setting: LoadCellBox, settings: Settings | None, *, alive: bool) -> list[Finding]:
+    rate_hz = settings.rate_hz if settings else rdt.INTERNAL_HZ
+    wanted = max(int(rate_hz * _STREAM_S), 2)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        granted = enlarge(line)
+        got, foreign = _streamed(line, (setting.address, setting.rdt_port), wanted)
+    buffer = Finding("receive buffer", "ok", f"{granted >> 10} KiB")
+    if granted < RECEIVE_BUFFER_BYTES:
+        advice = f"the system caps it: `sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}`"
+        buffer = Finding("receive buffer", "warning", f"{granted >> 10} KiB", advice)
+    others = f", {foreign} datagrams from other addresses" if foreign else ""
+    return [_stream(got, wanted, others, alive=alive), buffer]
+
+
+def _stream(got: int, wanted: int, others: str, *, alive: bool) -> Finding:
+    answer = f"{got} of {wanted} records{others}"
+    if got >= wanted:
+        return Finding("RDT, UDP", "ok", answer)
+    if not got and alive:
+        advice = "the box is alive, its datagrams do not come back: open UDP in this computer's firewall"
+    elif not got:
+        advice = "no answer by any way: power, cable, address"
+    else:
+        advice = "the stream broke off: another client asks the same box, or the network drops datagrams"
+    return Finding("RDT, UDP", "fault", answer, advice)
+
+
+def _streamed(line: socket.socket, box: tuple[str, int], wanted: int) -> tuple[int, int]:
+    """Ask for so many records, and return how many came and how many datagrams came from elsewhere."""
+    got = foreign = 0
+    try:
+        line.sendto(rdt.encode_request(rdt.Request(rdt.Command.BUFFERED, wanted)), box)
+        end_s = time.monotonic() + _STREAM_S + _WAIT_S
+        while got < wanted and (left_s := end_s - time.monotonic()) > 0:
+            line.settimeout(left_s)
+            datagram, source = line.recvfrom(2048)
+            if source == box and rdt.is_block(len(datagram)):
+                got += len(datagram) // rdt.RECORD_BYTES
+            else:
+                foreign += source != box
+    except OSError:  # the time is over, or the network has no way to the box
+        pass
+    finally:
+        _stop(line, box)
+    return got, foreign
+
+
+def _stop(line: socket.socket, box: tuple[str, int]) -> None:
+    try:
+        line.sendto(rdt.encode_request(rdt.Request(rdt.Command.STOP)), box)
+    except OSError:  # it was never asked for anything, then
+        return

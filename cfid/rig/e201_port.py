@@ -1,0 +1,155 @@
+"""Which serial port is the encoder's, and what it says of itself; asks in turn and waits for each answer."""
+
+import contextlib
+import os
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from cfid.errors import DeviceError
+from cfid.rig.lock import holder_of
+from cfid.wire import e201
+from cfid.wire.rls import RLS_13BIT_IN_22, WORD_BITS
+
+_ANSWER_S = 0.5
+_DRAIN_S = 0.02
+_BAUD = 115200  # of no meaning on USB
+_WIDEST_WORD = 32
+
+
+class Found(NamedTuple):
+    """An encoder interface: its port, what it says it is, its word's width, a position, and whether it is stamped."""
+
+    port: str
+    version: str
+    serial_number: str
+    word_bits: int
+    position: int
+    stamped: bool
+
+
+def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str = "", configure: bool = True) -> Found:
+    """Find the encoder on a port, or look for it when `port` is empty; set the word's width that counts ask for.
+
+    With a `serial_number` only that one will do; without `configure` nothing is set. Raises DeviceError that
+    says what every candidate answered.
+    """
+    candidates = [port] if port else list(_candidates(list_ports.comports()))
+    if not candidates:
+        raise DeviceError(
+            "no encoder interface is plugged in: no serial port calls itself an E201, nor has its maker's number. "
+            "Plug it in, or name its port: devices.encoder.port in rig.toml, or --port."
+        )
+    reasons = []
+    for candidate in candidates:
+        try:
+            found = _ask(candidate, counts_per_turn=counts_per_turn, configure=configure)
+        except DeviceError as error:
+            reasons.append(str(error))
+            continue
+        if serial_number in ("", found.serial_number):
+            return found
+        reasons.append(f"{candidate}: is the encoder {found.serial_number}, not {serial_number}.")
+    raise DeviceError(" ".join(reasons))
+
+
+def _candidates(ports: Iterable[ListPortInfo]) -> Iterator[str]:
+    """Yield ports that may be an E201's: by their name first, by the maker of their chip last."""
+    ports = list(ports)
+    named = [info for info in ports if e201.PRODUCT in (info.product or info.description or "")]
+    yield from (info.device for info in named)
+    yield from (info.device for info in ports if info.vid == e201.USB_VENDOR and info not in named)
+
+
+def lock_name(port: str) -> str:
+    """Return the name under which a port is locked, whatever link leads to it."""
+    return os.path.realpath(port)
+
+
+def word_bits(counts_per_turn: float | str) -> int | None:
+    """Return the width of word that a number of counts asks for, or None when it asks for none in particular."""
+    if counts_per_turn == RLS_13BIT_IN_22:
+        return WORD_BITS
+    counts = int(float(counts_per_turn))
+    return counts.bit_length() - 1 if counts == float(counts_per_turn) and counts.bit_count() == 1 else None
+
+
+def _ask(port: str, *, counts_per_turn: float | str, configure: bool) -> Found:
+    if holder := holder_of(lock_name(port)):
+        raise DeviceError(f"{port} is held by {holder}. End that first.")
+    with _opened(port) as line:
+        _query(line, e201.STOP_CONTINUOUS, wanted=False)
+        version = _query(line, e201.VERSION)
+        if not e201.names_e201(version):
+            said = f"answers '{_text(version)}'" if version else "gives no answer"
+            raise DeviceError(f"{port}: {said} where an E201 encoder interface says its name: another device.")
+        wanted = word_bits(counts_per_turn)
+        found = e201.word_width(_query(line, e201.WORD_WIDTH))
+        if configure and wanted is not None and found != wanted:
+            _query(line, e201.set_word_width(wanted), wanted=False)
+            found = e201.word_width(_query(line, e201.WORD_WIDTH))
+            if found != wanted:
+                raise DeviceError(
+                    f"{port}: the word width was set to {wanted} bits, but reads {found or 'nothing'}: check "
+                    "encoder.counts_per_turn in rig.toml."
+                )
+        readings = e201.PositionReader(word_bits=found or _WIDEST_WORD).feed(
+            _query(line, e201.STAMPED_POSITION) + b"\r"
+        )
+        if not readings:
+            raise DeviceError(
+                f"{port}: an E201, but it reads no position: is the encoder plugged into it, and powered?"
+            )
+        return Found(
+            port=port,
+            version=_text(version),
+            serial_number=_text(_query(line, e201.SERIAL_NUMBER)),
+            word_bits=found or _WIDEST_WORD,
+            position=readings[0].position,
+            stamped=readings[0].stamp_us is not None,
+        )
+
+
+@contextlib.contextmanager
+def _opened(port: str) -> Iterator[serial.Serial]:
+    try:
+        with serial.Serial(port, _BAUD, timeout=_DRAIN_S, write_timeout=_ANSWER_S, exclusive=True) as line:
+            yield line
+    except FileNotFoundError as error:
+        raise DeviceError(f"{port}: no such port. `cfid rig check` lists what is there. ({error.strerror})") from None
+    except (serial.SerialException, OSError) as error:
+        raise DeviceError(f"{port}: {_reason(error)}") from None
+
+
+def _query(line: serial.Serial, command: bytes, *, wanted: bool = True) -> bytes:
+    """Send a command and return its reply without its end; what came before, or is not wanted, is dropped."""
+    while line.read(4096):
+        pass
+    line.write(command)
+    if not wanted:
+        return b""
+    reply = b""
+    end_s = time.monotonic() + _ANSWER_S
+    while b"\r" not in reply and time.monotonic() < end_s:
+        reply += line.read_until(b"\r", 256)
+    return reply.partition(b"\r")[0].strip()
+
+
+def _text(reply: bytes) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in reply.decode("ascii", "replace"))[:60]
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    text = str(error)
+    if number == 13 or "Permission" in text:
+        return "this user may not open it: join the group that owns it (dialout on most systems), and log in again."
+    if number == 2 or "No such file" in text:
+        return "no such port. `cfid rig check` lists what is there."
+    if number in (11, 16) or "exclusively lock" in text or "busy" in text:
+        return "another program has it open: close that first."
+    return f"{text}."

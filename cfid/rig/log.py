@@ -1,0 +1,154 @@
+"""One logged run: devices opened and locked, recorded until the end, closed in whatever way it ends."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cfid import __version__
+from cfid.campaign import EncoderPort, LoadCellBox
+from cfid.rig import box as loadcell_box
+from cfid.rig.clock import HostClock
+from cfid.rig.e201_port import find_encoder, lock_name
+from cfid.rig.encoder import Encoder
+from cfid.rig.loadcell import LoadCell
+from cfid.rig.lock import DeviceLock
+from cfid.rig.loop import Ending, Loop, run_until_done
+from cfid.rig.rdt_port import Inbox, RdtPort
+from cfid.rig.recorder import Instrument, Recorder, Say
+from cfid.rig.serial_line import serial_lines
+from cfid.run import DeviceRecord, Label, Run, create_run
+
+Open = Callable[[Loop, HostClock], Instrument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Device:
+    """A device that was asked and locked: how run.toml describes it, and how it is opened in a loop."""
+
+    record: DeviceRecord
+    open: Open
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is to be recorded, where to and for how long; None is until the operator ends it."""
+
+    runs_folder: Path
+    kind: str
+    label: Label
+    for_s: float | None = None
+    simulated: bool = False
+
+
+def ready_encoder(
+    setting: EncoderPort, held: ExitStack, *, counts_per_turn: float | str, continuous: bool, say: Say
+) -> Device:
+    """Find the encoder, hold it, and say how it is recorded. Raises DeviceError."""
+    found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
+    held.enter_context(DeviceLock.take(lock_name(found.port), holder="cfid log"))
+
+    def again() -> Any:
+        return find_encoder(setting.port, counts_per_turn=counts_per_turn, serial_number=found.serial_number)
+
+    def opened(loop: Loop, clock: HostClock) -> Instrument:
+        return Encoder(
+            found,
+            open_line=serial_lines(loop),
+            find=again,
+            counts_per_turn=counts_per_turn,
+            rate_hz=setting.rate_hz,
+            continuous=continuous,
+            loop=loop,
+            clock=clock,
+            say=say,
+        )
+
+    record = DeviceRecord.model_validate(
+        {
+            "file": "encoder.csv",
+            "columns": ("t", "phi", "device_us") if found.stamped and not continuous else ("t", "phi"),
+            "counts_per_turn": counts_per_turn,
+            "asked": "continuous" if continuous else "polled",
+            "rate_hz": setting.rate_hz,
+            "interface": found._asdict(),
+        }
+    )
+    return Device(record=record, open=opened)
+
+
+def ready_loadcell(setting: LoadCellBox, held: ExitStack, *, buffered: bool, bias: bool, say: Say) -> Device:
+    """Hold the load cell, set its rate, read its settings, and say how it is recorded. Raises DeviceError."""
+    where = f"{setting.address}:{setting.rdt_port}"
+    held.enter_context(DeviceLock.take(where, holder="cfid log"))
+    settings = loadcell_box.set_rate(setting, buffered=buffered)
+
+    def opened(loop: Loop, clock: HostClock) -> Instrument:
+        inbox = Inbox((setting.address, setting.rdt_port))
+        port = RdtPort(inbox, box=(setting.address, setting.rdt_port), reactor=loop)
+        port.startListening()
+        return LoadCell(
+            settings, inbox, port, where=where, loop=loop, clock=clock, say=say, buffered=buffered, bias=bias
+        )
+
+    record = DeviceRecord.model_validate(
+        {
+            "file": "loadcell.csv",
+            "columns": LoadCell.columns,
+            "counts_per_n": settings.counts_per_n,
+            "counts_per_nm": settings.counts_per_nm,
+            "asked": "buffered" if buffered else "real-time",
+            "rate_hz": settings.rate_hz,
+            "biased": bias,
+            "address": where,
+            "settings": settings._asdict(),
+        }
+    )
+    return Device(record=record, open=opened)
+
+
+def log(
+    plan: Plan, devices: Sequence[Device], *, show: Callable[[Recorder], None], begun: Callable[[Path], None]
+) -> Run:
+    """Record the devices into a new run until the plan's time is over or a signal comes.
+
+    `begun` is told the run's folder, `show` is called after every block. A run that was ended by a signal is
+    complete: what was asked for is there. Raises DeviceError or DataError with the first failure, the run
+    closed as failed with what came until then; KeyboardInterrupt when it was ended before the first row.
+    """
+
+    async def main(loop: Loop, ending: Ending) -> Run:
+        return await _recorded(plan, devices, loop, ending, show=show, begun=begun)
+
+    return run_until_done(main)
+
+
+async def _recorded(
+    plan: Plan,
+    devices: Sequence[Device],
+    loop: Loop,
+    ending: Ending,
+    *,
+    show: Callable[[Recorder], None],
+    begun: Callable[[Path], None],
+) -> Run:
+    clock = HostClock.now()
+    instruments = [device.open(loop, clock) for device in devices]
+    with create_run(
+        plan.runs_folder,
+        kind=plan.kind,
+        label=plan.label,
+        devices={instrument.name: device.record for instrument, device in zip(instruments, devices, strict=True)},
+        started=datetime.now(UTC),
+        cfid_version=__version__,
+        simulated=plan.simulated,
+    ) as run:
+        begun(run.folder)
+        recorder = Recorder(instruments, run, loop=loop, show=lambda: show(recorder))
+        await recorder.record(ending, for_s=plan.for_s)
+        if ending.signal and not any(run.rows(instrument.name) for instrument in instruments):
+            raise KeyboardInterrupt
+        early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal and plan.for_s else ""
+        return run.close("complete", reason=early)

@@ -1,0 +1,101 @@
+"""The event loop of the rig: Twisted's, on a clock that nobody can set, and ended by a signal as by itself."""
+
+import contextlib
+import signal
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from types import FrameType
+from typing import Any, TypeVar
+
+from twisted.internet.defer import Deferred
+from twisted.internet.selectreactor import SelectReactor
+from twisted.python.failure import Failure
+
+Result = TypeVar("Result")
+
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Loop(SelectReactor):
+    """Twisted's loop that waits with select.
+
+    select takes its time-out in microseconds where epoll takes milliseconds, too coarse to poll an encoder
+    at 1 kHz. Twisted's own clock is the wall clock: a step of it would stop every timer, or fire them all.
+    """
+
+    def seconds(self) -> float:
+        """Return the time on the monotonic clock."""
+        return time.monotonic()
+
+
+class Ending:
+    """The operator's wish to end: `signal` names what asked for it, empty until then."""
+
+    def __init__(self, loop: Any) -> None:
+        """Start without one; `loop` is Twisted's, or its Clock in a test."""
+        self.signal = ""
+        self._loop = loop
+        self._waiting: list[Deferred[None]] = []
+
+    def ask(self, name: str) -> None:
+        """Ask for the end; only the first time counts."""
+        if not self.signal:
+            self.signal = name
+            waiting, self._waiting = self._waiting, []
+            for deferred in waiting:
+                deferred.callback(None)
+
+    def within(self, for_s: float | None) -> "Deferred[None]":
+        """Return a Deferred that fires when the end is asked for, or after so many seconds."""
+        deferred: Deferred[None] = Deferred()
+        if self.signal:
+            deferred.callback(None)
+            return deferred
+        self._waiting.append(deferred)
+        if for_s is not None:
+            self._loop.callLater(for_s, self._time_over, deferred)
+        return deferred
+
+    def _time_over(self, deferred: "Deferred[None]") -> None:
+        if deferred in self._waiting:
+            self._waiting.remove(deferred)
+            deferred.callback(None)
+
+
+def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) -> Result:
+    """Run a coroutine in a loop of its own and return its result, or raise what it raised.
+
+    SIGINT, SIGTERM and SIGHUP only ask for the end: the coroutine stops its devices and closes its files.
+    """
+    loop = Loop()
+    ending = Ending(loop)
+    outcome: list[Result | Failure] = []
+
+    def done(result: Result | Failure) -> None:
+        outcome.append(result)
+        loop.stop()
+
+    def begin() -> None:
+        Deferred.fromCoroutine(main(loop, ending)).addBoth(done)
+
+    loop.callWhenRunning(begin)
+    with _asking(loop, ending):
+        loop.run(installSignalHandlers=False)
+    result = outcome[0]
+    if isinstance(result, Failure):
+        result.raiseException()
+    return result
+
+
+@contextlib.contextmanager
+def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
+    def handle(number: int, frame: FrameType | None) -> None:
+        # A handler runs between any two steps of the program: the loop takes it up when it is ready.
+        loop.callFromThread(ending.ask, signal.Signals(number).name)
+
+    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

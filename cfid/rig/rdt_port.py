@@ -1,0 +1,149 @@
+"""The UDP port that a load cell streams to: a large buffer, the kernel's stamps, and few wake-ups."""
+
+import contextlib
+import socket
+import struct
+import sys
+import time
+from typing import Any
+
+from twisted.internet.protocol import DatagramProtocol
+from twisted.internet.udp import Port
+
+from cfid.wire import rdt
+
+RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz, where the usual one holds 37 ms
+_PAUSE_S = 0.01  # what costs is to be woken up: the system collects datagrams meanwhile
+
+# Linux, asm-generic/socket.h; Python 3.11 has no names for them.
+_SO_TIMESTAMPNS = 35
+_SO_RXQ_OVFL = 40
+_SO_RCVBUFFORCE = 33  # may exceed the system's limit, for those who may set that limit
+_TIMESPEC = struct.Struct("@ll")
+_OVERFLOW = struct.Struct("@I")
+_LONGEST_DATAGRAM = 2048
+_CLOCK_STEP_S = 1e-3  # more than the wall clock drifts between two looks: it was set
+
+
+class Inbox:
+    """Datagrams from one address, end to end, with the time at which each came; others are counted and dropped.
+
+    `overflowed` is what this computer dropped for want of room, as far as the system says so.
+    """
+
+    def __init__(self, source: tuple[str, int]) -> None:
+        """Take the address of the box."""
+        self.foreign = self.malformed = self.overflowed = 0
+        self._source = source
+        self.data = bytearray()
+        self.ends: list[int] = []
+        self.arrivals_s: list[float] = []
+
+    def add(self, datagram: bytes, source: tuple[str, int], arrival_s: float) -> None:
+        """Take a datagram."""
+        if source != self._source:
+            self.foreign += 1
+        elif not rdt.is_block(len(datagram)):
+            self.malformed += 1
+        else:
+            self.data += datagram
+            self.ends.append(len(self.data) // rdt.RECORD_BYTES - 1)
+            self.arrivals_s.append(arrival_s)
+
+    def empty(self) -> None:
+        """Drop what was read."""
+        self.data = bytearray()
+        self.ends, self.arrivals_s = [], []
+
+
+class RdtPort(Port):
+    """A UDP port that talks to a box and fills an Inbox; `buffer_bytes` is what the system granted."""
+
+    def __init__(self, inbox: Inbox, *, box: tuple[str, int], reactor: Any) -> None:
+        """Take the inbox to fill and the box' address; `startListening` opens the port."""
+        super().__init__(0, DatagramProtocol(), reactor=reactor)
+        self.buffer_bytes = 0
+        self._box = box
+        self._inbox = inbox
+        self._stamped = False
+        self._unix_less_monotonic_s = time.time() - time.monotonic()
+
+    def createInternetSocket(self) -> socket.socket:  # noqa: N802 - Twisted's name
+        """Make the socket with its options."""
+        made: socket.socket = super().createInternetSocket()
+        self.buffer_bytes = enlarge(made)
+        self._stamped = sys.platform == "linux" and _ask_for_stamps(made)
+        return made
+
+    def send(self, datagram: bytes) -> None:
+        """Send to the box; one that cannot be reached shows by its silence."""
+        with contextlib.suppress(OSError):
+            self.socket.sendto(datagram, self._box)
+
+    def close(self) -> None:
+        """Close the port."""
+        if self.connected:
+            self.stopListening()
+
+    def doRead(self) -> None:  # noqa: N802 - Twisted's name
+        """Take all that is there, and look again a little later."""
+        self.drain()
+        self.stopReading()
+        self.reactor.callLater(_PAUSE_S, self._read_again)
+
+    def drain(self) -> None:
+        """Take all datagrams that are there."""
+        if self.socket is None:
+            return
+        now_s = time.monotonic()
+        before_s, self._unix_less_monotonic_s = self._unix_less_monotonic_s, time.time() - now_s
+        clock_was_set = abs(self._unix_less_monotonic_s - before_s) > _CLOCK_STEP_S
+        try:
+            while True:
+                if self._stamped:
+                    data, ancillary, _, source = self.socket.recvmsg(_LONGEST_DATAGRAM, 64)
+                    arrival_s = now_s if clock_was_set else self._stamp(ancillary, now_s)
+                else:
+                    data, source = self.socket.recvfrom(_LONGEST_DATAGRAM)
+                    arrival_s = now_s
+                self._inbox.add(data, source, arrival_s)
+        except BlockingIOError:
+            return
+        except OSError:  # an answer of the network that nobody listens: the silence will be told
+            return
+
+    def _read_again(self) -> None:
+        if self.connected:
+            self.startReading()
+
+    def _stamp(self, ancillary: list[tuple[int, int, bytes]], now_s: float) -> float:
+        """Return when the system took a datagram, on the monotonic clock; it stamps with the wall clock."""
+        arrival_s = now_s
+        for _, kind, value in ancillary:
+            if kind == _SO_TIMESTAMPNS:
+                seconds, nanoseconds = _TIMESPEC.unpack(value)
+                arrival_s = seconds + 1e-9 * nanoseconds - self._unix_less_monotonic_s
+            elif kind == _SO_RXQ_OVFL:
+                (self._inbox.overflowed,) = _OVERFLOW.unpack(value)
+        return arrival_s if arrival_s < now_s + _PAUSE_S else now_s
+
+
+def enlarge(made: socket.socket) -> int:
+    """Ask for a large receive buffer and return what was granted: Linux answers with twice the figure it counts."""
+    for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF) if sys.platform == "linux" else (socket.SO_RCVBUF,):
+        try:
+            made.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
+            break
+        except OSError:
+            continue
+    granted = made.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    return granted // 2 if sys.platform == "linux" else granted
+
+
+def _ask_for_stamps(made: socket.socket) -> bool:
+    try:
+        made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        made.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,199 @@
+"""Records several instruments into one run: rows every 50 ms, on the disk itself every second; knows no device."""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from twisted.internet.base import DelayedCall
+from twisted.internet.defer import Deferred
+from twisted.internet.task import deferLater
+from twisted.internet.threads import deferToThreadPool
+
+from cfid.errors import CfidError, DeviceError
+from cfid.rig.loop import Ending
+from cfid.run import RunWriter
+
+BLOCK_S = 0.05
+SYNC_S = 1.0
+_SHOWN_POINTS = 40
+_RATE_BLOCKS = 20  # over which the rate is told
+
+Say = Callable[[str], None]
+
+
+class Block(NamedTuple):
+    """What an instrument has since the last block: columns (n,), samples lost, and a fault that ends the run."""
+
+    columns: Sequence[npt.NDArray[Any]]
+    lost: int = 0
+    fault: str = ""
+
+
+class Instrument(Protocol):
+    """A device that samples by itself and keeps what came until it is taken."""
+
+    name: str
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of its file: `t` in Unix seconds, then raw values."""
+
+    def start(self) -> None:
+        """Begin to sample."""
+
+    def take(self) -> Block:
+        """Hand over what came. Raises DeviceError when nothing comes any more."""
+
+    async def stop(self) -> None:
+        """End the sampling and see that it ended; what came until then can still be taken."""
+
+    def close(self) -> None:
+        """Let go of ports and locks. May be called in any state, and twice."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """What run.toml shall say of it at the end."""
+
+
+class Progress:
+    """How an instrument does: rows, rate, losses, latest values; of bounded size."""
+
+    def __init__(self) -> None:
+        """Start with nothing."""
+        self.rows = self.lost = 0
+        self.latest: tuple[float, ...] = ()
+        self.trace: deque[float] = deque(maxlen=_SHOWN_POINTS)
+        self._blocks: deque[tuple[float, int]] = deque(maxlen=_RATE_BLOCKS)
+
+    def add(self, block: Block, now_s: float) -> None:
+        """Take note of a block."""
+        rows = len(block.columns[0])
+        self.rows += rows
+        self.lost += block.lost
+        self._blocks.append((now_s, rows))
+        if rows:
+            self.latest = tuple(float(column[-1]) for column in block.columns[1:])
+            self.trace.append(self.latest[0])
+
+    @property
+    def rate_hz(self) -> float:
+        """Rows per second, lately."""
+        if len(self._blocks) < 2:
+            return 0.0
+        spent_s = self._blocks[-1][0] - self._blocks[0][0]
+        return sum(rows for _, rows in list(self._blocks)[1:]) / spent_s if spent_s > 0 else 0.0
+
+
+class Recorder:
+    """Instruments and the run they are recorded into. `loop` is Twisted's, or its Clock in a test."""
+
+    def __init__(
+        self, instruments: Sequence[Instrument], run: RunWriter, *, loop: Any, show: Callable[[], None]
+    ) -> None:
+        """Take what to record and where to; `show` is called after every block."""
+        self.progress = {instrument.name: Progress() for instrument in instruments}
+        self.began_s = loop.seconds()
+        self._instruments = instruments
+        self._run = run
+        self._loop = loop
+        self._show = show
+        self._next_block: DelayedCall | None = None
+        self._syncing = False
+        self._done: Deferred[None] = Deferred()
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been recording."""
+        return float(self._loop.seconds() - self.began_s)
+
+    async def record(self, ending: Ending, *, for_s: float | None) -> None:
+        """Record until the end is asked for, the time is over or something fails; then stop every device.
+
+        What a device sent before it stopped is written in each case. Raises DeviceError or DataError with
+        the first failure.
+        """
+        self.began_s = self._loop.seconds()
+        ending.within(for_s).addCallback(self._finish)
+        try:
+            for instrument in self._instruments:
+                instrument.start()
+            self._write_blocks(0)
+            await self._done
+        finally:
+            if self._next_block is not None and self._next_block.active():
+                self._next_block.cancel()
+            await self._stop()
+
+    def _finish(self, _: object) -> None:
+        if not self._done.called:
+            self._done.callback(None)
+
+    def _fail(self, error: BaseException) -> None:
+        if not self._done.called:
+            self._done.errback(error)
+
+    def _write_blocks(self, count: int) -> None:
+        """Write what came, and come again on a grid that a slow disk does not shift."""
+        try:
+            for instrument in self._instruments:
+                self._write(instrument)
+            self._show()
+        except Exception as error:
+            self._fail(error)
+            return
+        if count and count % round(SYNC_S / BLOCK_S) == 0:
+            self._sync()
+        now_s = self._loop.seconds() - self.began_s
+        later = max(count + 1, int(now_s / BLOCK_S) + 1)
+        self._next_block = self._loop.callLater(max(later * BLOCK_S - now_s, 0), self._write_blocks, later)
+
+    def _write(self, instrument: Instrument) -> None:
+        block = instrument.take()
+        if block.lost:
+            self._run.count_lost(instrument.name, block.lost)
+        if len(block.columns[0]):
+            self._run.append(instrument.name, block.columns)
+        self.progress[instrument.name].add(block, self._loop.seconds())
+        if block.fault:
+            raise DeviceError(block.fault)
+
+    def _sync(self) -> None:
+        """Bring rows to the disk itself beside the loop; a disk slower than that is not asked twice at once."""
+        if self._syncing or not hasattr(self._loop, "getThreadPool"):
+            return
+        self._syncing = True
+
+        def synced(_: object) -> None:
+            self._syncing = False
+
+        deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync).addBoth(synced)
+
+    async def _stop(self) -> None:
+        """Stop every device, whatever the others do, and write what they still had."""
+        failed: list[CfidError] = []
+        for instrument in self._instruments:
+            try:
+                await instrument.stop()
+                self._write(instrument)
+            except (CfidError, ValueError) as error:  # ValueError: the run takes no rows after a full disk
+                failed += [error] if isinstance(error, CfidError) else []
+            finally:
+                instrument.close()
+                self._run.describe(instrument.name, instrument.facts())
+        if failed and self._done.called and not _failed(self._done):
+            raise failed[0]
+
+
+def _failed(deferred: "Deferred[None]") -> bool:
+    return deferred.result is not None
+
+
+def sleep(loop: Any, seconds: float) -> "Deferred[None]":
+    """Return a Deferred that fires after so many seconds of the loop's time."""
+    return deferLater(loop, seconds, lambda: None)
+
+
+def no_rows(columns: int) -> tuple[npt.NDArray[np.float64], ...]:
+    """Return the columns of a block without rows."""
+    return tuple(np.empty(0) for _ in range(columns))

@@ -1,0 +1,45 @@
+"""A serial port in the loop: bytes to and from whatever talks over it."""
+
+from typing import Any
+
+from twisted.internet.protocol import Protocol
+from twisted.internet.serialport import SerialPort
+from twisted.python.failure import Failure
+
+from cfid.rig.encoder import Line, OpenLine, Receiver
+
+
+class _Wire(Protocol):
+    def __init__(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+
+    def dataReceived(self, data: bytes) -> None:  # noqa: N802 - Twisted's name
+        self._receiver.received(data)
+
+    def connectionLost(self, reason: Failure | None = None) -> None:  # noqa: N802 - Twisted's name
+        self._receiver.disconnected()
+
+
+class SerialLine:
+    """An open serial port."""
+
+    def __init__(self, port: str, receiver: Receiver, *, loop: Any) -> None:
+        """Open it."""
+        self._port = SerialPort(_Wire(receiver), port, loop, baudrate=115200)
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+        self._port.write(data)
+
+    def close(self) -> None:
+        """Send what is left, and close."""
+        self._port.loseConnection()
+
+
+def serial_lines(loop: Any) -> OpenLine:
+    """Return what opens serial ports in a loop."""
+
+    def opened(port: str, receiver: Receiver) -> Line:
+        return SerialLine(port, receiver, loop=loop)
+
+    return opened

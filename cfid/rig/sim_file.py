@@ -1,0 +1,90 @@
+"""rig.sim.toml, which points the commands at a simulated rig for as long as its process lives."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from cfid.campaign import Devices, Rig
+from cfid.durable import first_fault, read_toml, write_toml
+from cfid.errors import ConfigError
+
+SIM_FILE = "rig.sim.toml"
+
+
+class _SimFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    process: int
+    seed: int
+    devices: Devices
+
+
+def devices_in(folder: Path, rig: Rig) -> tuple[Devices, bool]:
+    """Return where a campaign's devices are, and whether they are simulated.
+
+    A rig.sim.toml whose process is gone counts for nothing. Raises ConfigError when it makes no sense.
+    """
+    path = folder / SIM_FILE
+    if not _is_held(path):
+        return rig.devices, False
+    content = read_toml(path, ConfigError)
+    try:
+        return _SimFile.model_validate(content).devices, True
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {first_fault(error, content)}") from None
+
+
+@contextlib.contextmanager
+def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
+    """Write rig.sim.toml and hold it; it goes at the end.
+
+    Raises ConfigError when another simulated rig holds it, or it cannot be written.
+    """
+    path = folder / SIM_FILE
+    if _is_held(path):
+        raise ConfigError(f"{path}: another simulated rig serves this campaign. End that one first.")
+    content = {"process": os.getpid(), "seed": seed, "devices": devices.model_dump(mode="json")}
+    try:
+        write_toml(path, content)
+        handle = _held(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
+    try:
+        yield path
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        os.close(handle)
+
+
+def _held(path: Path) -> int:
+    """Open the file and hold it: a lock ends with its process, however that ends."""
+    handle = os.open(path, os.O_RDWR)
+    if sys.platform != "win32":
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    return handle
+
+
+def _is_held(path: Path) -> bool:
+    """Return whether a process holds the file; where the system has no locks, whether the file is there."""
+    try:
+        handle = os.open(path, os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        if sys.platform == "win32":
+            return True
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(handle)
+    return False
