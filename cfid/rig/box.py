@@ -86,7 +86,9 @@ def _page(box: LoadCellBox, path: str) -> str:
     finally:
         connection.close()
     if answer.status != http.client.OK:
-        raise DeviceError(f"{where}{path}: answers {answer.status} {answer.reason}, where a Net F/T has its settings: another device.")
+        raise DeviceError(
+            f"{where}{path}: answers {answer.status} {answer.reason}, where a Net F/T has its settings: another device."
+        )
     return content.decode("utf-8", "replace")
 
 

@@ -97,7 +97,7 @@ def _tcp(setting: LoadCellBox, settings: Settings | None) -> Finding:
         reading = loadcell_box.read_once(setting)
     except DeviceError as error:
         return Finding("reading, TCP", "fault", str(error), _REACH)
-    status = read_status(reading.status, settings.family if settings else "netft")
+    status = read_status(reading.status << 16, settings.family if settings else "netft")
     if status.faults:
         return Finding(
             "reading, TCP", "fault", ", ".join(status.faults), "take the load off; switch the box off and on"

@@ -83,7 +83,7 @@ class Encoder:
         self._gone_s: float | None = None
         self._times: list[float] = []
         self._readings: list[e201.Reading] = []
-        self._stamp_us = 0
+        self._stamp_us: int | None = None
         self._counted = 0
         self._polls = self._answers = self._unasked = self._failed_check = self._taken = 0
         self._rejected_before = self._errors_before = 0
@@ -254,8 +254,9 @@ class Encoder:
     def _unwrapped(self, stamps_us: list[int]) -> np.ndarray[Any, np.dtype[np.int64]]:
         """Continue 32-bit stamps; a reply that is late by half a range does not exist."""
         wrap = 1 << e201.STAMP_BITS
-        steps = (np.diff(stamps_us, prepend=self._stamp_us % wrap) + _LARGEST_JUMP_US) % wrap - _LARGEST_JUMP_US
-        continued = self._stamp_us + np.cumsum(steps)
+        begin_us = stamps_us[0] if self._stamp_us is None else self._stamp_us
+        steps = (np.diff(stamps_us, prepend=begin_us % wrap) + _LARGEST_JUMP_US) % wrap - _LARGEST_JUMP_US
+        continued = begin_us + np.cumsum(steps)
         self._stamp_us = int(continued[-1])
         return np.asarray(continued)
 

@@ -17,7 +17,7 @@ from cfid.wire.rdt_status import read_status
 
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
 
-_SILENT_S = 1.0  # without a record, after which the stream is asked for again
+_SILENT_S = 1.0  # without a record, after which the stream is asked for again, if four datagrams would have come
 _ABSENT_S = 3.0  # of it at the start, after which it is given up
 _DEAD_S = 10.0  # of it later on, which leaves time to put a cable back
 _BREAKS_WITHIN_S = 30.0
@@ -76,6 +76,7 @@ class LoadCell:
         self._gaps: list[dict[str, float | str]] = []
         self._said: set[str] = set()
         self._streaming = False
+        self._silent_s = max(_SILENT_S, 4 * settings.buffer_size / settings.rate_hz)
 
     def start(self) -> None:
         """Ask for the stream; with a bias first if that was wished, since each request replaces the one before."""
@@ -175,9 +176,9 @@ class LoadCell:
     def _watch(self, now_s: float) -> None:
         """Ask again for a stream that broke off; give up one that stays away or is taken away again and again."""
         silent_s = now_s - self._heard_s
-        if not self._streaming or silent_s <= _SILENT_S:
+        if not self._streaming or silent_s <= self._silent_s:
             return
-        if silent_s > (_ABSENT_S if self._last_ft is None else _DEAD_S):
+        if silent_s > (_ABSENT_S if self._last_ft is None else _DEAD_S) + self._silent_s - _SILENT_S:
             raise DeviceError(self._silence(silent_s))
         if self._last_ft is not None and not self._fresh:
             self._say(f"{self._where} is silent; asking again")
@@ -187,7 +188,7 @@ class LoadCell:
                 f"{self._where}: the stream broke off {_MOST_BREAKS} times in {_BREAKS_WITHIN_S:g} s: another client "
                 "takes it, and the box answers only one. End that program; `cfid rig check` tells more."
             )
-        if now_s - self._asked_s > _SILENT_S:
+        if now_s - self._asked_s > self._silent_s:
             self._ask()
 
     def _silence(self, silent_s: float) -> str:

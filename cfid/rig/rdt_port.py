@@ -13,7 +13,7 @@ from twisted.internet.udp import Port
 from cfid.wire import rdt
 
 RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz, where the usual one holds 37 ms
-_PAUSE_S = 0.01  # what costs is to be woken up: the system collects datagrams meanwhile
+_PAUSE_S = 0.025  # what costs is to be woken up: the system collects datagrams meanwhile
 
 # Linux, asm-generic/socket.h; Python 3.11 has no names for them.
 _SO_TIMESTAMPNS = 35

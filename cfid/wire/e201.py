@@ -82,23 +82,26 @@ class ReplyReader:
 
     def forget(self) -> None:
         """Drop the beginning of a reply whose rest is given up, and count it."""
-        self.rejected += bool(self._begun) or self._skipping
+        self.rejected += bool(self._begun.removeprefix(b"\n")) or self._skipping
         self._begun, self._skipping = b"", False
 
 
 class PositionReader:
     """Reads positions; `rejected` counts replies that are none, `errors` those in which the device says Error.
 
-    The first position decides whether replies carry a stamp; one of the other kind is then no position.
+    Unless it is known whether replies carry a stamp, the first two alike in a row decide, and one of the other
+    kind is then no position. One alone cannot: the end of a stamped reply whose beginning was missed looks like
+    one without a stamp.
     """
 
-    def __init__(self, *, word_bits: int) -> None:
-        """Take the width of the word, which no position exceeds."""
+    def __init__(self, *, word_bits: int, stamped: bool | None = None) -> None:
+        """Take the width of the word, which no position exceeds, and whether replies carry a stamp."""
         self.errors = 0
         self._unread = 0
         self._replies = ReplyReader()
         self._limit = 1 << word_bits
-        self._stamped: bool | None = None
+        self._stamped = stamped
+        self._decided = stamped is not None
 
     @property
     def rejected(self) -> int:
@@ -122,9 +125,9 @@ class PositionReader:
             return None
         position, stamp_us = int(match[1]), None if match[2] is None else int(match[2])
         stamped = stamp_us is not None
-        if self._stamped is None:
-            self._stamped = stamped
-        if stamped != self._stamped or position >= self._limit or (stamp_us or 0) >> STAMP_BITS:
+        alike = stamped == self._stamped
+        if position >= self._limit or (stamp_us or 0) >> STAMP_BITS or (self._decided and not alike):
             self._unread += 1
             return None
+        self._stamped, self._decided = stamped, alike
         return Reading(position, stamp_us)

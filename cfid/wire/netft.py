@@ -3,6 +3,7 @@
 import re
 import struct
 from collections.abc import Mapping
+from html import unescape
 from typing import NamedTuple
 from urllib.parse import urlencode
 
@@ -23,7 +24,7 @@ NEWTON_METRES: Mapping[str, float] = {
     "kgfcm": 0.0980665,
 }
 
-_TAG = re.compile(r"<([A-Za-z]\w*)>\s*([^<>]*?)\s*</\1>")
+_TAG = re.compile(r"<([A-Za-z]\w*)>([^<>]*)</\1>")
 _READING = struct.Struct(">HH6h")
 _SCALES = struct.Struct(">HBBII6H")
 _HEADER = 0x1234
@@ -68,7 +69,7 @@ class Settings(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """A single reading over TCP: status, and Fx to Tz in the box' scaled counts."""
+    """A single reading over TCP: the upper 16 bits of the status word, and Fx to Tz in the box' scaled counts."""
 
     status: int
     values: tuple[int, ...]
@@ -76,7 +77,7 @@ class Reading(NamedTuple):
 
 def active_configuration(xml: str) -> int:
     """Return the index of the configuration in use. Raises ValueError when the page does not say it."""
-    return int(_number(_tags(xml), "setcfgsel"))
+    return _whole(_tags(xml), "setcfgsel", least=0)
 
 
 def configuration_query(index: int) -> str:
@@ -109,8 +110,8 @@ def read_settings(xml: str) -> Settings:
         ranges=_six(tags, "cfgmr"),
         bias=_six(tags, "setbias"),
         rdt_enabled=tags.get("comrdte", "Enabled").lower() in ("enabled", "1", "on"),
-        rate_hz=int(_positive(tags, "comrdtrate")),
-        buffer_size=int(_positive(tags, "comrdtbsiz")),
+        rate_hz=_whole(tags, "comrdtrate", least=1),
+        buffer_size=_whole(tags, "comrdtbsiz", least=1),
     )
 
 
@@ -129,7 +130,7 @@ def encode_reading(reading: Reading) -> bytes:
 
 def _tags(xml: str) -> dict[str, str]:
     """Return the page's plain tags; it is flat, and nothing else in it is looked at."""
-    return dict(_TAG.findall(xml))
+    return {name: unescape(text).strip() for name, text in _TAG.findall(xml)}
 
 
 def _text(tags: Mapping[str, str], name: str) -> str:
@@ -151,6 +152,13 @@ def _positive(tags: Mapping[str, str], name: str) -> float:
     if not 0 < value < float("inf"):
         raise ValueError(f"<{name}> is {value:g}, not above zero")
     return value
+
+
+def _whole(tags: Mapping[str, str], name: str, *, least: int) -> int:
+    value = _number(tags, name)
+    if not (value >= least and value.is_integer()):
+        raise ValueError(f"<{name}> is {value:g}, not a whole number from {least}")
+    return int(value)
 
 
 def _six(tags: Mapping[str, str], name: str) -> tuple[float, ...]:

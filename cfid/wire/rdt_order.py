@@ -1,15 +1,19 @@
 """Puts RDT records in order and counts what is lost, doubled, late or garbled; knows no clock and no port."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.wire.rdt import Records
+from cfid.wire.rdt import LONGEST_BUFFER, Records
 
 _WRAP = 1 << 32
+_HALF = 1 << 31
 _KNOWN_GAPS = 4096  # remembered; what is older and arrives after all is taken for a duplicate
 _LONGEST_STEP = 1 << 16
+_LOOKED_AT = LONGEST_BUFFER  # records, to find the stream that they belong to
+_AGREEING_PAIRS = 3  # of three records: two always lie on some line, garbled or not
 
 
 @dataclass
@@ -17,7 +21,9 @@ class Arrivals:
     """How records came in.
 
     `lost` never came, or too late to be written; `late` of them came after all. `reordered` came after a
-    later one but could be put back in place. `rejected` had sequence numbers that contradict the stream's.
+    later one but could be put back in place. `rejected` had sequence numbers that contradict the stream's, or
+    are still held back because the stream is not known yet: every record that was not taken is counted in
+    one of `late`, `duplicates` and `rejected`.
     """
 
     lost: int = 0
@@ -27,84 +33,102 @@ class Arrivals:
     rejected: int = 0
 
 
+class _Line(NamedTuple):
+    """A stream: record n has ft_sequence offset + step n."""
+
+    step: int
+    offset: int
+
+
 class RecordOrder:
     """The order of one box' records over any number of requests.
 
     Each request numbers its records from 1, and the box counts its own samples beside: the two numbers
     advance in step. A record in which they do not, be it garbled or left over from the request before, is
     rejected, so that a flipped bit in either number never looks like a loss.
+
+    The first three records that agree say how the two numbers go together. Three others that agree, with none
+    between them that fits, begin another stream: the answer to a request that was repeated, say.
     """
 
     def __init__(self) -> None:
         """Start with nothing known of the box."""
         self.arrivals = Arrivals()
-        self.step: int | None = None  # of ft_sequence from one record to the next
-        self._offset: int | None = None
-        self._earlier_offset: int | None = None
-        self._held: Records | None = None
+        self.step: int | None = None  # of ft_sequence from one record to the next, once known for this request
+        self._line: _Line | None = None
+        self._earlier: tuple[_Line, int] | None = None
+        self._held: Records | None = None  # those that fit nothing known, since the last that did
         self._next = 1
         self._gaps: list[tuple[int, int]] = []
 
     def begin(self) -> None:
         """Expect the records of a new request, numbered from 1."""
-        self._earlier_offset, self._offset = self._offset, None
-        self._held = None
+        if self._line is not None:
+            self._earlier = self._line, self._next
+        self._line = self.step = self._held = None
         self._next = 1
         self._gaps = []
 
     def take(self, records: Records) -> Records:
-        """Return the records that are new, in order; records are held back until two agree on the stream."""
-        if self._offset is None:
-            records = records if self._held is None else _joined(self._held, records)
-            self._held = records
-            if not self._learn(records):
-                return _chosen(records, slice(0, 0))
-            self._held = None
-        assert self.step is not None
-        fitting = _offsets(records, self.step) == self._offset
-        if not fitting.all():
-            self.arrivals.rejected += len(fitting) - int(fitting.sum())
-            records = _chosen(records, fitting)
-        return self._in_order(records)
+        """Return the records that are new, in order; records are held back until three agree on the stream."""
+        fits = self._fit(records)
+        if fits.all():
+            if len(fits):
+                self._held = None
+            return self._in_order(records)
+        self.arrivals.rejected += int(np.sum(~fits))
+        taken = self._in_order(_chosen(records, fits))
+        held = self._hold(records, fits)
+        line = _common_line(held)
+        if line is None:
+            return taken
+        self._follow(line, held)
+        self.arrivals.rejected -= len(held.rdt_sequence)
+        return _joined(taken, self.take(held))
 
-    def _learn(self, records: Records) -> bool:
-        """Find out how the two numbers go together, from two records at least."""
-        if self.step is None:
-            following = np.diff(records.rdt_sequence) == 1
-            steps = np.diff(records.ft_sequence)[following]
-            steps = steps[(steps > 0) & (steps < _LONGEST_STEP)]
-            if not len(steps):
-                return False
-            self.step = _most_common(steps)[0]
-        offsets = _offsets(records, self.step)
-        offsets = offsets[offsets != self._earlier_offset] if self._earlier_offset is not None else offsets
-        if not len(offsets):
-            return False
-        offset, count = _most_common(offsets)
-        if count < 2:
-            return False
-        self._offset = offset
-        return True
+    def _fit(self, records: Records) -> npt.NDArray[np.bool_]:
+        if self._line is None:
+            return np.zeros(len(records.rdt_sequence), np.bool_)
+        return _lie_on(records, self._line, near=self._next)
+
+    def _hold(self, records: Records, fits: npt.NDArray[np.bool_]) -> Records:
+        """Return all records that came since the last that fitted, and hold the last few of them."""
+        if fits.any():
+            self._held = None
+            records = _chosen(records, slice(int(np.flatnonzero(fits)[-1]) + 1, None))
+        if self._earlier is not None:
+            line, near = self._earlier
+            records = _chosen(records, ~_lie_on(records, line, near=near))
+        held = records if self._held is None else _joined(self._held, records)
+        self._held = _chosen(held, slice(-_LOOKED_AT, None))
+        return held
+
+    def _follow(self, line: _Line, held: Records) -> None:
+        """Take a line for the stream's: one that goes on from where the other was, or a new one from 1."""
+        self._line, self.step, self._held = line, line.step, None
+        first = held.rdt_sequence[_lie_on(held, line, near=1)].min()
+        if first < self._next:
+            self._next, self._gaps = 1, []
 
     def _in_order(self, records: Records) -> Records:
-        place = self._next + (records.rdt_sequence - np.uint32(self._next % _WRAP)).astype(np.int32).astype(np.int64)
+        place = self._next + _apart(records.rdt_sequence, self._next)
         count = len(place)
         if not count:
             return records
         if place[0] == self._next and place[-1] == self._next + count - 1 and np.all(np.diff(place) == 1):
             self._next += count
             return records
-        self.arrivals.reordered += int(np.sum(place < np.maximum.accumulate(place)))
         order = np.argsort(place, kind="stable")
-        place = place[order]
-        first = np.concatenate(([True], np.diff(place) > 0))
+        first = np.concatenate(([True], np.diff(place[order]) > 0))
         self.arrivals.duplicates += count - int(first.sum())
-        order, place = order[first], place[first]
-        fresh = place >= self._next
-        for old in place[~fresh].tolist():
+        order = order[first]
+        fresh = place[order] >= self._next
+        for old in place[order[~fresh]].tolist():
             self._count_old(old)
-        order, place = order[fresh], place[fresh]
-        self._count_gaps(place)
+        order = order[fresh]
+        as_come = place[np.sort(order)]
+        self.arrivals.reordered += int(np.sum(as_come < np.maximum.accumulate(as_come)))
+        self._count_gaps(place[order])
         return _chosen(records, order)
 
     def _count_old(self, place: int) -> None:
@@ -125,14 +149,34 @@ class RecordOrder:
         self._next = int(edges[-1]) + 1
 
 
-def _offsets(records: Records, step: int) -> npt.NDArray[np.uint32]:
-    return records.ft_sequence - np.uint32(step) * records.rdt_sequence
+def _apart(numbers: npt.NDArray[np.uint32], origin: int) -> npt.NDArray[np.int64]:
+    """Return how far 32-bit numbers are from an origin, the short way round."""
+    return (numbers - np.uint32(origin % _WRAP)).astype(np.int32).astype(np.int64)
 
 
-def _most_common(values: npt.NDArray[np.uint32]) -> tuple[int, int]:
-    found, counts = np.unique(values, return_counts=True)
-    best = int(np.argmax(counts))
-    return int(found[best]), int(counts[best])
+def _lie_on(records: Records, line: _Line, *, near: int) -> npt.NDArray[np.bool_]:
+    """Return which records lie on a line, not counting whole turns of either number.
+
+    Modulo 2^32 alone, an even step would hide a flipped high bit of rdt_sequence.
+    """
+    along = _apart(records.ft_sequence, line.offset + line.step * near)
+    return np.asarray(along == line.step * _apart(records.rdt_sequence, near))
+
+
+def _common_line(records: Records) -> _Line | None:
+    """Return the line on which most of the last few records lie, and three of different number at least."""
+    few = _chosen(records, slice(-_LOOKED_AT, None))
+    rdt, ft = np.unique(np.stack((few.rdt_sequence, few.ft_sequence)).astype(np.int64), axis=1)
+    one, other = np.triu_indices(len(rdt), 1)
+    one, other = one[rdt[one] < rdt[other]], other[rdt[one] < rdt[other]]
+    step, rest = np.divmod((ft[other] - ft[one] + _HALF) % _WRAP - _HALF, rdt[other] - rdt[one])
+    possible = (rest == 0) & (step > 0) & (step < _LONGEST_STEP) & (step * rdt[other] < _HALF)
+    step, one = step[possible], one[possible]
+    lines, pairs = np.unique(step << 32 | (ft[one] - step * rdt[one]) % _WRAP, return_counts=True)
+    if not len(lines) or pairs.max() < _AGREEING_PAIRS:
+        return None
+    best = int(lines[np.argmax(pairs)])
+    return _Line(step=best >> 32, offset=best % _WRAP)
 
 
 def _chosen(records: Records, which: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> Records:

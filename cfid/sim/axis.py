@@ -1,0 +1,84 @@
+"""What the encoder watches, at any time: a pendulum let go again and again, or a weight that drops again and again.
+
+A few dozen experiments are integrated beforehand, all at once, and then follow one another in turns: nothing is
+left to be integrated while a device has to answer.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
+from cfid.sim.rig import draw_release
+
+PERIOD_S = 20.0
+RELEASES = 16
+DROPS = 4
+
+_STEP_S = 2e-3
+_STEADIED_S = 0.35  # before any hand of `draw_release` lifts
+_WOUND_UP_S = 4.0
+_FALLS_AFTER_S = 4.5
+
+
+class Axis:
+    """An axis that repeats motions of PERIOD_S each, from time zero on; before that it stands still.
+
+    Each motion starts at zero. What the one before left is taken back at its start, within `return_s` and as
+    smoothly as a hand would: the pendulum is steadied, the line is wound up.
+    """
+
+    def __init__(self, motion: Motion, *, return_s: float, offset_rad: float) -> None:
+        """Take k motions (n, k) in equal steps; the encoder's zero lies at -`offset_rad`."""
+        self._angles = motion.angle_rad.T.tolist()  # lists, since single numbers come out of them quicker
+        self._speeds = motion.speed_rad_per_s.T.tolist()
+        self._step_s = float(motion.time_s[1] - motion.time_s[0])
+        self._return_s = return_s
+        self._offset_rad = offset_rad
+
+    def angle_at(self, time_s: float) -> float:
+        """Return the angle in rad, the cubic through angles and speeds of the two nearest steps."""
+        turn, into_s = divmod(max(time_s, 0.0), PERIOD_S)
+        which = int(turn) % len(self._angles)
+        angle_rad = _between(self._angles[which], self._speeds[which], into_s / self._step_s, self._step_s)
+        if turn and into_s < self._return_s:
+            left_rad = self._angles[which - 1][-1]  # of the last one, if this is the first again
+            angle_rad += left_rad * _smooth(1 - into_s / self._return_s)
+        return self._offset_rad + angle_rad
+
+
+def swinging(pendulum: Pendulum, *, rng: np.random.Generator) -> Axis:
+    """Return the axis of a pendulum that a hand deflects and lets go every PERIOD_S, each time otherwise.
+
+    After RELEASES of them, some five minutes, they repeat.
+    """
+    releases: Sequence[HandRelease] = [draw_release(rng) for _ in range(RELEASES)]
+    motion = swing([pendulum] * RELEASES, releases, duration_s=PERIOD_S, step_s=_STEP_S, store_every=1)
+    return Axis(motion, return_s=_STEADIED_S, offset_rad=rng.uniform(0, 2 * math.pi))
+
+
+def dropping(weights: Sequence[DroppingWeight], *, rng: np.random.Generator) -> Axis:
+    """Return the axis that falling weights turn, one after the other, wound up again before each."""
+    motion = drop(weights, duration_s=PERIOD_S, wait_s=_FALLS_AFTER_S, step_s=_STEP_S)
+    return Axis(motion, return_s=_WOUND_UP_S, offset_rad=rng.uniform(0, 2 * math.pi))
+
+
+def resting(*, offset_rad: float) -> Axis:
+    """Return an axis on which nothing hangs."""
+    still = Motion(time_s=np.array([0.0, PERIOD_S]), angle_rad=np.zeros((2, 1)), speed_rad_per_s=np.zeros((2, 1)))
+    return Axis(still, return_s=_STEADIED_S, offset_rad=offset_rad)
+
+
+def _between(angles: list[float], speeds: list[float], steps: float, step_s: float) -> float:
+    """The cubic Hermite polynomial between the two samples around `steps`."""
+    i = min(int(steps), len(angles) - 2)
+    x = steps - i
+    rise = angles[i + 1] - angles[i]
+    begin, end = speeds[i] * step_s - rise, rise - speeds[i + 1] * step_s
+    return angles[i] + x * (rise + (1 - x) * ((1 - x) * begin + x * end))
+
+
+def _smooth(x: float) -> float:
+    """From 0 to 1 with minimum jerk."""
+    return x * x * x * (10 + x * (6 * x - 15))

@@ -1,0 +1,119 @@
+"""What can go wrong with the rig's two instruments, as settings that a command line or a test names."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar, get_args, get_type_hints
+
+from cfid.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCellFaults:
+    """Faults of the box and its network; times are seconds since it was opened, 0 for a count means never.
+
+    Every n-th datagram is dropped, doubled, swapped with the next, or corrupted (cut short and one bit flipped
+    in turns). `silent`: no UDP. `restart`: the box loses power. `second_client`: somebody else takes the
+    stream. `slow_s` delays HTTP and TCP. `udp_blocked`: a firewall lets requests pass and no record. `status`
+    is shown from `status_after_s` on; 0x41 resets its latch. `refuse_settings`: comm.cgi is answered and
+    changes nothing. `saturate`: Fz is loaded beyond its range.
+    """
+
+    drop_every: int = 0
+    duplicate_every: int = 0
+    reorder_every: int = 0
+    corrupt_every: int = 0
+    silent_after_s: float | None = None
+    silent_for_s: float | None = None
+    restart_after_s: float | None = None
+    restart_for_s: float = 1.0
+    second_client_after_s: float | None = None
+    slow_s: float = 0.0
+    udp_blocked: bool = False
+    status_after_s: float | None = None
+    status: int = 0x80010000
+    refuse_settings: bool = False
+    saturate_after_s: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderFaults:
+    """Faults of the encoder's interface and its cable; times are seconds since it was opened.
+
+    Every n-th reply is dropped, or corrupted (bytes lost, its end lost, junk put before it, in turns). `split`:
+    replies come in two pieces. `silent`: no replies. `unplug`: the port goes away. `slow_s` delays each reply.
+    `wrong_width`: words of so many bits are read whatever was set. `not_an_e201`: something else answers.
+    """
+
+    drop_every: int = 0
+    corrupt_every: int = 0
+    split: bool = False
+    silent_after_s: float | None = None
+    silent_for_s: float | None = None
+    unplug_after_s: float | None = None
+    unplug_for_s: float = 1.0
+    slow_s: float = 0.0
+    wrong_width: int | None = None
+    not_an_e201: bool = False
+
+
+SOUND_LOADCELL = LoadCellFaults()
+SOUND_ENCODER = EncoderFaults()
+
+_LARGEST = {"encoder.wrong_width": 32, "loadcell.status": 0xFFFFFFFF}  # what the wire has room for
+
+_Faults = TypeVar("_Faults", EncoderFaults, LoadCellFaults)
+
+
+def within(now_s: float, after_s: float | None, for_s: float | None) -> bool:
+    """Return whether a fault that begins `after_s` and lasts `for_s` (None: for ever) is there now."""
+    return after_s is not None and after_s <= now_s < (float("inf") if for_s is None else after_s + for_s)
+
+
+def parse_faults(words: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults]:
+    """Read words like `loadcell.drop_every=100` or `encoder.split=true`.
+
+    Raises ConfigError that names the unknown fault and lists those there are, or names the value.
+    """
+    values: dict[str, str] = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        if name not in _known():
+            raise ConfigError(f"{word}: there is no fault '{name}'. There are: {', '.join(_known())}.")
+        values[name] = value
+    return _made("encoder", EncoderFaults, values), _made("loadcell", LoadCellFaults, values)
+
+
+def _known() -> list[str]:
+    return [
+        f"{device}.{field.name}"
+        for device, kind in (("encoder", EncoderFaults), ("loadcell", LoadCellFaults))
+        for field in fields(kind)
+    ]
+
+
+def _made(device: str, kind: type[_Faults], values: Mapping[str, str]) -> _Faults:
+    hints = get_type_hints(kind)
+    read: dict[str, Any] = {}
+    for field in fields(kind):
+        name = f"{device}.{field.name}"
+        if name in values:
+            read[field.name] = _value(name, values[name], get_args(hints[field.name]) or (hints[field.name],))
+    return kind(**read)
+
+
+def _value(name: str, text: str, kinds: tuple[type, ...]) -> bool | float:
+    """Read a value as the first of the field's kinds, which are one number or truth, and perhaps None."""
+    kind = kinds[0]
+    if kind is bool:
+        if text not in ("true", "false"):
+            raise ConfigError(f"{name}: should be true or false, not '{text}'.")
+        return text == "true"
+    try:
+        value = int(text, 0) if kind is int else float(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value < float("inf") or value > _LARGEST.get(name, value):
+        wanted = "whole number" if kind is int else "number"
+        limits = f"from zero to {_LARGEST[name]}" if name in _LARGEST else "of zero or more"
+        raise ConfigError(f"{name}: should be a {wanted} {limits}, not '{text}'.")
+    return value

@@ -1,0 +1,72 @@
+"""A six-axis load cell: wrench to counts and a status word, with its bias, drift, noise and limits."""
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
+
+from cfid.campaign import Number, Positive, Spread
+from cfid.sim.stepping import Array
+
+SATURATED = 0x80020000  # bit 31, any error, and bit 17
+
+Six = tuple[Number, Number, Number, Number, Number, Number]
+SixSpreads = tuple[Spread, Spread, Spread, Spread, Spread, Spread]
+SixPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+Counts = npt.NDArray[np.int32]
+
+
+class LoadCellTruth(BaseModel):
+    """A cell like ATI's Mini40 SI-20-1. Six numbers are Fx, Fy, Fz in N and Tx, Ty, Tz in Nm.
+
+    `bias` is what it shows unloaded, `drift_per_s` how that grows, `noise_std` one standard deviation of a sample.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    bias: Six = (0.35, -0.22, 1.4, 0.004, -0.007, 0.002)
+    drift_per_s: Six = (2e-5, -1e-5, 5e-5, 1e-7, 2e-7, -1e-7)
+    noise_std: SixSpreads = (0.01, 0.01, 0.02, 2e-4, 2e-4, 2e-4)
+    ranges: SixPositive = (20.0, 20.0, 60.0, 1.0, 1.0, 1.0)
+    counts_per_n: Positive = 1e6
+    counts_per_nm: Positive = 1e6
+
+    @property
+    def counts_per_unit(self) -> Array:
+        """Counts of one N or Nm on each axis (6,)."""
+        return np.repeat([self.counts_per_n, self.counts_per_nm], 3)
+
+
+class LoadCell:
+    """A cell that is read at rising times; its drift starts with the first reading."""
+
+    def __init__(self, truth: LoadCellTruth, rng: np.random.Generator) -> None:
+        """Start without a software bias."""
+        self.truth = truth
+        self.software_bias = np.zeros(6, np.int64)
+        self._rng = rng
+        self._scale = truth.counts_per_unit
+        self._unloaded = np.array(truth.bias)
+        self._drift_per_s, self._noise_std, self._ranges = map(
+            np.array, (truth.drift_per_s, truth.noise_std, truth.ranges)
+        )
+        self._first_s: float | None = None
+
+    def read(self, time_s: Array, wrench: Array) -> tuple[Counts, npt.NDArray[np.uint32]]:
+        """Return counts (n, 6) and status words (n,) of a wrench (n, 6) in N and Nm at times (n,)."""
+        if self._first_s is None:
+            self._first_s = float(time_s[0])
+        elapsed_s = (time_s - self._first_s)[:, np.newaxis]
+        noise = self._noise_std * self._rng.standard_normal(wrench.shape)
+        felt = wrench + self._unloaded + self._drift_per_s * elapsed_s + noise
+        beyond = (np.abs(felt) >= self._ranges).any(axis=1)
+        shown = np.clip(felt, -self._ranges, self._ranges)
+        counts = np.rint(shown * self._scale).astype(np.int64) - self.software_bias
+        return counts.astype(np.int32), np.where(beyond, np.uint32(SATURATED), np.uint32(0))
+
+    def set_bias(self, counts: npt.ArrayLike) -> None:
+        """Subtract so many counts (6,) from each reading from now on."""
+        self.software_bias = np.asarray(counts, np.int64)
+
+    def overload(self) -> None:
+        """Load Fz beyond its range from now on."""
+        self._unloaded[2] = 2 * self._ranges[2]

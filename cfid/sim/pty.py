@@ -1,0 +1,113 @@
+"""Serves a simulated encoder interface on a pseudo terminal, which a host opens like any serial port."""
+
+import contextlib
+import os
+import tty
+from collections.abc import Callable
+from pathlib import Path
+
+from twisted.internet.abstract import FileDescriptor
+from twisted.internet.base import DelayedCall
+from twisted.internet.posixbase import PosixReactorBase
+
+from cfid.sim.e201 import Reply
+from cfid.sim.e201_faults import FaultyE201
+
+_CONTINUOUS_EVERY_S = 1e-3
+_LONGEST_READ = 4096
+
+
+class PtyPort:
+    """A device on a terminal behind the symlink `name` in a folder, so that its path outlives being unplugged."""
+
+    def __init__(self, device: FaultyE201, *, reactor: PosixReactorBase, folder: Path, name: str = "encoder") -> None:
+        """Open nothing yet."""
+        self._device = device
+        self._reactor = reactor
+        self._path = folder / name
+        self._end: _DeviceEnd | None = None
+        self._timers: list[DelayedCall] = []
+
+    def open(self) -> Path:
+        """Plug the device in; returns where it is to be found, the same again after it was unplugged."""
+        self._plug()
+        faults = self._device.faults
+        if faults.unplug_after_s is not None:
+            self._after(faults.unplug_after_s, self._unplug)
+            self._after(faults.unplug_after_s + faults.unplug_for_s, self._plug)
+        return self._path
+
+    def close(self) -> None:
+        """Unplug it for good: a host that has it open sees it hang up."""
+        for timer in self._timers:
+            if timer.active():
+                timer.cancel()
+        self._timers = []
+        self._unplug()
+
+    def heard(self, data: bytes) -> None:
+        """Take what the host has written."""
+        was_continuous = self._device.continuous
+        self._send(self._device.received(data, self._reactor.seconds()))
+        if self._device.continuous and not was_continuous:
+            self._after(_CONTINUOUS_EVERY_S, self._go_on)
+
+    def _plug(self) -> None:
+        self._end = _DeviceEnd(self, self._reactor)
+        self._end.startReading()
+        self._path.unlink(missing_ok=True)
+        self._path.symlink_to(self._end.host_path)
+
+    def _unplug(self) -> None:
+        self._path.unlink(missing_ok=True)
+        if self._end is not None:
+            self._end.stopReading()
+            self._end.close()
+            self._end = None
+
+    def _go_on(self) -> None:
+        if self._device.continuous:
+            self._send(self._device.due(self._reactor.seconds()))
+            self._after(_CONTINUOUS_EVERY_S, self._go_on)
+
+    def _send(self, replies: list[Reply]) -> None:
+        for delay_s, reply in replies:
+            if delay_s > 0:
+                self._after(delay_s, self._write, reply)
+            else:
+                self._write(reply)
+
+    def _write(self, reply: bytes) -> None:
+        if self._end is not None:
+            self._end.say(reply)
+
+    def _after(self, delay_s: float, act: Callable[..., None], *arguments: bytes) -> None:
+        self._timers = [timer for timer in self._timers if timer.active()]
+        self._timers.append(self._reactor.callLater(delay_s, act, *arguments))
+
+
+class _DeviceEnd(FileDescriptor):
+    """The end of a raw terminal that the host does not see; it keeps the host's end open between two hosts."""
+
+    def __init__(self, port: PtyPort, reactor: PosixReactorBase) -> None:
+        super().__init__(reactor)  # type: ignore[arg-type]  # twisted does not tell types that it is one
+        self._port = port
+        self._file, self._host_file = os.openpty()
+        tty.setraw(self._host_file)
+        os.set_blocking(self._file, False)
+        self.host_path = os.ttyname(self._host_file)
+
+    def fileno(self) -> int:
+        return self._file
+
+    def doRead(self) -> None:  # noqa: N802 (twisted's name)
+        with contextlib.suppress(BlockingIOError):
+            self._port.heard(os.read(self._file, _LONGEST_READ))
+
+    def say(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):  # a host that reads nothing loses what does not fit
+            os.write(self._file, data)
+
+    def close(self) -> None:
+        os.close(self._file)
+        os.close(self._host_file)

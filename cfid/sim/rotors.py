@@ -1,0 +1,103 @@
+"""Four motors with rotors on a load cell: command to forces and torques, with the vibration of both blades.
+
+Speed is first order, thrust and torque follow it at once; air that is set in motion is not modelled.
+"""
+
+import math
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from cfid.campaign import Number, Positive
+from cfid.sim.stepping import Array
+
+Six = tuple[Number, Number, Number, Number, Number, Number]
+
+LARGEST_COMMAND = 65535
+# Crazyflie 2.0, motor 1 to 4, x forward and y left: front right, back right, back left, front left.
+_ARMS = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]) / math.sqrt(2)
+_TURNS_LEFT = np.array([1, -1, 1, -1])  # seen from above
+_STANDSTILL_RAD_PER_S = 1e-3
+
+
+class RotorTruth(BaseModel):
+    """Motors near those of a Crazyflie 2.0 (thesis, tables of chapter 3).
+
+    Above the dead zone a rotor's steady speed is `idle_rad_per_s` + `rad_per_s_per_command` * command, reached
+    with `time_constant_s`; below it stands. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its torque
+    `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice that
+    (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    rad_per_s_per_command: Positive = 0.0408
+    idle_rad_per_s: Positive = 381.0
+    dead_below_command: Number = 1000.0
+    thrust_ns2_per_rad2: Positive = 1.8e-8
+    torque_m: Positive = 0.006
+    time_constant_s: Positive = 0.06
+    arm_m: Positive = 0.046
+    unbalance: Six = Field(default=(0.6, 0.6, 0.3, 0.006, 0.006, 0.002))
+    blade_pass: Six = Field(default=(0.2, 0.2, 1.2, 0.004, 0.004, 0.003))
+
+    def steady_rad_per_s(self, command: Array) -> Array:
+        """Return the speeds that commands of any shape settle at; more than the largest is no command."""
+        speed = self.idle_rad_per_s + self.rad_per_s_per_command * np.minimum(command, LARGEST_COMMAND)
+        return np.where(command < self.dead_below_command, 0.0, speed)
+
+
+class Rotors:
+    """Four rotors that keep their speed and angle from one call to the next."""
+
+    def __init__(self, truth: RotorTruth, rng: np.random.Generator) -> None:
+        """Let all rotors stand; how each vibrates differs by 20 % and in its phase."""
+        self._truth = truth
+        self._mixer = _mixer(truth, rng)
+        self._speed = np.zeros(4)
+        self._angle = np.zeros(4)
+        self._last_s: float | None = None
+
+    @property
+    def speed_rad_per_s(self) -> Array:
+        """How fast the rotors turn (4,), without their direction."""
+        return self._speed.copy()
+
+    def advance(self, time_s: Array, command: Array) -> Array:
+        """Return the wrench (n, 6) in N and Nm, z up, at times (n,) that do not fall, within a call or between two.
+
+        `command` (4,) holds since the last time of the call before; the lag is solved exactly for that.
+        """
+        begin_s = time_s[0] if self._last_s is None else self._last_s
+        self._last_s = float(time_s[-1])
+        steady = self._truth.steady_rad_per_s(command)
+        if not steady.any() and self._speed.max() < _STANDSTILL_RAD_PER_S:
+            self._speed[:] = 0
+            return np.zeros((len(time_s), 6))
+        elapsed_s = (time_s - begin_s)[:, np.newaxis]
+        lag = np.exp(-elapsed_s / self._truth.time_constant_s)
+        behind = self._speed - steady
+        speed = steady + behind * lag
+        angle = self._angle + steady * elapsed_s + behind * self._truth.time_constant_s * (1 - lag)
+        self._speed = speed[-1]
+        self._angle = angle[-1] % (2 * math.pi)
+        thrust = self._truth.thrust_ns2_per_rad2 * speed**2
+        cos, sin = np.cos(angle), np.sin(angle)
+        waves = (thrust, thrust * cos, thrust * sin, thrust * (cos**2 - sin**2), thrust * (2 * sin * cos))
+        return np.asarray(np.hstack(waves) @ self._mixer)
+
+
+def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:
+    """What one newton of each rotor does (20, 6): steady, and as cosine and sine of its angle and twice that."""
+    x_m, y_m = truth.arm_m * _ARMS.T
+    steady = np.zeros((4, 6))
+    steady[:, 2] = 1
+    steady[:, 3] = y_m
+    steady[:, 4] = -x_m
+    steady[:, 5] = -truth.torque_m * _TURNS_LEFT  # air holds a rotor back, the rotor its motor
+    waves = [steady]
+    for amplitude in (truth.unbalance, truth.blade_pass):
+        size = np.array(amplitude) * rng.uniform(0.8, 1.2, (4, 1))
+        phase = rng.uniform(0, 2 * math.pi, (4, 6))
+        waves += [size * np.cos(phase), -size * np.sin(phase)]
+    return np.vstack(waves)

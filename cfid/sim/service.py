@@ -1,0 +1,120 @@
+"""A whole simulated rig on this machine: an encoder on a serial port and a load cell on the network, over plants."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from twisted.internet.defer import Deferred
+from twisted.internet.posixbase import PosixReactorBase
+
+from cfid.campaign import MM, Rig
+from cfid.errors import ConfigError
+from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
+from cfid.sim.e201 import E201Device
+from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
+from cfid.sim.loadcell import LoadCell
+from cfid.sim.netft import NetFTBox
+from cfid.sim.netft_faults import FaultyNetFT
+from cfid.sim.netft_server import ANY_FREE, LOOPBACK, NetFTServer, Ports
+from cfid.sim.plants import DroppingWeight
+from cfid.sim.pty import PtyPort
+from cfid.sim.rig import draw_truth, pendulum
+from cfid.sim.rotors import Rotors
+from cfid.sim.stepping import Array
+from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth
+
+_USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
+_LINE_RADIUS_MM = 2.0  # where rig.toml names none
+_FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds scatter (table 2.1)
+
+
+class Addresses(NamedTuple):
+    """Where the two instruments are found."""
+
+    encoder_port: Path
+    address: str
+    rdt_port: int
+    http_port: int
+    tcp_port: int
+
+
+class SimulatedRig:
+    """An encoder that watches a swing or a dropping weight, and a load cell under four rotors.
+
+    With `weight_g` a weight drops; else the vehicle swings about the mount `axis`, or the first one there is.
+    The rotors obey `commands`. Every random number comes from `seed`. Raises ConfigError for an unknown mount.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        reactor: PosixReactorBase,
+        folder: Path,
+        seed: int,
+        truth: SimTruth = USUAL_TRUTH,
+        encoder_faults: EncoderFaults = SOUND_ENCODER,
+        loadcell_faults: LoadCellFaults = SOUND_LOADCELL,
+        axis: str | None = None,
+        weight_g: float | None = None,
+        commands: tuple[int, int, int, int] = (0, 0, 0, 0),
+        address: str = LOOPBACK,
+        ports: Ports = ANY_FREE,
+    ) -> None:
+        """Draw the rig and integrate what its axis will do; open nothing yet, though faults' times begin here."""
+        plant_rng, motor_rng, cell_rng, fault_rng = np.random.default_rng(seed).spawn(4)
+        self.commands = commands
+        self._address = address
+        self._rotors = Rotors(truth.rotors, motor_rng)
+        self.axis = _axis(rig, truth, axis, weight_g, rng=plant_rng)
+        self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes its time
+        device = E201Device(self._angle_at, reply_s=_USB_REPLY_S, powered_s=opened_s)
+        self.encoder = FaultyE201(device, encoder_faults, opened_s=opened_s)
+        box = NetFTBox(load_cell=LoadCell(truth.loadcell, cell_rng), plant=self._wrench_at, powered_s=opened_s)
+        self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
+        self._pty = PtyPort(self.encoder, reactor=reactor, folder=folder)
+        self._server = NetFTServer(self.loadcell, reactor=reactor, address=address, ports=ports)
+
+    def open(self) -> Addresses:
+        """Plug in both. Raises twisted's CannotListenError when a port is taken."""
+        ports = self._server.open()
+        return Addresses(self._pty.open(), self._address, *ports)
+
+    def close(self) -> "Deferred[list[None]]":
+        """Unplug both; fires when all ports are given back."""
+        self._pty.close()
+        return self._server.close()
+
+    def _angle_at(self, time_s: float) -> float:
+        return self.axis.angle_at(time_s - self._opened_s)
+
+    def _wrench_at(self, time_s: Array) -> Array:
+        return self._rotors.advance(time_s, np.array(self.commands, dtype=np.float64))
+
+
+def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator) -> Axis:
+    vehicle = draw_truth(rig, inertia_kg_m2=truth.vehicle.inertia_kg_m2, rng=rng)
+    if weight_g is not None:
+        return dropping(_weights(rig, truth.axis, weight_g, gravity_mps2=vehicle.gravity_mps2, rng=rng), rng=rng)
+    if name is not None and name not in vehicle.mounts:
+        raise ConfigError(f"rig.toml: mounts: there is no '{name}'. There are: {', '.join(vehicle.mounts) or 'none'}.")
+    mount = name or next(iter(vehicle.mounts), None)
+    return resting(offset_rad=0.0) if mount is None else swinging(pendulum(vehicle, mount), rng=rng)
+
+
+def _weights(
+    rig: Rig, axis: AxisTruth, weight_g: float, *, gravity_mps2: float, rng: np.random.Generator
+) -> list[DroppingWeight]:
+    """The same weight DROPS times: dry friction differs a little from one to the next."""
+    return [
+        DroppingWeight(
+            setup_inertia_kg_m2=axis.setup_inertia_kg_m2,
+            weight_kg=weight_g / 1000,
+            radius_m=MM * (rig.friction.radius_mm if rig.friction else _LINE_RADIUS_MM),
+            viscous_nms_per_rad=axis.viscous_nms_per_rad,
+            coulomb_nm=axis.coulomb_nm * rng.normal(1, _FRICTION_SCATTER),
+            gravity_mps2=gravity_mps2,
+        )
+        for _ in range(DROPS)
+    ]

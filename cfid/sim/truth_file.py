@@ -1,0 +1,68 @@
+"""What a simulated rig really is, as a TOML file that may say any part of it; every key has a default."""
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+
+from cfid.campaign import Positive, Spread, Vector
+from cfid.durable import first_fault, read_toml
+from cfid.errors import ConfigError
+from cfid.sim.demo import AXIS_COULOMB_NM, AXIS_VISCOUS_NMS_PER_RAD, INERTIA_KG_M2, SETUP_INERTIA_KG_M2
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.rotors import RotorTruth
+
+Matrix = tuple[Vector, Vector, Vector]
+_X, _Y, _Z = INERTIA_KG_M2.tolist()
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class VehicleTruth(_Table):
+    """The vehicle's inertia matrix about its centre of mass."""
+
+    inertia_kg_m2: Matrix = (tuple(_X), tuple(_Y), tuple(_Z))
+
+    @field_validator("inertia_kg_m2")
+    @classmethod
+    def _can_exist(cls, matrix: Matrix) -> Matrix:
+        inertia = np.array(matrix)
+        if not np.array_equal(inertia, inertia.T):
+            raise ValueError("an inertia matrix is symmetric")
+        if not np.linalg.eigvalsh(np.trace(inertia) / 2 * np.eye(3) - inertia)[0] >= 0:
+            raise ValueError("no body has this inertia: one principal moment exceeds the sum of the others")
+        return matrix
+
+
+class AxisTruth(_Table):
+    """The axis that the dropping weights turn: its own inertia and its friction."""
+
+    setup_inertia_kg_m2: Positive = SETUP_INERTIA_KG_M2
+    coulomb_nm: Spread = AXIS_COULOMB_NM
+    viscous_nms_per_rad: Spread = AXIS_VISCOUS_NMS_PER_RAD
+
+
+class SimTruth(_Table):
+    """Everything that the file says."""
+
+    vehicle: VehicleTruth = VehicleTruth()
+    axis: AxisTruth = AxisTruth()
+    rotors: RotorTruth = RotorTruth()
+    loadcell: LoadCellTruth = LoadCellTruth()
+
+
+USUAL_TRUTH = SimTruth()
+
+
+def load_truth(path: Path) -> SimTruth:
+    """Read such a file. Raises ConfigError that names the file and the key."""
+    try:
+        content = read_toml(path, ConfigError)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file.") from None
+    try:
+        return SimTruth.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {first_fault(error, content)}") from None

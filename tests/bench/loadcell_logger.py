@@ -1,0 +1,183 @@
+"""`cfid log loadcell` over the simulated wire, against a logger of the thesis' kind: a tuple a packet, pandas at the end.
+
+Processor time and resident memory are those of the logger's process from second 10 to the end. Then what the
+logger loses when it is stopped for half a second in each, and at ten times the rate of the box.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from twisted.internet.protocol import DatagramProtocol
+
+from cfid.campaign import Devices, load_rig, new_rig_text
+from cfid.rig.loop import Ending, Loop, run_until_done
+from cfid.rig.sim_file import SIM_FILE, published
+from cfid.sim.faults import SOUND_LOADCELL
+from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.netft import NetFTBox
+from cfid.sim.netft_faults import FaultyNetFT
+from cfid.sim.netft_server import NetFTServer
+
+SECONDS = float(os.environ.get("BENCH_SECONDS", "60"))
+WARM_S = min(10.0, SECONDS / 3)
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+CFID = (sys.executable, "-m", "cfid.cli.main")
+FAST_HZ = 70_000
+
+
+class Cost(NamedTuple):
+    """What a logger's process used: share of a core in percent, resident memory at both ends in MB."""
+
+    core_percent: float
+    memory_from_mb: float
+    memory_to_mb: float
+
+    @property
+    def grown_mb(self) -> float:
+        return self.memory_to_mb - self.memory_from_mb
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "rig.toml").write_text(new_rig_text())
+        with serving(folder, *CFID, "rig", "sim", "--spin", "28000,0,28000,0"):
+            peer = measured(folder, sys.executable, __file__, "peer", str(rdt_port(folder)), str(folder / "peer.csv"))
+            told("thesis-style logger, 7 kHz real-time", peer)
+            for mode, words, goal in (("buffered", (), 3), ("real-time", ("--real-time",), 12)):
+                cost = measured(folder, *CFID, "log", "loadcell", "--for", f"{SECONDS:g}", *words)
+                told(f"cfid log loadcell, 7 kHz {mode}", cost)
+                print(f"  {lost(folder)}; core: goal at most {goal} %; memory: goal at most 5 MB")
+                print(f"  ratio to the peer: core {cost.core_percent / peer.core_percent:.2f}")
+            stall(folder)
+        with serving(folder, sys.executable, __file__, "serve", str(folder)):
+            cost = measured(folder, *CFID, "log", "loadcell", "--for", f"{SECONDS:g}", "--rate-hz", str(FAST_HZ))
+            told("cfid log loadcell, 70 kHz buffered", cost)
+            print(f"  {lost(folder)}; goal none")
+
+
+def stall(folder: Path) -> None:
+    """Stop the logger's process for half of every second, in real-time mode, which needs the most room."""
+    words = (*CFID, "log", "loadcell", "--for", f"{SECONDS:g}", "--real-time")
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
+        time.sleep(2)
+        end_s = time.monotonic() + SECONDS - 3
+        while time.monotonic() < end_s:
+            logger.send_signal(signal.SIGSTOP)
+            time.sleep(0.5)
+            logger.send_signal(signal.SIGCONT)
+            time.sleep(0.5)
+    print(f"cfid log loadcell, 7 kHz real-time, stopped for 500 ms once a second\n  {lost(folder)}; goal none")
+
+
+@contextmanager
+def serving(folder: Path, *words: str) -> Iterator[None]:
+    with subprocess.Popen(words, cwd=folder, stderr=subprocess.DEVNULL) as server:
+        while not (folder / SIM_FILE).exists():
+            time.sleep(0.1)
+        yield
+        server.send_signal(signal.SIGINT)
+
+
+def measured(folder: Path, *words: str) -> Cost:
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
+        time.sleep(WARM_S)
+        ticks, memory = ticks_of(logger.pid), memory_mb(logger.pid)
+        spent_s = SECONDS - WARM_S - 1
+        time.sleep(spent_s)
+        cost = Cost(100 * (ticks_of(logger.pid) - ticks) / TICKS_PER_S / spent_s, memory, memory_mb(logger.pid))
+        if words[1] == __file__:
+            logger.send_signal(signal.SIGINT)
+    return cost
+
+
+def ticks_of(process: int) -> int:
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[11]) + int(fields[12])
+
+
+def memory_mb(process: int) -> float:
+    line = next(line for line in Path(f"/proc/{process}/status").read_text().splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+def rdt_port(folder: Path) -> int:
+    return int(tomllib.loads((folder / SIM_FILE).read_text())["devices"]["loadcell"]["rdt_port"])
+
+
+def lost(folder: Path) -> str:
+    run = max((folder / "runs").iterdir())
+    device = tomllib.loads((run / "run.toml").read_text())["devices"]["loadcell"]
+    return f"{device['rows']} rows, {device['lost']} lost"
+
+
+def told(what: str, cost: Cost) -> None:
+    print(f"{what}\n  {cost.core_percent:.1f} % of a core, {cost.memory_to_mb:.0f} MB, grown by {cost.grown_mb:.1f} MB")
+
+
+def peer(port: int, path: str) -> None:
+    """Log as the thesis did: one record a datagram, unpacked one by one into a list that grows."""
+    import struct
+
+    import pandas as pd
+    from twisted.internet import reactor
+
+    rows = []
+
+    class Logger(DatagramProtocol):
+        def startProtocol(self) -> None:  # noqa: N802
+            assert self.transport is not None
+            self.transport.connect("127.0.0.1", port)
+            self.transport.write(struct.pack(">HHI", 0x1234, 2, 0))
+
+        def datagramReceived(self, datagram: bytes, addr: object) -> None:  # noqa: N802
+            now = time.time()
+            _, _, _, *counts = struct.unpack(">IIIiiiiii", datagram)
+            rows.append((now, *counts))
+
+    reactor.listenUDP(0, Logger())  # type: ignore[attr-defined]
+    reactor.run()  # type: ignore[attr-defined]
+    pd.DataFrame(rows, columns=["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]).to_csv(path, index=False)
+
+
+def serve(folder: Path) -> None:
+    """Serve a box that samples ten times as fast as any real one."""
+
+    async def served(loop: Loop, ending: Ending) -> None:
+        cell = LoadCell(LoadCellTruth(), np.random.default_rng(1))
+        box = NetFTBox(
+            load_cell=cell,
+            plant=lambda time_s: np.zeros((len(time_s), 6)),
+            powered_s=loop.seconds(),
+            internal_hz=FAST_HZ,
+            rate_hz=FAST_HZ,
+        )
+        faulty = FaultyNetFT(box, SOUND_LOADCELL, opened_s=loop.seconds(), rng=np.random.default_rng(1))
+        ports = NetFTServer(faulty, reactor=loop).open()
+        setting = load_rig(folder / "rig.toml").devices.loadcell.model_copy(
+            update={"address": "127.0.0.1", "rdt_port": ports.rdt, "http_port": ports.http, "tcp_port": ports.tcp}
+        )
+        with published(folder, Devices(loadcell=setting), seed=1):
+            await ending.within(None)
+
+    run_until_done(served)
+
+
+if __name__ == "__main__":
+    arguments: Sequence[str] = sys.argv[1:]
+    if arguments[:1] == ["peer"]:
+        peer(int(arguments[1]), arguments[2])
+    elif arguments[:1] == ["serve"]:
+        serve(Path(arguments[1]))
+    else:
+        main()

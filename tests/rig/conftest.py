@@ -1,0 +1,13 @@
+"""What the tests of this room share."""
+
+from pathlib import Path
+
+import pytest
+from twisted.internet.task import Clock
+
+from tests.rig.virtual import Session
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Session(tmp_path, Clock())

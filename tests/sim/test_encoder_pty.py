@@ -1,0 +1,110 @@
+"""The simulated encoder on a pseudo terminal, read with pyserial as a real one is."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+from twisted.internet.posixbase import PosixReactorBase
+
+from cfid.sim.e201 import E201Device
+from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, EncoderFaults
+from cfid.sim.pty import PtyPort
+from cfid.wire.e201 import names_e201, set_word_width
+
+InReactor = Callable[[Callable[[], Any]], Any]
+
+
+class _Plugged:
+    """An encoder at rest on the port of one test."""
+
+    def __init__(self, reactor: PosixReactorBase, in_reactor: InReactor, folder: Path) -> None:
+        self._reactor = reactor
+        self._in_reactor = in_reactor
+        self._folder = folder
+        self._port: PtyPort | None = None
+
+    def open(self, faults: EncoderFaults = SOUND_ENCODER) -> str:
+        device = FaultyE201(E201Device(lambda _: 1.0), faults, opened_s=self._reactor.seconds())
+        self._port = PtyPort(device, reactor=self._reactor, folder=self._folder)
+        return str(self._in_reactor(self._port.open))
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._in_reactor(self._port.close)
+
+
+@pytest.fixture
+def plugged(reactor: PosixReactorBase, in_reactor: InReactor, tmp_path: Path) -> Iterator[_Plugged]:
+    plugged = _Plugged(reactor, in_reactor, tmp_path)
+    yield plugged
+    plugged.close()
+
+
+def _ask(port: serial.Serial, command: bytes) -> bytes:
+    port.write(command)
+    return bytes(port.read_until(b"\r"))
+
+
+def test_a_host_asks_and_is_answered(plugged: _Plugged) -> None:
+    with serial.Serial(plugged.open(), timeout=2) as port:
+        assert names_e201(_ask(port, b"v"))
+        assert _ask(port, set_word_width(13)) == b"13\r"
+        assert _ask(port, b"?") == b"1303\r"
+
+
+def test_no_byte_is_changed_on_the_way(plugged: _Plugged) -> None:
+    with serial.Serial(plugged.open(), timeout=2) as port:
+        assert [_ask(port, bytes([byte])) for byte in b"\x03\x04\x11\x13\x1a\x7f"] == [b"Error\r"] * 6
+
+
+def test_a_second_host_may_come_after_the_first(plugged: _Plugged) -> None:
+    path = plugged.open()
+    for _ in range(2):
+        with serial.Serial(path, timeout=2) as port:
+            assert names_e201(_ask(port, b"v"))
+
+
+def test_positions_come_unasked_when_told_so(plugged: _Plugged) -> None:
+    with serial.Serial(plugged.open(), timeout=0.05) as port:
+        port.write(b"1")
+        time.sleep(0.3)
+        port.write(b"0")
+        time.sleep(0.05)
+        came = port.read(port.in_waiting).count(b"\r")
+        assert came == pytest.approx(300, rel=0.3)
+        assert port.read(1) == b""
+
+
+def test_a_split_reply_arrives_whole(plugged: _Plugged) -> None:
+    with serial.Serial(plugged.open(EncoderFaults(split=True)), timeout=2) as port:
+        assert names_e201(_ask(port, b"v"))
+
+
+def test_an_unplugged_encoder_is_gone_and_comes_back_under_its_name(plugged: _Plugged) -> None:
+    path = plugged.open(EncoderFaults(unplug_after_s=0.2, unplug_for_s=0.3))
+    with serial.Serial(path, timeout=2) as port:
+        assert names_e201(_ask(port, b"v"))
+        time.sleep(0.3)
+        assert not Path(path).exists()
+        with pytest.raises(serial.SerialException):
+            _ask(port, b"v")
+    time.sleep(0.4)
+    with serial.Serial(path, timeout=2) as port:
+        assert names_e201(_ask(port, b"v"))
+
+
+def _open_files() -> int:
+    return len(list(Path("/dev/fd").iterdir()))
+
+
+def test_closing_leaves_nothing_behind(plugged: _Plugged, tmp_path: Path) -> None:
+    before = _open_files()
+    for _ in range(3):
+        plugged.open()
+        plugged.close()
+    assert list(tmp_path.iterdir()) == []
+    assert _open_files() == before

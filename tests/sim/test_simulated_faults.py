@@ -1,0 +1,207 @@
+"""Faults of the simulated devices: each does what it says and counts what it did."""
+
+import re
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError
+from cfid.sim.e201 import E201Device
+from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults, parse_faults
+from cfid.sim.loadcell import SATURATED, LoadCell, LoadCellTruth
+from cfid.sim.netft import Address, NetFTBox
+from cfid.sim.netft_faults import FaultyNetFT
+from cfid.wire.netft import read_settings
+from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request, is_block
+
+CLIENT: Address = ("127.0.0.1", 1000)
+START = encode_request(Request(Command.REAL_TIME))
+
+
+def _faulty(faults: LoadCellFaults, *, buffer_size: int = 1) -> FaultyNetFT:
+    cell_rng, fault_rng = np.random.default_rng(2).spawn(2)  # faults must not change the noise
+    box = NetFTBox(
+        load_cell=LoadCell(LoadCellTruth(), cell_rng),
+        plant=lambda time_s: np.zeros((len(time_s), 6)),
+        buffer_size=buffer_size,
+        powered_s=100.0,
+    )
+    return FaultyNetFT(box, faults, opened_s=100.0, rng=fault_rng)
+
+
+def _stream(faulty: FaultyNetFT, *, until_s: float, request: bytes = START) -> list[bytes]:
+    """Ask at time zero and collect every 2 ms."""
+    faulty.request(request, CLIENT, 100.0)
+    return [data for i in range(1, round(until_s * 500) + 1) for data, _ in faulty.due(100 + i / 500)]
+
+
+def _records(datagrams: list[bytes]) -> Records:
+    return decode_records(b"".join(datagrams))
+
+
+def test_without_faults_nothing_is_changed() -> None:
+    records = _records(_stream(_faulty(SOUND_LOADCELL), until_s=1))
+    np.testing.assert_array_equal(records.rdt_sequence, np.arange(1, 7001))
+    assert not records.status.any()
+
+
+def test_dropped_datagrams_are_missing_and_counted_in_records() -> None:
+    faulty = _faulty(LoadCellFaults(drop_every=10), buffer_size=40)
+    datagrams = _stream(faulty, until_s=1, request=encode_request(Request(Command.BUFFERED)))
+    records = _records(datagrams)
+    assert faulty.mishaps.dropped_records == 17 * 40
+    assert records.rdt_sequence[-1] - len(records.rdt_sequence) == 17 * 40
+
+
+def test_doubled_datagrams_come_twice_and_are_counted() -> None:
+    faulty = _faulty(LoadCellFaults(duplicate_every=50))
+    sequence = _records(_stream(faulty, until_s=1)).rdt_sequence
+    assert len(sequence) - len(np.unique(sequence)) == faulty.mishaps.duplicated_records == 140
+
+
+def test_reordered_datagrams_swap_with_the_next_and_none_is_missing() -> None:
+    faulty = _faulty(LoadCellFaults(reorder_every=100))
+    sequence = _records(_stream(faulty, until_s=1)).rdt_sequence.astype(int)
+    assert np.sum(np.diff(sequence) < 0) == pytest.approx(faulty.mishaps.reordered_datagrams, abs=1)
+    assert faulty.mishaps.reordered_datagrams == 70
+    assert set(range(1, len(sequence))) <= set(sequence.tolist())
+
+
+def test_corrupted_datagrams_are_cut_short_or_have_one_bit_flipped_in_turns() -> None:
+    faulty, sound = _faulty(LoadCellFaults(corrupt_every=100)), _faulty(SOUND_LOADCELL)
+    pairs = list(zip(_stream(faulty, until_s=1), _stream(sound, until_s=1), strict=True))
+    cut = [data for data, _ in pairs if not is_block(len(data))]
+    assert len(cut) == faulty.mishaps.cut_datagrams == 35
+    assert faulty.mishaps.flipped_bits == 35
+    flipped = [
+        (int.from_bytes(data) ^ int.from_bytes(as_sent)).bit_count() for data, as_sent in pairs if is_block(len(data))
+    ]
+    assert sorted(flipped) == [0] * 6930 + [1] * 35
+
+
+@pytest.mark.parametrize(
+    ("faults", "heard_s"),
+    [
+        (LoadCellFaults(silent_after_s=0.2), {0.1: True, 0.5: False, 0.9: False}),
+        (LoadCellFaults(silent_after_s=0.2, silent_for_s=0.5), {0.1: True, 0.5: False, 0.9: True}),
+        (LoadCellFaults(udp_blocked=True), {0.1: False, 0.5: False, 0.9: False}),
+        (LoadCellFaults(second_client_after_s=0.4), {0.1: True, 0.5: False, 0.9: False}),
+        (LoadCellFaults(restart_after_s=0.2), {0.1: True, 0.5: False, 0.9: False}),
+    ],
+)
+def test_a_stream_falls_silent_when_it_should(faults: LoadCellFaults, heard_s: dict[float, bool]) -> None:
+    faulty = _faulty(faults)
+    faulty.request(START, CLIENT, 100.0)
+    heard = {}
+    for at_s in heard_s:
+        faulty.due(100 + at_s - 0.002)
+        heard[at_s] = bool(faulty.due(100 + at_s))
+    assert heard == heard_s
+
+
+def test_a_box_that_restarts_is_dead_for_a_while_and_counts_from_zero() -> None:
+    faulty = _faulty(LoadCellFaults(restart_after_s=5.0))
+    assert faulty.alive(104.9)
+    assert not faulty.alive(105.0)
+    faulty.request(START, CLIENT, 105.5)
+    assert not faulty.streaming
+    assert faulty.alive(106.0)
+    faulty.request(START, CLIENT, 106.5)
+    assert _records([data for data, _ in faulty.due(106.6)]).ft_sequence[0] == 3501
+
+
+def test_whoever_lost_the_stream_gets_it_back_by_asking() -> None:
+    faulty = _faulty(LoadCellFaults(second_client_after_s=0.1))
+    assert len(_stream(faulty, until_s=1)) == pytest.approx(700, abs=15)
+    faulty.request(START, CLIENT, 101.0)
+    assert faulty.due(101.1)
+
+
+def test_a_status_and_a_saturation_come_when_they_should() -> None:
+    early = LoadCellFaults(status_after_s=0.5)
+    status = _records(_stream(_faulty(early), until_s=1)).status
+    assert (status[0], status[-1]) == (0, 0x80010000)
+    overloaded = _records(_stream(_faulty(LoadCellFaults(saturate_after_s=0.5)), until_s=1))
+    assert (overloaded.status[0], overloaded.status[-1]) == (0, SATURATED)
+    assert overloaded.counts[-1, 2] == 60_000_000
+
+
+def test_refused_settings_are_answered_and_change_nothing() -> None:
+    faulty = _faulty(LoadCellFaults(refuse_settings=True))
+    assert faulty.apply("/comm.cgi?comrdtrate=1000")
+    assert read_settings(faulty.page()).rate_hz == 7000
+
+
+def _replies(faults: EncoderFaults, *, at_s: float = 0.0, questions: int = 12) -> tuple[list[bytes], FaultyE201]:
+    faulty = FaultyE201(E201Device(lambda _: 1.0), faults, opened_s=0.0)
+    return [reply for _ in range(questions) for _, reply in faulty.received(b"?", at_s)], faulty
+
+
+def test_dropped_replies_are_missing_and_counted() -> None:
+    replies, faulty = _replies(EncoderFaults(drop_every=4))
+    assert len(replies) == 9
+    assert faulty.mishaps.dropped == 3
+
+
+def test_garbled_replies_lose_bytes_or_their_end_or_begin_with_junk() -> None:
+    sound = _replies(SOUND_ENCODER)[0][0]
+    replies, faulty = _replies(EncoderFaults(corrupt_every=4))
+    odd = [reply for reply in replies if reply != sound]
+    assert faulty.mishaps.garbled == len(odd) == 3
+    assert len(odd[0]) == len(sound) - 2
+    assert odd[1] == sound[:-1]
+    assert odd[2].endswith(sound)
+
+
+def test_a_split_reply_is_whole_when_put_together() -> None:
+    faulty = FaultyE201(E201Device(lambda _: 1.0), EncoderFaults(split=True, slow_s=0.1), opened_s=0.0)
+    (first_s, first), (second_s, second) = faulty.received(b"?", 0.0)
+    assert 0.1 == first_s < second_s
+    assert first + second == _replies(SOUND_ENCODER)[0][0]
+
+
+def test_a_silent_encoder_speaks_again() -> None:
+    faults = EncoderFaults(silent_after_s=1.0, silent_for_s=1.0)
+    assert [len(_replies(faults, at_s=at_s)[0]) for at_s in (0.5, 1.5, 2.5)] == [12, 0, 12]
+
+
+def test_a_stranger_answers_only_to_a_question_for_its_version() -> None:
+    faulty = FaultyE201(E201Device(lambda _: 1.0), EncoderFaults(not_an_e201=True), opened_s=0.0)
+    assert faulty.received(b"?", 0.0) == []
+    assert b"E201" not in faulty.received(b"v", 0.0)[0][1]
+
+
+def test_a_wrong_width_reads_other_words_than_it_says() -> None:
+    replies, faulty = _replies(EncoderFaults(wrong_width=13))
+    assert int(replies[0]) < 8192
+    assert faulty.received(b"b", 0.0)[0][1] == b"22\r"
+
+
+def test_words_name_faults_of_both_devices() -> None:
+    encoder, loadcell = parse_faults(
+        ["loadcell.drop_every=100", "encoder.split=true", "loadcell.status=0x80020000", "loadcell.silent_after_s=2.5"]
+    )
+    assert encoder == EncoderFaults(split=True)
+    assert loadcell == LoadCellFaults(drop_every=100, status=0x80020000, silent_after_s=2.5)
+    assert parse_faults([]) == (SOUND_ENCODER, SOUND_LOADCELL)
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("loadcell.dorp_every=3", "loadcell.drop_every"),
+        ("drop_every=3", "'drop_every'"),
+        ("loadcell.drop_every=x", "whole number"),
+        ("loadcell.drop_every=1.5", "whole number"),
+        ("loadcell.drop_every=-1", "zero or more"),
+        ("loadcell.slow_s=nan", "not 'nan'"),
+        ("loadcell.slow_s=inf", "not 'inf'"),
+        ("encoder.split=yes", "true or false"),
+        ("encoder.split", "true or false"),
+        ("encoder.wrong_width=33", "from zero to 32"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_told(word: str, told: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        parse_faults([word])

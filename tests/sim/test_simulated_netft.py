@@ -1,0 +1,244 @@
+"""The simulated Net F/T box without wires: its numbers, rates, settings and single readings."""
+
+import struct
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.sim.loadcell import SATURATED, LoadCell, LoadCellTruth
+from cfid.sim.netft import Address, NetFTBox
+from cfid.wire.netft import READ_FORCES, READ_SCALES, active_configuration, read_reading, read_settings
+from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request
+
+CLIENT: Address = ("127.0.0.1", 1000)
+OTHER: Address = ("127.0.0.1", 2000)
+QUIET = LoadCellTruth(noise_std=(0.0,) * 6, bias=(0.0,) * 6, drift_per_s=(0.0,) * 6)
+LOAD = np.array([1.0, -2.0, 3.0, 0.01, -0.02, 0.03])
+FOREVER = Request(Command.REAL_TIME)
+
+
+def _constant(time_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.tile(LOAD, (len(time_s), 1))
+
+
+def _box(
+    *,
+    truth: LoadCellTruth = QUIET,
+    rate_hz: float = 7000,
+    buffer_size: int = 1,
+    first_ft_sequence: int = 0,
+    status: int = 0,
+    internal_hz: int = 7000,
+) -> NetFTBox:
+    return NetFTBox(
+        load_cell=LoadCell(truth, np.random.default_rng(5)),
+        plant=_constant,
+        rate_hz=rate_hz,
+        buffer_size=buffer_size,
+        first_ft_sequence=first_ft_sequence,
+        status=status,
+        internal_hz=internal_hz,
+    )
+
+
+def _ask(box: NetFTBox, request: Request, *, now_s: float = 0.0, client: Address = CLIENT) -> None:
+    box.request(encode_request(request), client, now_s)
+
+
+def _joined(datagrams: Iterable[tuple[bytes, Address]]) -> Records:
+    return decode_records(b"".join(data for data, _ in datagrams))
+
+
+def test_a_load_beyond_the_range_is_clipped_and_says_so() -> None:
+    cell = LoadCell(QUIET, np.random.default_rng(1))
+    counts, status = cell.read(np.array([0.0, 1.0]), np.array([[0, 0, 59, 0, 0, 0], [0, 0, 61.0, 0, 0, 0]]))
+    assert status.tolist() == [0, SATURATED]
+    assert counts[:, 2].tolist() == [59_000_000, 60_000_000]
+
+
+def test_an_unloaded_cell_shows_its_bias_its_drift_and_its_noise() -> None:
+    truth = LoadCellTruth(bias=(0.5, 0, 0, 0, 0, 0), drift_per_s=(0.01, 0, 0, 0, 0, 0))
+    cell = LoadCell(truth, np.random.default_rng(1))
+    counts, _ = cell.read(100 + np.arange(7000) / 700, np.zeros((7000, 6)))
+    force_n = counts[:, 0] / 1e6
+    assert force_n[:500].mean() == pytest.approx(0.5 + 0.01 * 0.36, abs=0.002)
+    assert force_n[-500:].mean() - force_n[:500].mean() == pytest.approx(0.01 * 9.3, abs=0.003)
+    assert force_n[:500].std() == pytest.approx(0.01, rel=0.15)
+
+
+def test_each_request_numbers_its_records_from_one_while_the_box_counts_on() -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    first = _joined(box.due(0.1))
+    _ask(box, FOREVER, now_s=0.2)
+    second = _joined(box.due(0.3))
+    assert first.rdt_sequence[0] == second.rdt_sequence[0] == 1
+    assert first.ft_sequence[0] == 1
+    assert second.ft_sequence[0] == 1401
+    np.testing.assert_array_equal(first.counts[0], 1e6 * LOAD)
+
+
+@pytest.mark.parametrize(("rate_hz", "step"), [(7000, 1), (3500, 2), (1000, 7), (100, 70), (7, 1000)])
+def test_ft_sequence_advances_by_the_internal_rate_over_the_rate(rate_hz: int, step: int) -> None:
+    box = _box(rate_hz=rate_hz)
+    _ask(box, FOREVER)
+    records = _joined(box.due(1.0))
+    assert len(records.ft_sequence) == rate_hz
+    assert set(np.diff(records.ft_sequence).tolist()) == {step}
+
+
+@pytest.mark.parametrize(("asked_hz", "shown_hz"), [(3000, 3500), (6999, 7000), (2334, 3500), (2333, 2333), (1, 1)])
+def test_an_odd_rate_becomes_the_next_quicker_one_and_asking_for_that_keeps_it(asked_hz: int, shown_hz: int) -> None:
+    box = _box()
+    for rate_hz in (asked_hz, shown_hz):
+        box.apply(f"/comm.cgi?comrdtrate={rate_hz}")
+        assert read_settings(box.page()).rate_hz == shown_hz
+
+
+@pytest.mark.parametrize("query", ["comrdtrate=0", "comrdtrate=7001", "comrdtrate=x", "comrdtbsiz=41", "comrdtbsiz=0"])
+def test_a_setting_that_cannot_be_changes_nothing(query: str) -> None:
+    box = _box()
+    before = box.page()
+    assert box.apply(f"/comm.cgi?{query}")
+    assert box.page() == before
+
+
+def test_both_numbers_wrap() -> None:
+    box = _box(first_ft_sequence=2**32 - 100)
+    _ask(box, FOREVER)
+    records = _joined(box.due(0.1))
+    assert records.ft_sequence[98:101].tolist() == [2**32 - 1, 0, 1]
+    box.due((2**32 - 50) / 7000)  # as after a stall of seven days
+    records = _joined(box.due((2**32 + 50) / 7000))
+    assert {2**32 - 1, 0, 1} <= set(records.rdt_sequence.tolist())
+
+
+def test_a_stall_is_caught_up_for_two_seconds_and_the_rest_looks_lost() -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    box.due(1.0)
+    records = _joined(box.due(11.0))
+    assert len(records.rdt_sequence) == pytest.approx(14000, abs=2)
+    assert box.skipped_records == records.rdt_sequence[0] - 7001
+    assert records.rdt_sequence[-1] == records.ft_sequence[-1] == 77000
+
+
+def test_no_more_records_come_than_were_asked_for() -> None:
+    box = _box()
+    _ask(box, Request(Command.REAL_TIME, 10))
+    assert len(box.due(0.001)) == 7
+    assert len(box.due(0.002)) == 3
+    assert not box.streaming
+    assert box.due(1.0) == []
+
+
+def test_buffered_records_come_in_whole_blocks_and_a_rest_at_the_end() -> None:
+    box = _box(buffer_size=40)
+    _ask(box, Request(Command.BUFFERED, 100))
+    assert [len(data) // 36 for data, _ in box.due(0.010)] == [40]
+    assert [len(data) // 36 for data, _ in box.due(0.020)] == [40, 20]
+    assert box.due(1.0) == []
+
+
+def test_a_second_request_takes_the_stream() -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    box.due(0.1)
+    _ask(box, FOREVER, now_s=0.1, client=OTHER)
+    assert {client for _, client in box.due(0.2)} == {OTHER}
+
+
+@pytest.mark.parametrize("command", [Command.STOP, Command.BIAS, Command.RESET_THRESHOLD])
+def test_every_other_command_ends_the_stream(command: Command) -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    _ask(box, Request(command), now_s=0.1)
+    assert box.due(1.0) == []
+
+
+@pytest.mark.parametrize("datagram", [b"", b"\x12\x34\x00\x02", b"\x00\x00\x00\x02\x00\x00\x00\x00", bytes(100)])
+def test_what_is_no_request_is_ignored(datagram: bytes) -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    box.request(datagram, OTHER, 0.1)
+    assert {client for _, client in box.due(0.2)} == {CLIENT}
+
+
+def test_a_software_bias_makes_the_present_load_zero_even_twice() -> None:
+    box = _box()
+    for now_s in (0.0, 0.5):
+        _ask(box, Request(Command.BIAS), now_s=now_s)
+    _ask(box, FOREVER, now_s=1.0)
+    assert not _joined(box.due(1.1)).counts.any()
+    assert read_settings(box.page()).bias == tuple(1e6 * LOAD)
+
+
+def test_a_bias_is_set_only_by_all_six_numbers() -> None:
+    box = _box()
+    box.apply("/setting.cgi?setbias0=5&setbias1=6")
+    assert read_settings(box.page()).bias == (0,) * 6
+    box.apply("/setting.cgi?" + "&".join(f"setbias{axis}={axis}" for axis in range(6)))
+    assert read_settings(box.page()).bias == (0, 1, 2, 3, 4, 5)
+    _ask(box, FOREVER)
+    np.testing.assert_array_equal(_joined(box.due(0.1)).counts[0], 1e6 * LOAD - np.arange(6))
+
+
+def test_only_the_active_configuration_has_the_true_units() -> None:
+    box = _box()
+    assert active_configuration(box.page(0)) == 1
+    assert read_settings(box.page(0)).counts_per_n != 1e6
+    settings = read_settings(box.page(1))
+    assert (settings.counts_per_n, settings.counts_per_nm) == (1e6, 1e6)
+    assert settings.ranges == (20, 20, 60, 1, 1, 1)
+    assert box.page() == box.page(7) == box.page(1)
+
+
+def test_a_box_with_rdt_switched_off_does_not_stream() -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    box.apply("/comm.cgi?comrdte=0")
+    assert box.due(0.1) == []
+    _ask(box, FOREVER, now_s=0.2)
+    assert box.due(0.3) == []
+    assert not read_settings(box.page()).rdt_enabled
+
+
+def test_resetting_the_latch_leaves_other_errors() -> None:
+    for status, left in ((0x80010000, 0), (0x80030000, 0x80020000)):
+        box = _box(status=status)
+        _ask(box, Request(Command.RESET_THRESHOLD))
+        _ask(box, FOREVER)
+        assert set(_joined(box.due(0.1)).status.tolist()) == {left}
+
+
+def test_a_single_reading_times_its_scale_factor_is_the_load() -> None:
+    box = _box()
+    header, force, torque, per_n, per_nm, *factors = struct.unpack(">HBBII6H", box.answer(READ_SCALES, 0.0))
+    assert (header, force, torque, per_n, per_nm) == (0x1234, 2, 3, 10**6, 10**6)
+    reading = read_reading(box.answer(READ_FORCES, 0.0))
+    assert reading.status == 0
+    np.testing.assert_allclose(np.array(reading.values) * factors, 1e6 * LOAD, atol=max(factors))
+
+
+def test_a_single_reading_does_not_turn_back_the_stream() -> None:
+    box = _box()
+    _ask(box, FOREVER)
+    box.due(0.1)
+    box.answer(READ_FORCES, 0.15)
+    assert np.all(np.diff(_joined(box.due(0.2)).ft_sequence) == 1)
+
+
+def test_an_unknown_command_over_tcp_gets_no_answer() -> None:
+    box = _box()
+    assert box.answer(b"\x02" + bytes(19), 0.0) == box.answer(bytes(3), 0.0) == b""
+
+
+def test_after_a_restart_the_box_counts_from_zero_and_has_no_client() -> None:
+    box = _box(first_ft_sequence=10**6)
+    _ask(box, FOREVER)
+    box.restart(5.0)
+    assert box.due(6.0) == []
+    _ask(box, FOREVER, now_s=6.0)
+    assert _joined(box.due(6.1)).ft_sequence[0] == 7001

@@ -1,0 +1,108 @@
+"""A whole simulated rig on real wires, and the file that says what it truly is."""
+
+import re
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import serial
+from twisted.internet.posixbase import PosixReactorBase
+
+from cfid.campaign import thesis_rig
+from cfid.errors import ConfigError
+from cfid.sim.service import SimulatedRig
+from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
+from cfid.wire.e201 import PositionReader
+from cfid.wire.rdt import Command, Request, decode_records, encode_request
+from cfid.wire.rls import decode_words
+
+InReactor = Callable[[Callable[[], Any]], Any]
+
+
+@pytest.fixture
+def swinging(reactor: PosixReactorBase, in_reactor: InReactor, tmp_path: Path) -> Iterator[SimulatedRig]:
+    rig = SimulatedRig(
+        thesis_rig(), reactor=reactor, folder=tmp_path, seed=7, axis="y", commands=(40000, 40000, 40000, 40000)
+    )
+    yield rig
+    in_reactor(rig.close)
+
+
+def test_both_instruments_watch_something_that_moves(in_reactor: InReactor, swinging: SimulatedRig) -> None:
+    addresses = in_reactor(swinging.open)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.settimeout(2)
+        client.sendto(encode_request(Request(Command.REAL_TIME, 3500)), (addresses.address, addresses.rdt_port))
+        records = decode_records(b"".join(client.recv(2048) for _ in range(3500)))
+    assert records.counts[-700:, 2].mean() / 1e6 == pytest.approx(1.4 + 4 * 0.0732, rel=0.02)
+    reader = PositionReader(word_bits=22)
+    with serial.Serial(str(addresses.encoder_port), timeout=2) as port:
+        readings = []
+        end_s = time.monotonic() + 1.5
+        while time.monotonic() < end_s:
+            port.write(b"!")
+            readings += reader.feed(port.read_until(b"\r"))
+    words = decode_words(np.array([reading.position for reading in readings]))
+    assert len(readings) > 300
+    assert words.valid.all()
+    assert np.ptp(words.position) > 300
+    assert reader.rejected == 0
+
+
+def test_an_unknown_mount_is_told_with_those_there_are(reactor: PosixReactorBase, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"no 'w'. There are: x"):
+        SimulatedRig(thesis_rig(), reactor=reactor, folder=tmp_path, seed=7, axis="w")
+
+
+def test_the_same_seed_is_the_same_rig(reactor: PosixReactorBase, tmp_path: Path) -> None:
+    one, same, other = (
+        SimulatedRig(thesis_rig(), reactor=reactor, folder=tmp_path, seed=seed, weight_g=50).axis for seed in (1, 1, 2)
+    )
+    assert one.angle_at(5.0) == same.angle_at(5.0) != other.angle_at(5.0)
+
+
+def test_an_empty_truth_is_the_usual_one(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text("")
+    assert load_truth(tmp_path / "truth.toml") == USUAL_TRUTH == SimTruth()
+
+
+def test_a_truth_says_what_it_says(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text(
+        "[vehicle]\ninertia_kg_m2 = [[2e-5, 0, 0], [0, 2e-5, 0], [0, 0, 3e-5]]\n"
+        "[axis]\ncoulomb_nm = 1e-4\n[rotors]\ntime_constant_s = 0.1\n[loadcell]\nbias = [0, 0, 0, 0, 0, 0]\n"
+    )
+    truth = load_truth(tmp_path / "truth.toml")
+    assert truth.vehicle.inertia_kg_m2[2] == (0, 0, 3e-5)
+    assert truth.axis.coulomb_nm == 1e-4
+    assert truth.rotors.time_constant_s == 0.1
+    assert truth.loadcell.bias == (0,) * 6
+    assert truth.loadcell.counts_per_n == 1e6
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[rotors]\ntime_constant = 0.1", "rotors.time_constant"),
+        ("[rotors]\ntime_constant_s = '0.1'", "rotors.time_constant_s"),
+        ("[loadcell]\nbias = [0, 0]", "loadcell.bias"),
+        ("[motors]", "motors"),
+        ("[vehicle]\ninertia_kg_m2 = [[1, 1, 0], [0, 1, 0], [0, 0, 1]]", "symmetric"),
+        ("[vehicle]\ninertia_kg_m2 = [[1, 0, 0], [0, 1, 0], [0, 0, 3]]", "no body"),
+        ("nonsense", "TOML"),
+    ],
+)
+def test_a_wrong_truth_names_file_and_key(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "truth.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=re.escape(told)) as caught:
+        load_truth(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_truth_that_is_not_there_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such file"):
+        load_truth(tmp_path / "truth.toml")
