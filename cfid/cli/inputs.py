@@ -69,14 +69,20 @@ def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) ->
     return Workplace(campaign, rig, borrowed)
 
 
+def find_recording(word: str, workplace: Workplace) -> Path:
+    """Return the path that a RUN stands for: as it is, or a run of the campaign by its name."""
+    path = Path(word)
+    if workplace.campaign is None:
+        return path
+    named = workplace.campaign.runs_folder / word
+    return named if named.is_dir() and not path.exists() else path
+
+
 def read_recording(word: str, reading: "Reading", workplace: Workplace) -> "AngleRecord":
-    """Read a RUN: a file, a run folder, or the name of a run of the campaign."""
+    """Read the encoder of a RUN: a file, a run folder, or the name of a run of the campaign."""
     from cfid.recording import read_angle
 
-    path = Path(word)
-    if workplace.campaign is not None:
-        named = workplace.campaign.runs_folder / word
-        path = named if named.is_dir() and not path.exists() else path
+    path = find_recording(word, workplace)
     if path.is_file() and not workplace.borrowed and reading.counts_per_turn is None:
         reading = replace(reading, counts_per_turn=workplace.rig.encoder.counts_per_turn)
     return read_angle(path, reading)

@@ -13,6 +13,7 @@ from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.recording import Reading
+    from cfid.wrench import WrenchReading
 
 _FILE = "Files that something else wrote"
 _OUTPUT = "Output"
@@ -72,7 +73,45 @@ class ReadingOptions:
             counts_per_turn=None if scale is None else recording.counts_per_turn(scale),
             rate_hz=self.rate_hz,
             skip_lines=self.skip_lines,
-            columns=() if self.columns is None else tuple(name.strip() for name in self.columns.split(",")),
+            columns=self.column_names,
+        )
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """The columns' names, none where they were not said."""
+        return () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCellOptions:
+    """What the forces and torques of a file are in."""
+
+    counts_per_n: Annotated[
+        float | None, typer.Option(help="Counts of a newton; default: the run's, else 1e6.", rich_help_panel=_FILE)
+    ] = None
+    counts_per_nm: Annotated[
+        float | None,
+        typer.Option(help="Counts of a newton metre; default: the run's, else 1e6.", rich_help_panel=_FILE),
+    ] = None
+    units: Annotated[
+        Literal["counts", "n,nm"] | None,
+        typer.Option(
+            help="Units of forces and torques; default: their names' suffix, else counts.", rich_help_panel=_FILE
+        ),
+    ] = None
+
+    def reading(self, file: ReadingOptions) -> "WrenchReading":
+        """Return these options and those of any file as the reader of load cells takes them."""
+        from cfid.wrench import WrenchReading
+
+        return WrenchReading(
+            time_unit=file.time_unit,
+            units=self.units,
+            counts_per_n=self.counts_per_n,
+            counts_per_nm=self.counts_per_nm,
+            rate_hz=file.rate_hz,
+            skip_lines=file.skip_lines,
+            columns=file.column_names,
         )
 
 

@@ -1,20 +1,21 @@
-"""`cfid show`: a recording as a figure, or in the terminal."""
+"""`cfid show`: a recording as figures, or in the terminal."""
 
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.cli.inputs import open_workplace, read_recording
-from cfid.cli.options import Delivery, ReadingOptions, RigOptions, flat
+from cfid.cli.inputs import open_workplace
+from cfid.cli.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
+from cfid.cli.views import View, views_of
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure
 
-    from cfid.recording import AngleRecord
-
-_TERMINAL_POINTS = 400
+    from cfid.parameters import Parameter
 
 
 @flat
@@ -23,60 +24,57 @@ def show(
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a CSV file.")],
     rig: RigOptions,
     reading: ReadingOptions,
+    loadcell: LoadCellOptions,
     delivery: Delivery,
     terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")] = False,
 ) -> None:
-    """Plot an encoder recording: angle, speed and sampling.
+    """Plot a recording of the encoder (angle, speed) or of the load cell (forces, torques, spectrum).
 
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
     if terminal and delivery.json:
         raise ConfigError("--terminal draws where --json would print: give one of them.")
-    workplace = open_workplace(rig)
-    record = read_recording(run, reading.reading(), workplace)
+    views, faults = views_of(run, open_workplace(rig), reading, loadcell)
     if terminal:
-        _plot_in_terminal(record)
-    deliver(_outcome(record, draws=not terminal), delivery, None)
+        for view in views:
+            _plot_in_terminal(view)
+    deliver(_outcome(views, faults, draws=not terminal), delivery, None)
 
 
-def _outcome(record: "AngleRecord", *, draws: bool) -> Outcome:
-    import numpy as np
-
-    from cfid.parameters import Parameter
-
+def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Outcome:
     def drawings() -> "dict[str, Figure]":
-        from cfid.report.recording_figures import recording_figure
+        return {f"{view.record.path.stem}_recording": view.draw() for view in views}
 
-        return {f"{record.path.stem}_recording": recording_figure(record, title=record.name)}
-
-    interval = np.diff(record.time_s)
+    notes = [note for view in views for note in view.record.notes]
     return Outcome(
         command="show",
         method="",
-        parameters={
-            "recording.samples": Parameter(value=len(record.time_s), unit="1"),
-            "recording.duration_s": Parameter(value=float(record.time_s[-1]), unit="s"),
-            "recording.median_interval_s": Parameter(value=float(np.median(interval)), unit="s"),
-            "recording.longest_interval_s": Parameter(value=float(interval.max()), unit="s"),
-            "recording.range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad"),
-        },
+        parameters=_parameters(views),
         quality={},
-        warnings=record.notes,
-        sources=(record.source,),
+        warnings=(*dict.fromkeys(notes), *faults),  # what is said of a run is said once, however many devices it has
+        sources=tuple(view.record.source for view in views),
         drawings=drawings if draws else None,
-        beside=record.path.parent,
+        beside=views[0].record.path.parent,
     )
 
 
-def _plot_in_terminal(record: "AngleRecord") -> None:
-    import numpy as np
+def _parameters(views: "Sequence[View]") -> "dict[str, Parameter]":
+    """Return what is known as `recording.*`, or of several devices as `recording.<device>.*`."""
+    return {
+        ".".join(["recording", *([view.device] if len(views) > 1 else []), name]): parameter
+        for view in views
+        for name, parameter in view.parameters.items()
+    }
+
+
+def _plot_in_terminal(view: View) -> None:
     import plotext
 
-    chosen = np.linspace(0, len(record.time_s) - 1, min(_TERMINAL_POINTS, len(record.time_s))).astype(int)
-    plotext.plot(record.time_s[chosen].tolist(), np.degrees(record.angle_rad[chosen]).tolist(), marker="braille")
-    plotext.title(record.name)
+    plotext.clear_figure()
+    plotext.plot(view.curve.time_s.tolist(), view.curve.value.tolist(), marker="braille")
+    plotext.title(view.record.name)
     plotext.xlabel("time, s")
-    plotext.ylabel("angle, degrees")
+    plotext.ylabel(view.curve.name)
     plotext.plotsize(78, 22)
     plotext.theme("clear")
     typer.echo(plotext.uncolorize(plotext.build()))

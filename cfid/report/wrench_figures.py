@@ -140,7 +140,8 @@ def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequen
 def _draw_spectrum(axes: Axes, spectrum: Spectrum) -> None:
     """Draw both axes logarithmic: rotors lie in the lowest tenth of what a fast box resolves."""
     frequency_hz, amplitude_n = spectrum
-    name_panel(axes, "(c) spectrum of Fz", x="frequency (Hz)", y="amplitude (N)")
+    title = f"(c) amplitude spectrum of Fz, Hann windows of {1 / frequency_hz[0]:.2g} s"
+    name_panel(axes, title, x="frequency (Hz)", y="amplitude (N)")
     highest = float(amplitude_n.max())
     if highest <= 0:
         return

@@ -26,13 +26,10 @@ NEWTON_METRES: Mapping[str, float] = {
 
 _TAG = re.compile(r"<([A-Za-z]\w*)>([^<>]*)</\1>")
 _READING = struct.Struct(">HH6h")
-_SCALES = struct.Struct(">HBBII6H")
 _HEADER = 0x1234
 
 READ_FORCES = bytes(20)  # READFT: command 0, all else zero, so that nothing is biased
-READ_SCALES = b"\x01" + bytes(19)  # READCALINFO
 READING_BYTES = _READING.size
-SCALES_BYTES = _SCALES.size
 
 
 class Settings(NamedTuple):

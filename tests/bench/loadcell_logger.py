@@ -1,6 +1,6 @@
-"""`cfid log loadcell` over the simulated wire, against a logger of the thesis' kind: a tuple a packet, pandas at the end.
+"""`cfid log loadcell` over the simulated wire, against a logger of the thesis' kind.
 
-Processor time and resident memory are those of the logger's process from second 10 to the end. Then what the
+That one makes a tuple of each packet, and a table of all at the end. Processor time and resident memory are those of the logger's process from second 10 to the end. Then what the
 logger loses when it is stopped for half a second in each, and at ten times the rate of the box.
 """
 

@@ -9,7 +9,7 @@ import pytest
 
 from cfid.sim.loadcell import SATURATED, LoadCell, LoadCellTruth
 from cfid.sim.netft import Address, NetFTBox
-from cfid.wire.netft import READ_FORCES, READ_SCALES, active_configuration, read_reading, read_settings
+from cfid.wire.netft import READ_FORCES, active_configuration, read_reading, read_settings
 from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request
 
 CLIENT: Address = ("127.0.0.1", 1000)
@@ -215,7 +215,7 @@ def test_resetting_the_latch_leaves_other_errors() -> None:
 
 def test_a_single_reading_times_its_scale_factor_is_the_load() -> None:
     box = _box()
-    header, force, torque, per_n, per_nm, *factors = struct.unpack(">HBBII6H", box.answer(READ_SCALES, 0.0))
+    header, force, torque, per_n, per_nm, *factors = struct.unpack(">HBBII6H", box.answer(b"\x01" + bytes(19), 0.0))
     assert (header, force, torque, per_n, per_nm) == (0x1234, 2, 3, 10**6, 10**6)
     reading = read_reading(box.answer(READ_FORCES, 0.0))
     assert reading.status == 0

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cfid.wire.netft import READ_FORCES, READ_SCALES, Reading, encode_reading, read_reading
+from cfid.wire.netft import READ_FORCES, Reading, encode_reading, read_reading
 from cfid.wire.rdt_status import read_status
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
@@ -13,10 +13,6 @@ ANSWER = bytes.fromhex("1234 8001 0001 FFFF 7FFF 8000 0100 FF00")
 
 def test_a_reading_is_asked_for_with_20_zero_bytes() -> None:
     assert bytes.fromhex("00" * 20) == READ_FORCES
-
-
-def test_scales_are_asked_for_with_command_1() -> None:
-    assert bytes.fromhex("01" + "00" * 19) == READ_SCALES
 
 
 def test_an_answer_is_the_upper_half_of_the_status_word_and_six_counts() -> None:

@@ -1,0 +1,137 @@
+"""What `cfid show` has of each device in a recording: numbers for a table, a curve for the terminal, a figure."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from cfid.cli.inputs import Workplace, find_recording, read_recording
+from cfid.cli.options import LoadCellOptions, ReadingOptions
+from cfid.errors import DataError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cfid.parameters import Parameter
+    from cfid.recording import AngleRecord
+    from cfid.table import Array
+    from cfid.wrench import WrenchRecord
+
+_CURVE_POINTS = 400  # more than a terminal has dots from left to right
+
+
+class Curve(NamedTuple):
+    """A value over time (n,), thinned to what a terminal shows, and what its axis is called."""
+
+    time_s: "Array"
+    value: "Array"
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """One device's recording as it is shown."""
+
+    device: str
+    record: "AngleRecord | WrenchRecord"
+    parameters: "Mapping[str, Parameter]"
+    curve: Curve
+    draw: "Callable[[], Figure]"
+
+
+def views_of(
+    word: str, workplace: Workplace, file: ReadingOptions, loadcell: LoadCellOptions
+) -> tuple[list[View], tuple[str, ...]]:
+    """Read a RUN; return a view of every device in it, and why another could not be read.
+
+    A bare file is told by its columns. Raises DataError when nothing can be read.
+    """
+    from cfid.recording import ENCODER
+    from cfid.stamps import run_at
+    from cfid.wrench import LOADCELL, holds_wrench, read_wrench
+
+    path, forces = find_recording(word, workplace), loadcell.reading(file)
+    readers: dict[str, Callable[[], View]] = {
+        ENCODER: lambda: _angle_view(ENCODER, read_recording(word, file.reading(), workplace)),
+        LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
+    }
+    run = run_at(path)
+    if run is None:
+        return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
+    devices = [device for device in readers if device in run.header.devices]
+    return _readable([readers[device] for device in devices or [ENCODER]])
+
+
+def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str, ...]]:
+    """Read what can be read: a device that said nothing does not hide the other."""
+    views: list[View] = []
+    faults: list[DataError] = []
+    for read in readers:
+        try:
+            views.append(read())
+        except DataError as fault:
+            faults.append(fault)
+    if not views:
+        raise faults[0]
+    return views, tuple(str(fault) for fault in faults)
+
+
+def _angle_view(device: str, record: "AngleRecord") -> View:
+    import numpy as np
+
+    from cfid.parameters import Parameter
+
+    def draw() -> "Figure":
+        from cfid.report.recording_figures import recording_figure
+
+        return recording_figure(record, title=record.name)
+
+    chosen = np.linspace(0, len(record.time_s) - 1, min(_CURVE_POINTS, len(record.time_s))).astype(int)
+    return View(
+        device=device,
+        record=record,
+        parameters=_sampling(record.time_s)
+        | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
+        curve=Curve(record.time_s[chosen], np.degrees(record.angle_rad[chosen]), "angle, degrees"),
+        draw=draw,
+    )
+
+
+def _wrench_view(device: str, record: "WrenchRecord") -> View:
+    from cfid.analysis.signals import block_means
+    from cfid.parameters import Parameter
+
+    def draw() -> "Figure":
+        from cfid.report.wrench_figures import wrench_figure
+
+        return wrench_figure(record, title=record.name)
+
+    # Means, as single samples of a vibration would make a curve that was never there.
+    length = -(-len(record.time_s) // _CURVE_POINTS)
+    means = block_means(record.time_s, length=length), block_means(record.force_n[:, 2], length=length)
+    return View(
+        device=device,
+        record=record,
+        parameters=_sampling(record.time_s)
+        | {
+            "mean_n": Parameter(value=record.force_n.mean(axis=0), unit="N"),
+            "std_n": Parameter(value=record.force_n.std(axis=0), unit="N"),
+            "mean_nm": Parameter(value=record.torque_nm.mean(axis=0), unit="N m"),
+            "std_nm": Parameter(value=record.torque_nm.std(axis=0), unit="N m"),
+        },
+        curve=Curve(*means, "Fz, N"),
+        draw=draw,
+    )
+
+
+def _sampling(time_s: "Array") -> "dict[str, Parameter]":
+    import numpy as np
+
+    from cfid.parameters import Parameter
+
+    interval = np.diff(time_s)
+    return {
+        "samples": Parameter(value=len(time_s), unit="1"),
+        "duration_s": Parameter(value=float(time_s[-1]), unit="s"),
+        "median_interval_s": Parameter(value=float(np.median(interval)), unit="s"),
+        "longest_interval_s": Parameter(value=float(interval.max()), unit="s"),
+    }
