@@ -1,7 +1,7 @@
 """The line on the terminal while a run is recorded, and the sentences that come in between."""
 
+import contextlib
 import os
-import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -19,11 +19,14 @@ _BARS = "▁▂▃▄▅▆▇█"
 
 
 class LiveLine:
-    """One line on stderr that is written over and over; silent where stderr is no terminal."""
+    """One line on stderr that is written over and over; silent where stderr is no terminal.
+
+    A terminal that was closed costs its line, never the recording.
+    """
 
     def __init__(self) -> None:
         """Start with an empty line."""
-        self._shown = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+        self._shown = sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
         self._next_s = 0.0
         self._length = 0
 
@@ -39,7 +42,8 @@ class LiveLine:
     def say(self, text: str) -> None:
         """Say a sentence above the line."""
         self._write("")
-        note(text)
+        with contextlib.suppress(OSError):
+            note(text)
 
     def end(self) -> None:
         """Clear the line."""
@@ -48,11 +52,12 @@ class LiveLine:
     def _write(self, text: str) -> None:
         if not self._shown:
             return
-        text = text[: shutil.get_terminal_size().columns - 1]
-        typer.echo("\r" + text.ljust(self._length), nl=False, err=True)
-        self._length = len(text)
-        if not text:
-            typer.echo("\r", nl=False, err=True)
+        with contextlib.suppress(OSError):
+            text = text[: max(os.get_terminal_size(sys.stderr.fileno()).columns - 1, 0)]
+            typer.echo("\r" + text.ljust(self._length), nl=False, err=True)
+            self._length = len(text)
+            if not text:
+                typer.echo("\r", nl=False, err=True)
 
 
 def sparkline(values: Sequence[float]) -> str:

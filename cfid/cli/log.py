@@ -10,7 +10,7 @@ import typer
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.speech import note
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.campaign import Campaign, Devices
@@ -184,7 +184,8 @@ def _summarise(run: "Run", options: LogOptions) -> None:
     if run.header.reason:
         typer.echo(run.header.reason)
     for path in figures:
-        typer.echo(f"figure: {path}", err=True)
+        if path.suffix == ".png":
+            typer.echo(f"figure: {path} (and .svg)", err=True)
 
 
 def _summary(run: "Run") -> dict[str, Any]:
@@ -192,6 +193,7 @@ def _summary(run: "Run") -> dict[str, Any]:
     for name, record in run.header.devices.items():
         extra = record.model_extra or {}
         kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
+        kinds.pop("lost", None)  # stands before them
         told = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in kinds.items() if count)
         devices[name] = {
             "rows": record.rows,
@@ -204,7 +206,16 @@ def _summary(run: "Run") -> dict[str, Any]:
 
 
 def _draw(run: "Run") -> list[Path]:
-    """Draw what `cfid show` would, beside the run's files."""
-    from cfid.cli.show import figures_of
+    """Draw what `cfid show` draws, beside the run's files; too few rows for a figure are said, not an error."""
+    from cfid.cli.inputs import open_workplace
+    from cfid.cli.options import LoadCellOptions, ReadingOptions, RigOptions
+    from cfid.cli.views import views_of
+    from cfid.report.save import save_figure
 
-    return figures_of(run.folder)
+    try:
+        workplace = open_workplace(RigOptions(campaign=run.folder.parent.parent))
+        views, _ = views_of(str(run.folder), workplace, ReadingOptions(), LoadCellOptions())
+    except DataError as error:
+        note(f"no figure: {error}")
+        return []
+    return [path for view in views for path in save_figure(view.draw(), run.folder / f"{view.device}_recording")]

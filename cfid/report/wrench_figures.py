@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.signal import find_peaks, welch
 
 from cfid.analysis.signals import block_means, resample
-from cfid.report.style import DOUBT, INK, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
+from cfid.report.style import DOUBT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
 from cfid.report.wording import plus_minus
 from cfid.wrench import AXES, WrenchRecord
 
@@ -115,7 +115,7 @@ def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
 
     The box samples evenly: where a computer stamped what arrived, the samples' order tells time better than that.
     """
-    step_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # no single late stamp bends a line
     if _is_even(np.diff(time_s)):
         _, value = resample(time_s, value, step_s=step_s)
     return value, 1 / step_s
@@ -124,13 +124,14 @@ def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
 def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequence[str], title: str, y: str) -> None:
     """Draw three axes (n, 3) pale as they came, and above them their means, which vibration does not hide."""
     time, intervals = record.time_s, np.diff(record.time_s)
-    mean_s = max(_MEAN_S, time[-1] / _MOST_MEANS)
-    length = min(len(time), max(1, round(mean_s * len(intervals) / time[-1])))
-    name_panel(axes, f"{title}: as they came (pale), and means over {1e3 * mean_s:.0f} ms", x=_TIME, y=y)
+    interval_s = _usual_s(intervals) if _is_even(intervals) else float(intervals.mean())
+    length = min(len(time), max(1, round(_MEAN_S / interval_s), len(time) // _MOST_MEANS))
+    name_panel(axes, f"{title}: as they came (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
     pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=DOUBT, alpha=0.25, lw=0.8)
     for column, colour in zip(values.T, SERIES, strict=False):
-        draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5)
+        # A band of thousands of strokes: as pixels it makes an SVG of a third the size.
+        draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5, rasterized=True)
     for column, colour, name in zip(values.T, SERIES, names, strict=False):
         means = block_means(time, length=length), block_means(column, length=length)
         axes.plot(*means, color=colour, lw=1.2, label=name)
@@ -156,17 +157,9 @@ def _draw_spectrum(axes: Axes, spectrum: Spectrum) -> None:
 
 
 def _label_line(axes: Axes, frequency_hz: float, amplitude_n: float, place: float) -> None:
-    axes.annotate(
-        f"{frequency_hz:.0f} Hz",
-        (frequency_hz, amplitude_n),
-        xytext=(place, 0.98),
-        textcoords="axes fraction",
-        ha="center",
-        va="top",
-        size=8.5,
-        color=INK,
-        arrowprops={"arrowstyle": "-", "color": MUTED, "lw": 0.6, "relpos": (0.5, 0), "shrinkA": 1, "shrinkB": 2},
-    )
+    leader = {"arrowstyle": "-", "color": MUTED, "lw": 0.6, "shrinkA": 0, "shrinkB": 2}
+    axes.annotate("", (frequency_hz, amplitude_n), xytext=(place, 0.9), textcoords="axes fraction", arrowprops=leader)
+    axes.text(place, 0.98, f"{frequency_hz:.0f} Hz", transform=axes.transAxes, ha="center", va="top", size=8.5)
 
 
 def _spread(wanted: Array) -> Array:

@@ -12,6 +12,23 @@ _LONGEST_PAGE = 1 << 18
 _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
 
 
+def resolved(box: LoadCellBox) -> LoadCellBox:
+    """Return the box with its address as a number, from which its datagrams come whatever name leads to it.
+
+    Raises DeviceError when there is no such address.
+    """
+    try:
+        number = socket.gethostbyname(box.address) if box.address else ""
+    except (OSError, UnicodeError):  # UnicodeError: what cannot be a name at all
+        number = ""
+    if not number:
+        raise DeviceError(
+            f"'{box.address}' is no address in this network: set devices.loadcell.address in rig.toml to the box' own, "
+            f"{netft.DEFAULT_ADDRESS} as it is delivered."
+        )
+    return box.model_copy(update={"address": number})
+
+
 def read_settings(box: LoadCellBox) -> netft.Settings:
     """Return the box' active configuration.
 

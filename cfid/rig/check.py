@@ -9,7 +9,7 @@ import numpy as np
 from cfid.campaign import EncoderPort, LoadCellBox
 from cfid.errors import DeviceError
 from cfid.rig import box as loadcell_box
-from cfid.rig.e201_port import find_encoder, word_bits
+from cfid.rig.e201_port import find_encoder, lock_name, ports_to_ask, word_bits
 from cfid.rig.lock import DeviceLock, holder_of
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, enlarge
 from cfid.wire import rdt
@@ -35,7 +35,13 @@ class Finding(NamedTuple):
 
 
 def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list[Finding]:
-    """Ask the encoder's interface who it is, and for its word's width and a position."""
+    """Ask the encoder's interface who it is, and for its word's width and a position.
+
+    One that a log of ours holds is left alone: its replies would go to either of the two.
+    """
+    for port in ports_to_ask(setting.port):
+        if holder := holder_of(lock_name(port)):
+            return [Finding("port", "ok", f"{port} is held by {holder}", "not asked: it would take replies from there")]
     try:
         found = find_encoder(setting.port, counts_per_turn=counts_per_turn, configure=False)
     except DeviceError as error:
@@ -59,6 +65,10 @@ def check_loadcell(setting: LoadCellBox) -> list[Finding]:
     While a log of ours holds it, UDP is left alone: the box answers one client only, and a second one takes
     the stream from the first.
     """
+    try:
+        setting = loadcell_box.resolved(setting)
+    except DeviceError as error:
+        return [Finding("address", "fault", str(error))]
     settings, over_http = _http(setting)
     over_tcp = _tcp(setting, settings)
     where = f"{setting.address}:{setting.rdt_port}"

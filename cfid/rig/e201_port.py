@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -21,6 +22,14 @@ _BAUD = 115200  # of no meaning on USB
 _WIDEST_WORD = 32
 
 
+if sys.platform == "win32":
+    PORT_ERRORS: tuple[type[Exception], ...] = (OSError,)
+else:
+    import termios
+
+    PORT_ERRORS = (OSError, termios.error)  # pyserial's own error is an OSError; a plug pulled while it opens is not
+
+
 class Found(NamedTuple):
     """An encoder interface: its port, what it says it is, its word's width, a position, and whether it is stamped."""
 
@@ -38,7 +47,7 @@ def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str 
     With a `serial_number` only that one will do; without `configure` nothing is set. Raises DeviceError that
     says what every candidate answered.
     """
-    candidates = [port] if port else list(_candidates(list_ports.comports()))
+    candidates = ports_to_ask(port)
     if not candidates:
         raise DeviceError(
             "no encoder interface is plugged in: no serial port calls itself an E201, nor has its maker's number. "
@@ -55,6 +64,11 @@ def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str 
             return found
         reasons.append(f"{candidate}: is the encoder {found.serial_number}, not {serial_number}.")
     raise DeviceError(" ".join(reasons))
+
+
+def ports_to_ask(port: str) -> list[str]:
+    """Return the port itself, or those that may be an E201's when none is named."""
+    return [port] if port else list(_candidates(list_ports.comports()))
 
 
 def _candidates(ports: Iterable[ListPortInfo]) -> Iterator[str]:
@@ -119,10 +133,8 @@ def _opened(port: str) -> Iterator[serial.Serial]:
     try:
         with serial.Serial(port, _BAUD, timeout=_DRAIN_S, write_timeout=_ANSWER_S, exclusive=True) as line:
             yield line
-    except FileNotFoundError as error:
-        raise DeviceError(f"{port}: no such port. `cfid rig check` lists what is there. ({error.strerror})") from None
-    except (serial.SerialException, OSError) as error:
-        raise DeviceError(f"{port}: {_reason(error)}") from None
+    except PORT_ERRORS as error:
+        raise DeviceError(f"{port}: {why_not_open(error)}") from None
 
 
 def _query(line: serial.Serial, command: bytes, *, wanted: bool = True) -> bytes:
@@ -143,13 +155,17 @@ def _text(reply: bytes) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in reply.decode("ascii", "replace"))[:60]
 
 
-def _reason(error: Exception) -> str:
+def why_not_open(error: Exception) -> str:
+    """Say why a port cannot be opened, and what to do."""
     number = getattr(error, "errno", None)
     text = str(error)
     if number == 13 or "Permission" in text:
         return "this user may not open it: join the group that owns it (dialout on most systems), and log in again."
     if number == 2 or "No such file" in text:
-        return "no such port. `cfid rig check` lists what is there."
+        there = ", ".join(info.device for info in list_ports.comports())
+        return f"no such port. There are: {there or 'none'}."
     if number in (11, 16) or "exclusively lock" in text or "busy" in text:
         return "another program has it open: close that first."
+    if number in (21, 25) or "Inappropriate ioctl" in text:
+        return "this is no serial port."
     return f"{text}."

@@ -265,7 +265,7 @@ class Encoder:
         if self._stopped:
             return
         asked = deferToThreadPool(self._loop, self._loop.getThreadPool(), self._find)
-        asked.addCallbacks(self._back, self._not_yet)
+        asked.addCallback(self._back).addErrback(self._not_yet)  # it may be gone again before it is opened
 
     def _not_yet(self, failure: Failure) -> None:
         failure.trap(DeviceError)
@@ -275,13 +275,13 @@ class Encoder:
         if self._stopped or self._gone_s is None:
             return
         now_s, self._found = self._loop.seconds(), found
+        self._rejected_before, self._errors_before = self._unread(), self._errors_before + self._reader.errors
+        self._reader = self._new_reader()
+        self._attach()
         begin_s, end_s = self._clock.unix_s(np.array([self._gone_s, now_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": end_s, "reason": "unplugged"})
         self._say(f"{found.port}: the encoder is back after {end_s - begin_s:.1f} s")
         self._gone_s, self._heard_s = None, now_s
-        self._rejected_before, self._errors_before = self._unread(), self._errors_before + self._reader.errors
-        self._reader = self._new_reader()
-        self._attach()
 
     def _new_reader(self) -> e201.PositionReader:
         return e201.PositionReader(word_bits=self._found.word_bits, stamped=None if self._continuous else self._stamped)

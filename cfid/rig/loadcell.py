@@ -126,10 +126,20 @@ class LoadCell:
         )
 
     async def stop(self) -> None:
-        """Ask the box to stop until it is quiet; a box that cannot be reached is said, not waited for."""
+        """Ask the box to stop until it is quiet; one that does not stop is said.
+
+        Raises DeviceError when the box had fallen silent already: the recording has no end then.
+        """
         if not self._streaming:
             return
         self._streaming = False
+        self._port.drain()
+        silent_s = 0.0 if self._inbox.ends else self._loop.seconds() - self._heard_s
+        await self._quieten()
+        if self._last_ft is not None and silent_s > self._silent_s:
+            raise DeviceError(self._silence(silent_s))
+
+    async def _quieten(self) -> None:
         for _ in range(_STOPS):
             self._port.send(rdt.encode_request(rdt.Request(rdt.Command.STOP)))
             await sleep(self._loop, _QUIET_S)

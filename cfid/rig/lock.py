@@ -57,7 +57,7 @@ class DeviceLock:
 
 
 def holder_of(device: str) -> str:
-    """Return who holds a device, empty if nobody does."""
+    """Return who else holds a device, empty if nobody does."""
     if sys.platform == "win32":
         return ""
     import fcntl
@@ -66,7 +66,8 @@ def holder_of(device: str) -> str:
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
-        return _said(handle)
+        said = _said(handle)
+        return "" if said.startswith(f"process {os.getpid()} ") else said
     finally:
         os.close(handle)
     return ""
@@ -80,11 +81,20 @@ def _open(device: str) -> int:
         with contextlib.suppress(FileExistsError):
             folder.mkdir()
             folder.chmod(0o1777)
-        handle = os.open(folder / name, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        with contextlib.suppress(OSError):  # another user's file has these rights already
-            os.fchmod(handle, 0o666)
+        handle = _opened(folder / name)
     except OSError as error:
         raise DeviceError(f"{folder / name}: the device's lock cannot be opened: {error.strerror}.") from None
+    return handle
+
+
+def _opened(path: Path) -> int:
+    flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)
+    try:
+        return os.open(path, flags)  # Linux refuses to create what is there in a shared folder and another user's
+    except FileNotFoundError:
+        handle = os.open(path, flags | os.O_CREAT, 0o666)
+    with contextlib.suppress(OSError):  # another user made it just now
+        os.fchmod(handle, 0o666)
     return handle
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from cfid import __version__
 from cfid.campaign import EncoderPort, LoadCellBox
+from cfid.errors import DeviceError
 from cfid.rig import box as loadcell_box
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_port import find_encoder, lock_name
@@ -81,6 +82,7 @@ def ready_encoder(
 
 def ready_loadcell(setting: LoadCellBox, held: ExitStack, *, buffered: bool, bias: bool, say: Say) -> Device:
     """Hold the load cell, set its rate, read its settings, and say how it is recorded. Raises DeviceError."""
+    setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where, holder="cfid log"))
     settings = loadcell_box.set_rate(setting, buffered=buffered)
@@ -150,5 +152,11 @@ async def _recorded(
         await recorder.record(ending, for_s=plan.for_s)
         if ending.signal and not any(run.rows(instrument.name) for instrument in instruments):
             raise KeyboardInterrupt
+        for instrument in instruments:
+            if not run.rows(instrument.name):
+                raise DeviceError(
+                    f"{instrument.name}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` asks it what is "
+                    "wrong."
+                )
         early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal and plan.for_s else ""
         return run.close("complete", reason=early)

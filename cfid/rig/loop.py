@@ -73,7 +73,7 @@ def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) 
 
     def done(result: Result | Failure) -> None:
         outcome.append(result)
-        loop.stop()
+        loop.callLater(0, loop.stop)  # one turn later: ports that were told to close do it in their next one
 
     def begin() -> None:
         Deferred.fromCoroutine(main(loop, ending)).addBoth(done)

@@ -66,7 +66,8 @@ class RdtPort(Port):
         self._box = box
         self._inbox = inbox
         self._stamped = False
-        self._unix_less_monotonic_s = time.time() - time.monotonic()
+        self._looked_s = time.monotonic()
+        self._unix_less_monotonic_s = time.time() - self._looked_s
 
     def createInternetSocket(self) -> socket.socket:  # noqa: N802 - Twisted's name
         """Make the socket with its options."""
@@ -96,13 +97,14 @@ class RdtPort(Port):
         if self.socket is None:
             return
         now_s = time.monotonic()
+        looked_s, self._looked_s = self._looked_s, now_s
         before_s, self._unix_less_monotonic_s = self._unix_less_monotonic_s, time.time() - now_s
         clock_was_set = abs(self._unix_less_monotonic_s - before_s) > _CLOCK_STEP_S
         try:
             while True:
                 if self._stamped:
                     data, ancillary, _, source = self.socket.recvmsg(_LONGEST_DATAGRAM, 64)
-                    arrival_s = now_s if clock_was_set else self._stamp(ancillary, now_s)
+                    arrival_s = now_s if clock_was_set else self._stamp(ancillary, looked_s, now_s)
                 else:
                     data, source = self.socket.recvfrom(_LONGEST_DATAGRAM)
                     arrival_s = now_s
@@ -116,8 +118,11 @@ class RdtPort(Port):
         if self.connected:
             self.startReading()
 
-    def _stamp(self, ancillary: list[tuple[int, int, bytes]], now_s: float) -> float:
-        """Return when the system took a datagram, on the monotonic clock; it stamps with the wall clock."""
+    def _stamp(self, ancillary: list[tuple[int, int, bytes]], looked_s: float, now_s: float) -> float:
+        """Return when the system took a datagram, on the monotonic clock; it stamps with the wall clock.
+
+        It came after the last look, which would have taken it else: a stamp that says otherwise is not believed.
+        """
         arrival_s = now_s
         for _, kind, value in ancillary:
             if kind == _SO_TIMESTAMPNS:
@@ -125,7 +130,7 @@ class RdtPort(Port):
                 arrival_s = seconds + 1e-9 * nanoseconds - self._unix_less_monotonic_s
             elif kind == _SO_RXQ_OVFL:
                 (self._inbox.overflowed,) = _OVERFLOW.unpack(value)
-        return arrival_s if arrival_s < now_s + _PAUSE_S else now_s
+        return arrival_s if looked_s - _CLOCK_STEP_S < arrival_s < now_s + _PAUSE_S else now_s
 
 
 def enlarge(made: socket.socket) -> int:

@@ -1,7 +1,8 @@
 """Records several instruments into one run: rows every 50 ms, on the disk itself every second; knows no device."""
 
+import contextlib
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from twisted.internet.defer import Deferred
 from twisted.internet.task import deferLater
 from twisted.internet.threads import deferToThreadPool
 
-from cfid.errors import CfidError, DeviceError
+from cfid.errors import DeviceError
 from cfid.rig.loop import Ending
 from cfid.run import RunWriter
 
@@ -110,20 +111,22 @@ class Recorder:
     async def record(self, ending: Ending, *, for_s: float | None) -> None:
         """Record until the end is asked for, the time is over or something fails; then stop every device.
 
-        What a device sent before it stopped is written in each case. Raises DeviceError or DataError with
-        the first failure.
+        What a device sent before it stopped is written in each case. Raises the first failure: DeviceError or
+        DataError, but for a fault of this program.
         """
         self.began_s = self._loop.seconds()
         ending.within(for_s).addCallback(self._finish)
+        failed: list[Exception] = []
         try:
             for instrument in self._instruments:
                 instrument.start()
             self._write_blocks(0)
             await self._done
-        finally:
-            if self._next_block is not None and self._next_block.active():
-                self._next_block.cancel()
-            await self._stop()
+        except Exception as error:
+            failed.append(error)
+        failed += await self._stop()
+        if failed:
+            raise failed[0]
 
     def _finish(self, _: object) -> None:
         if not self._done.called:
@@ -169,24 +172,29 @@ class Recorder:
 
         deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync).addBoth(synced)
 
-    async def _stop(self) -> None:
-        """Stop every device, whatever the others do, and write what they still had."""
-        failed: list[CfidError] = []
+    async def _stop(self) -> list[Exception]:
+        """Stop every device, whatever the others do, and write what they still had; return what failed."""
+        if self._next_block is not None and self._next_block.active():
+            self._next_block.cancel()
+        failed: list[Exception] = []
         for instrument in self._instruments:
-            try:
+            with _noted(failed):
                 await instrument.stop()
+            with _noted(failed):
                 self._write(instrument)
-            except (CfidError, ValueError) as error:  # ValueError: the run takes no rows after a full disk
-                failed += [error] if isinstance(error, CfidError) else []
-            finally:
+            with _noted(failed):
                 instrument.close()
+            with _noted(failed):
                 self._run.describe(instrument.name, instrument.facts())
-        if failed and self._done.called and not _failed(self._done):
-            raise failed[0]
+        return failed
 
 
-def _failed(deferred: "Deferred[None]") -> bool:
-    return deferred.result is not None
+@contextlib.contextmanager
+def _noted(failed: list[Exception]) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        failed.append(error)
 
 
 def sleep(loop: Any, seconds: float) -> "Deferred[None]":

@@ -6,6 +6,8 @@ from twisted.internet.protocol import Protocol
 from twisted.internet.serialport import SerialPort
 from twisted.python.failure import Failure
 
+from cfid.errors import DeviceError
+from cfid.rig.e201_port import PORT_ERRORS, why_not_open
 from cfid.rig.encoder import Line, OpenLine, Receiver
 
 
@@ -37,9 +39,12 @@ class SerialLine:
 
 
 def serial_lines(loop: Any) -> OpenLine:
-    """Return what opens serial ports in a loop."""
+    """Return what opens serial ports in a loop; it raises DeviceError."""
 
     def opened(port: str, receiver: Receiver) -> Line:
-        return SerialLine(port, receiver, loop=loop)
+        try:
+            return SerialLine(port, receiver, loop=loop)
+        except PORT_ERRORS as error:
+            raise DeviceError(f"{port}: {why_not_open(error)}") from None
 
     return opened

@@ -31,7 +31,10 @@ def devices_in(folder: Path, rig: Rig) -> tuple[Devices, bool]:
     path = folder / SIM_FILE
     if not _is_held(path):
         return rig.devices, False
-    content = read_toml(path, ConfigError)
+    try:
+        content = read_toml(path, ConfigError)
+    except FileNotFoundError:  # it ended just now
+        return rig.devices, False
     try:
         return _SimFile.model_validate(content).devices, True
     except ValidationError as error:

@@ -38,16 +38,27 @@ ANY_FREE = Ports(0, 0, 0)
 
 
 class NetFTServer:
-    """A box on three ports of one address; port 0 takes a free one."""
+    """A box on three ports of one address; port 0 takes a free one.
+
+    It looks every `sending_every_s` what is due: a real box sends each record on its own, which costs much more
+    on both sides and looks the same in the records.
+    """
 
     def __init__(
-        self, box: FaultyNetFT, *, reactor: PosixReactorBase, address: str = LOOPBACK, ports: Ports = ANY_FREE
+        self,
+        box: FaultyNetFT,
+        *,
+        reactor: PosixReactorBase,
+        address: str = LOOPBACK,
+        ports: Ports = ANY_FREE,
+        sending_every_s: float = SENDING_EVERY_S,
     ) -> None:
         """Open nothing yet."""
         self._box = box
         self._reactor = reactor
         self._address = address
         self._wanted = ports
+        self._every_s = sending_every_s
         self._open: list[UdpPort | TcpPort] = []
         self._socket: socket.socket | None = None
         self._timer: DelayedCall | None = None
@@ -78,9 +89,9 @@ class NetFTServer:
             self._wait()
 
     def _wait(self) -> None:
-        """Wake up at the next multiple of SENDING_EVERY_S, so that being late once delays nothing after."""
+        """Wake up at the next place of the grid, so that being late once delays nothing after."""
         now_s = self._reactor.seconds()
-        next_s = (math.floor(now_s / SENDING_EVERY_S) + 1) * SENDING_EVERY_S
+        next_s = (math.floor(now_s / self._every_s) + 1) * self._every_s
         self._timer = self._reactor.callLater(next_s - now_s, self._send)
 
     def _send(self) -> None:

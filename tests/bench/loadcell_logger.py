@@ -1,7 +1,9 @@
 """`cfid log loadcell` over the simulated wire, against a logger of the thesis' kind.
 
-That one makes a tuple of each packet, and a table of all at the end. Processor time and resident memory are those of the logger's process from second 10 to the end. Then what the
-logger loses when it is stopped for half a second in each, and at ten times the rate of the box.
+That one makes a tuple of each packet, and a table of all at the end. The box sends each record on its own, as a
+real one does, so that every datagram can wake up its receiver. Processor time and resident memory are those of
+the logger's process from second 10 to the end. Then what the logger loses when it is stopped for half of every
+second, and at ten times the rate of the box.
 """
 
 import os
@@ -11,13 +13,12 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from twisted.internet.protocol import DatagramProtocol
 
 from cfid.campaign import Devices, load_rig, new_rig_text
 from cfid.rig.loop import Ending, Loop, run_until_done
@@ -51,16 +52,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "rig.toml").write_text(new_rig_text())
-        with serving(folder, *CFID, "rig", "sim", "--spin", "28000,0,28000,0"):
-            peer = measured(folder, sys.executable, __file__, "peer", str(rdt_port(folder)), str(folder / "peer.csv"))
+        with serving(folder, internal_hz=7000):
+            peer = measured(folder, sys.executable, "-c", PEER, str(rdt_port(folder)), str(folder / "peer.csv"))
             told("thesis-style logger, 7 kHz real-time", peer)
             for mode, words, goal in (("buffered", (), 3), ("real-time", ("--real-time",), 12)):
                 cost = measured(folder, *CFID, "log", "loadcell", "--for", f"{SECONDS:g}", *words)
                 told(f"cfid log loadcell, 7 kHz {mode}", cost)
-                print(f"  {lost(folder)}; core: goal at most {goal} %; memory: goal at most 5 MB")
+                print(f"  {lost(folder)}; core: goal at most {goal} %; memory: goal at most 5 MB more")
                 print(f"  ratio to the peer: core {cost.core_percent / peer.core_percent:.2f}")
             stall(folder)
-        with serving(folder, sys.executable, __file__, "serve", str(folder)):
+        with serving(folder, internal_hz=FAST_HZ):
             cost = measured(folder, *CFID, "log", "loadcell", "--for", f"{SECONDS:g}", "--rate-hz", str(FAST_HZ))
             told("cfid log loadcell, 70 kHz buffered", cost)
             print(f"  {lost(folder)}; goal none")
@@ -81,12 +82,15 @@ def stall(folder: Path) -> None:
 
 
 @contextmanager
-def serving(folder: Path, *words: str) -> Iterator[None]:
-    with subprocess.Popen(words, cwd=folder, stderr=subprocess.DEVNULL) as server:
-        while not (folder / SIM_FILE).exists():
-            time.sleep(0.1)
-        yield
-        server.send_signal(signal.SIGINT)
+def serving(folder: Path, *, internal_hz: int) -> Iterator[None]:
+    words = (sys.executable, __file__, "serve", str(folder), str(internal_hz))
+    with subprocess.Popen(words, cwd=folder) as server:
+        try:
+            while not (folder / SIM_FILE).exists():
+                time.sleep(0.1)
+            yield
+        finally:
+            server.send_signal(signal.SIGINT)
 
 
 def measured(folder: Path, *words: str) -> Cost:
@@ -96,7 +100,7 @@ def measured(folder: Path, *words: str) -> Cost:
         spent_s = SECONDS - WARM_S - 1
         time.sleep(spent_s)
         cost = Cost(100 * (ticks_of(logger.pid) - ticks) / TICKS_PER_S / spent_s, memory, memory_mb(logger.pid))
-        if words[1] == __file__:
+        if PEER in words:
             logger.send_signal(signal.SIGINT)
     return cost
 
@@ -125,45 +129,44 @@ def told(what: str, cost: Cost) -> None:
     print(f"{what}\n  {cost.core_percent:.1f} % of a core, {cost.memory_to_mb:.0f} MB, grown by {cost.grown_mb:.1f} MB")
 
 
-def peer(port: int, path: str) -> None:
-    """Log as the thesis did: one record a datagram, unpacked one by one into a list that grows."""
-    import struct
+PEER = """
+import struct, sys, time
+import pandas as pd
+from twisted.internet import reactor
+from twisted.internet.protocol import DatagramProtocol
 
-    import pandas as pd
-    from twisted.internet import reactor
+rows = []
 
-    rows = []
+class Logger(DatagramProtocol):
+    def startProtocol(self):
+        self.transport.connect("127.0.0.1", int(sys.argv[1]))
+        self.transport.write(struct.pack(">HHI", 0x1234, 2, 0))
 
-    class Logger(DatagramProtocol):
-        def startProtocol(self) -> None:  # noqa: N802
-            assert self.transport is not None
-            self.transport.connect("127.0.0.1", port)
-            self.transport.write(struct.pack(">HHI", 0x1234, 2, 0))
+    def datagramReceived(self, datagram, source):
+        now = time.time()
+        _, _, _, *counts = struct.unpack(">IIIiiiiii", datagram)
+        rows.append((now, *counts))
 
-        def datagramReceived(self, datagram: bytes, addr: object) -> None:  # noqa: N802
-            now = time.time()
-            _, _, _, *counts = struct.unpack(">IIIiiiiii", datagram)
-            rows.append((now, *counts))
-
-    reactor.listenUDP(0, Logger())  # type: ignore[attr-defined]
-    reactor.run()  # type: ignore[attr-defined]
-    pd.DataFrame(rows, columns=["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]).to_csv(path, index=False)
+reactor.listenUDP(0, Logger())
+reactor.run()
+pd.DataFrame(rows, columns=["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]).to_csv(sys.argv[2], index=False)
+print(len(rows))
+"""
 
 
-def serve(folder: Path) -> None:
-    """Serve a box that samples ten times as fast as any real one."""
+def serve(folder: Path, internal_hz: int) -> None:
+    """Serve a box that sends as often as it samples; a real one samples at 7 kHz."""
 
     async def served(loop: Loop, ending: Ending) -> None:
-        cell = LoadCell(LoadCellTruth(), np.random.default_rng(1))
         box = NetFTBox(
-            load_cell=cell,
+            load_cell=LoadCell(LoadCellTruth(), np.random.default_rng(1)),
             plant=lambda time_s: np.zeros((len(time_s), 6)),
             powered_s=loop.seconds(),
-            internal_hz=FAST_HZ,
-            rate_hz=FAST_HZ,
+            internal_hz=internal_hz,
+            rate_hz=internal_hz,
         )
         faulty = FaultyNetFT(box, SOUND_LOADCELL, opened_s=loop.seconds(), rng=np.random.default_rng(1))
-        ports = NetFTServer(faulty, reactor=loop).open()
+        ports = NetFTServer(faulty, reactor=loop, sending_every_s=1 / 7000).open()
         setting = load_rig(folder / "rig.toml").devices.loadcell.model_copy(
             update={"address": "127.0.0.1", "rdt_port": ports.rdt, "http_port": ports.http, "tcp_port": ports.tcp}
         )
@@ -174,10 +177,7 @@ def serve(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    arguments: Sequence[str] = sys.argv[1:]
-    if arguments[:1] == ["peer"]:
-        peer(int(arguments[1]), arguments[2])
-    elif arguments[:1] == ["serve"]:
-        serve(Path(arguments[1]))
+    if sys.argv[1:2] == ["serve"]:
+        serve(Path(sys.argv[2]), int(sys.argv[3]))
     else:
         main()

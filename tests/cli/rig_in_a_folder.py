@@ -1,0 +1,242 @@
+"""A campaign whose rig is simulated inside the test, on real wires, and `cfid` run on it as an operator does.
+
+The faults of the two devices are set while a log runs, so that no test depends on how quickly a program starts.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from twisted.internet.posixbase import PosixReactorBase
+from twisted.internet.threads import blockingCallFromThread
+
+from cfid.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
+from cfid.rig.loop import Loop
+from cfid.rig.sim_file import SIM_FILE
+from cfid.run import Run, read_run
+from cfid.sim.e201 import E201Device
+from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
+from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.netft import NetFTBox
+from cfid.sim.netft_faults import FaultyNetFT
+from cfid.sim.netft_server import LOOPBACK, NetFTServer, Ports
+from cfid.sim.pty import PtyPort
+
+LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
+ENCODER_HZ = 100
+LONGEST_S = 30.0  # that anything may take, on a busy computer
+
+_SENTENCE = re.compile(r"(note|cfid|recording into|Usage|Try|figure)\b")
+
+Act = TypeVar("Act")
+Array = npt.NDArray[np.float64]
+
+
+class Said(NamedTuple):
+    """What a command said in the end."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Command:
+    """A running `cfid`."""
+
+    def __init__(self, words: tuple[object, ...], *, lab: "Lab", **options: Any) -> None:
+        self._lab = lab
+        self._files = [lab.folder / f".{name}{len(lab.commands)}" for name in ("out", "err")]
+        command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
+        with self._files[0].open("wb") as out, self._files[1].open("wb") as err:
+            options = {"stdout": out, "stderr": err, **options}
+            self.process = subprocess.Popen(command, cwd=lab.folder, env=lab.environment, **options)
+
+    @property
+    def err(self) -> str:
+        """What it said on stderr so far."""
+        return self._files[1].read_text()
+
+    def wait_until_said(self, text: str) -> None:
+        self.wait_until(lambda: text in self.err, text)
+
+    def wait_until(self, there: Callable[[], object], what: str) -> None:
+        """Wait for something that happens while the command runs."""
+
+        def known() -> bool:
+            assert self.process.poll() is None or there(), f"ended before: {what}\n{self.err}"
+            return bool(there())
+
+        wait_until(known, f"{what}\n{self.err}")
+
+    def wait_for_rows(self, count: int) -> None:
+        """Wait for so many rows more in the file of the run that was begun last."""
+        self.wait_until(lambda: self._lab.rows() is not None, "a run")
+        before = self._lab.rows() or 0
+        self.wait_until(lambda: (self._lab.rows() or 0) >= before + count, f"{count} rows")
+
+    def ask_to_end(self, number: signal.Signals = signal.SIGINT) -> Said:
+        self.process.send_signal(number)
+        return self.end()
+
+    def end(self) -> Said:
+        """Wait for the end; in whatever way it comes, no traceback is shown and the box does not stream."""
+        try:
+            code = self.process.wait(LONGEST_S)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"does not end\n{self.err}") from None
+        out, err = (path.read_text() for path in self._files)
+        assert "Traceback" not in err
+        assert "Unhandled" not in err
+        if code != 2:  # the usage of a command is set in a frame
+            assert all(_SENTENCE.match(line) for line in err.splitlines()), err
+        wait_until(lambda: not self._lab.box.streaming, f"the box goes on streaming\n{err}")
+        return Said(code, out, err)
+
+
+class Lab:
+    """A campaign folder and its rig: a box on three ports, and an encoder on a pseudo terminal."""
+
+    def __init__(self, folder: Path, reactor: PosixReactorBase) -> None:
+        self.folder = folder
+        self.commands: list[Command] = []
+        # Locks of devices and the simulated rig's own folder lie with the test.
+        self.environment = {**os.environ, "TMPDIR": str(folder), "NO_COLOR": "1", "COLUMNS": "100"}
+        self._reactor = reactor
+        now_s = reactor.seconds()
+        cell = LoadCell(LoadCellTruth(), np.random.default_rng(4))
+        netft = NetFTBox(
+            load_cell=cell, plant=_load, rate_hz=LOADCELL_HZ, buffer_size=14, first_ft_sequence=500_000, powered_s=now_s
+        )
+        self.box = FaultyNetFT(netft, SOUND_LOADCELL, opened_s=now_s, rng=np.random.default_rng(5))
+        self._server = NetFTServer(self.box, reactor=reactor)
+        self.e201 = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, powered_s=now_s)
+        self.encoder = FaultyE201(self.e201, SOUND_ENCODER, opened_s=now_s)
+        self.plug = PtyPort(self.encoder, reactor=reactor, folder=folder, name="port")
+        self.ports = self.in_reactor(self._server.open)
+        self.port = self.in_reactor(self.plug.open)
+        self.point_at(self.ports)
+
+    def point_at(self, ports: Ports, *, port: object = None) -> None:
+        """Write rig.toml with the devices at these places."""
+        content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
+        (self.folder / RIG_FILE).write_text(
+            f"{content}\n[devices.encoder]\nport = '{self.port if port is None else port}'\nrate_hz = {ENCODER_HZ}.0\n"
+            f"[devices.loadcell]\naddress = '{LOOPBACK}'\nrate_hz = {LOADCELL_HZ}\n"
+            f"rdt_port = {ports.rdt}\nhttp_port = {ports.http}\ntcp_port = {ports.tcp}\n"
+        )
+
+    def in_reactor(self, act: Callable[[], Act]) -> Any:
+        """Run something beside the devices and return what comes of it."""
+        return blockingCallFromThread(self._reactor, act)  # type: ignore[arg-type]  # twisted hides that it is one
+
+    def start(self, *words: object, **options: Any) -> Command:
+        self.commands.append(Command(words, lab=self, **options))
+        return self.commands[-1]
+
+    def cfid(self, *words: object) -> Said:
+        """Run a command to its end."""
+        return self.start(*words).end()
+
+    def loadcell_suffers(self, **faults: Any) -> None:
+        """From now on; faults that are timed are there at once and until others are set."""
+        self.box.faults = LoadCellFaults(**faults)
+
+    def encoder_suffers(self, **faults: Any) -> None:
+        self.encoder.faults = EncoderFaults(**faults)
+
+    def cut_power(self, for_s: float) -> None:
+        """Restart the box, which counts from zero afterwards."""
+
+        def cut() -> None:
+            now_s = self._reactor.seconds()
+            self.box.box.restart(now_s + for_s)
+            self.loadcell_suffers(restart_after_s=0, restart_for_s=1e9)
+            self._reactor.callLater(for_s, self.loadcell_suffers)
+
+        self.in_reactor(cut)
+
+    def pull_plug(self) -> None:
+        self.in_reactor(self.plug.close)
+
+    def put_plug_back(self) -> None:
+        self.in_reactor(self.plug.open)
+
+    def close(self) -> None:
+        for command in self.commands:
+            if command.process.poll() is None:
+                command.process.kill()
+            command.process.wait()
+        self.pull_plug()
+        self.in_reactor(self._server.close)
+
+    def run_folder(self) -> Path | None:
+        """Return the folder of the run that was begun last."""
+        return max((self.folder / RUNS_FOLDER).glob("*"), key=lambda path: path.stat().st_mtime_ns, default=None)
+
+    def run(self) -> Run:
+        """Return the only run there is."""
+        (folder,) = (self.folder / RUNS_FOLDER).iterdir()
+        return read_run(folder)
+
+    def rows(self) -> int | None:
+        """Return how many rows the last run has by now."""
+        folder = self.run_folder()
+        files = [] if folder is None else list(folder.glob("*.csv"))
+        return max(files[0].read_bytes().count(b"\n") - 1, 0) if files else None
+
+    def facts(self, device: str) -> dict[str, Any]:
+        return dict(self.run().header.devices[device].model_extra or {})
+
+
+def _load(time_s: Array) -> Array:
+    return np.outer(np.sin(time_s), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)).astype(np.float64)
+
+
+@contextmanager
+def lab_in(folder: Path) -> Iterator[Lab]:
+    """Open a rig in a folder, in a loop of its own."""
+    reactor = Loop()
+    thread = threading.Thread(target=reactor.run, kwargs={"installSignalHandlers": False})
+    thread.start()
+    try:
+        lab = Lab(folder, reactor)
+        try:
+            yield lab
+        finally:
+            lab.close()
+    finally:
+        reactor.callFromThread(reactor.stop)
+        thread.join(5)
+    assert not thread.is_alive()
+
+
+def wait_until(there: Callable[[], object], what: str) -> None:
+    end_s = time.monotonic() + LONGEST_S
+    while not there():
+        assert time.monotonic() < end_s, f"waited in vain for {what}"
+        time.sleep(0.02)
+
+
+@contextmanager
+def rig_sim(lab: Lab, *words: object) -> Iterator[Command]:
+    """Run `cfid rig sim` in the campaign for as long as the block takes."""
+    sim = lab.start("rig", "sim", *words)
+    sim.wait_until((lab.folder / SIM_FILE).exists, SIM_FILE)
+    sim.wait_until_said("until this ends")
+    try:
+        yield sim
+    finally:
+        with suppress(ProcessLookupError):
+            sim.process.send_signal(signal.SIGINT)
+        sim.process.wait(LONGEST_S)

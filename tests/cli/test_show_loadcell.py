@@ -1,0 +1,132 @@
+"""`cfid show` of a load cell, of a bare file of either kind, and of a run with both devices."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.run import DeviceRecord, Label, create_run
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+TIMING = ("samples", "duration_s", "median_interval_s", "longest_interval_s")
+WRENCH = ("mean_n", "std_n", "mean_nm", "std_nm")
+EPOCH_S = 1_763_712_345.0
+TIME_S = np.arange(3500) / 7000
+FORCES = np.array([100_000, -200_000, 1_500_000, 1_000, 2_000, -3_000])
+COUNTS = FORCES + np.random.default_rng(1).integers(-500, 501, (len(TIME_S), 6))
+LOADCELL = DeviceRecord.model_validate(
+    {
+        "file": "loadcell.csv",
+        "columns": ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status"),
+        "counts_per_n": 1e6,
+        "counts_per_nm": 1e6,
+    }
+)
+ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
+
+
+def recorded(folder: Path, *, angle: bool = False, forces: bool = True) -> Path:
+    devices = {"loadcell": LOADCELL} | ({"encoder": ENCODER} if angle else {})
+    started = datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC)
+    how: dict[str, Any] = {"started": started, "cfid_version": "0", "simulated": True}
+    with create_run(folder / "runs", kind="loadcell", label=Label(), devices=devices, **how) as writer:
+        if forces:
+            count = np.arange(len(TIME_S))
+            writer.append("loadcell", (EPOCH_S + TIME_S, *COUNTS.T, count + 1, count, 0 * count))
+        if angle:
+            writer.append("encoder", (EPOCH_S + TIME_S[::7], np.arange(len(TIME_S[::7]))))
+    return writer.folder
+
+
+def bare(path: Path, values: np.ndarray[Any, Any] = COUNTS, form: str = "%d") -> Path:
+    rows = np.column_stack([TIME_S, values])
+    np.savetxt(path, rows, fmt=["%.6f"] + [form] * 6, delimiter=",", header="t,Fx,Fy,Fz,Tx,Ty,Tz", comments="")
+    return path
+
+
+def shown(said: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert said.returncode == 0, said.stderr
+    result: dict[str, Any] = json.loads(said.stdout)
+    return result
+
+
+def test_a_load_cell_run_is_told_in_newtons(cfid: Cfid, tmp_path: Path) -> None:
+    result = shown(cfid("show", recorded(tmp_path), "--json"))
+    told = result["parameters"]
+
+    assert set(told) == {f"recording.{name}" for name in (*TIMING, *WRENCH)}
+    assert told["recording.samples"]["value"] == len(TIME_S)
+    assert told["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
+    assert told["recording.mean_nm"]["value"] == pytest.approx([0.001, 0.002, -0.003], abs=1e-4)
+    assert told["recording.std_n"]["value"] == pytest.approx([2.89e-4] * 3, rel=0.1)
+    assert len(told["recording.std_nm"]["value"]) == 3
+    assert result["warnings"] == ["2026-11-21_083012_loadcell: recorded on the simulated rig."]
+
+
+def test_a_load_cell_run_is_drawn_beside_itself_and_in_the_terminal(cfid: Cfid, tmp_path: Path) -> None:
+    run = recorded(tmp_path)
+    drawn, terminal = cfid("show", run), cfid("show", run, "--terminal")
+
+    assert drawn.returncode == terminal.returncode == 0, drawn.stderr + terminal.stderr
+    assert (run / "loadcell_recording.png").exists()
+    assert "Fz, N" in terminal.stdout
+
+
+def test_a_bare_file_is_told_from_a_swing_by_its_columns(cfid: Cfid, tmp_path: Path) -> None:
+    result = shown(cfid("show", bare(tmp_path / "fts.csv"), "--json"))
+    assert "recording.mean_n" in result["parameters"]
+    assert result["warnings"] == ["fts.csv: counts are read as --counts-per-n 1000000 --counts-per-nm 1000000."]
+
+    swing = tmp_path / "swing.csv"
+    swing.write_text("t_s,phi_rad\n" + "".join(f"{t:.6f},{np.sin(t):.6f}\n" for t in TIME_S))
+    told = shown(cfid("show", swing, "--json"))["parameters"]
+    assert set(told) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
+
+
+def test_what_a_bare_file_cannot_say_is_said_by_options(cfid: Cfid, tmp_path: Path) -> None:
+    scaled = bare(tmp_path / "scaled.csv", COUNTS // 1000)
+    words = ["--counts-per-n", "1e3", "--counts-per-nm", "1e3"]
+    told = shown(cfid("show", scaled, *words, "--json"))
+    assert told["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-3)
+    assert told["warnings"] == []
+
+    newtons = bare(tmp_path / "newtons.csv", COUNTS / 1e6, "%.6f")
+    refused = cfid("show", newtons, "--json")
+    assert refused.returncode == 4
+    assert "newtons.csv:2: " in refused.stderr
+    assert "--units n,nm" in refused.stderr
+    told = shown(cfid("show", newtons, "--units", "n,nm", "--json"))
+    assert told["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
+
+
+def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cfid: Cfid, tmp_path: Path) -> None:
+    run = recorded(tmp_path, angle=True)
+    assert cfid("show", run, "--out", tmp_path / "out").returncode == 0
+    assert {path.stem for path in (tmp_path / "out").iterdir()} == {"encoder_recording", "loadcell_recording"}
+
+    result = shown(cfid("show", run, "--json"))
+    assert set(result["parameters"]) == {
+        *(f"recording.encoder.{name}" for name in (*TIMING, "range_rad")),
+        *(f"recording.loadcell.{name}" for name in (*TIMING, *WRENCH)),
+    }
+    assert [Path(source["path"]).stem for source in result["sources"]] == ["encoder", "loadcell"]
+    assert len(result["warnings"]) == 1
+
+    terminal = cfid("show", run, "--terminal").stdout
+    assert terminal.index("angle, degrees") < terminal.index("Fz, N")
+
+
+def test_a_device_that_recorded_nothing_does_not_hide_the_other(cfid: Cfid, tmp_path: Path) -> None:
+    result = shown(cfid("show", recorded(tmp_path, angle=True, forces=False), "--json"))
+    assert set(result["parameters"]) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
+    assert "loadcell.csv: a head and no rows" in result["warnings"][-1]
+
+    nothing = cfid("show", recorded(tmp_path / "other", forces=False), "--json")
+    assert (nothing.returncode, nothing.stdout) == (4, "")
+    assert "a head and no rows" in nothing.stderr

@@ -1,0 +1,141 @@
+"""A load cell's record as it came: its axes, its lines, its losses; small files however long it is."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matplotlib.figure import Figure
+
+from cfid.parameters import Source
+from cfid.report.save import save_figure
+from cfid.report.wrench_figures import gaps_of, lines_of, spectrum_of, wrench_figure
+from cfid.run import Label
+from cfid.wrench import WrenchRecord
+
+Look = Callable[[Figure], Any]
+Array = npt.NDArray[np.float64]
+
+RATE_HZ = 7000.0
+TIME_S = np.arange(28_000) / RATE_HZ
+LINES_HZ = (211.0, 324.0, 422.0, 648.0)
+
+
+def _record(time_s: Array, fz_n: Array, *notes: str, lost: int | None = 0) -> WrenchRecord:
+    noise = np.random.default_rng(2).standard_normal((len(time_s), 6))
+    return WrenchRecord(
+        path=Path("loadcell.csv"),
+        source=Source("loadcell.csv", ""),
+        label=Label(),
+        time_s=time_s,
+        force_n=0.003 * noise[:, :3] + np.column_stack([0 * fz_n + 0.3, 0 * fz_n - 0.2, fz_n]),
+        torque_nm=1e-4 * noise[:, 3:],
+        status=None,
+        notes=notes,
+        lost=lost,
+    )
+
+
+def _thrust(time_s: Array, amplitude_n: float = 0.05) -> Array:
+    return 0.15 + amplitude_n * sum((np.sin(2 * np.pi * f * time_s) for f in LINES_HZ), np.zeros_like(time_s))
+
+
+def _labels(page: Any) -> list[str]:
+    return [text.get_text() for text in page.panel("(c)").texts if text.get_text()]
+
+
+def test_forces_and_torques_are_drawn_in_their_units_with_their_means(look: Look) -> None:
+    page = look(wrench_figure(_record(TIME_S, _thrust(TIME_S), "one note."), title="a"))
+    forces, torques = page.panel("(a)"), page.panel("(b)")
+    assert (forces.get_ylabel(), torques.get_ylabel()) == ("force (N)", "torque (mNm)")
+    means = {line.get_label(): np.mean(line.get_ydata()) for line in forces.get_lines()[3:]}
+    assert means == pytest.approx({"Fx": 0.3, "Fy": -0.2, "Fz": 0.15}, abs=1e-3)
+    assert "Note: one note." in [text.get_text() for text in page.texts()]
+    assert page.red() == ""
+    assert page.overlapping() == []
+
+
+def test_every_line_of_the_rotors_is_labelled_with_its_frequency(look: Look) -> None:
+    page = look(wrench_figure(_record(TIME_S, _thrust(TIME_S)), title="a"))
+    assert _labels(page) == [f"{line:.0f} Hz" for line in LINES_HZ]
+
+
+def test_a_line_has_its_amplitude_in_newtons_and_a_mean_has_no_line() -> None:
+    spectrum = spectrum_of(TIME_S, 5.0 + _thrust(TIME_S, amplitude_n=0.2))
+    assert spectrum.frequency_hz[-1] == pytest.approx(RATE_HZ / 2)
+    assert spectrum.amplitude_n[lines_of(spectrum)] == pytest.approx(0.2, rel=0.01)
+    assert spectrum.amplitude_n[0] < 0.01
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_has_no_lines(seed: int) -> None:
+    noise = np.random.default_rng(seed).standard_normal(len(TIME_S))
+    assert len(lines_of(spectrum_of(TIME_S, noise))) == 0
+    assert len(lines_of(spectrum_of(TIME_S[:7000], noise[:7000]))) == 0
+
+
+def test_at_most_five_lines_are_labelled_and_never_over_each_other(look: Look) -> None:
+    close_hz = 3300.0 + 25.0 * np.arange(8)
+    fz = sum((np.sin(2 * np.pi * f * TIME_S) for f in close_hz), np.zeros_like(TIME_S))
+    page = look(wrench_figure(_record(TIME_S, fz), title="a"))
+    assert len(_labels(page)) == 5
+    assert page.overlapping() == []
+
+
+@pytest.mark.parametrize("stamped", ["in blocks", "late"])
+def test_lines_are_found_whatever_a_computer_made_of_the_times(stamped: str) -> None:
+    if stamped == "in blocks":
+        time = np.floor(TIME_S / 0.01) * 0.01
+    else:
+        late = np.random.default_rng(4).exponential(3e-4, len(TIME_S))
+        time = np.maximum.accumulate(TIME_S + late)
+    spectrum = spectrum_of(time, _thrust(TIME_S))
+    assert len(gaps_of(time)) == 0
+    assert spectrum.frequency_hz[lines_of(spectrum)] == pytest.approx(LINES_HZ, abs=1.5)
+
+
+def test_samples_lost_here_and_there_leave_the_lines_where_they_are() -> None:
+    kept = np.random.default_rng(5).random(len(TIME_S)) > 0.02
+    spectrum = spectrum_of(TIME_S[kept], _thrust(TIME_S)[kept])
+    found = lines_of(spectrum)
+    assert spectrum.frequency_hz[found] == pytest.approx(LINES_HZ, abs=1.0)
+    assert spectrum.amplitude_n[found] == pytest.approx(0.05, rel=0.05)
+
+
+def test_a_gap_is_marked_and_losses_are_red(look: Look) -> None:
+    kept = (TIME_S < 1.0) | (TIME_S > 1.5)
+    page = look(wrench_figure(_record(TIME_S[kept], _thrust(TIME_S[kept]), lost=3500), title="a"))
+    for panel in ("(a)", "(b)"):
+        (gaps,) = page.panel(panel).collections
+        (corners,) = (path.vertices for path in gaps.get_paths())
+        assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((1.0, 1.5), abs=1e-3)
+    assert page.red() == "1, 0.5003 s in all 3500"
+
+
+def test_a_long_pause_leaves_the_means_bounded(look: Look) -> None:
+    time = TIME_S + np.where(TIME_S > 2.0, 3600.0, 0.0)
+    forces = look(wrench_figure(_record(time, _thrust(TIME_S)), title="a")).panel("(a)")
+    assert forces.get_title(loc="left").endswith("means over 50 ms")
+    assert len(forces.get_lines()[-1].get_xdata()) == 80
+
+
+@pytest.mark.parametrize("fz_n", [0.0, 1.0])
+@pytest.mark.parametrize("repeats", [1, 8])
+def test_the_shortest_record_and_one_in_which_nothing_moves_are_drawn(look: Look, repeats: int, fz_n: float) -> None:
+    time = np.repeat(0.01 * np.arange(32 // repeats), repeats)
+    record = _record(time, np.full(32, fz_n), lost=None)
+    record.force_n[:] = fz_n
+    page = look(wrench_figure(record, title="a"))
+    assert "not known" in [text.get_text() for text in page.texts()]
+    assert page.overlapping() == []
+
+
+def test_a_minute_at_full_rate_makes_a_small_file_and_the_same_one_again(tmp_path: Path) -> None:
+    time = np.arange(420_000) / RATE_HZ
+    record = _record(time, _thrust(time))
+    _, svg = save_figure(wrench_figure(record, title="a"), tmp_path / "a")
+    assert svg.stat().st_size < 500_000
+    _, again = save_figure(wrench_figure(record, title="a"), tmp_path / "b")
+    assert again.read_bytes() == svg.read_bytes()

@@ -1,0 +1,230 @@
+"""A simulated rig in a thread beside the test, and a process that logs both of its devices into one run.
+
+As a program, `python -m tests.rig.streaming_rig CAMPAIGN [SECONDS]`, it is that process.
+"""
+
+import contextlib
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from twisted.internet.threads import blockingCallFromThread
+
+from cfid.campaign import RIG_FILE, Devices, find_campaign, load_rig, new_rig_text
+from cfid.recording import Reading, read_angle
+from cfid.rig.e201_port import lock_name
+from cfid.rig.lock import holder_of
+from cfid.rig.log import Plan, log, ready_encoder, ready_loadcell
+from cfid.rig.loop import Loop
+from cfid.rig.sim_file import devices_in, published
+from cfid.run import Label, Run, read_run
+from cfid.sim.service import Addresses, SimulatedRig
+from cfid.wire.rls import STEPS_PER_TURN, decode_words
+from cfid.wrench import WrenchReading, read_wrench
+
+ROOT = Path(__file__).parents[2]
+DEVICES = ("encoder", "loadcell")
+PATIENCE_S = 30.0
+
+_FASTEST_STEPS_PER_S = 20_000  # of the swing: 15 rad/s
+
+
+@dataclass(frozen=True)
+class ServedRig:
+    """A simulated rig that serves a campaign."""
+
+    campaign: Path
+    rig: SimulatedRig
+    addresses: Addresses
+
+    @property
+    def streaming(self) -> bool:
+        return self.rig.loadcell.streaming
+
+    def holders(self) -> list[str]:
+        """Return who holds the devices."""
+        addresses = self.addresses
+        places = (lock_name(str(addresses.encoder_port)), f"{addresses.address}:{addresses.rdt_port}")
+        return [holder for place in places if (holder := holder_of(place))]
+
+
+@contextlib.contextmanager
+def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
+    """Serve a rig on real wires, with a campaign folder whose rig.sim.toml points at it."""
+    folder.mkdir(exist_ok=True)
+    (folder / RIG_FILE).write_text(new_rig_text())
+    rig = load_rig(folder / RIG_FILE)
+    loop = Loop()
+    thread = threading.Thread(target=loop.run, kwargs={"installSignalHandlers": False})
+    thread.start()
+    try:
+        simulated = _in_loop(
+            loop,
+            lambda: SimulatedRig(rig, reactor=loop, folder=folder, seed=seed, axis="x", commands=(28000, 0, 28000, 0)),
+        )
+        addresses = _in_loop(loop, simulated.open)
+        devices = Devices(
+            encoder=rig.devices.encoder.model_copy(update={"port": str(addresses.encoder_port)}),
+            loadcell=rig.devices.loadcell.model_copy(
+                update={
+                    "address": addresses.address,
+                    "rdt_port": addresses.rdt_port,
+                    "http_port": addresses.http_port,
+                    "tcp_port": addresses.tcp_port,
+                }
+            ),
+        )
+        with published(folder, devices, seed=seed):
+            yield ServedRig(folder, simulated, addresses)
+        _in_loop(loop, simulated.close)
+    finally:
+        loop.callFromThread(loop.stop)
+        thread.join(5)
+
+
+def _in_loop(loop: Loop, act: Callable[[], Any]) -> Any:
+    return blockingCallFromThread(loop, act)
+
+
+@dataclass
+class Logger:
+    """A process that records a run; `folder` is the run's."""
+
+    process: "subprocess.Popen[str]"
+    folder: Path
+    killed_s: float = field(default=0.0)
+
+    def wait_for_rows(self) -> None:
+        """Wait until both devices have rows in their files."""
+        end_s = time.monotonic() + PATIENCE_S
+        while any((self.folder / f"{name}.csv").stat().st_size < 200 for name in DEVICES):
+            assert time.monotonic() < end_s, "no rows"
+            assert self.process.poll() is None, self.process.communicate()
+            time.sleep(0.002)
+
+    def kill(self) -> None:
+        self.killed_s = time.time()
+        self.process.kill()
+        self.process.communicate(timeout=PATIENCE_S)
+
+    def end(self, *signals: signal.Signals, pause_s: float = 0.0) -> str:
+        """Send signals and wait for the end; return what was said if that was no good one."""
+        for number in signals:
+            self.process.send_signal(number)
+            time.sleep(pause_s)
+        out, err = self.process.communicate(timeout=PATIENCE_S)
+        return f"exit code {self.process.returncode}: {out}{err}" if self.process.returncode or err else ""
+
+
+@contextlib.contextmanager
+def logger(rig: ServedRig, *words: str) -> Iterator[Logger]:
+    """Start to log both devices of a rig, in a process that does not outlive the test."""
+    command = [sys.executable, "-W", "error", "-m", "tests.rig.streaming_rig", str(rig.campaign), *words]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            folder = process.stdout.readline().strip()
+            assert folder, process.communicate()
+            yield Logger(process, Path(folder))
+        finally:
+            process.kill()
+
+
+def whole_rows(path: Path) -> pd.DataFrame:
+    """Read the rows that end with their line; each has all columns and nothing but numbers."""
+    text = path.read_bytes()
+    rows = pd.read_csv(io.BytesIO(text[: text.rfind(b"\n") + 1]), dtype=np.float64)
+    assert not rows.isna().to_numpy().any()
+    assert not isinstance(rows.index, pd.MultiIndex)
+    return rows
+
+
+def check_loadcell(rows: pd.DataFrame) -> None:
+    """No record is missing, doubled or wrong, and the times are those of a steady clock."""
+    assert rows["rdt_sequence"].iloc[0] == 1
+    assert np.all(np.diff(rows["rdt_sequence"]) == 1)
+    assert np.all(np.diff(rows["ft_sequence"]) == 1)
+    assert np.all(rows["status"] == 0)
+    assert np.abs(np.diff(rows["t"]) - 1 / 7000).max() < 1e-4
+    assert np.abs(rows[["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]]).to_numpy().max() < 1e7  # 10 N
+
+
+def check_encoder(rows: pd.DataFrame) -> None:
+    """Every word passes its own check, and the axis moves as fast as it can by the device's own clock."""
+    words = decode_words(rows["phi"].to_numpy(dtype=np.int64))
+    assert words.valid.all()
+    half = STEPS_PER_TURN // 2
+    moved = (np.diff(words.position) + half) % STEPS_PER_TURN - half
+    passed_s = 1e-6 * np.diff(rows["device_us"])
+    assert np.all(np.diff(rows["t"]) > 0)
+    assert np.all(passed_s > 0)
+    assert np.all(np.abs(moved) <= 1 + _FASTEST_STEPS_PER_S * passed_s)
+
+
+def check_rows(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the rows of both devices, which are right."""
+    rows = {name: whole_rows(folder / f"{name}.csv") for name in DEVICES}
+    check_loadcell(rows["loadcell"])
+    check_encoder(rows["encoder"])
+    return rows
+
+
+def check_cut_run(folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the rows of a run that was cut: it opens, says so, and no row is wrong."""
+    run = read_run(folder)
+    assert run.cut
+    rows = check_rows(folder)
+    for record in (read_angle(folder, Reading()), read_wrench(folder, WrenchReading())):
+        assert any("the run was cut while recording" in note for note in record.notes)
+        assert len(record.time_s) > 0
+    return rows
+
+
+def check_complete_run(folder: Path) -> Run:
+    """Return a run that is complete: every row is there and right, and run.toml counts them."""
+    run = read_run(folder)
+    assert run.header.state == "complete", run.header.reason
+    rows = check_rows(folder)
+    assert {name: len(rows[name]) for name in DEVICES} == {name: run.header.devices[name].rows for name in DEVICES}
+    assert run.header.devices["loadcell"].lost == 0
+    facts = run.header.devices["encoder"].model_extra or {}
+    assert len(rows["encoder"]) + facts["losses"]["polls_without_position"] == facts["polls"]
+    assert not list(folder.glob(".*"))
+    return run
+
+
+def _record(campaign_folder: Path, for_s: float | None) -> None:
+    campaign = find_campaign(campaign_folder, start=campaign_folder)
+    assert campaign is not None
+    devices, simulated = devices_in(campaign.folder, campaign.rig)
+    plan = Plan(runs_folder=campaign.runs_folder, kind="both", label=Label(), for_s=for_s, simulated=simulated)
+    with ExitStack() as held:
+        ready = [
+            ready_encoder(
+                devices.encoder, held, counts_per_turn=campaign.rig.encoder.counts_per_turn, continuous=False, say=_say
+            ),
+            ready_loadcell(devices.loadcell, held, buffered=True, bias=False, say=_say),
+        ]
+        log(plan, ready, show=lambda _: None, begun=lambda folder: print(folder, flush=True))
+
+
+def _say(sentence: str) -> None:
+    if "receive buffer" not in sentence:  # whose size is this computer's affair
+        print(sentence, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    _record(Path(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else None)
+    sys.stdout.flush()
+    sys.exit(os.EX_OK)
