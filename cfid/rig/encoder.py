@@ -204,9 +204,9 @@ class Encoder:
         self._timer = self._loop.callLater(_ANSWER_S, self._unanswered_poll)
 
     def _wait_for_next(self, now_s: float) -> None:
-        """Poll again on the grid of the rate; a reply that came late takes the next place that is free."""
+        """Poll again on the grid of the rate: at once after a reply that came late, but without a burst."""
         self._cancel()
-        self._due_s += self._period_s * max(1, np.ceil((now_s - self._due_s) / self._period_s))
+        self._due_s = max(self._due_s + self._period_s, now_s - self._period_s)
         self._timer = self._loop.callLater(max(self._due_s - now_s, 0), self._poll)
 
     def _unanswered_poll(self) -> None:

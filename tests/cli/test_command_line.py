@@ -16,12 +16,16 @@ COMMANDS = [
     ("new",),
     ("runs",),
     ("show",),
+    ("rig", "check"),
+    ("rig", "sim"),
+    ("log", "encoder"),
+    ("log", "loadcell"),
     ("fit", "swing"),
     ("fit", "friction"),
     ("fit", "inertia"),
     ("fit", "testbody"),
 ]
-HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext")
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial")
 
 
 def test_help_imports_nothing_heavy() -> None:
