@@ -114,4 +114,6 @@ def _reason(error: Exception) -> str:
         return f"no answer within {_TIME_OUT_S:g} s"
     if isinstance(error, ConnectionRefusedError):
         return "nobody listens there (connection refused)"
+    if isinstance(error, http.client.HTTPException) and not isinstance(error, OSError):
+        return "what answers there speaks no HTTP: another device"
     return getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -75,7 +75,7 @@ def check_loadcell(setting: LoadCellBox) -> list[Finding]:
     if holder := holder_of(where):
         held = Finding("RDT, UDP", "ok", f"held by {holder}", "not asked: it would take the stream from there")
         return [over_http, over_tcp, held]
-    if settings is None and over_tcp.state == "fault":
+    if over_tcp.state == "fault" if settings is None else not settings.rdt_enabled:
         return [over_http, over_tcp]
     with DeviceLock.take(where, holder="cfid rig check"):
         return [over_http, over_tcp, *_udp(setting, settings, alive=over_tcp.state != "fault")]

@@ -16,8 +16,11 @@ from cfid.rig.lock import holder_of
 from cfid.wire import e201
 from cfid.wire.rls import RLS_13BIT_IN_22, WORD_BITS
 
+SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
+
 _ANSWER_S = 0.5
 _DRAIN_S = 0.02
+_TRIES = 3
 _BAUD = 115200  # of no meaning on USB
 _WIDEST_WORD = 32
 
@@ -118,6 +121,12 @@ def _ask(port: str, *, counts_per_turn: float | str, configure: bool) -> Found:
             raise DeviceError(
                 f"{port}: an E201, but it reads no position: is the encoder plugged into it, and powered?"
             )
+        reply_s = min(_reply_time_s(line) for _ in range(_TRIES))
+        if reply_s > SLOWEST_REPLY_S:
+            raise DeviceError(
+                f"{port}: replies after {1e3 * reply_s:.0f} ms, too late to say at what time the encoder stood there: "
+                "plug it into this computer itself."
+            )
         return Found(
             port=port,
             version=_text(version),
@@ -139,11 +148,26 @@ def _opened(port: str) -> Iterator[serial.Serial]:
 
 def _query(line: serial.Serial, command: bytes, *, wanted: bool = True) -> bytes:
     """Send a command and return its reply without its end; what came before, or is not wanted, is dropped."""
+    _drain(line)
+    line.write(command)
+    return _reply(line) if wanted else b""
+
+
+def _reply_time_s(line: serial.Serial) -> float:
+    """Return how long the reply to one poll takes."""
+    _drain(line)
+    begin_s = time.monotonic()
+    line.write(e201.POSITION)
+    _reply(line)
+    return time.monotonic() - begin_s
+
+
+def _drain(line: serial.Serial) -> None:
     while line.read(4096):
         pass
-    line.write(command)
-    if not wanted:
-        return b""
+
+
+def _reply(line: serial.Serial) -> bytes:
     reply = b""
     end_s = time.monotonic() + _ANSWER_S
     while b"\r" not in reply and time.monotonic() < end_s:

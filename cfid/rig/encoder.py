@@ -10,12 +10,11 @@ from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
-from cfid.rig.e201_port import Found
+from cfid.rig.e201_port import SLOWEST_REPLY_S, Found
 from cfid.rig.recorder import Block, Say, no_rows, sleep
 from cfid.wire import e201
 from cfid.wire.rls import RLS_13BIT_IN_22, decode_words
 
-_ANSWER_S = 0.05  # a reply takes one or two milliseconds
 _RESYNC_S = 0.02  # of silence, after which no old reply comes any more
 _ABSENT_S = 3.0
 _SEARCH_S = 0.5
@@ -78,8 +77,10 @@ class Encoder:
         self._reader = self._new_reader()
         self._line: Line | None = None
         self._timer: DelayedCall | None = None
-        self._due_s = self._heard_s = 0.0
-        self._waiting = self._resyncing = False
+        self._due_s = self._asked_s = self._heard_s = 0.0
+        self._waiting = self._resyncing = self._unsure = False
+        self._held: list[e201.Reading] = []
+        self._held_s = 0.0
         self._gone_s: float | None = None
         self._times: list[float] = []
         self._readings: list[e201.Reading] = []
@@ -102,6 +103,8 @@ class Encoder:
 
     def received(self, data: bytes) -> None:
         """Take what the port received; one reply answers one poll."""
+        self._give_up_late_reply()
+        self._give_up_late_reply()
         if self._resyncing:
             return
         now_s = self._loop.seconds()
@@ -109,6 +112,8 @@ class Encoder:
         readings = self._reader.feed(data)
         if self._continuous:
             self._keep(readings, now_s)
+        elif self._waiting and self._unsure:
+            self._hold(readings, now_s)
         elif self._waiting and (readings or self._reader.rejected > rejected_before):
             self._keep(readings[:1], now_s)
             self._answers += bool(readings)
@@ -130,10 +135,11 @@ class Encoder:
 
     def take(self) -> Block:
         """Hand over what came. Raises DeviceError when a plugged encoder is silent."""
-        lost = self._newly_lost()
+        self._give_up_late_reply()
         if not self._readings:
             self._watch()
-            return Block(no_rows(len(self.columns)), lost)
+            return Block(no_rows(len(self.columns)), self._newly_lost())
+        lost = self._newly_lost()
         times, readings = np.array(self._times), self._readings
         self._times, self._readings = [], []
         phi = np.array([reading.position for reading in readings], dtype=np.int64)
@@ -188,7 +194,8 @@ class Encoder:
 
     def _attach(self) -> None:
         self._line = self._open_line(self._found.port, self)
-        self._resyncing = self._waiting = False
+        self._resyncing = self._waiting = self._unsure = False
+        self._held = []
         if self._continuous:
             self._line.write(e201.CONTINUOUS)
         else:
@@ -200,8 +207,8 @@ class Encoder:
             return
         self._polls += 1
         self._waiting = True
+        self._asked_s = self._loop.seconds()
         self._line.write(e201.STAMPED_POSITION if self._stamped else e201.POSITION)
-        self._timer = self._loop.callLater(_ANSWER_S, self._unanswered_poll)
 
     def _wait_for_next(self, now_s: float) -> None:
         """Poll again on the grid of the rate: at once after a reply that came late, but without a burst."""
@@ -209,14 +216,33 @@ class Encoder:
         self._due_s = max(self._due_s + self._period_s, now_s - self._period_s)
         self._timer = self._loop.callLater(max(self._due_s - now_s, 0), self._poll)
 
-    def _unanswered_poll(self) -> None:
+    def _give_up_late_reply(self) -> None:
         """Give a reply up, and let old ones run out before the next poll: it must not get one of them."""
-        self._waiting, self._resyncing = False, True
+        late = self._loop.seconds() - self._asked_s >= SLOWEST_REPLY_S
+        if not late or not self._waiting or self._held or self._stopped:
+            return
+        self._waiting, self._resyncing, self._unsure = False, True, True
         self._reader.forget()
         self._timer = self._loop.callLater(_RESYNC_S, self._poll_after_silence)
 
     def _poll_after_silence(self) -> None:
         self._resyncing = False
+        self._due_s = self._loop.seconds()
+        self._poll()
+
+    def _hold(self, readings: list[e201.Reading], now_s: float) -> None:
+        """Wait for silence after a reply that may be that of the poll given up: the last one of all is this poll's."""
+        if readings:
+            self._unasked += len(self._held) + len(readings) - 1
+            self._held, self._held_s = readings[-1:], now_s
+            self._cancel()
+            self._timer = self._loop.callLater(_RESYNC_S, self._take_held)
+
+    def _take_held(self) -> None:
+        self._keep(self._held, self._held_s)
+        self._answers += 1
+        self._held = []
+        self._waiting = self._unsure = False
         self._due_s = self._loop.seconds()
         self._poll()
 

@@ -24,23 +24,46 @@ from cfid.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import SIM_FILE
 from cfid.run import Run, read_run
-from cfid.sim.e201 import E201Device
+from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
 from cfid.sim.loadcell import LoadCell, LoadCellTruth
-from cfid.sim.netft import NetFTBox
+from cfid.sim.netft import Address, NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.netft_server import LOOPBACK, NetFTServer, Ports
 from cfid.sim.pty import PtyPort
+from cfid.wire.e201 import VERSION
 
 LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
 ENCODER_HZ = 100
 LONGEST_S = 30.0  # that anything may take, on a busy computer
 
-_SENTENCE = re.compile(r"(note|cfid|recording into|Usage|Try|figure)\b")
+_SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: )")
 
 Act = TypeVar("Act")
 Array = npt.NDArray[np.float64]
+
+
+class Box(FaultyNetFT):
+    """A box that remembers who asked it last."""
+
+    client: Address = ("", 0)
+
+    def request(self, datagram: bytes, client: Address, now_s: float) -> None:
+        """Hear an RDT request."""
+        self.client = client
+        super().request(datagram, client, now_s)
+
+
+class Interface(FaultyE201):
+    """An encoder's interface that counts how often it was asked who it is."""
+
+    introductions = 0
+
+    def received(self, data: bytes, now_s: float) -> list[Reply]:
+        """Return what leaves after which delay in answer to `data`."""
+        self.introductions += data.count(VERSION)
+        return super().received(data, now_s)
 
 
 class Said(NamedTuple):
@@ -54,10 +77,10 @@ class Said(NamedTuple):
 class Command:
     """A running `cfid`."""
 
-    def __init__(self, words: tuple[object, ...], *, lab: "Lab", **options: Any) -> None:
+    def __init__(self, words: tuple[object, ...], *, lab: "Lab", wrapper: tuple[str, ...] = (), **options: Any) -> None:
         self._lab = lab
         self._files = [lab.folder / f".{name}{len(lab.commands)}" for name in ("out", "err")]
-        command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
+        command = [*wrapper, sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
         with self._files[0].open("wb") as out, self._files[1].open("wb") as err:
             options = {"stdout": out, "stderr": err, **options}
             self.process = subprocess.Popen(command, cwd=lab.folder, env=lab.environment, **options)
@@ -67,8 +90,8 @@ class Command:
         """What it said on stderr so far."""
         return self._files[1].read_text()
 
-    def wait_until_said(self, text: str) -> None:
-        self.wait_until(lambda: text in self.err, text)
+    def wait_until_said(self, text: str, *, times: int = 1) -> None:
+        self.wait_until(lambda: self.err.count(text) >= times, text)
 
     def wait_until(self, there: Callable[[], object], what: str) -> None:
         """Wait for something that happens while the command runs."""
@@ -89,8 +112,11 @@ class Command:
         self.process.send_signal(number)
         return self.end()
 
-    def end(self) -> Said:
-        """Wait for the end; in whatever way it comes, no traceback is shown and the box does not stream."""
+    def end(self, *, streaming: bool = False) -> Said:
+        """Wait for the end; in whatever way it comes, no traceback is shown and the box streams no more.
+
+        With `streaming`, to another log, it goes on.
+        """
         try:
             code = self.process.wait(LONGEST_S)
         except subprocess.TimeoutExpired:
@@ -100,7 +126,7 @@ class Command:
         assert "Unhandled" not in err
         if code != 2:  # the usage of a command is set in a frame
             assert all(_SENTENCE.match(line) for line in err.splitlines()), err
-        wait_until(lambda: not self._lab.box.streaming, f"the box goes on streaming\n{err}")
+        wait_until(lambda: self._lab.box.streaming == streaming, f"streaming: {streaming}\n{err}")
         return Said(code, out, err)
 
 
@@ -118,10 +144,10 @@ class Lab:
         netft = NetFTBox(
             load_cell=cell, plant=_load, rate_hz=LOADCELL_HZ, buffer_size=14, first_ft_sequence=500_000, powered_s=now_s
         )
-        self.box = FaultyNetFT(netft, SOUND_LOADCELL, opened_s=now_s, rng=np.random.default_rng(5))
+        self.box = Box(netft, SOUND_LOADCELL, opened_s=now_s, rng=np.random.default_rng(5))
         self._server = NetFTServer(self.box, reactor=reactor)
         self.e201 = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, powered_s=now_s)
-        self.encoder = FaultyE201(self.e201, SOUND_ENCODER, opened_s=now_s)
+        self.encoder = Interface(self.e201, SOUND_ENCODER, opened_s=now_s)
         self.plug = PtyPort(self.encoder, reactor=reactor, folder=folder, name="port")
         self.ports = self.in_reactor(self._server.open)
         self.port = self.in_reactor(self.plug.open)
@@ -144,9 +170,9 @@ class Lab:
         self.commands.append(Command(words, lab=self, **options))
         return self.commands[-1]
 
-    def cfid(self, *words: object) -> Said:
+    def cfid(self, *words: object, streaming: bool = False) -> Said:
         """Run a command to its end."""
-        return self.start(*words).end()
+        return self.start(*words).end(streaming=streaming)
 
     def loadcell_suffers(self, **faults: Any) -> None:
         """From now on; faults that are timed are there at once and until others are set."""

@@ -1,0 +1,249 @@
+"""`cfid log` as its operator meets it: options, labels, what is printed where, and the line that lives."""
+
+import contextlib
+import fcntl
+import json
+import os
+import pty
+import re
+import struct
+import subprocess
+import termios
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from cfid.campaign import RIG_FILE, new_rig_text
+from cfid.run import Run
+from tests.cli.rig_in_a_folder import Command, Lab, lab_in
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+BOTH = pytest.mark.parametrize("device", ["encoder", "loadcell"])
+COLUMNS = 80
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with lab_in(tmp_path) as lab:
+        yield lab
+
+
+# Arguments
+
+
+@pytest.mark.parametrize("words", [("log", "encoder"), ("log", "loadcell"), ("rig", "check"), ("rig", "sim")])
+def test_a_command_of_the_rig_needs_a_campaign(cfid: Cfid, words: tuple[str, ...]) -> None:
+    said = cfid(*words)
+
+    assert said.returncode == 2
+    assert said.stderr.startswith("cfid: no rig.toml here or above: `cfid new DIR` makes a campaign")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("encoder --axis q", "--axis q: rig.toml has no such mount of the crazyflie; it has x, y, z, xy, xz, yz."),
+        ("encoder --axis y --body testbody", "--axis y: rig.toml has no such mount of the testbody; it has x, z."),
+        ("encoder --axis x --weight 50", "--axis is a swing's and --weight a dropping weight's: give one of them."),
+        ("encoder --weight 0", "--weight 0: has to be above zero."),
+        ("encoder --for 0", "--for 0: has to be above zero."),
+        ("loadcell --for=-1", "--for -1: has to be above zero."),
+        ("loadcell --for nan", "--for nan: has to be above zero."),
+        ("encoder --rate-hz 0", "--rate-hz 0: has to be above zero."),
+        ("loadcell --rate-hz 0", "Invalid value for '--rate-hz'"),
+    ],
+)
+def test_an_option_that_cannot_be_meant_so_is_told_before_anything_is_opened(
+    cfid: Cfid, tmp_path: Path, words: str, told: str
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+
+    said = cfid("log", *words.split())
+
+    assert said.returncode == 2
+    assert told in said.stderr
+    assert said.stdout == ""
+    assert [path.name for path in tmp_path.iterdir()] == [RIG_FILE]
+
+
+# What the run says
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "label"),
+    [
+        ("encoder --axis x --note first", "swing", {"axis": "x", "body": "crazyflie", "note": "first"}),
+        ("encoder --axis z --body testbody", "swing", {"axis": "z", "body": "testbody"}),
+        ("encoder --weight 50", "drop", {"weight_g": 50.0}),
+        ("encoder", "encoder", {}),
+        ("loadcell --body fixture --note empty", "loadcell", {"body": "fixture", "note": "empty"}),
+    ],
+)
+def test_labels_stand_in_the_run(lab: Lab, words: str, kind: str, label: dict[str, object]) -> None:
+    said = lab.cfid("log", *words.split(), "--for", 0.3)
+    header = lab.run().header
+
+    assert said.code == 0
+    assert header.kind == kind
+    assert header.label.model_dump(exclude_none=True) == label
+    assert not header.simulated
+    assert header.state == "complete"
+    assert header.reason == ""
+
+
+def test_a_continuous_encoder_is_recorded_and_then_quiet(lab: Lab) -> None:
+    said = lab.cfid("log", "encoder", "--continuous", "--for", 0.5)
+
+    assert said.code == 0
+    assert list(rows_of(lab.run(), "encoder").columns) == ["t", "phi"]
+    assert lab.facts("encoder")["asked"] == "continuous"
+    assert not lab.e201.continuous
+
+
+def test_a_load_cell_is_biased_and_sends_singly_when_asked_to(lab: Lab) -> None:
+    said = lab.cfid("log", "loadcell", "--bias", "--real-time", "--for", 0.5)
+    rows = rows_of(lab.run(), "loadcell")
+
+    assert said.code == 0
+    assert lab.facts("loadcell")["asked"] == "real-time"
+    assert lab.facts("loadcell")["biased"]
+    assert lab.facts("loadcell")["settings"]["buffer_size"] == 1
+    assert abs(rows["Fz"].iloc[:20].mean()) < 5e5  # half a newton, where the cell's own offset is 1.4
+
+
+def test_a_box_with_rdt_off_is_told_by_check_and_switched_on_by_log(lab: Lab) -> None:
+    lab.box.box.settings.enabled = False
+
+    checked = lab.cfid("rig", "check")
+    said = lab.cfid("log", "loadcell", "--for", 0.3)
+
+    assert checked.code == said.code == 0
+    assert "RDT is off: `cfid log loadcell` switches it on" in checked.out
+    assert "RDT, UDP" not in checked.out
+
+
+@BOTH
+def test_a_figure_is_drawn_when_asked_for(lab: Lab, device: str) -> None:
+    said = lab.cfid("log", device, "--plot", "--for", 1)
+
+    assert said.code == 0
+    assert "figure: " in said.err
+    assert (lab.run().folder / f"{device}_recording.png").stat().st_size > 10_000
+
+
+def rows_of(run: Run, device: str) -> pd.DataFrame:
+    return pd.read_csv(run.device_file(device))
+
+
+# What is printed where
+
+
+@BOTH
+def test_json_is_one_object_on_stdout_and_nothing_else(lab: Lab, device: str) -> None:
+    said = lab.cfid("log", device, "--json", "--for", 0.3)
+    content = json.loads(said.out)
+
+    assert said.code == 0
+    assert content["run"] == str(lab.run().folder)
+    assert content["state"] == "complete"
+    assert content["devices"][device]["rows"] == lab.run().header.devices[device].rows
+    assert content["devices"][device]["lost"] == 0
+    assert said.err.startswith("recording into ")
+    assert "\r" not in said.err
+
+
+@pytest.mark.parametrize("closing", [">&-", "2>&-", ">&- 2>&-"])
+@BOTH
+def test_a_closed_stdout_or_stderr_costs_words_and_no_rows(lab: Lab, device: str, closing: str) -> None:
+    closed = ("bash", "-c", f'exec "$@" {closing}', "closed")
+
+    said = lab.start("log", device, "--for", 0.3, wrapper=closed).end()
+
+    assert said.code == 0
+    assert lab.run().header.state == "complete"
+
+
+def test_a_reader_that_went_away_costs_words_and_no_rows(lab: Lab) -> None:
+    reading, writing = os.pipe()
+    log = lab.start("log", "loadcell", "--for", 0.3, stdout=writing)
+    os.close(writing)
+    os.close(reading)
+    log.end()
+
+    assert lab.run().header.state == "complete"
+
+
+class Terminal:
+    """A terminal of 80 columns, and everything that was shown on it."""
+
+    def __init__(self) -> None:
+        self.screen, self.end = pty.openpty()
+        fcntl.ioctl(self.end, termios.TIOCSWINSZ, struct.pack("HHHH", 24, COLUMNS, 0, 0))
+        os.set_blocking(self.screen, False)
+        self._shown = b""
+
+    def shown(self) -> str:
+        """Read what has come; who shows something waits until it is read."""
+        with contextlib.suppress(OSError):  # nothing there, or nobody writes any more
+            while data := os.read(self.screen, 4096):
+                self._shown += data
+        return self._shown.decode("utf-8", "ignore")
+
+    def hang_up(self) -> None:
+        os.close(self.screen)
+
+
+def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
+    lab.environment["TERM"] = "xterm"
+    log = lab.start(*words, stderr=terminal.end)
+    os.close(terminal.end)
+    return log
+
+
+@BOTH
+def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: str) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", device)
+    line = re.compile(rf"\r +(\d+\.\d) s  {device} +[1-9]\d* Hz ([1-9]\d+) rows 0 lost [▁-█]+ -?\d")
+    log.wait_until(lambda: len(line.findall(terminal.shown())) > 3, "a line")
+    said = log.ask_to_end()
+    shown = terminal.shown()
+    terminal.hang_up()
+    rows = [int(count) for _, count in line.findall(shown)]
+
+    assert said.code == 0
+    assert rows == sorted(rows)
+    for text in shown.split("\r\n")[1:]:  # the first says where the run is
+        assert all(len(frame) < COLUMNS for frame in text.split("\r"))
+    assert "Traceback" not in shown
+    assert shown.endswith("\r")
+    assert shown.rstrip("\r").rpartition("\r")[2].strip() == ""  # the line is wiped off
+
+
+def test_a_sentence_stands_on_a_line_of_its_own_on_a_terminal(lab: Lab) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", "loadcell")
+    log.wait_until(lambda: "rows 0 lost" in terminal.shown(), "a line")
+    lab.box.box.status = 0x80010000
+    log.wait_until(lambda: "threshold" in terminal.shown(), "a sentence")
+    said = log.ask_to_end()
+    shown = terminal.shown()
+    terminal.hang_up()
+
+    assert said.code == 0
+    assert re.search(r"\r +\rnote: [^\r]*a threshold is latched [^\r]*\r\n", shown)
+
+
+def test_a_terminal_that_hangs_up_ends_no_recording(lab: Lab) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", "loadcell")
+    log.wait_until(lambda: "rows 0 lost" in terminal.shown(), "a line")
+    terminal.hang_up()
+    log.wait_for_rows(500)
+    said = log.ask_to_end()
+
+    assert said.code == 0
+    assert lab.run().header.state == "complete"

@@ -1,0 +1,164 @@
+"""`cfid rig check` and `cfid rig sim`: who answers, a rig to practise on, and what is left of it afterwards."""
+
+import json
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cfid.rig.sim_file import SIM_FILE
+from tests.cli.rig_in_a_folder import Lab, lab_in, rig_sim
+
+SIMULATED = "note: the rig is simulated: "
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with lab_in(tmp_path) as lab:
+        yield lab
+
+
+# Check
+
+
+def test_a_sound_rig_is_ready_and_no_setting_is_changed(lab: Lab) -> None:
+    lab.e201.word_bits = 18
+    lab.box.box.settings.buffer_size = 3
+
+    said = lab.cfid("rig", "check", "--json")
+    content = json.loads(said.out)
+
+    assert said.code == 0
+    assert said.err == ""
+    assert not content["simulated"]
+    assert [answer["asked"] for answer in content["devices"]["loadcell"]] == [
+        "settings, HTTP",
+        "reading, TCP",
+        "RDT, UDP",
+        "receive buffer",
+    ]
+    assert {answer["state"] for answer in content["devices"]["loadcell"][:3]} == {"ok"}
+    assert [answer["state"] for answer in content["devices"]["encoder"]] == ["ok", "warning"]
+    assert lab.e201.word_bits == 18
+    assert lab.box.box.settings.buffer_size == 3
+
+
+def test_what_is_wrong_is_told_with_what_to_do(lab: Lab) -> None:
+    lab.encoder_suffers(not_an_e201=True)
+    lab.loadcell_suffers(drop_every=3)
+    lab.box.box.status = 0x80010000
+
+    said = lab.cfid("rig", "check")
+
+    assert said.code == 3
+    assert said.err == "cfid: not ready: encoder, loadcell.\n"
+    assert "-> plug it in, or set devices.encoder.port in rig.toml" in said.out
+    assert "reading, TCP    warning  a threshold is latched" in said.out
+    assert "-> the stream broke off: another client asks the same box, or the network drops datagrams" in said.out
+
+
+# A simulated rig
+
+
+def test_logs_of_a_simulated_rig_say_so_and_meet_its_faults(lab: Lab) -> None:
+    with rig_sim(
+        lab, "--axis", "x", "--fault", "loadcell.duplicate_every=10", "--fault", "encoder.drop_every=40"
+    ) as sim:
+        checked = lab.cfid("rig", "check")
+        logs = [lab.start("log", "loadcell", "--for", 1), lab.start("log", "encoder", "--axis", "x", "--for", 1)]
+        loadcell, encoder = (log.end() for log in logs)
+        listed = lab.cfid("runs", "--json")
+    runs = json.loads(listed.out)["runs"]
+
+    assert checked.code == loadcell.code == encoder.code == 0
+    for said in (checked, loadcell, encoder):
+        assert said.err.startswith(SIMULATED)
+    assert "7000 Hz" in checked.out
+    assert "rig.toml asks for 700 Hz: `cfid log loadcell` sets them" in checked.out
+    assert "duplicates" in loadcell.out
+    assert "polls without position" in encoder.out
+    assert [run["simulated"] for run in runs] == [True, True]
+    assert sim.end().code == 0
+    assert not (lab.folder / SIM_FILE).exists()
+
+
+def test_a_killed_simulated_rig_counts_for_nothing(lab: Lab) -> None:
+    with rig_sim(lab) as sim:
+        sim.process.kill()
+        sim.process.wait()
+    assert (lab.folder / SIM_FILE).exists()
+
+    said = lab.cfid("log", "encoder", "--for", 0.3)
+
+    assert said.code == 0
+    assert SIMULATED not in said.err
+    assert not lab.run().header.simulated
+    with rig_sim(lab):  # and the next one takes its place
+        assert lab.cfid("rig", "check").err.startswith(SIMULATED)
+
+
+def test_a_second_simulated_rig_is_refused_and_the_first_goes_on(lab: Lab) -> None:
+    with rig_sim(lab):
+        said = lab.cfid("rig", "sim")
+        checked = lab.cfid("rig", "check")
+
+    assert said.code == 2
+    assert (
+        said.err == f"cfid: {lab.folder / SIM_FILE}: another simulated rig serves this campaign. End that one first.\n"
+    )
+    assert checked.code == 0
+
+
+def test_a_simulated_rig_that_ends_under_a_log_is_a_lost_device(lab: Lab) -> None:
+    with rig_sim(lab) as sim:
+        loadcell = lab.start("log", "loadcell")
+        loadcell.wait_for_rows(100)
+        encoder = lab.start("log", "encoder")
+        encoder.wait_until_said("recording into")
+        encoder.wait_for_rows(30)
+        assert sim.ask_to_end().code == 0
+        encoder.wait_until_said("unplugged; waiting for the encoder")
+        assert encoder.ask_to_end().code == 3
+        assert loadcell.end().code == 3
+
+    assert "never back" in encoder.err
+    assert "sent no more for" in loadcell.err
+    states = [run["state"] for run in json.loads(lab.cfid("runs", "--json").out)["runs"]]
+    assert states == ["failed", "failed"]
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_a_simulated_rig_and_nothing_is_left(lab: Lab, name: str) -> None:
+    with rig_sim(lab) as sim:
+        said = sim.ask_to_end(signal.Signals[name])
+
+    assert said.code == 0
+    assert not (lab.folder / SIM_FILE).exists()
+    assert list(lab.folder.glob("cfid-sim-*")) == []
+
+
+def test_a_simulated_rig_ends_after_its_time(lab: Lab) -> None:
+    said = lab.cfid("rig", "sim", "--for", 0.2)
+
+    assert said.code == 0
+    assert not (lab.folder / SIM_FILE).exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--fault loadcell.drop=1", "there is no fault 'loadcell.drop'. There are: encoder.drop_every,"),
+        ("--fault loadcell.drop_every=often", "loadcell.drop_every: should be a whole number of zero or more"),
+        ("--spin 1,2,3", "--spin 1,2,3: expected four motor commands from 0 to 65535"),
+        ("--for 0", "--for 0: has to be above zero."),
+        ("--axis q", "there is no 'q'. There are: x,"),
+        ("--truth nowhere.toml", "nowhere.toml"),
+    ],
+)
+def test_a_simulation_that_cannot_be_meant_so_is_told(lab: Lab, words: str, told: str) -> None:
+    said = lab.cfid("rig", "sim", *words.split())
+
+    assert said.code == 2
+    assert told in said.err
+    assert not (lab.folder / SIM_FILE).exists()

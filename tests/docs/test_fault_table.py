@@ -1,0 +1,37 @@
+"""Every row of the table of faults has its test, and every fault that can be simulated has its row."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from cfid.sim.faults import EncoderFaults, LoadCellFaults
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "reference" / "faults.md").read_text()
+ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TEXT.splitlines() if line.startswith("|")]
+FAULTS = [row for row in ROWS if row[0] != "fault" and set(row[0]) != {"-"}]
+EXIT_CODES = {"", "0", "1", "2", "3", "4", "130"}
+
+
+def test_every_row_has_five_columns_and_a_known_exit_code() -> None:
+    assert len(FAULTS) > 50
+    for row in FAULTS:
+        assert len(row) == 5, row
+        assert row[3] in EXIT_CODES, row
+
+
+def test_every_row_has_a_test_that_is_there() -> None:
+    sources = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    there = set(re.findall(r"^def (test_\w+)\(", sources, re.MULTILINE))
+    for row in FAULTS:
+        named = re.findall(r"`(test_\w+)`", row[4])
+        assert named, row
+        assert set(named) <= there, row
+
+
+@pytest.mark.parametrize(("device", "kind"), [("encoder", EncoderFaults), ("loadcell", LoadCellFaults)])
+def test_every_fault_that_can_be_simulated_is_in_the_table(device: str, kind: type) -> None:
+    named = set(re.findall(rf"`{device}\.(\w+)`", "".join(row[0] for row in FAULTS)))
+    assert named == {field.name for field in fields(kind)}

@@ -1,0 +1,139 @@
+"""Times of samples that a device counts, from arrivals that come late now and then; and the host's own clock."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.rig.clock import HostClock, SampleClock
+
+Array = npt.NDArray[np.float64]
+
+HZ = 7000
+BLOCK = 350  # samples in 50 ms
+DATAGRAM = 70
+SMALLEST_DELAY_S = 2e-4
+BEGAN_S = 123_456.7  # on a monotonic clock
+TEN_MINUTES = 12_000  # blocks
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stream:
+    """What a device sampled and when: counts (n,), instants (n,), and arrivals of every datagram."""
+
+    ticks: npt.NDArray[np.uint32]
+    true_s: Array
+    arrival_s: Array
+
+    def timed(self, clock: SampleClock) -> Array:
+        """Give a clock all blocks in turn; return the instants that it finds."""
+        ends = np.arange(DATAGRAM - 1, BLOCK, DATAGRAM)
+        arrivals = self.arrival_s.reshape(-1, len(ends))
+        blocks = self.ticks.reshape(-1, BLOCK)
+        found = [
+            clock.instants_s(ticks, arrived=ends, arrival_s=arrival)
+            for ticks, arrival in zip(blocks, arrivals, strict=True)
+        ]
+        return np.concatenate(found)
+
+    def error_s(self, found_s: Array) -> Array:
+        """Return what the instants are late, beyond the smallest delay, which nobody can know."""
+        return found_s - self.true_s - SMALLEST_DELAY_S
+
+
+def stream(
+    *, blocks: int, ppm: float, jitter: str, first_tick: int = 1000, late_start_s: float = 0.0, seed: int = 1
+) -> Stream:
+    """A device that is `ppm` quick; a 50 ms stall of what carries its datagrams every few seconds."""
+    rng = np.random.default_rng(seed)
+    index = np.arange(blocks * BLOCK)
+    true_s = BEGAN_S + index / HZ / (1 + 1e-6 * ppm)
+    sent_s = true_s[DATAGRAM - 1 :: DATAGRAM]
+    delay_s = {"exponential": rng.exponential(5e-4, len(sent_s)), "uniform": rng.uniform(0, 3e-3, len(sent_s))}[jitter]
+    arrival_s = sent_s + SMALLEST_DELAY_S + delay_s
+    for begin_s in rng.uniform(BEGAN_S + 1, true_s[-1], blocks // 60):
+        stalled = (arrival_s > begin_s) & (arrival_s < begin_s + 0.05)
+        arrival_s[stalled] = begin_s + 0.05
+    arrival_s[arrival_s < BEGAN_S + late_start_s] = BEGAN_S + late_start_s
+    ticks = ((first_tick + index) % (1 << 32)).astype(np.uint32)
+    return Stream(ticks=ticks, true_s=true_s, arrival_s=np.maximum.accumulate(arrival_s))
+
+
+def check_regular(found_s: Array) -> None:
+    """Neighbours keep their distance to a tenth of a microsecond, where 100 would be allowed."""
+    steps_s = np.diff(found_s)
+    assert steps_s.min() > 0
+    assert np.abs(steps_s - 1 / HZ).max() < 1e-7
+
+
+@pytest.mark.parametrize(("ppm", "jitter"), [(-200, "exponential"), (0, "uniform"), (200, "uniform")])
+def test_ten_minutes_of_jitter_and_stalls_are_evenly_timed_and_do_not_drift(ppm: float, jitter: str) -> None:
+    device = stream(blocks=TEN_MINUTES, ppm=ppm, jitter=jitter, first_tick=2**32 - 100_000)
+
+    found_s = device.timed(SampleClock(ticks_per_s=HZ))
+    error_s = device.error_s(found_s)
+    minutes = error_s[: len(error_s) // 10 * 10].reshape(10, -1)
+
+    check_regular(found_s)
+    assert np.abs(error_s[20 * HZ :]).max() < 5e-4
+    assert np.ptp(minutes[1:].mean(axis=1)) < 5e-5
+
+
+def test_the_counts_wrap_changes_no_time() -> None:
+    one = stream(blocks=400, ppm=50, jitter="exponential")
+    wraps = stream(blocks=400, ppm=50, jitter="exponential", first_tick=2**32 - 70_003)
+
+    assert wraps.ticks.min() == 0
+    found_s = wraps.timed(SampleClock(ticks_per_s=HZ))
+    assert found_s == pytest.approx(one.timed(SampleClock(ticks_per_s=HZ)), abs=1e-8)
+
+
+@pytest.mark.parametrize("ppm", [-200, 200])
+def test_a_start_that_stalled_is_healed_without_a_leap(ppm: float) -> None:
+    device = stream(blocks=4000, ppm=ppm, jitter="exponential", late_start_s=0.1)
+
+    found_s = device.timed(SampleClock(ticks_per_s=HZ))
+    error_s = device.error_s(found_s)
+
+    check_regular(found_s)
+    assert error_s[0] > 0.02  # the last datagram of the first block waited that long
+    assert np.abs(error_s[-10 * HZ :]).max() < 5e-4
+
+
+def test_a_device_that_counts_anew_is_timed_anew() -> None:
+    clock = SampleClock(ticks_per_s=HZ)
+    before = stream(blocks=200, ppm=0, jitter="exponential", first_tick=3_000_000)
+    after = stream(blocks=200, ppm=0, jitter="exponential", first_tick=0, seed=2)
+
+    before.timed(clock)
+    clock.restart()
+
+    assert np.abs(after.error_s(after.timed(clock))).max() < 2e-3
+
+
+def test_samples_without_an_arrival_continue_the_count() -> None:
+    clock = SampleClock(ticks_per_s=HZ)
+    device = stream(blocks=200, ppm=0, jitter="exponential")
+    found_s = device.timed(clock)
+
+    on = clock.instants_s(
+        device.ticks[-1] + np.arange(1, 11, dtype=np.uint32), arrived=np.empty(0, np.intp), arrival_s=np.empty(0)
+    )
+
+    check_regular(np.concatenate([found_s, on]))
+
+
+def test_the_hosts_clock_is_the_wall_clock_when_it_was_tied() -> None:
+    clock = HostClock.now()
+
+    before, monotonic, after = time.time(), time.monotonic(), time.time()
+    (found_s,) = clock.unix_s(np.array([monotonic]))
+
+    assert before - 1e-3 < found_s < after + 1e-3
+
+
+def test_the_hosts_clock_runs_with_the_monotonic_one() -> None:
+    clock = HostClock(1.7e9)
+    assert clock.unix_s(np.array([0.0, 0.5, 3600.0])).tolist() == [1.7e9, 1.7e9 + 0.5, 1.7e9 + 3600]

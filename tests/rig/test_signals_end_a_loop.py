@@ -1,0 +1,155 @@
+"""Signals ask a loop to end: its coroutine does so in its own time, and the program's own handlers come back."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.rig.streaming_rig import ROOT
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+
+PREFACE = """
+import signal, sys, time
+from twisted.internet.task import deferLater
+from cfid.errors import DeviceError
+from cfid.rig.loop import run_until_done
+
+def say(*words):
+    print(*words, flush=True)
+"""
+ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+def start(body: str) -> "subprocess.Popen[str]":
+    """Start a program and wait for its first line."""
+    command = [sys.executable, "-W", "error", "-c", PREFACE + body]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n", process.communicate()
+    return process
+
+
+def said(process: "subprocess.Popen[str]") -> list[str]:
+    assert process.stdout is not None
+    assert process.stderr is not None
+    with process:
+        lines, err = process.stdout.read().splitlines(), process.stderr.read()
+    assert (process.returncode, err) == (0, "")
+    return lines
+
+
+def test_each_signal_ends_a_wait_by_its_name_and_handlers_come_back() -> None:
+    process = start(
+        """
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+async def main(loop, ending):
+    say("ready")
+    await ending.within(None)
+    return ending.signal
+
+for _ in range(3):
+    say(run_until_done(main))
+say(before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)])
+"""
+    )
+    assert process.stdout is not None
+    for number in ENDINGS:
+        process.send_signal(number)
+        assert process.stdout.readline() == f"{number.name}\n"
+        if number != ENDINGS[-1]:
+            assert process.stdout.readline() == "ready\n"
+    assert said(process) == ["True"]
+
+
+def test_the_first_of_many_signals_is_the_one_that_counts() -> None:
+    process = start(
+        """
+async def main(loop, ending):
+    say("ready")
+    await ending.within(None)
+    say("closing")
+    await deferLater(loop, 1.0, lambda: None)  # more signals come
+    return ending.signal
+
+say(run_until_done(main))
+"""
+    )
+    assert process.stdout is not None
+    process.send_signal(signal.SIGTERM)
+    assert process.stdout.readline() == "closing\n"
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGINT):
+        process.send_signal(number)
+        time.sleep(0.02)
+    assert said(process) == ["SIGTERM"]
+
+
+def test_a_signal_during_work_that_blocks_is_taken_up_after_it() -> None:
+    process = start(
+        """
+async def main(loop, ending):
+    say("ready")
+    end_s = time.monotonic() + 0.6
+    while time.monotonic() < end_s:
+        sum(range(1000))
+    say("worked", ending.signal or "unasked")
+    await ending.within(None)
+    return ending.signal
+
+say(run_until_done(main))
+"""
+    )
+    process.send_signal(signal.SIGINT)
+    assert said(process) == ["worked unasked", "SIGINT"]
+
+
+def test_results_errors_and_times_come_out_of_a_loop() -> None:
+    process = start(
+        """
+async def result(loop, ending):
+    return 42
+
+async def fails(loop, ending):
+    raise DeviceError("no device")
+
+async def fails_later(loop, ending):
+    await deferLater(loop, 0.01, lambda: None)
+    raise KeyError("a slip")
+
+async def interrupted(loop, ending):
+    raise KeyboardInterrupt
+
+async def timed(loop, ending):
+    began_s = loop.seconds()
+    await ending.within(0.2)
+    return 0.2 <= loop.seconds() - began_s < 2 and not ending.signal
+
+async def asked_before(loop, ending):
+    ending.ask("SIGINT")
+    await ending.within(60)
+    return ending.signal
+
+say("ready")
+say(run_until_done(result))
+for main in (fails, fails_later, interrupted):
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        run_until_done(main)
+    except BaseException as error:
+        say(repr(error), signal.getsignal(signal.SIGINT) is before)
+say(run_until_done(timed))
+say(run_until_done(asked_before))
+"""
+    )
+    assert said(process) == [
+        "42",
+        "DeviceError('no device') True",
+        "KeyError('a slip') True",
+        "KeyboardInterrupt() True",
+        "True",
+        "SIGINT",
+    ]

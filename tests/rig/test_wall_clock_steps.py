@@ -1,0 +1,146 @@
+"""A wall clock that somebody sets while a run is recorded: no time in the run leaps, and nothing is lost."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.rig.loop import Loop
+from cfid.rig.rdt_port import Inbox, RdtPort
+from cfid.run import read_run
+from cfid.wire.rdt import RECORD_BYTES
+from tests.rig.streaming_rig import ROOT, ServedRig, served_rig, whole_rows
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, reads the kernel's stamps")
+
+LOGGED_S = 3.0
+Environment = Callable[[int], dict[str, str]]
+
+
+@pytest.fixture
+def stepping(tmp_path: Path) -> Environment:
+    """Return the environment of a process whose wall clock leaps by so many seconds once the file `step` is there."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler to make the clock that leaps")
+    library = tmp_path / "step_clock.so"
+    source = Path(__file__).parent / "step_clock.c"
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    return lambda step_s: {
+        **os.environ,
+        "LD_PRELOAD": str(library),
+        "CLOCK_STEP_S": str(step_s),
+        "CLOCK_STEP_FILE": str(tmp_path / "step"),
+    }
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_a_run_during_which_the_clock_is_set_is_smooth_and_complete(
+    tmp_path: Path, stepping: Environment, step_s: int
+) -> None:
+    with served_rig(tmp_path / "campaign") as rig:
+        began_s = time.time()
+        loggers = [start_logging(rig, device, stepping(step_s)) for device in ("encoder", "loadcell")]
+        folders = [recording_into(process) for process in loggers]
+        time.sleep(LOGGED_S / 3)
+        stepped_s = time.time()
+        (tmp_path / "step").touch()
+        for process in loggers:
+            _, err = process.communicate(timeout=30)
+            assert process.returncode == 0, err
+        ended_s = time.time()
+    for folder, device, longest_s in zip(folders, ("encoder", "loadcell"), (0.25, 1 / 7000 + 1e-4), strict=True):
+        run = read_run(folder)
+        rows = whole_rows(run.device_file(device))
+        steps_s = np.diff(rows["t"])
+        assert run.header.state == "complete"
+        assert run.header.devices[device].lost <= (2 if device == "encoder" else 0)  # polls on a busy computer
+        assert steps_s.min() > 0
+        assert steps_s.max() < longest_s
+        assert began_s < rows["t"].iloc[0] < stepped_s < rows["t"].iloc[-1] < ended_s
+        assert np.ptp(rows["t"]) == pytest.approx(LOGGED_S, abs=0.2)
+    assert steps_s.min() > 1 / 7000 - 1e-4
+    assert np.all(np.diff(rows["rdt_sequence"]) == 1)
+
+
+def start_logging(rig: ServedRig, device: str, environment: dict[str, str]) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "cfid.cli.main", "log", device, "--for", str(LOGGED_S)]
+    command += ["--campaign", str(rig.campaign)]
+    return subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def recording_into(process: "subprocess.Popen[str]") -> Path:
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("recording into "):
+            return Path(line.removeprefix("recording into ").split(" (")[0])
+    raise AssertionError(process.communicate())
+
+
+# The kernel's stamps
+
+
+def listening(box: tuple[str, int]) -> tuple[RdtPort, Inbox, tuple[str, int]]:
+    inbox = Inbox(box)
+    port = RdtPort(inbox, box=box, reactor=Loop())
+    port.startListening()  # type: ignore[no-untyped-call]  # twisted's
+    return port, inbox, ("127.0.0.1", port.socket.getsockname()[1])
+
+
+def test_what_a_paused_process_reads_late_came_when_it_was_sent() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
+        box.bind(("127.0.0.1", 0))
+        port, inbox, client = listening(box.getsockname())
+        before_s, after_s = [], []
+        for _ in range(10):
+            before_s.append(time.monotonic())
+            box.sendto(bytes(RECORD_BYTES), client)
+            after_s.append(time.monotonic())
+            time.sleep(0.03)
+        port.drain()
+        port.socket.close()
+
+    arrivals_s = np.array(inbox.arrivals_s)
+    assert len(arrivals_s) == 10
+    assert np.all(arrivals_s > np.array(before_s) - 1e-3)
+    assert np.all(arrivals_s < np.array(after_s) + 1e-3)
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_stamps_of_another_clock_are_not_believed(tmp_path: Path, stepping: Environment, step_s: int) -> None:
+    body = f"""
+import socket, time
+from pathlib import Path
+from tests.rig.test_wall_clock_steps import RECORD_BYTES, listening
+
+with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
+    box.bind(("127.0.0.1", 0))
+    port, inbox, client = listening(box.getsockname())
+    late_s = []
+    for number in range(6):
+        if number == 3:
+            Path({str(tmp_path / "step")!r}).touch()
+        sent_s = time.monotonic()
+        box.sendto(bytes(RECORD_BYTES), client)
+        port.drain()
+        late_s.append((inbox.arrivals_s[-1] - sent_s, time.monotonic() - sent_s))
+    port.socket.close()
+print(time.time())
+assert len(inbox.arrivals_s) == 6
+for late, at_most in late_s:
+    assert -1e-3 < late < at_most + 1e-3, late_s
+"""
+    told = subprocess.run(
+        [sys.executable, "-c", body], cwd=ROOT, env=stepping(step_s), capture_output=True, text=True, check=False
+    )
+    assert told.returncode == 0, told.stderr
+    assert float(told.stdout) == pytest.approx(time.time() + step_s, abs=60)
