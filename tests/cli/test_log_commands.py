@@ -125,13 +125,12 @@ def test_a_box_with_rdt_off_is_told_by_check_and_switched_on_by_log(lab: Lab) ->
     assert "RDT, UDP" not in checked.out
 
 
-@BOTH
-def test_a_figure_is_drawn_when_asked_for(lab: Lab, device: str) -> None:
-    said = lab.cfid("log", device, "--plot", "--for", 1)
+def test_a_figure_is_drawn_when_asked_for(lab: Lab) -> None:
+    said = lab.cfid("log", "loadcell", "--plot", "--for", 1)
 
     assert said.code == 0
     assert "figure: " in said.err
-    assert (lab.run().folder / f"{device}_recording.png").stat().st_size > 10_000
+    assert (lab.run().folder / "loadcell_recording.png").stat().st_size > 10_000
 
 
 def rows_of(run: Run, device: str) -> pd.DataFrame:
@@ -156,11 +155,10 @@ def test_json_is_one_object_on_stdout_and_nothing_else(lab: Lab, device: str) ->
 
 
 @pytest.mark.parametrize("closing", [">&-", "2>&-", ">&- 2>&-"])
-@BOTH
-def test_a_closed_stdout_or_stderr_costs_words_and_no_rows(lab: Lab, device: str, closing: str) -> None:
+def test_a_closed_stdout_or_stderr_costs_words_and_no_rows(lab: Lab, closing: str) -> None:
     closed = ("bash", "-c", f'exec "$@" {closing}', "closed")
 
-    said = lab.start("log", device, "--for", 0.3, wrapper=closed).end()
+    said = lab.start("log", "loadcell", "--for", 0.3, wrapper=closed).end()
 
     assert said.code == 0
     assert lab.run().header.state == "complete"
