@@ -285,11 +285,10 @@ def test_a_box_that_is_off_is_told_by_log_and_by_check(lab: Lab) -> None:
     [
         (b"HTTP/1.0 404 Not Found\r\n\r\n", "answers 404 Not Found, where a Net F/T has its settings: another device"),
         (b"HTTP/1.0 200 OK\r\n\r\n<router><name>r</name></router>", "<setcfgsel> is missing. Is 127.0.0.1 a Net F/T?"),
-        (b"HTTP/1.0 200 OK\r\n\r\n\xff\xfe\x00", "<setcfgsel> is missing. Is 127.0.0.1 a Net F/T?"),
         (b"SSH-2.0-OpenSSH_9.6\r\n", "what answers there speaks no HTTP: another device"),
         (b"", "Is the box powered"),
     ],
-    ids=["404", "other XML", "garbage", "no HTTP", "hung up"],
+    ids=["404", "other XML", "no HTTP", "hung up"],
 )
 def test_another_device_at_the_address_is_told(lab: Lab, answer: bytes, told: str) -> None:
     with answering(answer) as port:
@@ -301,7 +300,7 @@ def test_another_device_at_the_address_is_told(lab: Lab, answer: bytes, told: st
     assert lab.run_folder() is None
 
 
-@pytest.mark.parametrize("address", ["a box", "a..b", "", "nowhere.invalid"])
+@pytest.mark.parametrize("address", ["a box", "a..b", ""])
 def test_an_address_that_is_none_is_told(lab: Lab, address: str) -> None:
     said = lab.cfid(*LOG, "--address", address)
 

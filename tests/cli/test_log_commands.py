@@ -34,7 +34,7 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 # Arguments
 
 
-@pytest.mark.parametrize("words", [("log", "encoder"), ("log", "loadcell"), ("rig", "check"), ("rig", "sim")])
+@pytest.mark.parametrize("words", [("log", "loadcell"), ("rig", "sim")])
 def test_a_command_of_the_rig_needs_a_campaign(cfid: Cfid, words: tuple[str, ...]) -> None:
     said = cfid(*words)
 

@@ -128,10 +128,9 @@ def test_a_simulated_rig_that_ends_under_a_log_is_a_lost_device(lab: Lab) -> Non
     assert states == ["failed", "failed"]
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_ends_a_simulated_rig_and_nothing_is_left(lab: Lab, name: str) -> None:
+def test_a_signal_ends_a_simulated_rig_and_nothing_is_left(lab: Lab) -> None:
     with rig_sim(lab) as sim:
-        said = sim.ask_to_end(signal.Signals[name])
+        said = sim.ask_to_end(signal.SIGTERM)
 
     assert said.code == 0
     assert not (lab.folder / SIM_FILE).exists()
@@ -149,7 +148,6 @@ def test_a_simulated_rig_ends_after_its_time(lab: Lab) -> None:
     ("words", "told"),
     [
         ("--fault loadcell.drop=1", "there is no fault 'loadcell.drop'. There are: encoder.drop_every,"),
-        ("--fault loadcell.drop_every=often", "loadcell.drop_every: should be a whole number of zero or more"),
         ("--spin 1,2,3", "--spin 1,2,3: expected four motor commands from 0 to 65535"),
         ("--for 0", "--for 0: has to be above zero."),
         ("--axis q", "there is no 'q'. There are: x,"),

@@ -1,4 +1,7 @@
-"""The recorder with instruments of the test's own: its order, its time, and that every device is let go of."""
+"""The recorder with instruments of the test's own: its order, its time, and that every device is let go of.
+
+And an encoder whose replies a stall holds up.
+"""
 
 import subprocess
 import sys
