@@ -111,10 +111,10 @@ class Desk:
         run.close("failed" if failure else "complete", reason=str(failure or ""))
         return read_run(run.folder), failure, recorder
 
-    def of(self, name: str, *, without: str = "") -> list[str]:
+    def of(self, name: str) -> list[str]:
         """Return what one instrument was asked, one `take` for many in a row."""
         asked = [what.split(".")[1] for what in self.asked if what.startswith(f"{name}.")]
-        return [what for at, what in enumerate(asked) if what != without and asked[at - 1 : at] != [what]]
+        return [what for at, what in enumerate(asked) if asked[at - 1 : at] != [what]]
 
 
 def new_run(folder: Path, *names: str) -> RunWriter:

@@ -100,6 +100,7 @@ def test_what_a_paused_process_reads_late_came_when_it_was_sent() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
         box.bind(("127.0.0.1", 0))
         port, inbox, client = listening(box.getsockname())
+        time.sleep(0.2)  # the kernel begins to stamp a moment after it was asked to
         before_s, after_s = [], []
         for _ in range(10):
             before_s.append(time.monotonic())

@@ -1,0 +1,322 @@
+"""The thesis' three services on the vehicle, thrust, sine and ping (C.2.1, C.2.4, C.2.6), and what the app adds.
+
+The thesis' fields stand first in every payload, byte for byte, so that its modules of 2015 understand each
+request and their answers are understood; whatever is added stands behind them or on a channel of its own.
+A decoder returns None for a payload of the wrong length. Microseconds are the vehicle's, and wrap.
+"""
+
+import math
+import struct
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+MIDDLE = 30000  # B of eq. 3.6
+LARGEST_COMMAND = 65535
+ALL_MOTORS_THRUST = 4  # as motor of a thrust request; single ones are 0 to 3
+ALL_MOTORS_SINE = 0  # as motor of a sine request; single ones are 1 to 4
+SAMPLES_PER_S = 500
+KEEP_ALIVE_S = 0.5  # after the last one the app stops the motors
+PROTOCOL = 1
+
+_THRUST = struct.Struct("<Hi")
+_THRUST_ANSWER = struct.Struct("<HiB4HI")
+_SINE = struct.Struct("<HHfI")
+_SINE_ANSWER = struct.Struct("<HHfIBBI")
+_OLD_CROSSING = struct.Struct("<H")
+_CROSSING = struct.Struct("<HIIH")
+_DONE = struct.Struct("<BBII")
+_HELLO = struct.Struct("<4sBHHQ")
+_ALIVE = struct.Struct("<I")
+_STATE = struct.Struct("<IB4HI")
+_MICROSECONDS = struct.Struct("<Q")
+_MAGIC = b"cfid"
+_DONE_MARK = ord("a")
+
+
+class Ports(NamedTuple):
+    """The CRTP ports of the three services."""
+
+    thrust: int = 10
+    sine: int = 11
+    ping: int = 12
+
+
+class ThrustChannel(IntEnum):
+    """Channels of the thrust service."""
+
+    SET = 0
+    ANSWER = 2
+
+
+class SineChannel(IntEnum):
+    """Channels of the sine service: both directions use 0, as in the thesis."""
+
+    START = 0
+    CROSSING = 0
+    DONE = 1
+    ANSWER = 2
+
+
+class PingChannel(IntEnum):
+    """Channels of the ping service; the module of 2015 answers all of them alike, with nothing on channel 0."""
+
+    PING = 0
+    HELLO = 1
+    ALIVE = 2
+    STOP = 3
+
+
+class Verdict(IntEnum):
+    """What the app says to a request."""
+
+    ACCEPTED = 0
+    WRONG_LENGTH = 1
+    NO_SUCH_MOTOR = 2
+    NO_KEEP_ALIVE = 3
+    SINE_IS_RUNNING = 4
+    MOTORS_NOT_ALLOWED = 5
+    NO_SAMPLES = 6
+    NO_FREQUENCY = 7
+    NO_WHOLE_PERIODS = 8
+
+
+VERDICTS = {
+    Verdict.ACCEPTED: "accepted",
+    Verdict.WRONG_LENGTH: "the request has the wrong length",
+    Verdict.NO_SUCH_MOTOR: "there is no such motor",
+    Verdict.NO_KEEP_ALIVE: "it hears no keep-alive",
+    Verdict.SINE_IS_RUNNING: "a sine is running",
+    Verdict.MOTORS_NOT_ALLOWED: "its supervisor does not let the motors run: not armed, tumbled or stopped",
+    Verdict.NO_SAMPLES: "N is zero",
+    Verdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
+    Verdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
+}
+
+
+class Outcome(IntEnum):
+    """How a sine ended."""
+
+    FINISHED = 0
+    STOPPED = 1
+    KEEP_ALIVE_LOST = 2
+    MOTORS_NOT_ALLOWED = 3
+
+
+OUTCOMES = {
+    Outcome.FINISHED: "played to its end",
+    Outcome.STOPPED: "was stopped",
+    Outcome.KEEP_ALIVE_LOST: "was stopped by the vehicle, which heard no keep-alive",
+    Outcome.MOTORS_NOT_ALLOWED: "was stopped by the vehicle's supervisor: not armed, tumbled or stopped",
+}
+
+
+class Flags(IntFlag):
+    """What the app's state says."""
+
+    MOTORS_ALLOWED = 1
+    KEEP_ALIVE_FRESH = 2
+    SINE_RUNNING = 4
+
+
+class ThrustRequest(NamedTuple):
+    """A command for one motor, 0 to 3, or for all, 4."""
+
+    command: int
+    motor: int
+
+
+class ThrustAnswer(NamedTuple):
+    """The request as understood, the verdict, and the commands in force then."""
+
+    command: int
+    motor: int
+    verdict: int
+    commands: tuple[int, int, int, int]
+    microseconds: int
+
+
+class SineRequest(NamedTuple):
+    """A sine of eq. 3.6: motor 1 to 4 or 0 for all, amplitude A, omega in rad per sample, N samples."""
+
+    motor: int
+    amplitude: int
+    omega: float
+    samples: int
+
+
+class SineAnswer(NamedTuple):
+    """The request as understood, the verdict, whether the sine is clipped, and l as recovered from omega."""
+
+    motor: int
+    amplitude: int
+    omega: float
+    samples: int
+    verdict: int
+    clips: bool
+    periods: int
+
+
+class Crossing(NamedTuple):
+    """A crossing of the middle: the command then, and from the app the sample's index, its time, and which report.
+
+    The report of value 0 says that the motors are off; its index is the number of samples played.
+    """
+
+    command: int
+    sample: int | None = None
+    microseconds: int | None = None
+    number: int | None = None
+
+
+class Done(NamedTuple):
+    """The end of a sine, a second after its motors stopped; the module of 2015 says no more than that."""
+
+    outcome: int | None = None
+    samples: int | None = None
+    clipped: int | None = None
+
+
+class Hello(NamedTuple):
+    """What the app says of itself."""
+
+    protocol: int
+    samples_per_s: int
+    keep_alive_ms: int
+    microseconds: int
+
+
+class AppState(NamedTuple):
+    """The answer to a keep-alive or a stop: its number, flags, and the commands in force."""
+
+    number: int
+    flags: Flags
+    commands: tuple[int, int, int, int]
+    microseconds: int
+
+
+def encode_thrust(request: ThrustRequest) -> bytes:
+    """Return `<Hi`, the thesis' struct of C.2.1."""
+    return _THRUST.pack(*request)
+
+
+def decode_thrust(payload: bytes) -> ThrustRequest | None:
+    """Return a thrust request."""
+    return ThrustRequest._make(_THRUST.unpack(payload)) if len(payload) == _THRUST.size else None
+
+
+def encode_thrust_answer(answer: ThrustAnswer) -> bytes:
+    """Return an acknowledgement."""
+    return _THRUST_ANSWER.pack(*answer[:3], *answer.commands, answer.microseconds)
+
+
+def decode_thrust_answer(payload: bytes) -> ThrustAnswer | None:
+    """Return an acknowledgement."""
+    if len(payload) != _THRUST_ANSWER.size:
+        return None
+    command, motor, verdict, m1, m2, m3, m4, microseconds = _THRUST_ANSWER.unpack(payload)
+    return ThrustAnswer(command, motor, verdict, (m1, m2, m3, m4), microseconds)
+
+
+def encode_sine(request: SineRequest) -> bytes:
+    """Return `<HHfI`, the thesis' struct of C.2.4; omega becomes a float32 there."""
+    return _SINE.pack(*request)
+
+
+def decode_sine(payload: bytes) -> SineRequest | None:
+    """Return a sine request."""
+    return SineRequest._make(_SINE.unpack(payload)) if len(payload) == _SINE.size else None
+
+
+def encode_sine_answer(answer: SineAnswer) -> bytes:
+    """Return an acknowledgement."""
+    return _SINE_ANSWER.pack(*answer)
+
+
+def decode_sine_answer(payload: bytes) -> SineAnswer | None:
+    """Return an acknowledgement."""
+    if len(payload) != _SINE_ANSWER.size:
+        return None
+    *request, verdict, clips, periods = _SINE_ANSWER.unpack(payload)
+    return SineAnswer(*request, verdict, bool(clips), periods)
+
+
+def encode_crossing(crossing: Crossing) -> bytes:
+    """Return a report, of the thesis' length where it has no index."""
+    if crossing.sample is None:
+        return _OLD_CROSSING.pack(crossing.command)
+    return _CROSSING.pack(*crossing)
+
+
+def decode_crossing(payload: bytes) -> Crossing | None:
+    """Return a report of the app or of the module of 2015."""
+    if len(payload) == _OLD_CROSSING.size:
+        return Crossing(*_OLD_CROSSING.unpack(payload))
+    return Crossing._make(_CROSSING.unpack(payload)) if len(payload) == _CROSSING.size else None
+
+
+def encode_done(done: Done) -> bytes:
+    """Return the byte `a`, with what the app adds where it is known."""
+    if done.outcome is None:
+        return bytes([_DONE_MARK])
+    return _DONE.pack(_DONE_MARK, *done)
+
+
+def decode_done(payload: bytes) -> Done | None:
+    """Return the end of a sine."""
+    if payload[:1] != bytes([_DONE_MARK]):
+        return None
+    if len(payload) == 1:
+        return Done()
+    return Done._make(_DONE.unpack(payload)[1:]) if len(payload) == _DONE.size else None
+
+
+def encode_hello(hello: Hello) -> bytes:
+    """Return the app's answer to a hello, whose own payload is empty."""
+    return _HELLO.pack(_MAGIC, *hello)
+
+
+def decode_hello(payload: bytes) -> Hello | None:
+    """Return the app's answer to a hello; None for the empty one of the module of 2015 too."""
+    if len(payload) != _HELLO.size or payload[:4] != _MAGIC:
+        return None
+    return Hello._make(_HELLO.unpack(payload)[1:])
+
+
+def encode_alive(number: int) -> bytes:
+    """Return a keep-alive or a stop, whose number comes back with the state."""
+    return _ALIVE.pack(number)
+
+
+def decode_alive(payload: bytes) -> int | None:
+    """Return the number of a keep-alive or a stop."""
+    return int(_ALIVE.unpack(payload)[0]) if len(payload) == _ALIVE.size else None
+
+
+def encode_state(state: AppState) -> bytes:
+    """Return the answer to a keep-alive or a stop."""
+    return _STATE.pack(state.number, state.flags, *state.commands, state.microseconds)
+
+
+def decode_state(payload: bytes) -> AppState | None:
+    """Return the answer to a keep-alive or a stop."""
+    if len(payload) != _STATE.size:
+        return None
+    number, flags, m1, m2, m3, m4, microseconds = _STATE.unpack(payload)
+    return AppState(number, Flags(flags), (m1, m2, m3, m4), microseconds)
+
+
+def encode_ping_answer(request: bytes, microseconds: int) -> bytes:
+    """Return the answer to a ping: nothing to an empty one, as in 2015; else its bytes and the vehicle's time."""
+    return request + _MICROSECONDS.pack(microseconds) if request else b""
+
+
+def decode_ping_answer(request: bytes, payload: bytes) -> int | None:
+    """Return the vehicle's time from the answer to a ping that was not empty."""
+    if not request or len(payload) != len(request) + _MICROSECONDS.size or not payload.startswith(request):
+        return None
+    return int(_MICROSECONDS.unpack(payload[len(request) :])[0])
+
+
+def omega_of(periods: int, samples: int) -> float:
+    """Return the thesis' Omega_l = 2 pi l / N in rad per sample (eq. 3.6)."""
+    return 2 * math.pi * periods / samples
