@@ -236,8 +236,8 @@ def decode_sine_answer(payload: bytes) -> SineAnswer | None:
     """Return an acknowledgement."""
     if len(payload) != _SINE_ANSWER.size:
         return None
-    *request, verdict, clips, periods = _SINE_ANSWER.unpack(payload)
-    return SineAnswer(*request, verdict, bool(clips), periods)
+    fields = _SINE_ANSWER.unpack(payload)
+    return SineAnswer._make((*fields[:5], bool(fields[5]), fields[6]))
 
 
 def encode_crossing(crossing: Crossing) -> bytes:
