@@ -1,20 +1,27 @@
 """CRTP, the Crazyflie's packets: one header byte with port and channel, then up to 30 bytes; numbers little-endian.
 
-Holds what cfid itself says on the stock ports. The thesis' three services are `app`'s; cflib speaks the rest.
+Holds what cfid itself says on the stock ports: echo, parameters and logging by number. The numbers come from
+the vehicle's tables, which cflib reads; the thesis' three services are `app`'s.
 """
 
 import struct
+from collections.abc import Sequence
+from enum import IntEnum
 from typing import NamedTuple
 
 LONGEST_PAYLOAD = 30
 
-LINK_PORT, ECHO_CHANNEL = 15, 0
-LOG_PORT, LOG_CONTROL_CHANNEL = 5, 1
-START_MS_COMMAND = 8  # cflib knows only the older one, which counts in tens of milliseconds
+ECHO_PORT, ECHO_CHANNEL = 15, 0
+
+PARAMETER_PORT = 2
+READ_CHANNEL, WRITE_CHANNEL = 1, 2
+
+LOG_PORT = 5
+LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL = 1, 2
+LONGEST_LOG_ROW = 26
 
 _RESERVED = 3 << 2  # the link's own bits, set by whoever sends
 _ECHO = struct.Struct("<BQ")
-_START_MS = struct.Struct("<BBH")
 _ECHO_MARK = 0xCF  # cflib's own ping begins with 0 and comes back on the same channel
 
 
@@ -24,6 +31,32 @@ class Packet(NamedTuple):
     port: int
     channel: int
     payload: bytes
+
+
+class LogCommand(IntEnum):
+    """What is asked on the log's control channel."""
+
+    STOP = 4
+    CREATE = 6
+    START_MS = 8  # cflib knows only an older one, in tens of milliseconds
+
+
+class Variable(NamedTuple):
+    """An entry of the vehicle's tables: its number, and its type as a letter of Python's struct."""
+
+    number: int
+    kind: str
+
+
+class LogAnswer(NamedTuple):
+    """What came of a command about a block; an error of 0 is none."""
+
+    command: int
+    block: int
+    error: int
+
+
+_LOG_TYPES = {kind: number for number, kind in enumerate("BHIbhif", 1)} | {"e": 8}
 
 
 def encode_packet(packet: Packet) -> bytes:
@@ -53,6 +86,59 @@ def decode_echo(payload: bytes) -> int | None:
     return int(number) if mark == _ECHO_MARK else None
 
 
+def encode_read_parameter(parameter: Variable) -> bytes:
+    """Return the request for a parameter's value."""
+    return struct.pack("<H", parameter.number)
+
+
+def encode_write_parameter(parameter: Variable, value: float) -> bytes:
+    """Return the request to set a parameter. Raises struct.error for a value that its type cannot hold."""
+    return struct.pack(f"<H{parameter.kind}", parameter.number, value)
+
+
+def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
+    """Return the value from the answer to a read of this parameter: number, a zero, the value."""
+    layout = struct.Struct(f"<HB{parameter.kind}")
+    if len(payload) != layout.size:
+        return None
+    number, error, value = layout.unpack(payload)
+    return value if (number, error) == (parameter.number, 0) else None
+
+
+def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
+    """Return the value from the answer to a write of this parameter: number, the value that stands now."""
+    layout = struct.Struct(f"<H{parameter.kind}")
+    if len(payload) != layout.size:
+        return None
+    number, value = layout.unpack(payload)
+    return value if number == parameter.number else None
+
+
+def encode_create_log(block: int, variables: Sequence[Variable]) -> bytes:
+    """Return the request for a log block, at most nine variables and 26 bytes of values."""
+    types = [_LOG_TYPES[variable.kind] for variable in variables]
+    entries = [struct.pack("<BH", kind | kind << 4, v.number) for kind, v in zip(types, variables, strict=True)]
+    return bytes([LogCommand.CREATE, block]) + b"".join(entries)
+
+
 def encode_start_log(block: int, period_ms: int) -> bytes:
-    """Return the request to send a log block every so many milliseconds."""
-    return _START_MS.pack(START_MS_COMMAND, block, period_ms)
+    """Return the request to send a block every so many milliseconds."""
+    return struct.pack("<BBH", LogCommand.START_MS, block, period_ms)
+
+
+def encode_stop_log(block: int) -> bytes:
+    """Return the request to send a block no more."""
+    return bytes([LogCommand.STOP, block])
+
+
+def decode_log_answer(payload: bytes) -> LogAnswer | None:
+    """Return what the vehicle answers on the log's control channel."""
+    return LogAnswer(*payload) if len(payload) == 3 else None
+
+
+def decode_log_row(block: int, variables: Sequence[Variable], payload: bytes) -> tuple[int, tuple[float, ...]] | None:
+    """Return the vehicle's milliseconds (24 bits, they wrap) and the values of a row of this block."""
+    layout = struct.Struct("<" + "".join(variable.kind for variable in variables))
+    if len(payload) != 4 + layout.size or payload[0] != block:
+        return None
+    return int.from_bytes(payload[1:4], "little"), layout.unpack_from(payload, 4)

@@ -1,0 +1,225 @@
+"""The link to a vehicle: the one module that meets cflib and its threads, and adds the time-outs that it lacks.
+
+Packets come on cflib's thread and are stamped there. Until a loop is attached, they are waited for one by one.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import cflib.crtp
+from cflib.crazyflie import Crazyflie
+from cflib.crtp.crtpstack import CRTPPacket
+from platformdirs import user_cache_path
+
+from cfid.errors import DeviceError
+from cfid.wire.crtp import Packet, Variable
+
+Answer = TypeVar("Answer")
+Arrived = tuple[Packet, float]
+
+OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
+
+_SILENT_S = 2.0  # without any packet
+_STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nobody sends it again
+_CONNECT_S = 12.0
+_VALUES_S = 5.0  # for the parameters' values, without which one can go on
+_CLOSE_S = 2.5
+_HEARD_EVERY_S = 0.02
+
+
+class Link:
+    """An open link to a vehicle, whose tables have been read. Made by `connect`."""
+
+    def __init__(self, uri: str, cf: Crazyflie) -> None:
+        """Take over a Crazyflie of cflib's that opens its link now."""
+        self.uri = uri
+        self.fault = ""
+        self.heard_s = 0.0
+        self._cf = cf
+        self._arrived: queue.SimpleQueue[Arrived] = queue.SimpleQueue()
+        self._wake: Callable[[], None] = lambda: None
+
+    @classmethod
+    def connect(cls, uri: str) -> Self:
+        """Open the link and read the vehicle's tables.
+
+        Raises DeviceError that says how far it came: no such address, no radio, silent, no Crazyflie, too old.
+        """
+        _prepare_cflib()
+        end_s = time.monotonic() + _CONNECT_S
+        while True:
+            link = cls(uri, Crazyflie(rw_cache=str(_table_cache())))
+            try:
+                if link._opened(end_s):
+                    return link
+            except BaseException:
+                link.close()
+                raise
+            link.close()
+
+    @property
+    def firmware_protocol(self) -> int:
+        """The version of CRTP that the vehicle speaks, below zero for none."""
+        return int(self._cf.platform.get_protocol_version())
+
+    def variable(self, name: str) -> Variable | None:
+        """Return a log variable by its name, as `pm.vbat`."""
+        return _entry(self._cf.log.toc, name)
+
+    def parameter(self, name: str) -> Variable | None:
+        """Return a parameter by its name, as `motorPowerSet.enable`."""
+        return _entry(self._cf.param.toc, name)
+
+    def send(self, packet: Packet) -> None:
+        """Send a packet. Raises DeviceError where cflib would say nothing: when the link is gone."""
+        if self.fault or self._cf.link is None:
+            raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
+        sent = CRTPPacket()
+        sent.set_header(packet.port, packet.channel)
+        sent.data = packet.payload
+        self._cf.send_packet(sent)
+
+    def ask(
+        self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float = 0.2, tries: int = 3
+    ) -> Answer | None:
+        """Send a packet until one comes for which `read` returns something; None when none does.
+
+        Only before a loop is attached, which takes the packets from then on.
+        """
+        for _ in range(tries):
+            self.send(packet)
+            end_s = time.monotonic() + within_s
+            while (left_s := end_s - time.monotonic()) > 0:
+                try:
+                    answer = read(self._arrived.get(timeout=left_s)[0])
+                except queue.Empty:
+                    break
+                if answer is not None:
+                    return answer
+        return None
+
+    def attach(self, wake: Callable[[], None]) -> None:
+        """Call `wake`, on cflib's thread, whenever a packet has come: it makes a loop call `arrived`."""
+        self._wake = wake
+        wake()
+
+    def arrived(self) -> list[Arrived]:
+        """Return the packets that came since the last call, each with its time on the monotonic clock."""
+        packets: list[Arrived] = []
+        while True:
+            try:
+                packets.append(self._arrived.get_nowait())
+            except queue.Empty:
+                return packets
+
+    def close(self) -> None:
+        """Close the link. cflib takes up to two seconds, in which a radio must be given back and a socket need not."""
+        self._wake = lambda: None
+        closing = threading.Thread(target=self._cf.close_link, daemon=True)
+        closing.start()
+        if not self.uri.startswith("udp:"):
+            closing.join(_CLOSE_S)
+
+    def _opened(self, end_s: float) -> bool:
+        """Open and wait until the tables are there; False when a lost packet stopped that and time is left."""
+        connected, complete = threading.Event(), threading.Event()
+        cf = self._cf
+        cf.connected.add_callback(lambda uri: connected.set())
+        cf.fully_connected.add_callback(lambda uri: complete.set())
+        for failed in (cf.connection_failed, cf.connection_lost, cf.disconnected_link_error):
+            failed.add_callback(lambda uri, reason: self._failed(reason))
+        cf.packet_received.add_callback(self._received)
+        begun_s = time.monotonic()
+        threading.Thread(target=cf.open_link, args=(self.uri,), daemon=True).start()
+        while not connected.wait(_HEARD_EVERY_S):
+            now_s = time.monotonic()
+            self._check_answers(now_s - begun_s)
+            if self.heard_s and now_s - self.heard_s > _STUCK_S:
+                if now_s < end_s:
+                    return False
+                raise DeviceError(f"{self.uri}: answers, but connecting stopped half-way: the link loses packets.")
+        complete.wait(_VALUES_S)
+        self._check_answers(0.0)
+        return True
+
+    def _check_answers(self, spent_s: float) -> None:
+        if self.fault:
+            raise DeviceError(self.fault)
+        if not self.heard_s and spent_s > _SILENT_S:
+            raise DeviceError(
+                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and are channel, data rate and address "
+                "those of its configuration?"
+            )
+        if self.heard_s and spent_s > _STUCK_S and self.firmware_protocol < 0:
+            raise DeviceError(f"{self.uri}: what answers there is no Crazyflie.")
+        if 0 <= self.firmware_protocol < OLDEST_PROTOCOL:
+            raise DeviceError(
+                f"{self.uri}: the vehicle speaks version {self.firmware_protocol} of its protocol, cfid needs "
+                f"{OLDEST_PROTOCOL} or newer: update its firmware."
+            )
+
+    def _failed(self, reason: str) -> None:
+        told = str(reason).strip().splitlines() or ["no reason was given"]
+        detail = next((line for line in told if line.startswith("Exception:")), told[0]).removeprefix("Exception:")
+        if not self.fault:
+            self.fault = f"{self.uri}: {_meaning(self.uri, detail)}"
+        self._wake()
+
+    def _received(self, packet: Any) -> None:
+        self.heard_s = time.monotonic()
+        self._arrived.put((Packet(packet.port, packet.channel, bytes(packet.data)), self.heard_s))
+        self._wake()
+
+
+def find_vehicle() -> str:
+    """Return the address of the only vehicle that a radio or a USB cable reaches. Raises DeviceError."""
+    _prepare_cflib()
+    try:
+        found = [str(uri) for uri, _ in cflib.crtp.scan_interfaces() if not str(uri).startswith("udp:")]
+    except Exception as error:  # cflib lets through whatever its drivers raise
+        raise DeviceError(f"no radio can be searched: {error}.") from None
+    if not found:
+        raise DeviceError(
+            "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in rig.toml "
+            "or --uri names one directly."
+        )
+    if len(found) > 1:
+        raise DeviceError(f"several vehicles answer: {', '.join(found)}. Say which with --uri.")
+    return found[0]
+
+
+def _prepare_cflib() -> None:
+    """Load cflib's drivers once, and keep its log from stderr, which is for sentences."""
+    logging.getLogger("cflib").setLevel(logging.CRITICAL)
+    if not cflib.crtp.CLASSES:
+        cflib.crtp.init_drivers()
+
+
+def _table_cache() -> Path:
+    """Return where cflib keeps tables it has read once: over a radio they take seconds."""
+    folder = user_cache_path("cfid") / "crazyflie-tables"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # cflib does without, then
+        return Path()
+    return folder
+
+
+def _meaning(uri: str, reason: str) -> str:
+    if "refused" in reason:
+        return "nobody listens there: the vehicle is off, or the address is wrong."
+    if "No driver found" in reason:
+        return "is no address of a vehicle; one looks like radio://0/80/2M/E7E7E7E7E7."
+    if "radio" in reason.lower() and uri.startswith("radio"):
+        return f"no Crazyradio: {reason.strip()}. Plug it in; on Linux its udev rules have to be installed."
+    return f"the link failed: {reason.strip()}."
+
+
+def _entry(table: Any, name: str) -> Variable | None:
+    element = table.get_element_by_complete_name(name) if table is not None else None
+    return None if element is None else Variable(element.ident, element.pytype[-1].replace("L", "I"))
