@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -68,6 +68,7 @@ class RunHeader(_Section):
     cfid_version: str = ""
     simulated: bool = False
     label: Label = Label()
+    asked: dict[str, Any] = {}
     devices: dict[str, DeviceRecord] = {}
 
 
@@ -228,6 +229,7 @@ def create_run(
     started: datetime,
     cfid_version: str,
     simulated: bool = False,
+    asked: Mapping[str, Any] = MappingProxyType({}),
 ) -> RunWriter:
     """Make a new run folder named after its start, kind and label, and open its files.
 
@@ -241,6 +243,7 @@ def create_run(
         cfid_version=cfid_version,
         simulated=simulated,
         label=label,
+        asked=dict(asked),
         devices=dict(devices),
     )
     folder = _new_folder(runs_folder, re.sub(r"[^A-Za-z0-9_.+-]", "-", stem))

@@ -152,8 +152,8 @@ class Link:
             raise DeviceError(self.fault)
         if not self.heard_s and spent_s > _SILENT_S:
             raise DeviceError(
-                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and are channel, data rate and address "
-                "those of its configuration?"
+                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and does this name its channel, "
+                "data rate and address?"
             )
         if self.heard_s and spent_s > _STUCK_S and self.firmware_protocol < 0:
             raise DeviceError(f"{self.uri}: what answers there is no Crazyflie.")
@@ -185,8 +185,8 @@ def find_vehicle() -> str:
         raise DeviceError(f"no radio can be searched: {error}.") from None
     if not found:
         raise DeviceError(
-            "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in rig.toml "
-            "or --uri names one directly."
+            "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in "
+            "rig.toml, or --uri, names one directly."
         )
     if len(found) > 1:
         raise DeviceError(f"several vehicles answer: {', '.join(found)}. Say which with --uri.")

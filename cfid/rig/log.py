@@ -1,11 +1,13 @@
 """One logged run: devices opened and locked, recorded until the end, closed in whatever way it ends."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+from twisted.internet.defer import Deferred, DeferredList
 
 from cfid import __version__
 from cfid.campaign import EncoderPort, LoadCellBox
@@ -23,24 +25,35 @@ from cfid.rig.serial_line import serial_lines
 from cfid.run import DeviceRecord, Label, Run, create_run
 
 Open = Callable[[Loop, HostClock], Instrument]
+Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
 
 
 @dataclass(frozen=True, kw_only=True)
 class Device:
-    """A device that was asked and locked: how run.toml describes it, and how it is opened in a loop."""
+    """A device that was asked and locked: how run.toml describes it, and how it is opened in a loop.
+
+    One that is `eventful` may have nothing to say; any other has rows, or something is wrong.
+    """
 
     record: DeviceRecord
     open: Open
+    eventful: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What is to be recorded, where to and for how long; None is until the operator ends it."""
+    """What is to be recorded, where to and for how long; None is until the operator ends it.
+
+    With a `procedure` the run lasts as long as that takes, and one that is ended before is interrupted.
+    `asked` goes into run.toml as it is.
+    """
 
     runs_folder: Path
     kind: str
     label: Label
     for_s: float | None = None
+    procedure: Procedure | None = None
+    asked: Mapping[str, Any] = field(default_factory=dict)
     simulated: bool = False
 
 
@@ -146,17 +159,31 @@ async def _recorded(
         started=datetime.now(UTC),
         cfid_version=__version__,
         simulated=plan.simulated,
+        asked=plan.asked,
     ) as run:
         begun(run.folder)
         recorder = Recorder(instruments, run, loop=loop, show=lambda: show(recorder))
-        await recorder.record(ending, for_s=plan.for_s)
-        if ending.signal and not any(run.rows(instrument.name) for instrument in instruments):
+        await recorder.record(lambda: _lasting(plan, instruments, loop, ending))
+        sampled = [instrument for instrument, device in zip(instruments, devices, strict=True) if not device.eventful]
+        if ending.signal and not any(run.rows(instrument.name) for instrument in sampled):
             raise KeyboardInterrupt
-        for instrument in instruments:
+        for instrument in sampled:
             if not run.rows(instrument.name):
                 raise DeviceError(
                     f"{instrument.name}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` asks it what is "
                     "wrong."
                 )
-        early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal and plan.for_s else ""
-        return run.close("complete", reason=early)
+        early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal else ""
+        if plan.procedure is not None:
+            return run.close("interrupted" if early else "complete", reason=early)
+        return run.close("complete", reason=early if plan.for_s else "")
+
+
+def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: Ending) -> "Deferred[None]":
+    """Return a Deferred that fires when the run is over; cancelled, it ends the procedure."""
+    if plan.procedure is None:
+        return ending.within(plan.for_s)
+    by_name = {instrument.name: instrument for instrument in instruments}
+    parts = [ending.within(None), Deferred.fromCoroutine(plan.procedure(by_name, loop))]
+    first = DeferredList(parts, fireOnOneCallback=True, fireOnOneErrback=True, consumeErrors=True)
+    return first.addCallbacks(lambda _: None, lambda failure: failure.value.subFailure)

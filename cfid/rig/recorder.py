@@ -11,9 +11,9 @@ from twisted.internet.base import DelayedCall
 from twisted.internet.defer import Deferred
 from twisted.internet.task import deferLater
 from twisted.internet.threads import deferToThreadPool
+from twisted.python.failure import Failure
 
-from cfid.errors import DeviceError
-from cfid.rig.loop import Ending
+from cfid.errors import CfidError, DeviceError
 from cfid.run import RunWriter
 
 BLOCK_S = 0.05
@@ -108,29 +108,37 @@ class Recorder:
         """How long it has been recording."""
         return float(self._loop.seconds() - self.began_s)
 
-    async def record(self, ending: Ending, *, for_s: float | None) -> None:
-        """Record until the end is asked for, the time is over or something fails; then stop every device.
+    async def record(self, begin: "Callable[[], Deferred[None]]") -> None:
+        """Record until what `begin` begins has ended or something fails; then stop every device, the first one first.
 
-        What a device sent before it stopped is written in each case. Raises the first failure: DeviceError or
-        DataError, but for a fault of this program.
+        What a device sent before it stopped is written in each case. Raises the first failure, with the others
+        beside it: DeviceError or DataError, but for a fault of this program.
         """
         self.began_s = self._loop.seconds()
-        ending.within(for_s).addCallback(self._finish)
         failed: list[Exception] = []
+        begun: Deferred[None] | None = None
         try:
             for instrument in self._instruments:
                 instrument.start()
             self._write_blocks(0)
+            begun = begin()
+            begun.addCallbacks(self._finish, self._failed)
             await self._done
         except Exception as error:
             failed.append(error)
+        if begun is not None:
+            begun.cancel()
         failed += await self._stop()
         if failed:
-            raise failed[0]
+            raise _together(failed)
 
     def _finish(self, _: object) -> None:
         if not self._done.called:
             self._done.callback(None)
+
+    def _failed(self, failure: Failure) -> None:
+        if failure.value is not None:
+            self._fail(failure.value)
 
     def _fail(self, error: BaseException) -> None:
         if not self._done.called:
@@ -187,6 +195,18 @@ class Recorder:
             with _noted(failed):
                 self._run.describe(instrument.name, instrument.facts())
         return failed
+
+
+def _together(failed: list[Exception]) -> Exception:
+    """Return the first failure, which says the later ones too: that motors may still run must not go under."""
+    first, *later = failed
+    others = "\n".join(str(error) for error in later if isinstance(error, CfidError) and str(error) != str(first))
+    if not others:
+        return first
+    if isinstance(first, CfidError):
+        return type(first)(f"{first}\n{others}")
+    first.add_note(others)
+    return first
 
 
 @contextlib.contextmanager

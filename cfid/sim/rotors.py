@@ -14,6 +14,7 @@ from cfid.sim.stepping import Array
 Six = tuple[Number, Number, Number, Number, Number, Number]
 
 LARGEST_COMMAND = 65535
+NOMINAL_V = 3.7  # of a lithium cell that is half empty
 # Crazyflie 2.0, motor 1 to 4, x forward and y left: front right, back right, back left, front left.
 _ARMS = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]) / math.sqrt(2)
 _TURNS_LEFT = np.array([1, -1, 1, -1])  # seen from above
@@ -24,9 +25,10 @@ class RotorTruth(BaseModel):
     """Motors near those of a Crazyflie 2.0 (thesis, tables of chapter 3).
 
     Above the dead zone a rotor's steady speed is `idle_rad_per_s` + `rad_per_s_per_command` * command, reached
-    with `time_constant_s`; below it stands. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its torque
-    `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice that
-    (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust.
+    with `time_constant_s`; below it stands. That holds at `nominal_v`: the command chops the supply voltage, so
+    half the voltage does to it what half the command does. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
+    torque `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice
+    that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -34,6 +36,7 @@ class RotorTruth(BaseModel):
     rad_per_s_per_command: Positive = 0.0408
     idle_rad_per_s: Positive = 381.0
     dead_below_command: Number = 1000.0
+    nominal_v: Positive = NOMINAL_V
     thrust_ns2_per_rad2: Positive = 1.8e-8
     torque_m: Positive = 0.006
     time_constant_s: Positive = 0.06
@@ -41,10 +44,18 @@ class RotorTruth(BaseModel):
     unbalance: Six = Field(default=(0.6, 0.6, 0.3, 0.006, 0.006, 0.002))
     blade_pass: Six = Field(default=(0.2, 0.2, 1.2, 0.004, 0.004, 0.003))
 
-    def steady_rad_per_s(self, command: Array) -> Array:
+    def steady_rad_per_s(self, command: Array, *, volts: float) -> Array:
         """Return the speeds that commands of any shape settle at; more than the largest is no command."""
-        speed = self.idle_rad_per_s + self.rad_per_s_per_command * np.minimum(command, LARGEST_COMMAND)
-        return np.where(command < self.dead_below_command, 0.0, speed)
+        felt = np.minimum(command, LARGEST_COMMAND) * (volts / self.nominal_v)
+        return np.where(felt < self.dead_below_command, 0.0, self.idle_rad_per_s + self.rad_per_s_per_command * felt)
+
+    def lag(self, elapsed_s: Array) -> Array:
+        """Return which part of a change of speed is still to come after times of any shape."""
+        return np.exp(-elapsed_s / self.time_constant_s)
+
+    def power_w(self, speed_rad_per_s: Array) -> Array:
+        """Return the mechanical power that turns rotors of such speeds in air."""
+        return self.torque_m * self.thrust_ns2_per_rad2 * speed_rad_per_s**3
 
 
 class Rotors:
@@ -63,19 +74,20 @@ class Rotors:
         """How fast the rotors turn (4,), without their direction."""
         return self._speed.copy()
 
-    def advance(self, time_s: Array, command: Array) -> Array:
+    def advance(self, time_s: Array, command: Array, *, volts: float | None = None) -> Array:
         """Return the wrench (n, 6) in N and Nm, z up, at times (n,) that do not fall, within a call or between two.
 
-        `command` (4,) holds since the last time of the call before; the lag is solved exactly for that.
+        `command` (4,) and the supply voltage, nominal by default, hold since the last time of the call before; the
+        lag is solved exactly for that.
         """
         begin_s = time_s[0] if self._last_s is None else self._last_s
         self._last_s = float(time_s[-1])
-        steady = self._truth.steady_rad_per_s(command)
+        steady = self._truth.steady_rad_per_s(command, volts=self._truth.nominal_v if volts is None else volts)
         if not steady.any() and self._speed.max() < _STANDSTILL_RAD_PER_S:
             self._speed[:] = 0
             return np.zeros((len(time_s), 6))
         elapsed_s = (time_s - begin_s)[:, np.newaxis]
-        lag = np.exp(-elapsed_s / self._truth.time_constant_s)
+        lag = self._truth.lag(elapsed_s)
         behind = self._speed - steady
         speed = steady + behind * lag
         angle = self._angle + steady * elapsed_s + behind * self._truth.time_constant_s * (1 - lag)

@@ -85,7 +85,7 @@ class Session:
         )
         recorder = Recorder([instrument], run, loop=self.clock, show=lambda: None)
         done: list[object] = []
-        Deferred.fromCoroutine(recorder.record(self.ending, for_s=for_s)).addBoth(done.append)
+        Deferred.fromCoroutine(recorder.record(lambda: self.ending.within(for_s))).addBoth(done.append)
         while not done:
             assert self.clock.seconds() < 3600, "the recording does not end"
             self.clock.advance(STEP_S)

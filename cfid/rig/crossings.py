@@ -1,0 +1,125 @@
+"""A sine on board as an instrument: its crossings of the middle as they are reported, and its end."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from twisted.internet.defer import Deferred
+
+from cfid.errors import DeviceError
+from cfid.rig.clock import HostClock
+from cfid.rig.motors import Firmware, SinePlayer
+from cfid.rig.recorder import Block, no_rows
+from cfid.rig.vehicle import Vehicle
+from cfid.wire import app
+from cfid.wire.app import Crossing, Done, Outcome, SineChannel, SineRequest
+
+_FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
+_REST_S = 1.0  # from the motors' end to the byte that says so (C.2.4)
+_MARGIN_S = 2.0  # for the way, and for a vehicle whose clock runs slow
+
+
+class Crossings:
+    """The reports of one sine. `t` is when they came; index and time on board stand beside where there are any."""
+
+    name = "crossings"
+
+    def __init__(
+        self, player: SinePlayer, vehicle: Vehicle, firmware: Firmware, *, loop: Any, clock: HostClock
+    ) -> None:
+        """Take motors that can play."""
+        self._player, self._loop, self._clock = player, loop, clock
+        self._vehicle = vehicle
+        self._stamped = firmware.kind == "app"
+        self.columns = ("t", "thrust_rec", "sample", "vehicle_us", "report") if self._stamped else ("t", "thrust_rec")
+        self._reports: list[tuple[float, Crossing]] = []
+        self._next_report = 0
+        self._rejected = 0
+        self._done: Deferred[Done] | None = None
+        self._end: Done | None = None
+        self._running = False
+        vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._hear_crossing)
+        vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._hear_done)
+
+    def start(self) -> None:
+        """Begin to watch over the motors."""
+        self._running = True
+        self._player.start()
+
+    async def play(self, request: SineRequest) -> Done:
+        """Play a sine to its end. Raises DeviceError when it does not begin, does not end, or is cut short."""
+        self._done = Deferred()
+        await self._player.play(request)
+        longest_s = request.samples / app.SAMPLES_PER_S + _REST_S
+        silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample came")
+        late = self._loop.callLater(1.1 * longest_s + _MARGIN_S, self._complain, "no word of its end came")
+        try:
+            done = await self._done
+        finally:
+            self._done = None
+            for timer in (silent, late):
+                if timer.active():
+                    timer.cancel()
+        if done.outcome not in (None, Outcome.FINISHED):
+            raise DeviceError(f"{self._vehicle.uri}: the sine {_outcome(done)}, after {done.samples} samples.")
+        return done
+
+    def take(self) -> Block:
+        """Hand over the reports. Raises DeviceError when the vehicle is out of reach."""
+        if self._running:
+            self._player.check()
+        reports, self._reports = self._reports, []
+        if not reports:
+            return Block(no_rows(len(self.columns)))
+        times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
+        values = np.array([report[: len(self.columns) - 1] for _, report in reports], dtype=np.int64)
+        return Block((times_s, *values.T), self._missing([report for _, report in reports]))
+
+    async def stop(self) -> None:
+        """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
+        if self._running:
+            self._running = False
+            await self._player.stop()
+
+    def close(self) -> None:
+        """Do nothing: the link is closed by whoever opened it."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return what the vehicle said at the end, and how many payloads made no sense."""
+        end = self._end._asdict() if self._end is not None else {}
+        return {"end": {key: value for key, value in end.items() if value is not None}, "rejected": self._rejected}
+
+    def _complain(self, what: str) -> None:
+        if self._done is not None and not self._done.called and not (self._next_report and "first" in what):
+            self._done.errback(DeviceError(f"{self._vehicle.uri}: the sine did not run: {what}."))
+
+    def _hear_crossing(self, payload: bytes, arrived_s: float) -> None:
+        crossing = app.decode_crossing(payload)
+        if crossing is None or (crossing.sample is not None) != self._stamped:
+            self._rejected += 1
+            return
+        self._reports.append((arrived_s, crossing))
+        if not self._stamped:
+            self._next_report += 1
+
+    def _hear_done(self, payload: bytes, arrived_s: float) -> None:
+        done = app.decode_done(payload)
+        if done is None:
+            self._rejected += 1
+        elif self._done is not None and not self._done.called:
+            self._end = done
+            self._done.callback(done)
+
+    def _missing(self, reports: list[Crossing]) -> int:
+        """Return how many reports the vehicle numbered and the link lost."""
+        missing = 0
+        for report in reports:
+            if report.number is not None:
+                missing += (report.number - self._next_report) % (1 << 16)
+                self._next_report = report.number + 1
+        return missing
+
+
+def _outcome(done: Done) -> str:
+    known: Any = app.OUTCOMES
+    return str(known.get(done.outcome, f"ended with {done.outcome}"))

@@ -1,0 +1,59 @@
+"""The motors as an instrument: what was commanded and when; whatever ends the recording stops them first."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cfid.rig.clock import HostClock
+from cfid.rig.motors import STILL, Four, Motors
+from cfid.rig.recorder import Block, no_rows
+
+
+class MotorCommands:
+    """Commands of all four motors, a row for each change, timed when the first of them was sent."""
+
+    name = "commands"
+    columns = ("t", "m1", "m2", "m3", "m4")
+
+    def __init__(self, motors: Motors, *, loop: Any, clock: HostClock) -> None:
+        """Take motors that stand still."""
+        self._motors, self._loop, self._clock = motors, loop, clock
+        self._rows: list[tuple[float, Four]] = []
+        self._running = False
+
+    def start(self) -> None:
+        """Begin to watch over the motors."""
+        self._running = True
+        self._motors.start()
+        self._rows.append((self._loop.seconds(), STILL))
+
+    async def set(self, commands: Four) -> None:
+        """Bring the motors to commands. Raises ConfigError or DeviceError."""
+        began_s = self._loop.seconds()
+        await self._motors.set(commands)
+        self._rows.append((began_s, commands))
+
+    def take(self) -> Block:
+        """Hand over the changes. Raises DeviceError when the motors can no longer be commanded."""
+        if self._running:
+            self._motors.check()
+        rows, self._rows = self._rows, []
+        if not rows:
+            return Block(no_rows(len(self.columns)))
+        times_s = self._clock.unix_s(np.array([time_s for time_s, _ in rows]))
+        return Block((times_s, *np.array([commands for _, commands in rows]).T))
+
+    async def stop(self) -> None:
+        """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
+        if self._running:
+            self._running = False
+            self._rows.append((self._loop.seconds(), STILL))
+            await self._motors.stop()
+
+    def close(self) -> None:
+        """Do nothing: the link is closed by whoever opened it."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Say nothing more."""
+        return {}

@@ -1,0 +1,65 @@
+"""Motors behind the thesis' firmware modules of 2015 (C.2.1, C.2.4), which obey and answer nothing."""
+
+import math
+
+from cfid.errors import DeviceError
+from cfid.rig.motors import MAY_BE_RUNNING, STILL, Firmware, Four, Limits
+from cfid.rig.recorder import sleep
+from cfid.rig.vehicle import Vehicle
+from cfid.wire import app
+from cfid.wire.app import SineChannel, ThrustChannel
+
+_STOPS = 5  # sent, since none is answered
+_STOP_EVERY_S = 0.02
+
+
+class ThesisMotors:
+    """The four motors behind the modules thrust and sine; a lost link leaves them running."""
+
+    def __init__(self, vehicle: Vehicle, firmware: Firmware, limits: Limits) -> None:
+        """Take a vehicle whose ping module has answered."""
+        self._vehicle, self._ports, self._limits = vehicle, firmware.ports, limits
+        self._commands = STILL
+        self._plays_until_s = -math.inf
+
+    def start(self) -> None:
+        """Do nothing: the link itself is all that can be watched."""
+
+    async def set(self, commands: Four) -> int | None:
+        """Send the commands that differ; whether they arrived only the link knows."""
+        self._limits.check(max(commands), min(commands))
+        for place in range(4):
+            if commands[place] != self._commands[place]:
+                self._send(app.ThrustRequest(commands[place], place))
+        self._commands = commands
+        return None
+
+    async def play(self, request: app.SineRequest) -> None:
+        """Start a sine."""
+        self._limits.check_sine(request)
+        self._vehicle.send(self._ports.sine, SineChannel.START, app.encode_sine(request))
+        self._plays_until_s = self._vehicle.loop.seconds() + request.samples / app.SAMPLES_PER_S
+
+    def check(self) -> None:
+        """Raise DeviceError when the link is lost."""
+        self._vehicle.check()
+
+    async def stop(self) -> None:
+        """Send zero for all motors several times.
+
+        Raises DeviceError when the link did not live until then, or a sine plays: this module cannot end one.
+        """
+        self._commands = STILL
+        try:
+            for _ in range(_STOPS):
+                self._send(app.ThrustRequest(0, app.ALL_MOTORS_THRUST))
+                await sleep(self._vehicle.loop, _STOP_EVERY_S)
+            self._vehicle.check()
+        except DeviceError as error:
+            raise DeviceError(f"{MAY_BE_RUNNING}: the modules of 2015 go on without a link. ({error})") from None
+        left_s = self._plays_until_s - self._vehicle.loop.seconds()
+        if left_s > 0:
+            raise DeviceError(f"{MAY_BE_RUNNING}: the module of 2015 plays its sine to the end, {left_s:.0f} s more.")
+
+    def _send(self, request: app.ThrustRequest) -> None:
+        self._vehicle.send(self._ports.thrust, ThrustChannel.SET, app.encode_thrust(request))

@@ -1,0 +1,95 @@
+"""Motors, battery and rotors together: commands in, speeds and voltage out, and the wrench on the load cell.
+
+The vehicle runs ahead: it changes commands up to now, while the load cell asks for times before that.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from cfid.sim.battery import Battery, BatteryTruth
+from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.stepping import Array
+
+Four = tuple[int, int, int, int]
+
+STILL: Four = (0, 0, 0, 0)
+
+_BATTERY_EVERY_S = 0.01  # the rotors' inertia smooths what is quicker
+_REMEMBERED = 1000  # changes of the commands, while nobody reads the load cell
+
+
+class _Change(NamedTuple):
+    time_s: float
+    command: Array
+    volts: float
+
+
+class Propulsion:
+    """Four rotors that obey `commands` from `begin_s` on, until others come."""
+
+    def __init__(
+        self,
+        rotors: RotorTruth,
+        battery: BatteryTruth,
+        *,
+        rng: np.random.Generator,
+        begin_s: float,
+        commands: Four = STILL,
+    ) -> None:
+        """Let all rotors stand."""
+        self.battery = Battery(battery)
+        self._truth = rotors
+        self._rotors = Rotors(rotors, rng)
+        self._commands = commands
+        self._speed = np.zeros(4)
+        self._since_s = self._begin_s = begin_s
+        self._acting = _Change(begin_s, np.array(commands, dtype=np.float64), self.battery.volts)
+        self._felt = self._acting  # by the load cell, up to what it was read last
+        self._changes: deque[_Change] = deque(maxlen=_REMEMBERED)
+
+    def command(self, commands: Four, time_s: float) -> None:
+        """Apply other commands from a time on, none before that of the last call."""
+        self.advance(time_s)
+        self._commands = commands
+        self._go_on(time_s)
+
+    def advance(self, time_s: float) -> None:
+        """Let the battery follow what the rotors draw, in steps of its own however often this is called."""
+        steps = int((time_s - self._begin_s) / _BATTERY_EVERY_S)
+        done = int((self._since_s - self._begin_s) / _BATTERY_EVERY_S)
+        for step in range(done + 1 if any(self._commands) else max(done + 1, steps), steps + 1):
+            self._go_on(self._begin_s + step * _BATTERY_EVERY_S)
+
+    def speed_rad_per_s(self, time_s: float) -> Array:
+        """Return how fast the rotors turn (4,) at a time from the last change on."""
+        steady = self._truth.steady_rad_per_s(self._acting.command, volts=self._acting.volts)
+        return np.asarray(steady + (self._speed - steady) * self._truth.lag(np.array(time_s - self._since_s)))
+
+    def wrench_at(self, time_s: Array) -> Array:
+        """Return the wrench (n, 6) in N and Nm at times (n,) that do not fall, none after the last `advance`."""
+        pieces = []
+        begin = 0
+        while self._changes and self._changes[0].time_s < time_s[-1]:
+            change = self._changes.popleft()
+            end = int(np.searchsorted(time_s, change.time_s))
+            rows = self._advance(np.append(time_s[begin:end], change.time_s))
+            pieces.append(rows[:-1])
+            begin, self._felt = end, change
+        pieces.append(self._advance(time_s[begin:]))
+        return np.vstack(pieces)
+
+    def _advance(self, time_s: Array) -> Array:
+        return self._rotors.advance(time_s, self._felt.command, volts=self._felt.volts)
+
+    def _go_on(self, time_s: float) -> None:
+        """Load the battery with what the rotors that are driven take, and go on with the voltage that comes of it."""
+        self._speed = self.speed_rad_per_s(time_s)
+        power_w = float(self._truth.power_w(self._speed) @ (self._acting.command > 0))
+        self.battery.load(power_w=power_w, for_s=time_s - self._since_s)
+        self._since_s = time_s
+        acting = _Change(time_s, np.array(self._commands, dtype=np.float64), self.battery.volts)
+        if acting.volts != self._acting.volts or (acting.command != self._acting.command).any():
+            self._acting = acting
+            self._changes.append(acting)
