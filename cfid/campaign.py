@@ -183,11 +183,26 @@ class LoadCellBox(_Table):
     tcp_port: PortNumber = 49151
 
 
+ServicePort = Annotated[int, Field(strict=True, ge=0, le=15)]
+
+
+class CrazyflieLink(_Table):
+    """Where the vehicle is; without an address it is looked for by radio. The ports are those of cfid's app."""
+
+    uri: str = ""
+    thrust_port: ServicePort = 10
+    sine_port: ServicePort = 11
+    ping_port: ServicePort = 12
+    largest_command: Annotated[int, Field(strict=True, ge=0, le=65535)] = 65535
+    stop_below_v: Positive | None = None
+
+
 class Devices(_Table):
     """What is connected to this computer."""
 
     encoder: EncoderPort = EncoderPort()
     loadcell: LoadCellBox = LoadCellBox()
+    crazyflie: CrazyflieLink = CrazyflieLink()
 
 
 class Rig(_Table):
