@@ -42,6 +42,7 @@ class Propulsion:
         self.battery = Battery(battery)
         self._truth = rotors
         self._rotors = Rotors(rotors, rng)
+        self._rotors.advance(np.array([begin_s]), np.zeros(4))
         self._commands = commands
         self._speed = np.zeros(4)
         self._since_s = self._begin_s = begin_s
