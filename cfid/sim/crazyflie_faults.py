@@ -1,0 +1,173 @@
+"""A simulated Crazyflie as its clients meet it: over a radio, and with its faults; no port and no clock."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cfid.sim.crazyflie import PROTOCOL, Crazyflie, Leaving
+from cfid.sim.faults import CrazyflieFaults, within
+from cfid.sim.netft import Address
+from cfid.sim.propulsion import Four, Propulsion
+from cfid.sim.radio import Ping, Radio
+from cfid.wire.app import PingChannel
+from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet
+
+_OLD_PROTOCOL = 3
+_LOW_V = 2.9
+_ACTIVE_S = 1.0  # since it was heard last, a client counts as talking
+
+Datagram = tuple[bytes, Address]
+
+
+@dataclass
+class Mishaps:
+    """What became of packets that did not pass, besides those that the radio lost."""
+
+    dropped: int = 0
+    dropped_to_vehicle: int = 0
+    silenced: int = 0
+    refused: int = 0
+
+
+class _Flying(NamedTuple):
+    """A packet on its way, or one that came; `ping` is what it carries, and when it was heard first."""
+
+    arrives_s: float
+    packet: bytes
+    ping: tuple[Packet, float] | None
+
+
+class FaultyCrazyflie:
+    """The vehicle behind its radio. Answers go to the client that talked last."""
+
+    def __init__(
+        self,
+        vehicle: Crazyflie,
+        propulsion: Propulsion,
+        radio: Radio,
+        faults: CrazyflieFaults,
+        *,
+        ping_port: int,
+        opened_s: float,
+    ) -> None:
+        """Count the faults' times from `opened_s`."""
+        self.vehicle = vehicle
+        self.radio = radio
+        self.faults = faults
+        self.mishaps = Mishaps()
+        self._propulsion = propulsion
+        self._pings = ((ping_port, PingChannel.PING), (ECHO_PORT, ECHO_CHANNEL))
+        self._opened_s = self._looked_s = opened_s
+        self._client: Address | None = None
+        self._heard_s = opened_s
+        self._heard = self._sent = 0
+        self._rebooted = False
+        self._up: deque[_Flying] = deque()
+        self._down: deque[_Flying] = deque()
+
+    @property
+    def motors(self) -> Four:
+        """The commands that motors 1 to 4 obey."""
+        return self.vehicle.motors
+
+    def next_s(self, now_s: float) -> float | None:
+        """Return when something is due next, None while all is at rest."""
+        times = [self.vehicle.next_s, *(queue[0].arrives_s for queue in (self._up, self._down) if queue)]
+        times += self._turns(now_s, math.inf)
+        return min((time_s for time_s in times if time_s is not None), default=None)
+
+    def closed(self, now_s: float) -> bool:
+        """Return whether nobody listens any more."""
+        return within(now_s - self._opened_s, self.faults.closed_after_s, None)
+
+    def heard(self, datagram: bytes, client: Address, now_s: float) -> None:
+        """Take what a client sent."""
+        if self.faults.busy and client != self._client and now_s - self._heard_s < _ACTIVE_S and self._client:
+            self.mishaps.refused += 1
+            return
+        self._client, self._heard_s = client, now_s
+        self._heard += 1
+        if self._silent(now_s):
+            self.mishaps.silenced += 1
+        elif _is_turn(self._heard, self.faults.drop_to_vehicle_every):
+            self.mishaps.dropped_to_vehicle += 1
+        else:
+            arrives_s = self.radio.to_vehicle.arrival_s(now_s)
+            if arrives_s is not None:
+                packet = decode_packet(datagram)
+                ping = (packet, now_s) if packet is not None and packet[:2] in self._pings else None
+                self._up.append(_Flying(arrives_s, datagram, ping))
+
+    def due(self, now_s: float) -> list[Datagram]:
+        """Go on up to now and return the datagrams that come out of the radio then."""
+        self.advance(now_s)
+        came: list[Datagram] = []
+        while self._down and self._down[0].arrives_s <= now_s:
+            _, packet, ping = self._down.popleft()
+            if ping is not None:
+                asked, heard_s = ping
+                self.radio.pings.append(Ping(asked.port, asked.payload, now_s - heard_s))
+            if self._client is not None:
+                came.append((packet, self._client))
+        return came
+
+    def advance(self, now_s: float) -> None:
+        """Let everything happen up to now, each at its time; times must not fall."""
+        while self._up and self._up[0].arrives_s <= now_s:
+            arrives_s, packet, ping = self._up.popleft()
+            self._go_on(arrives_s)
+            self._send(self.vehicle.receive(packet, arrives_s), ping)
+        self._go_on(now_s)
+
+    def _go_on(self, now_s: float) -> None:
+        for turn_s in (*self._turns(self._looked_s, now_s), now_s):
+            self._send(self.vehicle.advance(turn_s))
+            self._suffer(turn_s)
+        self._looked_s = now_s
+
+    def _turns(self, after_s: float, until_s: float) -> list[float]:
+        """Return the times in between at which a fault begins that the vehicle feels, or that closes its port."""
+        faults = self.faults
+        begins = (
+            faults.closed_after_s,
+            faults.tumble_after_s,
+            faults.emergency_after_s,
+            faults.low_battery_after_s,
+            faults.reboot_after_s,
+        )
+        times = (self._opened_s + begin_s for begin_s in begins if begin_s is not None)
+        return sorted(time_s for time_s in times if after_s < time_s <= until_s)
+
+    def _suffer(self, now_s: float) -> None:
+        elapsed_s = now_s - self._opened_s
+        faults, vehicle = self.faults, self.vehicle
+        if within(elapsed_s, faults.reboot_after_s, None) and not self._rebooted:
+            self._rebooted = True
+            vehicle.restart(now_s)
+        vehicle.protocol = _OLD_PROTOCOL if faults.old_protocol else PROTOCOL
+        if within(elapsed_s, faults.tumble_after_s, None):
+            vehicle.supervisor.tumble()
+        if within(elapsed_s, faults.emergency_after_s, None):
+            vehicle.supervisor.stop_for_good()
+        low = within(elapsed_s, faults.low_battery_after_s, None)
+        self._propulsion.battery.at_most_v = _LOW_V if low else math.inf
+
+    def _silent(self, now_s: float) -> bool:
+        return within(now_s - self._opened_s, self.faults.silent_after_s, self.faults.silent_for_s)
+
+    def _send(self, leaving: list[Leaving], ping: tuple[Packet, float] | None = None) -> None:
+        for time_s, packet in leaving:
+            self._sent += 1
+            if self._silent(time_s):
+                self.mishaps.silenced += 1
+            elif _is_turn(self._sent, self.faults.drop_every):
+                self.mishaps.dropped += 1
+            else:
+                arrives_s = self.radio.from_vehicle.arrival_s(time_s)
+                if arrives_s is not None:
+                    self._down.append(_Flying(arrives_s, packet, ping))
+
+
+def _is_turn(number: int, every: int) -> bool:
+    return every > 0 and number % every == 0
