@@ -109,7 +109,7 @@ def _simulated(campaign: "Campaign", loop: "Loop", folder: Path, options: SimOpt
     from cfid.sim.service import SimulatedRig
     from cfid.sim.truth_file import SimTruth, load_truth
 
-    encoder_faults, loadcell_faults = parse_faults(options.fault or ())
+    encoder_faults, loadcell_faults, _ = parse_faults(options.fault or ())
     return SimulatedRig(
         campaign.rig,
         reactor=loop,

@@ -1,4 +1,4 @@
-"""What can go wrong with the rig's two instruments, as settings that a command line or a test names."""
+"""What can go wrong with the rig's instruments and its vehicle, as settings that a command line or a test names."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -56,12 +56,37 @@ class EncoderFaults:
     not_an_e201: bool = False
 
 
+@dataclass(frozen=True, kw_only=True)
+class CrazyflieFaults:
+    """Faults of the vehicle and its link; times are seconds since it was opened.
+
+    Every n-th packet from the vehicle, or to it, is dropped. `silent`: nothing passes either way. `closed`: nobody
+    listens any more, while the vehicle goes on. `busy`: while one client talks, no other is heard. `tumble`: it lies
+    on its side. `emergency`: an emergency stop. `low_battery`: the voltage falls to 2.9 V. `reboot`: it loses power
+    for a moment. `old_protocol`: it speaks version 3.
+    """
+
+    silent_after_s: float | None = None
+    silent_for_s: float | None = None
+    closed_after_s: float | None = None
+    drop_every: int = 0
+    drop_to_vehicle_every: int = 0
+    tumble_after_s: float | None = None
+    emergency_after_s: float | None = None
+    low_battery_after_s: float | None = None
+    busy: bool = False
+    old_protocol: bool = False
+    reboot_after_s: float | None = None
+
+
 SOUND_LOADCELL = LoadCellFaults()
 SOUND_ENCODER = EncoderFaults()
+SOUND_CRAZYFLIE = CrazyflieFaults()
 
 _LARGEST = {"encoder.wrong_width": 32, "loadcell.status": 0xFFFFFFFF}  # what the wire has room for
 
-_Faults = TypeVar("_Faults", EncoderFaults, LoadCellFaults)
+_Faults = TypeVar("_Faults", EncoderFaults, LoadCellFaults, CrazyflieFaults)
+_DEVICES = {"encoder": EncoderFaults, "loadcell": LoadCellFaults, "crazyflie": CrazyflieFaults}
 
 
 def within(now_s: float, after_s: float | None, for_s: float | None) -> bool:
@@ -69,7 +94,7 @@ def within(now_s: float, after_s: float | None, for_s: float | None) -> bool:
     return after_s is not None and after_s <= now_s < (float("inf") if for_s is None else after_s + for_s)
 
 
-def parse_faults(words: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults]:
+def parse_faults(words: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults, CrazyflieFaults]:
     """Read words like `loadcell.drop_every=100` or `encoder.split=true`.
 
     Raises ConfigError that names the unknown fault and lists those there are, or names the value.
@@ -80,15 +105,15 @@ def parse_faults(words: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults]:
         if name not in _known():
             raise ConfigError(f"{word}: there is no fault '{name}'. There are: {', '.join(_known())}.")
         values[name] = value
-    return _made("encoder", EncoderFaults, values), _made("loadcell", LoadCellFaults, values)
+    return (
+        _made("encoder", EncoderFaults, values),
+        _made("loadcell", LoadCellFaults, values),
+        _made("crazyflie", CrazyflieFaults, values),
+    )
 
 
 def _known() -> list[str]:
-    return [
-        f"{device}.{field.name}"
-        for device, kind in (("encoder", EncoderFaults), ("loadcell", LoadCellFaults))
-        for field in fields(kind)
-    ]
+    return [f"{device}.{field.name}" for device, kind in _DEVICES.items() for field in fields(kind)]
 
 
 def _made(device: str, kind: type[_Faults], values: Mapping[str, str]) -> _Faults:

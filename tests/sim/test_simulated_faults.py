@@ -8,7 +8,15 @@ import pytest
 from cfid.errors import ConfigError
 from cfid.sim.e201 import E201Device
 from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults, parse_faults
+from cfid.sim.faults import (
+    SOUND_CRAZYFLIE,
+    SOUND_ENCODER,
+    SOUND_LOADCELL,
+    CrazyflieFaults,
+    EncoderFaults,
+    LoadCellFaults,
+    parse_faults,
+)
 from cfid.sim.loadcell import SATURATED, LoadCell, LoadCellTruth
 from cfid.sim.netft import Address, NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
@@ -178,13 +186,21 @@ def test_a_wrong_width_reads_other_words_than_it_says() -> None:
     assert faulty.received(b"b", 0.0)[0][1] == b"22\r"
 
 
-def test_words_name_faults_of_both_devices() -> None:
-    encoder, loadcell = parse_faults(
-        ["loadcell.drop_every=100", "encoder.split=true", "loadcell.status=0x80020000", "loadcell.silent_after_s=2.5"]
+def test_words_name_faults_of_all_devices() -> None:
+    encoder, loadcell, crazyflie = parse_faults(
+        [
+            "loadcell.drop_every=100",
+            "encoder.split=true",
+            "crazyflie.busy=true",
+            "loadcell.status=0x80020000",
+            "loadcell.silent_after_s=2.5",
+            "crazyflie.tumble_after_s=3",
+        ]
     )
     assert encoder == EncoderFaults(split=True)
     assert loadcell == LoadCellFaults(drop_every=100, status=0x80020000, silent_after_s=2.5)
-    assert parse_faults([]) == (SOUND_ENCODER, SOUND_LOADCELL)
+    assert crazyflie == CrazyflieFaults(busy=True, tumble_after_s=3.0)
+    assert parse_faults([]) == (SOUND_ENCODER, SOUND_LOADCELL, SOUND_CRAZYFLIE)
 
 
 @pytest.mark.parametrize(
