@@ -1,0 +1,175 @@
+/* Ties cfid's core to the Crazyflie's firmware: its packets, its controller's place, its supervisor and its clock.
+
+   Everything that decides is in cfid_core.c. The core is called from the stabilizer's task alone, a thousand times a
+   second; packets reach it and leave it through queues, so that no other task waits for the motors or they for it. */
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "FreeRTOS.h"
+#include "queue.h"
+
+#include "app.h"
+#include "autoconf.h"
+#include "cfassert.h"
+#include "commander.h"
+#include "controller.h"
+#include "controller_pid.h"
+#include "crtp.h"
+#include "supervisor.h"
+#include "usec_time.h"
+
+#include "cfid_core.h"
+
+#ifndef CFID_PORT_THRUST
+#define CFID_PORT_THRUST 10
+#endif
+#ifndef CFID_PORT_SINE
+#define CFID_PORT_SINE 11
+#endif
+#ifndef CFID_PORT_PING
+#define CFID_PORT_PING 12
+#endif
+
+#ifdef CONFIG_ENABLE_THRUST_BAT_COMPENSATED
+#error "With ENABLE_THRUST_BAT_COMPENSATED motors get other commands than they were told: app-config turns it off."
+#endif
+
+_Static_assert(CFID_PAYLOAD == CRTP_MAX_DATA_SIZE, "a packet of the core carries what a packet of the link does");
+_Static_assert(CFID_MOTORS == STABILIZER_NR_OF_MOTORS, "the vehicle has the core's motors");
+
+enum { ARRIVALS = 16, DEPARTURES = 32, FEED_TICKS = 20 };
+
+struct arrival {
+    uint64_t us; /* stamped on arrival: a keep-alive that lay in the queue is as old as it is */
+    struct cfid_packet packet;
+};
+
+static const uint8_t PORTS[] = {
+    [CFID_THRUST] = CFID_PORT_THRUST, [CFID_SINE] = CFID_PORT_SINE, [CFID_PING] = CFID_PORT_PING};
+
+static struct cfid_core core;
+
+/* In plain memory, since the firmware's own macro puts queues where next to nothing is left. */
+static QueueHandle_t arrivals, departures;
+static StaticQueue_t arrivals_state, departures_state;
+static uint8_t arrivals_storage[ARRIVALS * sizeof(struct arrival)];
+static uint8_t departures_storage[DEPARTURES * sizeof(struct cfid_packet)];
+
+static CRTPPacket onto_link(const struct cfid_packet *packet)
+{
+    CRTPPacket sent = {.size = packet->size, .header = CRTP_HEADER(PORTS[packet->service], packet->channel)};
+    memcpy(sent.data, packet->data, packet->size);
+    return sent;
+}
+
+/* Runs in the link's task: answers pings there and then, so that they measure the link and nothing else. */
+static void take(enum cfid_service service, const CRTPPacket *packet)
+{
+    struct arrival arrival = {
+        .us = usecTimestamp(),
+        .packet = {.service = service, .channel = packet->channel, .size = packet->size},
+    };
+    struct cfid_packet answer;
+    if (packet->size > CFID_PAYLOAD)
+        return;
+    memcpy(arrival.packet.data, packet->data, packet->size);
+    if (cfid_answer_ping(&arrival.packet, arrival.us, &answer)) {
+        CRTPPacket sent = onto_link(&answer);
+        crtpSendPacket(&sent);
+    } else {
+        xQueueSend(arrivals, &arrival, 0);
+    }
+}
+
+static void take_thrust(CRTPPacket *packet)
+{
+    take(CFID_THRUST, packet);
+}
+
+static void take_sine(CRTPPacket *packet)
+{
+    take(CFID_SINE, packet);
+}
+
+static void take_ping(CRTPPacket *packet)
+{
+    take(CFID_PING, packet);
+}
+
+/* Keeps a fresh null setpoint with the commander while the core holds the motors.
+
+   With an old one, which any client may have left there, the supervisor locks the vehicle two seconds after motors
+   start. On letting go the high-level commander goes on with null setpoints of its own, as after a start; otherwise the
+   supervisor would lock the vehicle two seconds after motors stop. */
+static void feed(bool held)
+{
+    static setpoint_t null_setpoint;
+    static uint32_t ticks;
+    if (held && ticks++ % FEED_TICKS == 0) {
+        commanderSetSetpoint(&null_setpoint, COMMANDER_PRIORITY_CRTP);
+    } else if (!held && ticks > 0) {
+        commanderRelaxPriority();
+        ticks = 0;
+    }
+}
+
+/* Packets that find no room stay in the core's outbox. */
+static void hand_out(void)
+{
+    struct cfid_packet packet;
+    while (uxQueueSpacesAvailable(departures) > 0 && cfid_core_send(&core, &packet))
+        xQueueSend(departures, &packet, 0);
+}
+
+void controllerOutOfTreeInit(void)
+{
+    controllerPidInit();
+    if (arrivals)
+        return;
+    cfid_core_init(&core);
+    arrivals = xQueueCreateStatic(ARRIVALS, sizeof(struct arrival), arrivals_storage, &arrivals_state);
+    departures = xQueueCreateStatic(DEPARTURES, sizeof(struct cfid_packet), departures_storage, &departures_state);
+    ASSERT(arrivals && departures);
+    crtpRegisterPortCB(CFID_PORT_THRUST, take_thrust);
+    crtpRegisterPortCB(CFID_PORT_SINE, take_sine);
+    crtpRegisterPortCB(CFID_PORT_PING, take_ping);
+}
+
+bool controllerOutOfTreeTest(void)
+{
+    return controllerPidTest();
+}
+
+void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const sensorData_t *sensors,
+                         const state_t *state, const stabilizerStep_t step)
+{
+    /* Stricter than supervisorAreMotorsAllowedToRun, which is also true while motors spin up after arming. */
+    const bool allowed = supervisorCanFly();
+    uint16_t commands[CFID_MOTORS];
+    struct arrival arrival;
+    while (xQueueReceive(arrivals, &arrival, 0) == pdTRUE)
+        cfid_core_receive(&core, &arrival.packet, arrival.us, allowed);
+    const bool held = cfid_core_tick(&core, usecTimestamp(), allowed, commands);
+    feed(held);
+    hand_out();
+    if (!held) {
+        controllerPid(control, setpoint, sensors, state, step);
+        return;
+    }
+    control->controlMode = controlModeForce;
+    for (int motor = 0; motor < CFID_MOTORS; motor++)
+        control->normalizedForces[motor] = cfid_share(commands[motor]);
+}
+
+void appMain(void)
+{
+    struct cfid_packet packet;
+    while (true) {
+        if (xQueueReceive(departures, &packet, portMAX_DELAY) == pdTRUE) {
+            CRTPPacket sent = onto_link(&packet);
+            crtpSendPacketBlock(&sent);
+        }
+    }
+}
