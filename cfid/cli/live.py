@@ -29,6 +29,11 @@ class LiveLine:
         self._shown = sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
         self._next_s = 0.0
         self._length = 0
+        self._task = ""
+
+    def task(self, text: str) -> None:
+        """Put before the line what is being done."""
+        self._task = text
 
     def show(self, recorder: "Recorder") -> None:
         """Show how the recording does, a few times a second."""
@@ -37,6 +42,8 @@ class LiveLine:
             return
         self._next_s = now_s + _EVERY_S
         told = [f"{name} {_told(progress)}" for name, progress in recorder.progress.items()]
+        if self._task:
+            told.insert(0, self._task)
         self._write(f"{recorder.seconds:6.1f} s  " + "  |  ".join(told))
 
     def say(self, text: str) -> None:
@@ -44,6 +51,12 @@ class LiveLine:
         self._write("")
         with contextlib.suppress(OSError):
             note(text)
+
+    def tell(self, text: str) -> None:
+        """Say above the line what is no note: where it is recorded to."""
+        self._write("")
+        with contextlib.suppress(OSError):
+            typer.echo(text, err=True)
 
     def end(self) -> None:
         """Clear the line."""

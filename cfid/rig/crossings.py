@@ -31,7 +31,7 @@ class Crossings:
         self._player, self._loop, self._clock = player, loop, clock
         self._vehicle = vehicle
         self._stamped = firmware.kind == "app"
-        self.columns = ("t", "thrust_rec", "sample", "vehicle_us", "report") if self._stamped else ("t", "thrust_rec")
+        self.columns = self.columns_of(firmware)
         self._reports: list[tuple[float, Crossing]] = []
         self._next_report = 0
         self._rejected = 0
@@ -40,6 +40,12 @@ class Crossings:
         self._running = False
         vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._hear_crossing)
         vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._hear_done)
+
+    @staticmethod
+    def columns_of(firmware: Firmware) -> tuple[str, ...]:
+        """Return the columns that a firmware's reports fill."""
+        old = ("t", "thrust_rec")
+        return (*old, "sample", "vehicle_us", "report") if firmware.kind == "app" else old
 
     def start(self) -> None:
         """Begin to watch over the motors."""

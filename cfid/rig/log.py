@@ -20,7 +20,7 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.rig.recorder import Instrument, Recorder, Say
+from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say
 from cfid.rig.serial_line import serial_lines
 from cfid.run import DeviceRecord, Label, Run, create_run
 
@@ -140,6 +140,22 @@ def log(
     return run_until_done(main)
 
 
+def drive(devices: Sequence[Device], procedure: Procedure, *, show: Callable[[Recorder], None]) -> str:
+    """Do a procedure with devices and keep nothing of it; return the name of the signal that ended it, if one did.
+
+    Raises DeviceError like `log`; the motors are stopped and checked in every case.
+    """
+
+    async def main(loop: Loop, ending: Ending) -> str:
+        clock = HostClock.now()
+        instruments = [device.open(loop, clock) for device in devices]
+        recorder = Recorder(instruments, Nowhere(), loop=loop, show=lambda: show(recorder))
+        await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
+        return ending.signal
+
+    return run_until_done(main)
+
+
 async def _recorded(
     plan: Plan,
     devices: Sequence[Device],
@@ -180,10 +196,14 @@ async def _recorded(
 
 
 def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: Ending) -> "Deferred[None]":
-    """Return a Deferred that fires when the run is over; cancelled, it ends the procedure."""
+    """Return a Deferred that fires when the run is over."""
     if plan.procedure is None:
         return ending.within(plan.for_s)
+    return _first_of(ending, plan.procedure, instruments, loop)
+
+
+def _first_of(ending: Ending, procedure: Procedure, instruments: Sequence[Instrument], loop: Loop) -> "Deferred[None]":
     by_name = {instrument.name: instrument for instrument in instruments}
-    parts = [ending.within(None), Deferred.fromCoroutine(plan.procedure(by_name, loop))]
+    parts = [ending.within(None), Deferred.fromCoroutine(procedure(by_name, loop))]
     first = DeferredList(parts, fireOnOneCallback=True, fireOnOneErrback=True, consumeErrors=True)
     return first.addCallbacks(lambda _: None, lambda failure: failure.value.subFailure)

@@ -3,13 +3,15 @@
 Which of three ways a vehicle has is asked of it: cfid's app, the thesis' modules of 2015, or stock firmware.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, TypeVar
 
 from cfid.errors import ConfigError, DeviceError
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, Hello, PingChannel, Ports, SineRequest, decode_hello
 from cfid.wire.crtp import Packet
 
+Answer = TypeVar("Answer")
 Four = tuple[int, int, int, int]
 
 STILL: Four = (0, 0, 0, 0)
@@ -77,7 +79,9 @@ class Asked(Protocol):
 
     uri: str
 
-    def ask(self, packet: Packet, read: object, *, within_s: float, tries: int) -> object:
+    def ask(
+        self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float, tries: int
+    ) -> Answer | None:
         """Return what `read` made of an answer, None without one."""
 
     def parameter(self, name: str) -> object:

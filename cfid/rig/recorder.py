@@ -14,7 +14,6 @@ from twisted.internet.threads import deferToThreadPool
 from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError
-from cfid.run import RunWriter
 
 BLOCK_S = 0.05
 SYNC_S = 1.0
@@ -57,6 +56,38 @@ class Instrument(Protocol):
         """What run.toml shall say of it at the end."""
 
 
+class Sink(Protocol):
+    """Where rows go: a run's writer, or nowhere."""
+
+    def append(self, device: str, columns: Sequence[Any]) -> None:
+        """Write one block. Raises DataError when it does not fit."""
+
+    def count_lost(self, device: str, samples: int) -> None:
+        """Count samples that are missing."""
+
+    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
+        """Add what is to be said of a device."""
+
+    def sync(self) -> None:
+        """Bring the rows to the disk itself."""
+
+
+class Nowhere:
+    """Takes rows that nobody wants to keep: motors are driven by hand."""
+
+    def append(self, device: str, columns: Sequence[Any]) -> None:
+        """Forget a block."""
+
+    def count_lost(self, device: str, samples: int) -> None:
+        """Forget it."""
+
+    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
+        """Forget it."""
+
+    def sync(self) -> None:
+        """Do nothing."""
+
+
 class Progress:
     """How an instrument does: rows, rate, losses, latest values; of bounded size."""
 
@@ -87,11 +118,9 @@ class Progress:
 
 
 class Recorder:
-    """Instruments and the run they are recorded into. `loop` is Twisted's, or its Clock in a test."""
+    """Instruments and where they are recorded. `loop` is Twisted's, or its Clock in a test."""
 
-    def __init__(
-        self, instruments: Sequence[Instrument], run: RunWriter, *, loop: Any, show: Callable[[], None]
-    ) -> None:
+    def __init__(self, instruments: Sequence[Instrument], run: Sink, *, loop: Any, show: Callable[[], None]) -> None:
         """Take what to record and where to; `show` is called after every block."""
         self.progress = {instrument.name: Progress() for instrument in instruments}
         self.began_s = loop.seconds()

@@ -90,18 +90,28 @@ class Vehicle:
         place = (request.port, request.channel if channel is None else channel)
         for _ in range(tries):
             self.wire.send(request)
-            answer = await self._next(place, read, within_s)
-            if answer is not None:
-                return answer
+            came = await self._next(place, read, within_s)
+            if came is not None:
+                return came[0]
         return None
 
-    async def _next(self, place: Place, read: Callable[[bytes], Answer | None], within_s: float) -> Answer | None:
-        came: Deferred[Answer | None] = Deferred()
+    async def time_of_answer(
+        self, request: Packet, read: Callable[[bytes], bool | None], *, within_s: float
+    ) -> float | None:
+        """Send a request once and return when its answer came, on the monotonic clock, None without one."""
+        self.wire.send(request)
+        came = await self._next((request.port, request.channel), read, within_s)
+        return None if came is None else came[1]
+
+    async def _next(
+        self, place: Place, read: Callable[[bytes], Answer | None], within_s: float
+    ) -> tuple[Answer, float] | None:
+        came: Deferred[tuple[Answer, float] | None] = Deferred()
 
         def hear(payload: bytes, arrived_s: float) -> None:
             answer = read(payload)
             if answer is not None and not came.called:
-                came.callback(answer)
+                came.callback((answer, arrived_s))
 
         def over() -> None:
             if not came.called:

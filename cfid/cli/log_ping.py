@@ -1,0 +1,83 @@
+"""`cfid log ping`: how long the way to the vehicle and back takes."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid.cli.live import LiveLine
+from cfid.cli.options import flat, positive
+from cfid.cli.recorded import KeepOptions, record, rig_of
+from cfid.cli.vehicle import VehicleOptions, reach
+from cfid.errors import FitError
+
+if TYPE_CHECKING:
+    from cfid.run import Run
+
+_BAR = 40
+
+
+@flat
+def ping(
+    *,
+    count: Annotated[int, typer.Option(min=1, help="How many round trips.")] = 1000,
+    interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one to the next.")] = 0.1,
+    vehicle: VehicleOptions,
+    keep: KeepOptions,
+    note: Annotated[str | None, typer.Option(help="Circumstances, kept with the run.")] = None,
+) -> None:
+    """Measure round trips to the vehicle: mean, deviation, least, histogram (table 3.2). No motor turns.
+
+    Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
+    """
+    from cfid.rig.log import Plan
+    from cfid.rig.procedures import ping_often
+    from cfid.run import Label
+
+    every_s = positive(interval, "--interval")
+    campaign, devices, simulated = rig_of(keep.campaign)
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        plan = Plan(
+            runs_folder=campaign.runs_folder,
+            kind="ping",
+            label=Label(note=note),
+            procedure=lambda there, loop: ping_often(
+                there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
+            ),
+            asked={"count": count, "interval_s": every_s},
+            simulated=simulated,
+        )
+        record("log ping", plan, [crazyflie.pings()], live, keep, found=found)
+
+
+def found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Return the round trips of a run as parameters, and as table 3.2 has them."""
+    import pandas as pd
+
+    from cfid.analysis.latency import histogram, round_trips
+
+    rtt_s = pd.read_csv(run.device_file("pings"))["rtt_s"].to_numpy()
+    try:
+        trips = round_trips(rtt_s)
+    except FitError as error:
+        return {}, [str(error)]
+    parameters = {
+        "latency.rtt_mean_s": {"value": trips.mean_s, "std": trips.mean_std_s, "unit": "s"},
+        "latency.rtt_std_s": {"value": trips.std_s, "std": None, "unit": "s"},
+        "latency.rtt_min_s": {"value": trips.least_s, "std": None, "unit": "s"},
+    }
+    bars = histogram(rtt_s)
+    widest = bars.counts.max()
+    drawn = [
+        f"{1e3 * edge_s:9.3f} ms {'█' * round(_BAR * count / widest):{_BAR}} {count}"
+        for edge_s, count in zip(bars.edges_s[:-1], bars.counts, strict=True)
+    ]
+    return parameters, [
+        f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}",
+        f"{(run.header.label.note or '-')[:28]:<28} {trips.count:8d} {1e3 * trips.mean_s:14.4f} "
+        f"{1e3 * trips.std_s:10.4f} {1e3 * trips.least_s:11.4f}",
+        *drawn,
+    ]

@@ -1,0 +1,182 @@
+"""`cfid log sine`: sines of many frequencies played on board, each a run of its own (section 3.4.2)."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid import __version__
+from cfid.cli.live import LiveLine
+from cfid.cli.options import flat, positive
+from cfid.cli.recorded import KeepOptions, attempt, print_json, rig_of, summary
+from cfid.cli.vehicle import VehicleOptions, confirm, reach
+from cfid.errors import CfidError, ConfigError
+
+if TYPE_CHECKING:
+    from cfid.campaign import Campaign, LoadCellBox
+    from cfid.rig.log import Device, Plan
+    from cfid.run import Run
+
+_SINE = "Sine"
+_LARGEST_N = 2**32 - 1
+_SAMPLES_PER_S = 500
+_UNCLIPPED = 30000
+_BESIDE_S = 2.5  # of each run: connecting to the load cell, and the second before the vehicle says that it ended
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineOptions:
+    """Eq. 3.6: u[n] = A cos(2 pi l n/N) + 30000."""
+
+    l: Annotated[  # noqa: E741 - the letter of the equation and of the option
+        str, typer.Option("--l", metavar="L,L,...", help="Periods within N, each a run.", rich_help_panel=_SINE)
+    ]
+    n: Annotated[int, typer.Option("--n", min=1, max=_LARGEST_N, help="Samples at 500 Hz.", rich_help_panel=_SINE)] = (
+        4000
+    )
+    amplitude: Annotated[
+        int, typer.Option(min=0, max=65535, help="A, in units of a command.", rich_help_panel=_SINE)
+    ] = 20000
+    motor: Annotated[int, typer.Option(min=0, max=4, help="Which motor; 0 is all.", rich_help_panel=_SINE)] = 1
+    series: Annotated[
+        str | None, typer.Option(help="Name of the series, kept with each run.", rich_help_panel=_SINE)
+    ] = None
+    before: Annotated[
+        float, typer.Option(metavar="S", help="Seconds at rest before, for the bias.", rich_help_panel=_SINE)
+    ] = 1.0
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave out what the campaign has completely.", rich_help_panel=_SINE)
+    ] = False
+    force: Annotated[bool, typer.Option("--force", help="Allow an amplitude that clips.", rich_help_panel=_SINE)] = (
+        False
+    )
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_SINE)
+    ] = False
+
+    def periods(self) -> list[int]:
+        """Return every l, checked with N and A as C.2.4 checks them. Raises ConfigError."""
+        try:
+            periods = [int(word) for word in self.l.split(",")]
+        except ValueError:
+            raise ConfigError(f"--l {self.l}: should be whole numbers with commas between, as 1,2,4.") from None
+        for l in periods:  # noqa: E741
+            if not 0 <= l <= self.n // 2:
+                raise ConfigError(f"--l {l}: has to be from 0 to N/2 = {self.n // 2}.")
+        if len(set(periods)) < len(periods):
+            raise ConfigError(f"--l {self.l}: names a frequency twice.")
+        if self.amplitude > _UNCLIPPED and not self.force:
+            raise ConfigError(
+                f"--amplitude {self.amplitude}: above {_UNCLIPPED} the sine is clipped; --force allows it."
+            )
+        return periods
+
+    def asked(self, l: int) -> dict[str, Any]:  # noqa: E741
+        """Return what run.toml says of one sine, by which --resume knows it again."""
+        series = {} if self.series is None else {"series": self.series}
+        return {"l": l, "n": self.n, "amplitude": self.amplitude, "motor": self.motor, **series}
+
+
+@flat
+def sine(
+    *,
+    sines: SineOptions,
+    vehicle: VehicleOptions,
+    keep: KeepOptions,
+    note: Annotated[str | None, typer.Option(help="A note, kept with each run.")] = None,
+    rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
+) -> None:
+    """Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.
+
+    Example: [bold]cfid log sine --l 1,2,4,8,16,32 --n 4000 --amplitude 20000 --motor 1[/bold]
+    """
+    before_s = positive(sines.before, "--before")
+    periods = sines.periods()
+    campaign, devices, simulated = rig_of(keep.campaign)
+    if sines.resume:
+        there = _complete(campaign)
+        periods = [l for l in periods if sines.asked(l) not in there]  # noqa: E741
+        if not periods:
+            raise ConfigError("--resume: the campaign has all of them completely.")
+    each_s = sines.n / _SAMPLES_PER_S + before_s + _BESIDE_S
+    if sines.dry_run:
+        typer.echo(f"{len(periods)} sines of {each_s:.0f} s: {len(periods) * each_s / 60:.1f} min")
+        return
+    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
+        motors = (1, 2, 3, 4) if sines.motor == 0 else (sines.motor,)
+        confirm(crazyflie.uri, motors, min(_UNCLIPPED + sines.amplitude, 65535), yes=vehicle.yes)
+        runs = []
+        for count, l in enumerate(periods):  # noqa: E741
+            left_s = (len(periods) - count) * each_s
+            run, failure = _play(
+                _plan(sines, l, campaign, before_s, live, note=note, simulated=simulated, left_s=left_s),
+                (reports, crazyflie.usual_log()),
+                cell,
+                live,
+            )
+            if run is not None:
+                runs.append(summary("log sine", run, failure))
+                if not keep.json:
+                    typer.echo(f"l = {l}: {run.header.state} -> {run.folder}")
+            if failure is not None or run is None or run.header.state != "complete":
+                break
+    if keep.json:
+        print_json({"command": "log sine", "runs": runs, "wanted": periods, "version": __version__})
+    if failure is not None:
+        raise failure
+
+
+def _plan(
+    sines: SineOptions,
+    l: int,  # noqa: E741
+    campaign: "Campaign",
+    before_s: float,
+    live: LiveLine,
+    *,
+    note: str | None,
+    simulated: bool,
+    left_s: float,
+) -> "Plan":
+    from cfid.rig.log import Plan
+    from cfid.rig.procedures import clock, play_sine
+    from cfid.run import Label
+    from cfid.wire.app import SineRequest, omega_of
+
+    request = SineRequest(sines.motor, sines.amplitude, omega_of(l, sines.n), sines.n)
+
+    def tell(text: str) -> None:
+        live.task(f"l = {l}: {text} ({clock(left_s)} in all)")
+
+    return Plan(
+        runs_folder=campaign.runs_folder,
+        kind=f"sine_l{l}",
+        label=Label(note=note),
+        procedure=lambda there, loop: play_sine(request, there["crossings"], before_s=before_s, loop=loop, tell=tell),
+        asked=sines.asked(l),
+        simulated=simulated,
+    )
+
+
+def _play(
+    plan: "Plan", vehicle: "tuple[Device, Device]", cell: "LoadCellBox", live: LiveLine
+) -> "tuple[Run | None, CfidError | None]":
+    from cfid.rig.log import ready_loadcell
+
+    reports, log = vehicle
+    with ExitStack() as stream:
+        loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say)
+        return attempt(plan, [reports, loadcell, log], live)
+
+
+def _complete(campaign: "Campaign") -> list[dict[str, Any]]:
+    """Return what was asked of all complete runs."""
+    from cfid.errors import DataError
+    from cfid.run import list_runs
+
+    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
+    return [run.header.asked for run in runs if run.header.state == "complete"]

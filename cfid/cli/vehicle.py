@@ -1,0 +1,72 @@
+"""What every command that reaches the vehicle shares: which one, and that it is fastened before a motor turns."""
+
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.recorded import refuse_mixture
+from cfid.cli.speech import note
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.campaign import Devices
+    from cfid.rig.ready_vehicle import ReadyVehicle
+
+VEHICLE = "Vehicle"
+
+Motor = Annotated[
+    list[int] | None,
+    typer.Option("--motor", min=1, max=4, help="A motor to use; may be said again.", rich_help_panel=VEHICLE),
+]
+
+_FIRMWARE = {
+    "app": "cfid's app",
+    "thesis": "the thesis' modules of 2015",
+    "stock": "stock firmware",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleOptions:
+    """Which vehicle, and whether it is fastened."""
+
+    uri: Annotated[
+        str | None,
+        typer.Option(help="Address of the vehicle; default: rig.toml's, else looked for.", rich_help_panel=VEHICLE),
+    ] = None
+    yes: Annotated[
+        bool, typer.Option("--yes", help="The vehicle is fastened: do not ask.", rich_help_panel=VEHICLE)
+    ] = False
+
+
+def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
+    """Connect to the vehicle and say which it is and what runs on it. Raises DeviceError."""
+    from cfid.rig.ready_vehicle import ready_vehicle
+
+    setting = devices.crazyflie
+    if options.uri is not None:
+        refuse_mixture("--uri", simulated)
+        setting = setting.model_copy(update={"uri": options.uri})
+    vehicle = ready_vehicle(setting, held)
+    note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
+    if vehicle.firmware.kind != "app":
+        note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
+    return vehicle
+
+
+def confirm(uri: str, motors: Sequence[int], largest: int, *, yes: bool) -> None:
+    """Let the operator confirm that the vehicle is fastened. Raises ConfigError when that does not come."""
+    if yes:
+        return
+    which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
+    question = f"{uri}: {which} will turn at commands up to {largest}. Fastened, and nobody near? [y/N] "
+    typer.echo(question, nl=False, err=True)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise ConfigError("nobody confirmed that the vehicle is fastened: --yes says it in a script.")
+    if answer.strip().lower() not in ("y", "yes"):
+        raise ConfigError("not confirmed: no motor was started.")

@@ -1,0 +1,88 @@
+"""Round trips to the vehicle and back as an instrument (section 3.4.4, C.2.6)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cfid.rig.clock import HostClock
+from cfid.rig.motors import Firmware
+from cfid.rig.recorder import Block, no_rows
+from cfid.rig.vehicle import Vehicle
+from cfid.wire import app, crtp
+from cfid.wire.app import PingChannel
+from cfid.wire.crtp import Packet
+
+_LOST_S = 1.0  # without an answer: seventeen times the thesis' mean
+
+
+class Pings:
+    """A row for each answer: `t` when the ping left, the round trip, and the vehicle's clock where it is told."""
+
+    name = "pings"
+
+    def __init__(self, vehicle: Vehicle, firmware: Firmware, *, loop: Any, clock: HostClock) -> None:
+        """Take a vehicle."""
+        self._vehicle, self._firmware, self._loop, self._clock = vehicle, firmware, loop, clock
+        self.columns = self.columns_of(firmware)
+        self.sent = self._lost = 0
+        self._rows: list[tuple[float, float, int]] = []
+
+    @staticmethod
+    def columns_of(firmware: Firmware) -> tuple[str, ...]:
+        """Return the columns that a firmware's answers fill."""
+        return ("t", "rtt_s", "vehicle_us") if firmware.kind == "app" else ("t", "rtt_s")
+
+    def start(self) -> None:
+        """Do nothing: each ping is asked for."""
+
+    async def ping(self) -> float | None:
+        """Send one and wait for its answer; return the round trip in seconds, None when it was lost."""
+        self._vehicle.check()
+        self.sent += 1
+        number, request = self.sent, self._request()
+        vehicle_us: list[int] = []
+
+        def own(payload: bytes) -> bool | None:
+            if self._firmware.kind == "stock":
+                return crtp.decode_echo(payload) == number or None
+            if self._firmware.kind == "thesis":
+                return not payload or None
+            told = app.decode_ping_answer(request.payload, payload)
+            if told is not None:
+                vehicle_us.append(told)
+            return True if told is not None else None
+
+        sent_s: float = self._loop.seconds()
+        arrived_s = await self._vehicle.time_of_answer(request, own, within_s=_LOST_S)
+        if arrived_s is None:
+            self._lost += 1
+            return None
+        self._rows.append((sent_s, arrived_s - sent_s, vehicle_us[0] if vehicle_us else 0))
+        return arrived_s - sent_s
+
+    def take(self) -> Block:
+        """Hand over the round trips."""
+        lost, self._lost = self._lost, 0
+        rows, self._rows = self._rows, []
+        if not rows:
+            return Block(no_rows(len(self.columns)), lost)
+        sent_s, rtt_s, vehicle_us = map(np.array, zip(*rows, strict=True))
+        return Block((self._clock.unix_s(sent_s), np.round(rtt_s, 7), vehicle_us)[: len(self.columns)], lost)
+
+    async def stop(self) -> None:
+        """Do nothing: nothing is under way that would not end by itself."""
+
+    def close(self) -> None:
+        """Do nothing: the link is closed by whoever opened it."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return how many were sent."""
+        return {"sent": self.sent}
+
+    def _request(self) -> Packet:
+        ports = self._firmware.ports
+        if self._firmware.kind == "stock":
+            return Packet(crtp.ECHO_PORT, crtp.ECHO_CHANNEL, crtp.encode_echo(self.sent))
+        payload = b"" if self._firmware.kind == "thesis" else app.encode_alive(self.sent)
+        return Packet(ports.ping, PingChannel.PING, payload)

@@ -1,0 +1,148 @@
+"""A vehicle that was found, held, connected and asked what runs on it, ready to be recorded."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+from cfid.campaign import CrazyflieLink
+from cfid.errors import DeviceError
+from cfid.rig.app_motors import AppMotors
+from cfid.rig.clock import HostClock
+from cfid.rig.crazyflie import Link, find_vehicle
+from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
+from cfid.rig.crossings import Crossings
+from cfid.rig.lock import DeviceLock
+from cfid.rig.log import Device
+from cfid.rig.loop import Loop
+from cfid.rig.motor_commands import MotorCommands
+from cfid.rig.motors import MOTORS, Firmware, Limits, Motors, SinePlayer, firmware_of
+from cfid.rig.pings import Pings
+from cfid.rig.recorder import Instrument
+from cfid.rig.stock_motors import StockMotors
+from cfid.rig.thesis_motors import ThesisMotors
+from cfid.rig.vehicle import Vehicle
+from cfid.run import DeviceRecord
+from cfid.wire.app import Ports
+
+USUAL = tuple(f"motor.m{motor}" for motor in MOTORS)
+NO_APP = (
+    "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
+    "(firmware_patches/README.md says how)."
+)
+
+
+@dataclass
+class ReadyVehicle:
+    """A connected vehicle. Its instruments share one link, one watch and one set of motors."""
+
+    link: Link
+    firmware: Firmware
+    setting: CrazyflieLink
+    _vehicle: Vehicle | None = field(default=None, init=False)
+    _motors: Motors | None = field(default=None, init=False)
+
+    @property
+    def uri(self) -> str:
+        """Where it is."""
+        return self.link.uri
+
+    def vehicle(self, loop: Loop) -> Vehicle:
+        """Return the vehicle in a loop."""
+        if self._vehicle is None or self._vehicle.loop is not loop:
+            self._vehicle, self._motors = Vehicle(self.link, loop=loop), None
+        return self._vehicle
+
+    def motors(self, loop: Loop) -> Motors:
+        """Return its motors in a loop, driven in the way that its firmware has."""
+        vehicle, limits = self.vehicle(loop), Limits(largest_command=self.setting.largest_command)
+        if self._motors is None:
+            if self.firmware.kind == "stock":
+                self._motors = StockMotors(vehicle, limits)
+            elif self.firmware.kind == "thesis":
+                self._motors = ThesisMotors(vehicle, self.firmware, limits)
+            else:
+                self._motors = AppMotors(vehicle, self.firmware, limits)
+        return self._motors
+
+    def player(self, loop: Loop) -> SinePlayer:
+        """Return motors that can play a sine. Raises DeviceError for a vehicle with stock firmware."""
+        motors = self.motors(loop)
+        if isinstance(motors, StockMotors):
+            raise DeviceError(f"{self.uri}: {NO_APP}")
+        assert isinstance(motors, AppMotors | ThesisMotors)
+        return motors
+
+    def commands(self) -> Device:
+        """Return the motors as a device of a run."""
+
+        def opened(loop: Loop, clock: HostClock) -> Instrument:
+            return MotorCommands(self.motors(loop), loop=loop, clock=clock)
+
+        return self._device("commands.csv", MotorCommands.columns, opened, eventful=True)
+
+    def crossings(self) -> Device:
+        """Return a sine's reports as a device of a run. Raises DeviceError for a vehicle that plays none."""
+        if self.firmware.kind == "stock":
+            raise DeviceError(f"{self.uri}: {NO_APP}")
+
+        def opened(loop: Loop, clock: HostClock) -> Instrument:
+            return Crossings(self.player(loop), self.vehicle(loop), self.firmware, loop=loop, clock=clock)
+
+        return self._device("crossings.csv", Crossings.columns_of(self.firmware), opened, eventful=True)
+
+    def pings(self) -> Device:
+        """Return round trips as a device of a run."""
+
+        def opened(loop: Loop, clock: HostClock) -> Instrument:
+            return Pings(self.vehicle(loop), self.firmware, loop=loop, clock=clock)
+
+        return self._device("pings.csv", Pings.columns_of(self.firmware), opened)
+
+    def usual_log(self) -> Device:
+        """Return what is worth logging beside any experiment, a hundred times a second."""
+        return self.log((BATTERY, *USUAL), period_ms=10)
+
+    def log(self, names: Sequence[str], *, period_ms: int) -> Device:
+        """Return variables that the vehicle logs as a device of a run; those that it does not have are left out."""
+        there = [name for name in names if self.link.variable(name) is not None]
+
+        def opened(loop: Loop, clock: HostClock) -> Instrument:
+            return CrazyflieLog(
+                self.vehicle(loop),
+                there,
+                period_ms=period_ms,
+                stop_below_v=self.setting.stop_below_v if BATTERY in there else None,
+                loop=loop,
+                clock=clock,
+            )
+
+        return self._device("crazyflie.csv", ("t", "vehicle_ms", *there), opened, period_ms=period_ms)
+
+    def _device(
+        self,
+        file: str,
+        columns: Sequence[str],
+        opened: Callable[[Loop, HostClock], Instrument],
+        *,
+        eventful: bool = False,
+        **more: Any,
+    ) -> Device:
+        said = {
+            "uri": self.uri,
+            "firmware": self.firmware.kind,
+            "crtp_version": self.link.firmware_protocol,
+            "ports": self.firmware.ports._asdict(),
+        }
+        record = DeviceRecord.model_validate({"file": file, "columns": tuple(columns), **said, **more})
+        return Device(record=record, open=opened, eventful=eventful)
+
+
+def ready_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
+    """Find the vehicle, hold it, connect, and ask what runs on it. Raises DeviceError."""
+    uri = setting.uri or find_vehicle()
+    held.enter_context(DeviceLock.take(uri, holder="cfid"))
+    link = Link.connect(uri)
+    held.callback(link.close)
+    ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
+    return ReadyVehicle(link, firmware_of(link, ports), setting)
