@@ -46,6 +46,7 @@ class Propulsion:
         self._commands = commands
         self._speed = np.zeros(4)
         self._since_s = self._begin_s = begin_s
+        self._steps = 0
         self._acting = _Change(begin_s, np.array(commands, dtype=np.float64), self.battery.volts)
         self._felt = self._acting  # by the load cell, up to what it was read last
         self._changes: deque[_Change] = deque(maxlen=_REMEMBERED)
@@ -58,10 +59,11 @@ class Propulsion:
 
     def advance(self, time_s: float) -> None:
         """Let the battery follow what the rotors draw, in steps of its own however often this is called."""
-        steps = int((time_s - self._begin_s) / _BATTERY_EVERY_S)
-        done = int((self._since_s - self._begin_s) / _BATTERY_EVERY_S)
-        for step in range(done + 1 if any(self._commands) else max(done + 1, steps), steps + 1):
+        last = int((time_s - self._begin_s) / _BATTERY_EVERY_S)
+        driven = any(self._commands)
+        for step in range(self._steps + 1 if driven else max(self._steps + 1, last), last + 1):
             self._go_on(self._begin_s + step * _BATTERY_EVERY_S)
+            self._steps = step
 
     def speed_rad_per_s(self, time_s: float) -> Array:
         """Return how fast the rotors turn (4,) at a time from the last change on."""

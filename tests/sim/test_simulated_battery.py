@@ -1,0 +1,154 @@
+"""The simulated battery, and the rotors that it feeds."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from cfid.sim.battery import Battery, BatteryTruth
+from cfid.sim.propulsion import STILL, Four, Propulsion
+from cfid.sim.rotors import Rotors, RotorTruth
+
+SUPPLY = BatteryTruth()
+LIPO = BatteryTruth(kind="lipo")
+ROTORS = RotorTruth()
+FULL_SPEED: Four = (60000,) * 4
+
+
+def _propulsion(battery: BatteryTruth = SUPPLY) -> Propulsion:
+    return Propulsion(ROTORS, battery, rng=np.random.default_rng(3), begin_s=0.0)
+
+
+def test_a_supply_holds_its_voltage_whatever_is_drawn() -> None:
+    battery = Battery(BatteryTruth(volts=4.0))
+    battery.load(power_w=100.0, for_s=3600.0)
+    assert battery.volts == 4.0
+    assert battery.charge == 1.0
+
+
+def test_a_full_cell_without_load_shows_what_a_full_cell_shows() -> None:
+    assert Battery(LIPO.model_copy(update={"standby_a": 0.0})).volts == 4.2
+
+
+@given(power_w=st.floats(0, 20), charge=st.floats(0, 1))
+def test_a_loaded_cell_gives_the_power_that_is_asked_for(power_w: float, charge: float) -> None:
+    truth = LIPO.model_copy(update={"charge": charge})
+    battery = Battery(truth)
+    battery.load(power_w=power_w, for_s=0.0)
+    open_v = float(np.interp(charge, np.linspace(0, 1, 11), truth.open_circuit_v))
+    current_a = (open_v - battery.volts) / truth.resistance_ohm
+    delivered_w = (current_a - truth.standby_a) * battery.volts * truth.efficiency
+    most_w = truth.efficiency * (open_v - truth.resistance_ohm * truth.standby_a) ** 2 / (4 * truth.resistance_ohm)
+    assert delivered_w == pytest.approx(min(power_w, most_w), abs=1e-6)
+
+
+def test_a_cell_of_240_mah_is_empty_after_an_hour_at_240_ma() -> None:
+    battery = Battery(LIPO)
+    for _ in range(3600):
+        battery.load(power_w=0.0, for_s=1.0)
+    assert battery.charge == pytest.approx(0.0, abs=1e-9)
+    battery.load(power_w=0.0, for_s=1.0)
+    assert battery.charge == 0.0
+
+
+def test_currents_are_near_those_that_bitcraze_measured() -> None:
+    """At 50 % of all four motors 1.83 A at 3.71 V, at rest 0.24 A (table of 2015)."""
+    battery = Battery(LIPO.model_copy(update={"charge": 0.8}))
+    power_w = 4 * float(ROTORS.power_w(ROTORS.steady_rad_per_s(np.array(32768.0), volts=3.71)))
+    battery.load(power_w=power_w, for_s=0.0)
+    current_a = LIPO.standby_a + power_w / LIPO.efficiency / battery.volts
+    assert current_a == pytest.approx(1.83, rel=0.3)
+
+
+def test_a_table_of_a_cell_that_cannot_be_is_told() -> None:
+    for wrong in ({"open_circuit_v": (3.0,)}, {"charge": 1.5}, {"efficiency": 0.0}, {"kind": "nuclear"}):
+        with pytest.raises(ValidationError):
+            BatteryTruth.model_validate(wrong)
+
+
+# Rotors that it feeds
+
+
+def test_half_the_voltage_does_to_a_rotor_what_half_the_command_does() -> None:
+    half = ROTORS.steady_rad_per_s(np.array(40000.0), volts=ROTORS.nominal_v / 2)
+    assert half == ROTORS.steady_rad_per_s(np.array(20000.0), volts=ROTORS.nominal_v)
+
+
+def test_at_nominal_voltage_a_command_means_what_it_says() -> None:
+    rotors, same = (Rotors(ROTORS, np.random.default_rng(3)) for _ in range(2))
+    time_s, command = np.arange(100) / 7000, np.full(4, 40000.0)
+    np.testing.assert_array_equal(
+        rotors.advance(time_s, command), same.advance(time_s, command, volts=ROTORS.nominal_v)
+    )
+
+
+def test_speed_falls_as_the_battery_sags() -> None:
+    propulsion = _propulsion(LIPO)
+    rested_v = propulsion.battery.volts
+    propulsion.command(FULL_SPEED, 0.0)
+    propulsion.advance(1.0)
+    loaded_v, early = propulsion.battery.volts, propulsion.speed_rad_per_s(1.0)
+    propulsion.advance(120.0)
+    late_v, late = propulsion.battery.volts, propulsion.speed_rad_per_s(120.0)
+    assert rested_v - loaded_v > 0.3
+    assert late_v < loaded_v - 0.2
+    np.testing.assert_allclose(late, ROTORS.steady_rad_per_s(np.array(60000.0), volts=late_v), rtol=1e-3)
+    assert late[0] < early[0] - 100
+    propulsion.command(STILL, 121.0)
+    propulsion.advance(122.0)
+    assert propulsion.battery.volts > late_v + 0.3  # it recovers without a load
+
+
+def test_how_often_the_vehicle_looks_changes_nothing() -> None:
+    def after(times_s: list[float]) -> tuple[float, float]:
+        propulsion = _propulsion(LIPO)
+        propulsion.command(FULL_SPEED, 0.0123)
+        for time_s in [*times_s, 5.0]:
+            propulsion.advance(time_s)
+        return propulsion.battery.volts, propulsion.battery.charge
+
+    assert after([]) == after([k / 1000 for k in range(13, 5000)])
+
+
+@given(
+    commands=st.lists(st.tuples(*[st.integers(0, 65535)] * 4), min_size=1, max_size=5),
+    cuts=st.lists(st.integers(1, 699), max_size=5),
+)
+def test_the_load_cell_feels_each_command_from_its_very_moment_on(commands: list[Four], cuts: list[int]) -> None:
+    propulsion, rotors = _propulsion(), Rotors(ROTORS, np.random.default_rng(3))
+    rotors.advance(np.array([0.0]), np.zeros(4))
+    time_s = np.arange(700) / 7000
+    changes_s = [0.0137 * (place + 1) for place in range(len(commands))]
+    for change_s, command in zip(changes_s, commands, strict=True):
+        propulsion.command(command, change_s)
+    seen = np.vstack([propulsion.wrench_at(part) for part in np.split(time_s, sorted(set(cuts)))])
+
+    fine_s = np.unique(np.concatenate([time_s, changes_s]))
+    active = np.zeros(4)
+    expected = []
+    for moment_s in fine_s:
+        row = rotors.advance(np.array([moment_s]), active)
+        expected += list(row) if moment_s in time_s else []
+        active = np.array(commands[changes_s.index(moment_s)], float) if moment_s in changes_s else active
+    np.testing.assert_allclose(seen, expected, atol=1e-9)
+
+
+def test_rotors_that_were_commanded_long_ago_have_their_speed_when_the_load_cell_is_read() -> None:
+    propulsion = _propulsion()
+    propulsion.command(FULL_SPEED, 1.0)
+    propulsion.advance(9.0)
+    lift_n = propulsion.wrench_at(9.0 + np.arange(700) / 7000)[:, 2].mean()
+    speed = float(ROTORS.steady_rad_per_s(np.array(60000.0), volts=ROTORS.nominal_v))
+    assert lift_n == pytest.approx(4 * ROTORS.thrust_ns2_per_rad2 * speed**2, rel=0.01)
+
+
+def test_a_minute_of_commands_that_no_load_cell_saw_is_soon_caught_up_with() -> None:
+    propulsion = _propulsion()
+    for place in range(30_000):
+        command = round(30000 + 20000 * math.cos(place / 10))
+        propulsion.command((command,) * 4, place / 500)
+    propulsion.wrench_at(np.array([60.0]))
+    np.testing.assert_allclose(propulsion._rotors.speed_rad_per_s, propulsion.speed_rad_per_s(60.0), rtol=1e-6)
