@@ -32,8 +32,9 @@ class LiveLine:
         self._task = ""
 
     def task(self, text: str) -> None:
-        """Put before the line what is being done."""
+        """Put before the line what is being done, at the next block."""
         self._task = text
+        self._next_s = 0.0
 
     def show(self, recorder: "Recorder") -> None:
         """Show how the recording does, a few times a second."""

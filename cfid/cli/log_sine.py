@@ -109,7 +109,7 @@ def sine(
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
         motors = (1, 2, 3, 4) if sines.motor == 0 else (sines.motor,)
-        confirm(crazyflie.uri, motors, min(_UNCLIPPED + sines.amplitude, 65535), yes=vehicle.yes)
+        confirm(crazyflie, motors, min(_UNCLIPPED + sines.amplitude, 65535), yes=vehicle.yes)
         runs = []
         for count, l in enumerate(periods):  # noqa: E741
             left_s = (len(periods) - count) * each_s

@@ -88,7 +88,7 @@ def thrust(
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie.uri, wanted.motors, wanted.steps[-1], yes=vehicle.yes)
+        confirm(crazyflie, wanted.motors, wanted.steps[-1], yes=vehicle.yes)
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind="thrust",

@@ -13,6 +13,10 @@ from cfid.cli.fit_inertia import inertia
 from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
 from cfid.cli.log import encoder, loadcell
+from cfid.cli.log_ping import ping
+from cfid.cli.log_sine import sine
+from cfid.cli.log_thrust import thrust
+from cfid.cli.motors import console, set_motors, stop
 from cfid.cli.rig import check, sim
 from cfid.cli.show import show
 from cfid.cli.speech import fault
@@ -28,6 +32,7 @@ fit = typer.Typer(no_args_is_help=True, help="Find parameters from recordings.")
 
 rig = typer.Typer(no_args_is_help=True, help="Ask the rig's devices, or simulate them.")
 log = typer.Typer(no_args_is_help=True, help="Record from the rig.")
+motors = typer.Typer()
 
 app.command()(demo)
 app.command()(new)
@@ -39,6 +44,13 @@ rig.command()(sim)
 app.add_typer(log, name="log")
 log.command()(encoder)
 log.command()(loadcell)
+log.command()(thrust)
+log.command()(sine)
+log.command()(ping)
+app.add_typer(motors, name="motors")
+motors.callback(invoke_without_command=True)(console)
+motors.command("set")(set_motors)
+motors.command()(stop)
 app.add_typer(fit, name="fit")
 fit.command()(swing)
 fit.command()(friction)

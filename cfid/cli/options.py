@@ -3,7 +3,7 @@
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
@@ -185,6 +185,10 @@ def positive(value: float, option: str) -> float:
     return value
 
 
+def _default(field: "Field[Any]") -> Any:
+    return inspect.Parameter.empty if field.default is MISSING else field.default
+
+
 def flat(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command, whose parameters may be dataclasses of options, those options one by one.
 
@@ -197,7 +201,7 @@ def flat(command: Callable[..., None]) -> Callable[..., None]:
         own = {name: (hints[name], parameter.default)}
         if name in bundles:
             kinds = get_type_hints(bundles[name], include_extras=True)
-            own = {field.name: (kinds[field.name], field.default) for field in fields(bundles[name])}
+            own = {field.name: (kinds[field.name], _default(field)) for field in fields(bundles[name])}
         parameters += [
             inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
             for key, (kind, default) in own.items()

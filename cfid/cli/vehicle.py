@@ -58,12 +58,16 @@ def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simul
     return vehicle
 
 
-def confirm(uri: str, motors: Sequence[int], largest: int, *, yes: bool) -> None:
-    """Let the operator confirm that the vehicle is fastened. Raises ConfigError when that does not come."""
+def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], largest: int, *, yes: bool) -> None:
+    """Let the operator confirm that the vehicle is fastened.
+
+    Raises ConfigError when that does not come, or rig.toml does not allow such a command.
+    """
+    vehicle.limits.check(largest)
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
-    question = f"{uri}: {which} will turn at commands up to {largest}. Fastened, and nobody near? [y/N] "
+    question = f"{vehicle.uri}: {which} will turn at commands up to {largest}. Fastened, and nobody near? [y/N] "
     typer.echo(question, nl=False, err=True)
     answer = sys.stdin.readline()
     if not answer:

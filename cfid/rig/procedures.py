@@ -4,6 +4,8 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from twisted.internet.defer import Deferred
+
 from cfid.rig.crossings import Crossings
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import MOTORS, STILL, Four
@@ -57,6 +59,16 @@ async def climb(stairs: Staircase, commands: MotorCommands, *, loop: Any, tell: 
         await sleep(loop, stairs.hold_s)
         await commands.set(STILL)
         await sleep(loop, stairs.rest_s)
+
+
+async def nothing() -> None:
+    """Do nothing: whatever ends a procedure stops the motors."""
+
+
+async def hold(commands: MotorCommands, command: int, motors: Sequence[int], *, for_s: float | None, loop: Any) -> None:
+    """Hold one command for so many seconds, or until somebody ends it."""
+    await commands.set(four(command, motors))
+    await (Deferred[None]() if for_s is None else sleep(loop, for_s))
 
 
 async def read_at_steps(

@@ -43,6 +43,11 @@ class ReadyVehicle:
     _motors: Motors | None = field(default=None, init=False)
 
     @property
+    def limits(self) -> Limits:
+        """What rig.toml allows its motors."""
+        return Limits(largest_command=self.setting.largest_command)
+
+    @property
     def uri(self) -> str:
         """Where it is."""
         return self.link.uri
@@ -55,7 +60,7 @@ class ReadyVehicle:
 
     def motors(self, loop: Loop) -> Motors:
         """Return its motors in a loop, driven in the way that its firmware has."""
-        vehicle, limits = self.vehicle(loop), Limits(largest_command=self.setting.largest_command)
+        vehicle, limits = self.vehicle(loop), self.limits
         if self._motors is None:
             if self.firmware.kind == "stock":
                 self._motors = StockMotors(vehicle, limits)

@@ -1,0 +1,124 @@
+"""`cfid motors`: the motors driven by hand, and a stop that always works."""
+
+import os
+import signal
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.live import LiveLine
+from cfid.cli.options import flat, positive
+from cfid.cli.recorded import rig_of
+from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
+from cfid.errors import DeviceError
+
+if TYPE_CHECKING:
+    from cfid.rig.log import Procedure
+    from cfid.rig.ready_vehicle import ReadyVehicle
+
+LARGEST_COMMAND = 65535
+
+_OTHERS_STOP_S = 5.0
+_ALL = (1, 2, 3, 4)
+
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+
+
+@flat
+def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
+    """Drive the vehicle's motors from the keyboard, or stop them; nothing is recorded.
+
+    Example: [bold]cfid motors[/bold]
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from cfid.rig.console import HELP, run_console
+
+    _, devices, simulated = rig_of(campaign)
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        confirm(crazyflie, _ALL, crazyflie.limits.largest_command, yes=vehicle.yes)
+        live.tell(HELP)
+        _drive(
+            crazyflie,
+            live,
+            lambda there, loop: run_console(
+                there["commands"], crazyflie.limits, loop=loop, tell=live.task, say=live.tell
+            ),
+        )
+
+
+@flat
+def set_motors(
+    *,
+    command: Annotated[int, typer.Argument(min=0, max=LARGEST_COMMAND, help="From 0 to 65535.")],
+    motor: Motor = None,
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="S", help="Seconds to run; default: until Ctrl-C.")
+    ] = None,
+    vehicle: VehicleOptions,
+    campaign: CampaignFolder = None,
+) -> None:
+    """Run motors at a command until the time is over or Ctrl-C, then stop them and check.
+
+    Example: [bold]cfid motors set 30000 --motor 1 --motor 3 --for 10[/bold]
+    """
+    from cfid.rig.procedures import hold
+
+    if for_s is not None:
+        positive(for_s, "--for")
+    chosen = tuple(motor or _ALL)
+    _, devices, simulated = rig_of(campaign)
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        confirm(crazyflie, chosen, command, yes=vehicle.yes)
+        _drive(crazyflie, live, lambda there, loop: hold(there["commands"], command, chosen, for_s=for_s, loop=loop))
+
+
+@flat
+def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
+    """Stop all motors and see that they stopped. Another cfid that drives them is asked to end.
+
+    Example: [bold]cfid motors stop[/bold]
+    """
+    from cfid.rig.procedures import nothing
+
+    _, devices, simulated = rig_of(campaign)
+    uri = vehicle.uri or devices.crazyflie.uri
+    if uri:
+        _end_holder(uri)
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        _drive(crazyflie, live, lambda there, loop: nothing())
+
+
+def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:
+    from cfid.rig.log import drive
+
+    try:
+        drive([vehicle.commands(), vehicle.usual_log()], procedure, show=live.show)
+    finally:
+        live.end()
+    sure = "" if vehicle.firmware.kind == "thesis" else ", and the vehicle confirms it"
+    typer.echo(f"{vehicle.uri}: all motors are stopped{sure}.")
+
+
+def _end_holder(uri: str) -> None:
+    """Ask the process that holds the vehicle to end, which stops its motors. Raises DeviceError when it does not."""
+    from cfid.rig.lock import holder_process
+
+    process = holder_process(uri)
+    if process is None:
+        return
+    os.kill(process, signal.SIGTERM)
+    end_s = time.monotonic() + _OTHERS_STOP_S
+    while holder_process(uri) == process:
+        if time.monotonic() > end_s:
+            raise DeviceError(f"{uri}: process {process} holds the vehicle and does not end: pull the battery.")
+        time.sleep(0.05)
