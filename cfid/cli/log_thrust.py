@@ -28,7 +28,9 @@ class StairOptions:
         int, typer.Option("--from", min=0, max=LARGEST_COMMAND, help="First command.", rich_help_panel=_STAIRS)
     ] = 0
     to: Annotated[int, typer.Option(min=0, max=LARGEST_COMMAND, help="Last command.", rich_help_panel=_STAIRS)] = 64000
-    step: Annotated[int, typer.Option(min=1, help="From one to the next.", rich_help_panel=_STAIRS)] = 2000
+    step: Annotated[
+        int | None, typer.Option(min=1, help="From one to the next; default: the thesis'.", rich_help_panel=_STAIRS)
+    ] = None
     hold: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRS)
     ] = None
@@ -39,11 +41,11 @@ class StairOptions:
         bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_STAIRS)
     ] = False
 
-    def stairs(self, motors: tuple[int, ...], *, hold_s: float, rest_s: float) -> "Staircase":
+    def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "Staircase":
         """Return the staircase. Raises ConfigError for one without steps."""
         from cfid.rig.procedures import Staircase
 
-        steps = tuple(range(self.from_, self.to + 1, self.step))
+        steps = tuple(range(self.from_, self.to + 1, self.step or step))
         if not steps:
             raise ConfigError(f"--from {self.from_} --to {self.to}: there is no command between them.")
         hold_s = hold_s if self.hold is None else positive(self.hold, "--hold")
@@ -78,7 +80,7 @@ def thrust(
     from cfid.run import Label
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    wanted = stairs.stairs(tuple(motor or (1, 3)), hold_s=10.0, rest_s=3.0)
+    wanted = stairs.stairs(tuple(motor or (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
     wanted = missing(wanted, resume) if resume is not None else wanted
     if stairs.dry_run:
         announce(wanted)

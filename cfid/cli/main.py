@@ -14,6 +14,7 @@ from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
 from cfid.cli.log import encoder, loadcell
 from cfid.cli.log_ping import ping
+from cfid.cli.log_readings import scales, speed
 from cfid.cli.log_sine import sine
 from cfid.cli.log_thrust import thrust
 from cfid.cli.motors import console, set_motors, stop
@@ -45,6 +46,8 @@ app.add_typer(log, name="log")
 log.command()(encoder)
 log.command()(loadcell)
 log.command()(thrust)
+log.command()(speed)
+log.command()(scales)
 log.command()(sine)
 log.command()(ping)
 app.add_typer(motors, name="motors")

@@ -7,7 +7,7 @@ from typing import Any
 from twisted.internet.defer import DeferredQueue
 
 from cfid.errors import ConfigError
-from cfid.rig.keyboard import DOWN, UP, Keyboard
+from cfid.rig.keyboard import DOWN, UP, Keyboard, edited
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import MOTORS, STILL, Four, Limits
 
@@ -22,8 +22,6 @@ STEP = 500  # of the arrow keys
 _STOPS = {"", "s", "p", "stop"}
 _QUITS = {"q", "quit", "exit"}
 _ALL = {"a", "all"}
-_ENTER = ("\n", "\r")
-_BACKSPACE = ("\x7f", "\b")
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ async def run_console(
             key = await heard.get()
             if key is None:
                 return
-            line, typed = _edited(typed, key) if keyboard.keys else (key, "")
+            line, typed = (key, "") if not keyboard.keys or _at_once(typed, key) else edited(typed, key)
             try:
                 if key in (UP, DOWN) and keyboard.keys:
                     now = nudged(now, key, limits)
@@ -114,15 +112,9 @@ def _part(part: str, before: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
     return motors, command
 
 
-def _edited(typed: str, key: str) -> tuple[str | None, str]:
-    """Return the line that a key completes, if it does, and what is typed of the next."""
-    if key in _ENTER or (key == " " and not typed):
-        return typed, ""
-    if key in _BACKSPACE:
-        return None, typed[:-1]
-    if typed == "" and key.lower() in ("s", "q"):  # at once: a stop waits for no Enter
-        return key, ""
-    return None, typed + key if key.isprintable() and len(key) == 1 else typed
+def _at_once(typed: str, key: str) -> bool:
+    """Return whether a key is an order by itself: a stop waits for no Enter."""
+    return not typed and key.lower() in (" ", "s", "q")
 
 
 def _shown(now: Order) -> str:

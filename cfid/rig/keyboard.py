@@ -7,6 +7,8 @@ from typing import Any
 
 UP, DOWN = "up", "down"
 
+_ENTER = ("\n", "\r")
+_BACKSPACE = ("\x7f", "\b")
 _ESCAPES = {"\x1b[A": UP, "\x1b[B": DOWN, "\x1bOA": UP, "\x1bOB": DOWN}
 
 
@@ -66,6 +68,15 @@ class Keyboard:
         """Take the terminal's end as the end of the input."""
         self.close()
         self._hear(None)
+
+
+def edited(typed: str, key: str) -> tuple[str | None, str]:
+    """Return the line that a key completes, None while it is not, and what is typed of the next."""
+    if key in _ENTER:
+        return typed, ""
+    if key in _BACKSPACE:
+        return None, typed[:-1]
+    return None, typed + key if len(key) == 1 and key.isprintable() else typed
 
 
 def _split_keys(typed: str) -> list[str]:

@@ -108,6 +108,17 @@ class ReadyVehicle:
         """Return what is worth logging beside any experiment, a hundred times a second."""
         return self.log((BATTERY, *USUAL), period_ms=10)
 
+    def speed_log(self, *, deck: bool) -> Device:
+        """Return a log with the rotors' speeds, as the RPM deck or the brushless motors tell them.
+
+        Raises DeviceError for a vehicle that tells none.
+        """
+        names = [f"rpm.m{motor}" if deck else f"motor.m{motor}_rpm" for motor in MOTORS]
+        if self.link.variable(names[0]) is None:
+            what = "an RPM deck" if deck else "motors that tell their speed"
+            raise DeviceError(f"{self.uri}: this vehicle has no {what}: it logs no {names[0]}.")
+        return self.log((BATTERY, *names), period_ms=10)
+
     def log(self, names: Sequence[str], *, period_ms: int) -> Device:
         """Return variables that the vehicle logs as a device of a run; those that it does not have are left out."""
         there = [name for name in names if self.link.variable(name) is not None]

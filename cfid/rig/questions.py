@@ -1,0 +1,60 @@
+"""Numbers that the operator reads off an instrument and types while motors run and everything records."""
+
+from collections.abc import Callable
+from typing import Any
+
+from twisted.internet.defer import DeferredQueue
+
+from cfid.errors import ConfigError
+from cfid.rig.keyboard import Keyboard, edited
+
+
+class Questions:
+    """Asks for numbers, one after the other. At a terminal `tell` shows what is typed; a script answers by lines."""
+
+    def __init__(self, *, loop: Any, tell: Callable[[str], None], say: Callable[[str], None]) -> None:
+        """Take where questions are shown, and where sentences are said."""
+        self._tell, self._say = tell, say
+        self._heard: DeferredQueue[str | None] = DeferredQueue()
+        self._keyboard = Keyboard(self._heard.put, loop=loop, keys=True)
+
+    def open(self) -> None:
+        """Listen to the keyboard from now on."""
+        self._keyboard.open()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._keyboard.close()
+
+    async def number(self, what: str) -> float | None:
+        """Return the number typed, None for an empty line: there is no reading. Asks again for what is no number.
+
+        Raises ConfigError when the input ends, or when a script's line is no number.
+        """
+        while True:
+            line = await self._line(what)
+            if not line:
+                return None
+            try:
+                value = float(line.replace(",", "."))
+            except ValueError:
+                value = -1.0
+            if 0 <= value < float("inf"):
+                return value
+            wrong = f"'{line}' is no reading: a number, or nothing where there is none."
+            if not self._keyboard.keys:
+                raise ConfigError(wrong)
+            self._say(wrong)
+
+    async def _line(self, what: str) -> str:
+        typed = ""
+        while True:
+            self._tell(f"{what} > {typed}")
+            key = await self._heard.get()
+            if key is None:
+                raise ConfigError(f"{what}: standard input ended before the reading was typed.")
+            if not self._keyboard.keys:
+                return key
+            line, typed = edited(typed, key)
+            if line is not None:
+                return line.strip()

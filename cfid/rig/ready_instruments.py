@@ -1,0 +1,42 @@
+"""Hand-held instruments as devices of a run."""
+
+from cfid.rig.clock import HostClock
+from cfid.rig.hand_held import Readings, Scales, Tachometer
+from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
+from cfid.rig.log import Device, Open
+from cfid.rig.loop import Loop
+from cfid.rig.recorder import Instrument
+from cfid.run import DeviceRecord
+
+
+def ready_tachometer(port: str | None) -> Device:
+    """Return a UT372, found by its USB numbers where no port is given. Raises DeviceError."""
+    where = port or find_ut372()
+
+    def opened(loop: Loop, clock: HostClock) -> Instrument:
+        return Tachometer(where, listen=ut372_ports(loop), loop=loop, clock=clock)
+
+    return _device("tachometer.csv", Tachometer.columns, opened, port=where)
+
+
+def ready_scales(port: str, *, baud: int) -> Device:
+    """Return scales on a serial port."""
+
+    def opened(loop: Loop, clock: HostClock) -> Instrument:
+        return Scales(port, listen=serial_ports(loop, baud=baud), loop=loop, clock=clock)
+
+    return _device("scales.csv", Scales.columns, opened, port=port, baud=baud)
+
+
+def typed_readings(value: str) -> Device:
+    """Return what the operator types, as `value`."""
+
+    def opened(loop: Loop, clock: HostClock) -> Instrument:
+        return Readings("readings", value, loop=loop, clock=clock)
+
+    return _device("readings.csv", ("t", "command", value), opened, typed=True)
+
+
+def _device(file: str, columns: tuple[str, ...], opened: Open, **more: object) -> Device:
+    record = DeviceRecord.model_validate({"file": file, "columns": columns, **more})
+    return Device(record=record, open=opened, eventful=True)
