@@ -37,6 +37,7 @@ _INFO_CHANNEL, _VERSION_CHANNEL, _SOURCE_CHANNEL, _NULL_CHANNEL = 0, 1, 1, 3
 _MADE_ANEW = {(PARAMETER_PORT, 0), (LOG_PORT, 0), (_MEMORY_PORT, _INFO_CHANNEL)} | {
     (_SUPERVISOR_PORT, channel) for channel in range(4)
 }
+_LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds come behind it
 _TICKS_PER_S = 1000
 _ATTENTIVE_TICKS = 2000  # without a motor or a request, before it goes to rest: longer than anything still to come
 _DEAF_S = 3.0  # without a packet; the vehicle then takes its client for gone and logs no more
@@ -165,6 +166,7 @@ class Crazyflie:
 
     def _tick(self, now_s: float) -> Iterator[Leaving]:
         now_us = self._microseconds(now_s)
+        self._propulsion.advance(now_s)
         if self._parameters["stabilizer.stop"]:
             self.supervisor.stop_for_good()
         commands = self._app.tick(now_us=now_us, allowed=self.supervisor.allowed)
@@ -216,9 +218,7 @@ class Crazyflie:
         now_us = self._microseconds(now_s)
         service = self._services[port]
         if self._truth.firmware == "app" and (service, channel) == (PING, PingChannel.PING):
-            answer = encode_ping_answer(payload, now_us)
-            if len(answer) <= LONGEST_PAYLOAD:
-                yield _made_anew(port, channel, answer)
+            yield _made_anew(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
             return
         self._stay_awake()
         self._app.receive(service, channel, payload, now_us=now_us, allowed=self.supervisor.allowed)

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth
+from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
 from cfid.sim.crazyflie_modules import PING, THRUST, Sent
 from cfid.sim.crazyflie_tables import parameters
-from cfid.sim.faults import CrazyflieFaults
+from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
 from cfid.sim.rotors import RotorTruth
@@ -20,6 +20,7 @@ from cfid.wire.crtp import Packet, encode_packet
 OPENED_S = 1000.0
 AT_ONCE = RadioTruth(latency_s=0.0, jitter_s=0.0)
 SUPPLY = BatteryTruth()
+WITH_APP = CrazyflieTruth()
 CLIENT, OTHER_CLIENT = ("127.0.0.1", 1000), ("127.0.0.1", 1001)
 
 
@@ -55,29 +56,31 @@ class Bench:
 
     def __init__(
         self,
+        truth: CrazyflieTruth = WITH_APP,
         *,
         radio: RadioTruth = AT_ONCE,
         battery: BatteryTruth = SUPPLY,
-        faults: dict[str, Any] | None = None,
-        **truth: Any,
+        faults: CrazyflieFaults = SOUND_CRAZYFLIE,
+        ports: Ports = USUAL_PORTS,
     ) -> None:
         rotor_rng, radio_rng = np.random.default_rng(5).spawn(2)
         self.now_s = 0.0
         self.changes: list[tuple[float, Four]] = []
         self.propulsion = Propulsion(RotorTruth(), battery, rng=rotor_rng, begin_s=OPENED_S)
         self.vehicle = Crazyflie(
-            CrazyflieTruth(**truth),
+            truth,
             self.propulsion,
             load_app=LittleApp,
             opened_s=OPENED_S,
+            ports=ports,
             on_motors=lambda time_s, motors: self.changes.append((time_s - OPENED_S, motors)),
         )
         self.faulty = FaultyCrazyflie(
             self.vehicle,
             self.propulsion,
             Radio(radio, radio_rng),
-            CrazyflieFaults(**faults or {}),
-            ping_port=Ports().ping,
+            faults,
+            ping_port=ports.ping,
             opened_s=OPENED_S,
         )
 
@@ -146,7 +149,7 @@ class Bench:
         return found
 
     def keep_alive(self) -> None:
-        self.say(Ports().ping, PingChannel.ALIVE, b"\0\0\0\0")
+        self.say(USUAL_PORTS.ping, PingChannel.ALIVE, b"\0\0\0\0")
 
 
 def rows_of(
