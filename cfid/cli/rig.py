@@ -30,6 +30,7 @@ def check(
     """
     from cfid.cli.campaign import here
     from cfid.rig.check import check_encoder, check_loadcell
+    from cfid.rig.check_crazyflie import check_crazyflie
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
     found = here(campaign)
@@ -39,6 +40,7 @@ def check(
     findings = {
         "encoder": check_encoder(devices.encoder, counts_per_turn=found.rig.encoder.counts_per_turn),
         "loadcell": check_loadcell(devices.loadcell),
+        "crazyflie": check_crazyflie(devices.crazyflie),
     }
     _print_findings(findings, simulated=simulated, json=json)
     faulty = [name for name, answers in findings.items() if any(answer.state == "fault" for answer in answers)]
