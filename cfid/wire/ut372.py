@@ -1,0 +1,108 @@
+"""Packets of UNI-T's UT372 tachometer and the reports of the USB bridge in it; no port and no clock.
+
+The tachometer sends what its display shows, unasked: 27 bytes that end in CR LF. Behind a first character, of which
+nothing is known, each two characters are a byte, four bits apiece as '0' (0x30) to '?' (0x3F): five cells of the
+number, five of the time, the lowest digit first, then two bytes of signs. A cell's bits are the lit segments.
+Source: the pages UNI-T UT372 and WCH CH9325 of the sigrok project's wiki, and a packet of a real one in its blog.
+
+There is no checksum. A packet is read only if it has its length and its end, every character is one of the sixteen,
+every cell a digit or blank, blanks stand before digits only, there is one decimal point at most, and either RPM or
+COUNT is lit. Bytes lost or added are so found unless as many as a packet has, and so are flipped bits but for these:
+0 and 8, 1 and 7, 3 and 9, 5 and 6, 5 and 9, 6 and 8, 8 and 9 are a segment apart, and so is a decimal point from
+none; the signs of what a reading is may also go or come. The time is checked with the number, so that garbage has
+ten cells to get right. USB has a checksum of its own.
+"""
+
+import re
+from typing import NamedTuple
+
+BAUD = 2400
+USB_VENDOR, USB_PRODUCT = 0x1A86, 0xE008  # of the bridge, a WCH CH9325: UNI-T's cables for multimeters have it too
+REPORT_BYTES = 8
+SET_BAUD = b"\0" + BAUD.to_bytes(2, "little") + b"\0\0\x03"  # feature report 0: speed, two unknown, 3 for eight bits
+
+_END = b"\n"
+_LINE_BYTES = 26  # without the LF
+_CHARACTERS = re.compile(rb"[0-?]{24}\r")  # behind the first
+_CELLS = 5
+
+_POINT = 0x80
+_SHOWN = {
+    0x00: " ",
+    0x7B: "0",
+    0x60: "1",
+    0x5E: "2",
+    0x7C: "3",
+    0x65: "4",
+    0x3D: "5",
+    0x3F: "6",
+    0x70: "7",
+    0x7F: "8",
+    0x7D: "9",
+}
+_NUMBER = re.compile(r" *\d+\.?\d*")
+_TIME = re.compile(r"[ \d.]+")
+
+_HOLD = 0x04  # of the first byte of signs
+_RPM, _COUNT = 0x01, 0x02  # of the second, as all below
+_STATISTIC = 0x10 | 0x20 | 0x40  # MAX, MIN, AVE
+
+
+class Reading(NamedTuple):
+    """What the display shows: turns a minute, or how many turns it `counted`.
+
+    It may be `held`, or a `statistic` (the largest, the least or the mean of what was measured): then it is not
+    what turns now.
+    """
+
+    number: float
+    counted: bool
+    held: bool
+    statistic: bool
+
+
+def unpack_report(report: bytes) -> bytes | None:
+    """Return the serial bytes in one input report of the bridge, 0 to 7, or None when it is no such report.
+
+    Its first byte is 0xF0 plus their number. The bridge sends one every few milliseconds, mostly without any.
+    """
+    if len(report) != REPORT_BYTES or not 0xF0 <= report[0] < 0xF0 + REPORT_BYTES:
+        return None
+    return report[1 : 1 + (report[0] & 0x0F)]
+
+
+class Ut372Reader:
+    """Reads packets; `rejected` counts what ends in LF and is none, and packets from which no number can be read.
+
+    Among these are all that come while the tachometer's set-up menu is open.
+    """
+
+    def __init__(self) -> None:
+        """Start between two packets."""
+        self.rejected = 0
+        self._begun = b""
+
+    def feed(self, data: bytes) -> list[Reading]:
+        """Return the readings that `data` completes."""
+        *lines, begun = (self._begun + data).split(_END)
+        self._begun = begun[: _LINE_BYTES + 1]  # of a line too long only that must be remembered
+        readings = [_read(line) for line in lines]
+        self.rejected += readings.count(None)
+        return [reading for reading in readings if reading is not None]
+
+
+def _read(line: bytes) -> Reading | None:
+    if len(line) != _LINE_BYTES or not _CHARACTERS.fullmatch(line, 1):
+        return None
+    halves = [character & 0x0F for character in line[1:-1]]
+    cells = [high << 4 | low for high, low in zip(halves[::2], halves[1::2], strict=True)]
+    number, time = _shown(cells[:_CELLS]), _shown(cells[_CELLS:-2])
+    state, unit = cells[-2:]
+    if not _NUMBER.fullmatch(number) or not _TIME.fullmatch(time) or unit & (_RPM | _COUNT) not in (_RPM, _COUNT):
+        return None
+    return Reading(float(number), bool(unit & _COUNT), bool(state & _HOLD), bool(unit & _STATISTIC))
+
+
+def _shown(cells: list[int]) -> str:
+    """Return what cells show from left to right, '?' for segments that make no digit."""
+    return "".join(_SHOWN.get(cell & ~_POINT, "?") + "." * bool(cell & _POINT) for cell in reversed(cells))

@@ -1,0 +1,213 @@
+"""A UT372's packets in any slicing and with any damage: only whole ones are read, and what may be misread is listed."""
+
+import pickle
+import re
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cfid.wire.ut372 import SET_BAUD, Reading, Ut372Reader, unpack_report
+
+FEW = settings(max_examples=200, deadline=None, derandomize=True)
+
+# The characters of the digits as sigrok's wiki lists them; the eighth segment of a cell is the decimal point behind it.
+WIKI = {"0": b"7;", "1": b"60", "2": b"5>", "3": b"7<", "4": b"65", "5": b"3=", "6": b"3?", "7": b"70", "8": b"7?"}
+WIKI |= {"9": b"7=", " ": b"00"}
+POINTED = {"0.": b"?;", "1.": b">0", "2.": b"=>", "3.": b"?<", "4.": b">5", "5.": b";=", "6.": b";?", "7.": b"?0"}
+POINTED |= {"8.": b"??", "9.": b"?="}
+CELLS = {characters: shown for shown, characters in (WIKI | POINTED).items()}
+A_SEGMENT_APART = {"08", "17", "39", "56", "59", "68", "89"}
+
+RPM, COUNT = b"85", b"86"
+LIT, HOLD = b"78", b"7<"
+
+# The packet of a real tachometer that the sigrok project shows, https://www.sigrok.org/blog/uni-t-ut372-now-supported
+REAL = bytes.fromhex("30 37 30 3f 3c 33 3d 37 3c 36 30 36 35 35 3e 36 30 37 3b 30 30 37 38 38 35 0d 0a")
+
+GOLDEN = [
+    (REAL, Reading(1353.7, counted=False, held=False, statistic=False)),
+    # 0 | 5 4 3 2 1 | 0 0 0 0 0 | 00 | 01: the number 12345, without a point
+    (
+        bytes.fromhex("30 333d 3635 373c 353e 3630 373b 373b 373b 373b 373b 3030 3031 0d0a"),
+        Reading(12345.0, counted=False, held=False, statistic=False),
+    ),
+    # 0 | 9 8. 7 6 0 | 9 9 9 9 blank | 04 | 01: 678.9 and HOLD
+    (
+        bytes.fromhex("30 373d 3f3f 3730 333f 373b 373d 373d 373d 373d 3030 3034 3031 0d0a"),
+        Reading(678.9, counted=False, held=True, statistic=False),
+    ),
+    # 0 | 0 4 blank blank blank | all blank | 78 | 86: 40 turns counted
+    (
+        bytes.fromhex("30 373b 3635 3030 3030 3030 3030 3030 3030 3030 3030 3738 3836 0d0a"),
+        Reading(40.0, counted=True, held=False, statistic=False),
+    ),
+    # 0 | 0 0. blank blank blank | 1 blank blank blank blank | 00 | 11: 0.0 and MAX
+    (
+        bytes.fromhex("30 373b 3f3b 3030 3030 3030 3630 3030 3030 3030 3030 3030 3131 0d0a"),
+        Reading(0.0, counted=False, held=False, statistic=True),
+    ),
+    (REAL[:-4] + b"25\r\n", Reading(1353.7, counted=False, held=False, statistic=True)),  # MIN
+    (REAL[:-4] + b"45\r\n", Reading(1353.7, counted=False, held=False, statistic=True)),  # AVE
+]
+PACKETS = [packet for packet, _ in GOLDEN]
+
+
+def packet(number: str, time: str = "     ", *, state: bytes = LIT, unit: bytes = RPM) -> bytes:
+    cells = b"".join(cell for text in (number, time) for cell in reversed(cells_of(text)))
+    return b"0" + cells + state + unit + b"\r\n"
+
+
+def cells_of(text: str) -> list[bytes]:
+    return [(WIKI | POINTED)[shown] for shown in re.findall(r"[ \d]\.?", text)]
+
+
+def shown(cells: bytes) -> list[str]:
+    """Return what cells show, the lowest first, read without the tested reader's table."""
+    return [CELLS.get(cells[begin : begin + 2], "?") for begin in range(0, len(cells), 2)]
+
+
+def what_it_says(line: bytes) -> float | None:
+    if len(line) != 26 or line[-1:] != b"\r" or set(line[1:-1]) - set(b"0123456789:;<=>?"):
+        return None
+    text = "".join(reversed(shown(line[1:11]))).lstrip(" ")
+    if not text or "?" in text + "".join(shown(line[11:21])) or " " in text or text.count(".") > 1:
+        return None
+    return float(text) if line[24] % 4 in (1, 2) else None
+
+
+def sliced(stream: bytes, sizes: list[int]) -> list[bytes]:
+    ends = [0]
+    while ends[-1] < len(stream):
+        ends.append(ends[-1] + sizes[len(ends) % len(sizes)])
+    return [stream[begin:end] for begin, end in pairwise(ends)]
+
+
+slicings = st.lists(st.integers(1, 40), min_size=1, max_size=4)
+numbers = st.tuples(st.integers(0, 99999), st.sampled_from([0, 1, 2])).map(
+    lambda pair: f"{pair[0]:05d}" if not pair[1] else f"{pair[0]:05d}"[: -pair[1]] + "." + f"{pair[0]:05d}"[-pair[1] :]
+)
+streams = st.lists(
+    st.sampled_from([*PACKETS, b"\r\n", b"\n", b"\r", b"0", REAL[:9], REAL[9:], b"7;" * 30]) | st.binary(max_size=30),
+    max_size=10,
+).map(b"".join)
+
+
+@pytest.mark.parametrize(("wire", "reading"), GOLDEN)
+def test_a_packet_says_what_the_display_shows(wire: bytes, reading: Reading) -> None:
+    reader = Ut372Reader()
+    assert reader.feed(wire) == [reading]
+    assert reader.rejected == 0
+
+
+@FEW
+@given(number=numbers, time=st.integers(0, 99999))
+def test_every_number_that_fits_the_display_is_read(number: str, time: int) -> None:
+    (reading,) = Ut372Reader().feed(packet(number, f"{time:5d}"))
+    assert reading.number == float(number)
+
+
+@FEW
+@given(stream=streams, sizes=slicings)
+def test_of_any_bytes_in_any_slicing_whole_packets_are_read_and_all_others_counted(
+    stream: bytes, sizes: list[int]
+) -> None:
+    reader = Ut372Reader()
+    readings = [reading for part in sliced(stream, sizes) for reading in reader.feed(part)]
+    said = [what_it_says(line) for line in stream.split(b"\n")[:-1]]
+    assert [reading.number for reading in readings] == [number for number in said if number is not None]
+    assert reader.rejected == said.count(None)
+
+
+@pytest.mark.parametrize(
+    "wire",
+    [
+        REAL[1:],  # a byte was lost
+        b"0" + REAL,  # or added
+        REAL[:-2] + b"\n",
+        packet("1353.7", unit=b"80"),  # neither RPM nor COUNT: the set-up menu
+        packet("1353.7", unit=b"83"),  # both
+        packet("13.53.7"),
+        packet("13 53"),
+        packet("1353 "),
+        packet("     "),
+        packet("13537").replace(b"7<", b"0;"),  # an L
+        packet("13537").replace(b"7<", b"80"),  # a point without a digit
+        packet("13537", "12345").replace(b"65", b"64"),  # a time that is none
+        packet("13537").replace(b"7<", b"7L"),
+        packet("13537").replace(b"7<", b"7|"),
+        REAL.lower().replace(b"?<", b"fc"),
+    ],
+)
+def test_a_packet_in_which_anything_is_wrong_is_rejected(wire: bytes) -> None:
+    reader = Ut372Reader()
+    assert reader.feed(wire + REAL) == [GOLDEN[0][1]]
+    assert reader.rejected == 1
+
+
+def test_a_packet_without_its_end_takes_the_next_with_it() -> None:
+    reader = Ut372Reader()
+    assert reader.feed(REAL[:-1] + REAL + REAL) == [GOLDEN[0][1]]
+    assert reader.rejected == 1
+
+
+@pytest.mark.parametrize(("wire", "reading"), GOLDEN)
+def test_a_flipped_bit_is_found_or_lights_one_segment_of_another_digit_or_a_point(
+    wire: bytes, reading: Reading
+) -> None:
+    misread = 0
+    for bit in range(8 * len(wire)):
+        flipped = bytearray(wire)
+        flipped[bit // 8] ^= 1 << bit % 8
+        for other in Ut372Reader().feed(bytes(flipped)):
+            if other.number == reading.number:
+                continue
+            misread += 1
+            pairs = zip(shown(wire[1:11]), shown(bytes(flipped[1:11])), strict=True)
+            (changed,) = [pair for pair in pairs if pair[0] != pair[1]]
+            before, after = (text.rstrip(".") for text in changed)
+            assert before == after or "".join(sorted(before + after)) in A_SEGMENT_APART
+    assert misread <= 11  # of 216 bits; 7 of the real packet
+
+
+@FEW
+@given(sent=st.lists(numbers, min_size=2, max_size=4), begin=st.integers(0, 80), lost=st.integers(1, 26))
+def test_lost_bytes_make_no_other_number_of_two(sent: list[str], begin: int, lost: int) -> None:
+    stream = b"".join(packet(number) for number in sent)
+    reader = Ut372Reader()
+    readings = reader.feed(stream[:begin] + stream[begin + lost :] + REAL)
+    assert {reading.number for reading in readings} <= {float(number) for number in sent} | {1353.7}
+    assert reader.rejected <= 1
+
+
+def test_endless_input_without_an_end_is_not_remembered() -> None:
+    reader = Ut372Reader()
+    for _ in range(100):
+        reader.feed(b"7;" * 5000)
+        assert len(pickle.dumps(reader)) < 500
+    assert reader.feed(b"\n" + REAL) == [GOLDEN[0][1]]
+    assert reader.rejected == 1
+
+
+@pytest.mark.parametrize(
+    ("report", "data"),
+    [
+        ("f0 00 00 00 00 00 00 00", ""),
+        ("f1 d1 00 00 00 00 00 00", "d1"),
+        ("f2 35 41 00 00 00 00 00", "35 41"),  # the wiki's own
+        ("f7 30 37 30 3f 3c 33 3d", "30 37 30 3f 3c 33 3d"),
+        ("f1 30 37 30 3f 3c 33 3d", "30"),  # what stands behind is left over
+    ],
+)
+def test_a_report_of_the_bridge_is_as_many_bytes_as_it_says(report: str, data: str) -> None:
+    assert unpack_report(bytes.fromhex(report)) == bytes.fromhex(data)
+
+
+@pytest.mark.parametrize("report", ["", "f1", "f1 30", "f8 30 37 30 3f 3c 33 3d", "01 30 37 30 3f 3c 33 3d", "00" * 9])
+def test_what_is_no_report_of_the_bridge_is_none(report: str) -> None:
+    assert unpack_report(bytes.fromhex(report)) is None
+
+
+def test_the_bridge_is_told_its_speed_as_others_tell_it() -> None:
+    assert bytes.fromhex("00 60 09 00 00 03") == SET_BAUD
