@@ -1,0 +1,81 @@
+"""Lines in which scales say a weight by themselves, of the forms that most makers share; sends no command.
+
+Three forms are read, each with a number, its unit, and spaces wherever they may stand:
+
+    ST,GS,+0001.23 kg    A&D, Kern, Tiger, Brecknell: ST stable or US not, then perhaps GS gross or NT net
+    S S     12.34 g      Mettler's SICS: S stable or D not, as the answer to its commands S, SI and SIR
+      12.34 g            no more than that: whether it is stable is not said
+
+Anything else is counted and left out: overload (OL, "S +"), a tare (TR), pieces, another unit, or none.
+
+A line whose beginning is missing would be another number. So the first one counts only with a head, and once one
+had a head, those without have lost theirs. There is no checksum: a flipped bit can make one digit another, a last 0
+a space or a space there a 0, and a minus in a line without a head an end of line; all other flips are found.
+"""
+
+import re
+from typing import NamedTuple
+
+GRAMS = {
+    "g": 1.0,
+    "kg": 1e3,
+    "mg": 1e-3,
+    "lb": 453.59237,  # by the international agreement of 1959, as the ounce, its sixteenth
+    "oz": 453.59237 / 16,
+}
+
+_ENDS = re.compile(rb"[\r\n]")
+_LONGEST = 64  # of a line; the longest known has 24
+_LINE = re.compile(
+    rb"\s*(?:(?P<head>ST|US),(?:\s*(?:GS|NT),)?|S (?P<sics>[SD]) )?"
+    rb"\s*(?P<sign>[+-]?)\s*(?P<number>\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})\s*,?\s*(?P<unit>kg|g|mg|lb|oz)\s*",
+    re.IGNORECASE,
+)
+_STABLE = {b"ST": True, b"US": False, b"S": True, b"D": False}
+
+
+class Weight(NamedTuple):
+    """What scales said: grams, and whether they had come to rest, None where they do not say it."""
+
+    grams: float
+    stable: bool | None
+
+
+def read_weight(line: bytes) -> Weight | None:
+    """Return what one line says, given without its end, or None when it is none of the forms."""
+    match = _LINE.fullmatch(line)
+    if match is None:
+        return None
+    grams = float(match["sign"] + match["number"]) * GRAMS[match["unit"].decode().lower()]
+    head = match["head"] or match["sics"]
+    return Weight(grams, _STABLE[head.upper()] if head else None)
+
+
+class ScalesReader:
+    """Reads weights; `rejected` counts lines that are none. A line ends in CR, LF or both."""
+
+    def __init__(self) -> None:
+        """Start anywhere in a line."""
+        self.rejected = 0
+        self._begun = b""
+        self._first, self._headed = True, False
+
+    def feed(self, data: bytes) -> list[Weight]:
+        """Return the weights that `data` completes."""
+        *lines, begun = _ENDS.split(self._begun + data)
+        self._begun = begun[: _LONGEST + 1]  # of a line too long only that must be remembered
+        weights = []
+        for line in lines:
+            weight = self._read(line)
+            if weight is not None:
+                weights.append(weight)
+            else:
+                self.rejected += line != b""
+        return weights
+
+    def _read(self, line: bytes) -> Weight | None:
+        weight = read_weight(line) if len(line) <= _LONGEST else None
+        headed = weight is not None and weight.stable is not None
+        whole = headed or not (self._first or self._headed)
+        self._first, self._headed = False, self._headed or headed
+        return weight if whole else None

@@ -1,0 +1,161 @@
+"""Lines of scales in any slicing and with any damage: a weight is a whole line of a known form, or none."""
+
+import pickle
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cfid.wire.scales import ScalesReader, Weight, read_weight
+
+FEW = settings(max_examples=300, deadline=None, derandomize=True)
+
+LINES = [
+    # as manuals show them: A&D, Kern, Tiger, Salter Brecknell; MT-SICS reference manual
+    (b"ST,GS,+0001.23 kg", Weight(1230.0, True)),
+    (b"US,NT,-  12.3 g", Weight(-12.3, False)),
+    (b"ST,+00012.34  g", Weight(12.34, True)),
+    (b"ST,NT,  0.876,kg", Weight(876.0, True)),
+    (b"US,GS,+01234.56  lb", Weight(1234.56 * 453.59237, False)),
+    (b"S S     100.00 g", Weight(100.0, True)),
+    (b"S D      -0.05 g", Weight(-0.05, False)),
+    (b"S S          3 mg", Weight(0.003, True)),
+    (b"  12.34 g  ", Weight(12.34, None)),
+    (b"+1.5kg", Weight(1500.0, None)),
+    (b"- .5 oz", Weight(-14.174761562, None)),
+    (b"12. G", Weight(12.0, None)),
+]
+NO_WEIGHTS = [
+    b"",
+    b" ",
+    b"g",
+    b"12.34",
+    b"12,34 g",
+    b"1.2.3 g",
+    b"--1 g",
+    b"1 2 g",
+    b"1e3 g",
+    b"nan g",
+    b"12 gg",
+    b"12 ozt",
+    b"12 PC",
+    b"12 N",
+    b"12 %",
+    b"OL,GS,+",
+    b"OL,+999999.9 g",
+    b"QT,+00012345 PC",
+    b"ST,TR,+0001.23 kg",
+    b"ST,GS,+0001.23",
+    b"XX,GS,+0001.23 kg",
+    b"T,GS,+0001.23 kg",
+    b"S I",
+    b"S +",
+    b"S -",
+    b"S X 1 g",
+    b"SS 1 g",
+    b"S  S 1 g",
+    b"ES",
+    b"H 1 g",
+    "１２ g".encode(),
+    b"12\xff g",
+    b"1234567890 g",
+]
+
+HEADED = [line for line, weight in LINES if weight.stable is not None]
+ENDS = (b"\r", b"\n", b"\r\n")
+
+slicings = st.lists(st.integers(1, 25), min_size=1, max_size=4)
+pieces = st.sampled_from([line for line, _ in LINES] + NO_WEIGHTS + [*ENDS, b"7" * 70, b" " * 70])
+streams = st.lists(pieces | st.binary(max_size=3), max_size=12).map(b"".join)
+
+
+def sliced(stream: bytes, sizes: list[int]) -> list[bytes]:
+    ends = [0]
+    while ends[-1] < len(stream):
+        ends.append(ends[-1] + sizes[len(ends) % len(sizes)])
+    return [stream[begin:end] for begin, end in pairwise(ends)]
+
+
+@pytest.mark.parametrize(("line", "weight"), LINES)
+def test_a_line_says_grams_and_whether_they_are_stable(line: bytes, weight: Weight) -> None:
+    found = read_weight(line)
+    assert found is not None
+    assert found.grams == pytest.approx(weight.grams, rel=1e-9)
+    assert found.stable is weight.stable
+
+
+@pytest.mark.parametrize("line", NO_WEIGHTS)
+def test_a_line_of_no_known_form_is_no_weight(line: bytes) -> None:
+    assert read_weight(line) is None
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("line", HEADED)
+def test_lines_end_in_either_way(line: bytes, end: bytes) -> None:
+    reader = ScalesReader()
+    assert reader.feed((line + end) * 3) == [read_weight(line)] * 3
+    assert reader.rejected == 0
+
+
+@FEW
+@given(stream=streams, sizes=slicings)
+def test_any_bytes_are_read_the_same_in_any_slicing(stream: bytes, sizes: list[int]) -> None:
+    at_once, in_parts = ScalesReader(), ScalesReader()
+    weights = at_once.feed(stream)
+    assert [weight for part in sliced(stream, sizes) for weight in in_parts.feed(part)] == weights
+    assert in_parts.rejected == at_once.rejected
+    lines = [line for line in stream.replace(b"\r", b"\n").split(b"\n")[:-1] if line]
+    assert len(weights) + at_once.rejected == len(lines)
+    assert set(weights) <= {read_weight(line) for line in lines}
+
+
+@pytest.mark.parametrize(("line", "weight"), LINES)
+@pytest.mark.parametrize("end", ENDS)
+def test_a_first_line_whose_beginning_was_missed_is_never_another_weight(
+    line: bytes, weight: Weight, end: bytes
+) -> None:
+    for missed in range(1, len(line) + len(end)):
+        reader = ScalesReader()
+        weights = reader.feed((line + end)[missed:] + (line + end) * 2)
+        assert weights == [read_weight(line)] * 2
+        assert reader.rejected == (missed < len(line))
+
+
+def test_of_lines_without_a_head_the_first_may_be_cut_and_is_left_out() -> None:
+    reader = ScalesReader()
+    assert reader.feed(b"  12.34 g\r\n  12.35 g\r\n") == [Weight(12.35, None)]
+    assert reader.rejected == 1
+
+
+def test_once_lines_have_heads_one_without_has_lost_its_own() -> None:
+    reader = ScalesReader()
+    reader.feed(b"ST,GS,+0001.23 kg\r\n")
+    assert reader.feed(b"1.23 kg\r\nUS,GS,\r 1.23 kg\r\n") == []
+    assert reader.rejected == 3
+
+
+@pytest.mark.parametrize("line", HEADED)
+def test_a_flipped_bit_behind_a_head_is_found_or_makes_one_digit_another_or_a_0_of_a_space(line: bytes) -> None:
+    sent = line + b"\r\n"
+    said = read_weight(line)
+    assert said is not None
+    for bit in range(8 * len(sent)):
+        flipped = bytearray(sent)
+        flipped[bit // 8] ^= 1 << bit % 8
+        reader = ScalesReader()
+        reader.feed(sent)
+        for weight in reader.feed(bytes(flipped)):
+            if weight != said:
+                assert weight.stable is said.stable
+                before, after = chr(sent[bit // 8]), chr(flipped[bit // 8])
+                assert (before + after).isdigit() or {before, after} == {"0", " "}
+
+
+def test_endless_input_without_an_end_is_not_remembered() -> None:
+    reader = ScalesReader()
+    for _ in range(100):
+        reader.feed(b"7" * 10_000)
+        assert len(pickle.dumps(reader)) < 500
+    assert reader.feed(b"\nST,GS,+1 g\n") == [Weight(1.0, True)]
+    assert reader.rejected == 1
