@@ -1,0 +1,199 @@
+"""What a hand holds or types, as instruments: a UT372 tachometer, scales, typed readings. Opens no port itself."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from cfid.errors import DeviceError
+from cfid.rig.clock import HostClock
+from cfid.rig.listening import Listen, Port
+from cfid.rig.recorder import Block, no_rows
+from cfid.wire import ut372
+from cfid.wire.scales import ScalesReader
+
+_SILENT_S = 10.0
+_SHOWN_BYTES = 30  # of what is unreadable: a packet of the tachometer, or a line of scales
+
+
+class _Rows:
+    """Rows until they are taken."""
+
+    def __init__(self, columns: int, clock: HostClock) -> None:
+        self._columns, self._clock = columns, clock
+        self._rows: list[tuple[float, ...]] = []
+
+    def add(self, now_s: float, *values: float) -> None:
+        self._rows.append((now_s, *values))
+
+    def take(self) -> Block:
+        rows, self._rows = self._rows, []
+        if not rows:
+            return Block(no_rows(self._columns))
+        times_s, *values = (np.array(column) for column in zip(*rows, strict=True))
+        return Block((self._clock.unix_s(times_s), *values))
+
+
+class Readings:
+    """What the operator reads off an instrument at a motor command, and types; `t` is when it was typed."""
+
+    def __init__(self, name: str, value_name: str, *, loop: Any, clock: HostClock) -> None:
+        """Take what the file and its last column are called."""
+        self.name, self.columns = name, ("t", "command", value_name)
+        self._loop, self._rows = loop, _Rows(3, clock)
+
+    def start(self) -> None:
+        """Do nothing: rows come when they are typed."""
+
+    def add(self, command: int, value: float) -> None:
+        """Note a reading at a command."""
+        self._rows.add(self._loop.seconds(), command, value)
+
+    def take(self) -> Block:
+        """Hand over what was typed."""
+        return self._rows.take()
+
+    async def stop(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return nothing: the rows say all."""
+        return {}
+
+
+class _Reader(Protocol):
+    rejected: int
+
+
+class _Listener:
+    """What tachometer and scales have in common: a port on which readings come by themselves, several a second."""
+
+    name: str
+    columns: tuple[str, ...]
+    _reader: _Reader
+
+    def __init__(self, port: str, *, listen: Listen, loop: Any, clock: HostClock) -> None:
+        """Take a port, and what opens it; nothing is opened yet."""
+        self.latest: tuple[float, float] | None = None  # the last value, and when it came on the monotonic clock
+        self._where, self._listen, self._loop = port, listen, loop
+        self._rows = _Rows(len(self.columns), clock)
+        self._port: Port | None = None
+        self._heard_s = 0.0
+        self._unread_bytes = self._counted = 0
+        self._last_bytes = b""
+        self._gone = self._stopped = False
+
+    def start(self) -> None:
+        """Open the port. Raises DeviceError that says why it cannot be opened."""
+        self._heard_s = self._loop.seconds()
+        self._port = self._listen(self._where, self)
+
+    def received(self, data: bytes) -> None:
+        """Take what the port received."""
+        now_s = self._loop.seconds()
+        self._unread_bytes += len(data)
+        self._last_bytes = (self._last_bytes + data)[-_SHOWN_BYTES:]
+        for values in self._read(data):
+            self._rows.add(now_s, *values)
+            self.latest = values[0], now_s
+            self._heard_s, self._unread_bytes = now_s, 0
+
+    def disconnected(self) -> None:
+        """Note that the plug was pulled."""
+        self._gone = True
+
+    def take(self) -> Block:
+        """Hand over what came. Raises DeviceError after ten seconds without a reading, or a pulled plug."""
+        block = self._rows.take()
+        if not len(block.columns[0]) and not self._stopped:
+            self._watch()
+        before, self._counted = self._counted, self._reader.rejected
+        return block._replace(lost=self._counted - before)
+
+    async def stop(self) -> None:
+        """Expect no more."""
+        self._stopped = True
+
+    def close(self) -> None:
+        """Close the port."""
+        self._stopped = True
+        if self._port is not None:
+            port, self._port = self._port, None
+            port.close()
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return how much of what came was no reading."""
+        return {"rejected": self._reader.rejected}
+
+    def _read(self, data: bytes) -> Iterable[tuple[float, ...]]:
+        raise NotImplementedError  # the values of rows, without their time
+
+    def _explanation(self) -> str:
+        raise NotImplementedError  # what it may be when bytes come and no row
+
+    def _watch(self) -> None:
+        silent_s = self._loop.seconds() - self._heard_s
+        if self._gone:
+            raise DeviceError(f"{self._where}: the {self.name} was unplugged: plug it in and begin again.")
+        if silent_s >= _SILENT_S:
+            unread = f"{self._unread_bytes} bytes without a reading, {self._last_bytes!r} the last: "
+            nothing = "nothing: not switched on, not set to send all the time, or not on this port."
+            sent = unread + self._explanation() if self._unread_bytes else nothing
+            raise DeviceError(f"{self._where}: in {silent_s:.0f} s the {self.name} sent {sent}")
+
+
+class Tachometer(_Listener):
+    """A UT372. Rows are turns a minute as they are measured: no counts, no held numbers, no largest, least or mean.
+
+    `t` is when the last byte came, a tenth of a second after the first.
+    """
+
+    name = "tachometer"
+    columns = ("t", "rpm")
+    _reader: ut372.Ut372Reader
+
+    def __init__(self, port: str, *, listen: Listen, loop: Any, clock: HostClock) -> None:
+        """Take a port, and what opens it: `ut372_ports`."""
+        super().__init__(port, listen=listen, loop=loop, clock=clock)
+        self._reader = ut372.Ut372Reader()
+        self._set_aside = 0
+        self._shows_else = False
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return how many packets were none, and how many showed something else than a speed now."""
+        return {**super().facts(), "set_aside": self._set_aside}
+
+    def _read(self, data: bytes) -> Iterable[tuple[float, ...]]:
+        for reading in self._reader.feed(data):
+            self._shows_else = reading.counted or reading.held or reading.statistic
+            self._set_aside += self._shows_else
+            if not self._shows_else:
+                yield (reading.number,)
+
+    def _explanation(self) -> str:
+        if self._shows_else:
+            return "COUNT, HOLD, MAX, MIN or AVE is lit. Press its keys until only RPM is."
+        return f"its set-up is open, the port does not run at {ut372.BAUD} baud, or it is another device."
+
+
+class Scales(_Listener):
+    """Scales on a serial port, which send all the time; `stable` is 1 or 0, and -1 where they do not say it."""
+
+    name = "scales"
+    columns = ("t", "grams", "stable")
+    _reader: ScalesReader
+
+    def __init__(self, port: str, *, listen: Listen, loop: Any, clock: HostClock) -> None:
+        """Take a port, and what opens it: `serial_ports`."""
+        super().__init__(port, listen=listen, loop=loop, clock=clock)
+        self._reader = ScalesReader()
+
+    def _read(self, data: bytes) -> Iterable[tuple[float, ...]]:
+        for grams, stable in self._reader.feed(data):
+            yield grams, -1 if stable is None else int(stable)
+
+    def _explanation(self) -> str:
+        return "overload, another speed, frame (8N1) or unit (g, kg, mg, lb, oz) than expected, or another device."
