@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cfid.campaign import Campaign
     from cfid.rig.check import Finding
     from cfid.rig.loop import Ending, Loop
+    from cfid.sim.propulsion import OnMotors
     from cfid.sim.service import SimulatedRig
 
 
@@ -71,10 +72,13 @@ class SimOptions:
     axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="What swings: the vehicle on this mount.")] = None
     weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="A weight drops instead.")] = None
     spin: Annotated[
-        str, typer.Option(metavar="M1,M2,M3,M4", help="Motor commands of the vehicle on the load cell.")
+        str, typer.Option(metavar="M1,M2,M3,M4", help="What the motors on the load cell do until they are commanded.")
     ] = "0,0,0,0"
     fault: Annotated[
         list[str] | None, typer.Option(metavar="DEVICE.FAULT=VALUE", help="A fault, as loadcell.drop_every=100.")
+    ] = None
+    trace: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append a line at each change of the vehicle's motors.")
     ] = None
 
 
@@ -87,31 +91,37 @@ def sim(
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     options: SimOptions,
 ) -> None:
-    """Serve a simulated encoder and load cell on real wires; cfid's commands use them while this runs.
+    """Serve a simulated encoder, load cell and Crazyflie on real wires; cfid's commands use them while this runs.
 
     Example: [bold]cfid rig sim --axis x --spin 28000,0,28000,0[/bold]
     """
     from cfid.cli.campaign import here
     from cfid.rig.loop import run_until_done
+    from cfid.sim.motor_trace import motor_trace
 
     if for_s is not None:
         positive(for_s, "--for")
     found = here(campaign)
 
     async def main(loop: "Loop", ending: "Ending") -> None:
-        with TemporaryDirectory(prefix="cfid-sim-") as folder:
-            rig = _simulated(found, loop, Path(folder), options)
+        with (
+            TemporaryDirectory(prefix="cfid-sim-") as folder,
+            motor_trace(options.trace, begin_s=loop.seconds()) as on_motors,
+        ):
+            rig = _simulated(found, loop, Path(folder), options, on_motors)
             await _serve(found, rig, ending, for_s=for_s, seed=options.seed)
 
     run_until_done(main)
 
 
-def _simulated(campaign: "Campaign", loop: "Loop", folder: Path, options: SimOptions) -> "SimulatedRig":
+def _simulated(
+    campaign: "Campaign", loop: "Loop", folder: Path, options: SimOptions, on_motors: "OnMotors"
+) -> "SimulatedRig":
     from cfid.sim.faults import parse_faults
     from cfid.sim.service import SimulatedRig
     from cfid.sim.truth_file import SimTruth, load_truth
 
-    encoder_faults, loadcell_faults, _ = parse_faults(options.fault or ())
+    encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(options.fault or ())
     return SimulatedRig(
         campaign.rig,
         reactor=loop,
@@ -120,9 +130,11 @@ def _simulated(campaign: "Campaign", loop: "Loop", folder: Path, options: SimOpt
         truth=load_truth(options.truth) if options.truth else SimTruth(),
         encoder_faults=encoder_faults,
         loadcell_faults=loadcell_faults,
+        crazyflie_faults=crazyflie_faults,
         axis=options.axis,
         weight_g=options.weight,
         commands=_commands(options.spin),
+        on_motors=on_motors,
     )
 
 
@@ -144,6 +156,7 @@ async def _serve(
                     "tcp_port": where.tcp_port,
                 }
             ),
+            crazyflie=campaign.rig.devices.crazyflie.model_copy(update={"uri": where.crazyflie_uri}),
         )
         with published(campaign.folder, devices, seed=seed) as path:
             typer.echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)

@@ -50,7 +50,7 @@ def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
     path = folder / SIM_FILE
     if _is_held(path):
         raise ConfigError(f"{path}: another simulated rig serves this campaign. End that one first.")
-    content = {"process": os.getpid(), "seed": seed, "devices": devices.model_dump(mode="json")}
+    content = {"process": os.getpid(), "seed": seed, "devices": devices.model_dump(mode="json", exclude_none=True)}
     try:
         write_toml(path, content)
         handle = _held(path)

@@ -12,7 +12,7 @@ from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_supervisor import Supervisor
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.motor_power_set import overriding
-from cfid.sim.propulsion import STILL, Four, Propulsion
+from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
 from cfid.wire.app import PingChannel, Ports, encode_ping_answer
 from cfid.wire.crtp import (
@@ -78,7 +78,7 @@ class Crazyflie:
         load_app: Callable[[], App],
         opened_s: float,
         ports: Ports = USUAL_PORTS,
-        on_motors: Callable[[float, Four], None] = lambda time_s, motors: None,
+        on_motors: OnMotors = lambda time_s, motors: None,
     ) -> None:
         """Start it as long before `opened_s` as its truth says."""
         self.protocol = PROTOCOL

@@ -4,6 +4,7 @@ The vehicle runs ahead: it changes commands up to now, while the load cell asks 
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from cfid.sim.rotors import Rotors, RotorTruth
 from cfid.sim.stepping import Array
 
 Four = tuple[int, int, int, int]
+OnMotors = Callable[[float, Four], None]  # a time, and the commands from then on
 
 STILL: Four = (0, 0, 0, 0)
 

@@ -1,28 +1,41 @@
-"""A whole simulated rig on this machine: an encoder on a serial port and a load cell on the network, over plants."""
+"""A whole simulated rig on this machine, over plants: an encoder on a serial port, a load cell and a vehicle on UDP."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from twisted.internet.defer import Deferred
+from twisted.internet.defer import Deferred, gatherResults
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.campaign import MM, Rig
 from cfid.errors import ConfigError
+from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
+from cfid.sim.crazyflie import Crazyflie
+from cfid.sim.crazyflie_faults import FaultyCrazyflie
+from cfid.sim.crazyflie_server import CrazyflieServer
 from cfid.sim.e201 import E201Device
 from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
+from cfid.sim.faults import (
+    SOUND_CRAZYFLIE,
+    SOUND_ENCODER,
+    SOUND_LOADCELL,
+    CrazyflieFaults,
+    EncoderFaults,
+    LoadCellFaults,
+)
 from cfid.sim.loadcell import LoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.netft_server import ANY_FREE, LOOPBACK, NetFTServer, Ports
 from cfid.sim.plants import DroppingWeight
+from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.pty import PtyPort
+from cfid.sim.radio import Radio
 from cfid.sim.rig import draw_truth, pendulum
-from cfid.sim.rotors import Rotors
 from cfid.sim.stepping import Array
 from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth
+from cfid.wire.app import Ports as AppPorts
 
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
 _LINE_RADIUS_MM = 2.0  # where rig.toml names none
@@ -30,20 +43,22 @@ _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds sca
 
 
 class Addresses(NamedTuple):
-    """Where the two instruments are found."""
+    """Where the two instruments and the vehicle are found."""
 
     encoder_port: Path
     address: str
     rdt_port: int
     http_port: int
     tcp_port: int
+    crazyflie_uri: str
 
 
 class SimulatedRig:
-    """An encoder that watches a swing or a dropping weight, and a load cell under four rotors.
+    """An encoder that watches a swing or a dropping weight, and a vehicle that is fastened to a load cell.
 
     With `weight_g` a weight drops; else the vehicle swings about the mount `axis`, or the first one there is.
-    The rotors obey `commands`. Every random number comes from `seed`. Raises ConfigError for an unknown mount.
+    The rotors obey `commands` until the vehicle's motors are commanded; `on_motors` hears of those, with the time.
+    Every random number comes from `seed`. Raises ConfigError for an unknown mount.
     """
 
     def __init__(
@@ -56,41 +71,63 @@ class SimulatedRig:
         truth: SimTruth = USUAL_TRUTH,
         encoder_faults: EncoderFaults = SOUND_ENCODER,
         loadcell_faults: LoadCellFaults = SOUND_LOADCELL,
+        crazyflie_faults: CrazyflieFaults = SOUND_CRAZYFLIE,
         axis: str | None = None,
         weight_g: float | None = None,
-        commands: tuple[int, int, int, int] = (0, 0, 0, 0),
+        commands: Four = STILL,
+        on_motors: OnMotors = lambda time_s, motors: None,
         address: str = LOOPBACK,
         ports: Ports = ANY_FREE,
     ) -> None:
         """Draw the rig and integrate what its axis will do; open nothing yet, though faults' times begin here."""
-        plant_rng, motor_rng, cell_rng, fault_rng = np.random.default_rng(seed).spawn(4)
-        self.commands = commands
+        plant_rng, motor_rng, cell_rng, fault_rng, radio_rng = np.random.default_rng(seed).spawn(5)
         self._address = address
-        self._rotors = Rotors(truth.rotors, motor_rng)
         self.axis = _axis(rig, truth, axis, weight_g, rng=plant_rng)
         self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes its time
         device = E201Device(self._angle_at, reply_s=_USB_REPLY_S, powered_s=opened_s)
         self.encoder = FaultyE201(device, encoder_faults, opened_s=opened_s)
         box = NetFTBox(load_cell=LoadCell(truth.loadcell, cell_rng), plant=self._wrench_at, powered_s=opened_s)
         self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
+        self._propulsion = Propulsion(truth.rotors, truth.battery, rng=motor_rng, begin_s=opened_s, commands=commands)
+        link = rig.devices.crazyflie
+        app_ports = AppPorts(link.thrust_port, link.sine_port, link.ping_port)
+        vehicle = Crazyflie(
+            truth.crazyflie,
+            self._propulsion,
+            load_app=load_core,
+            opened_s=opened_s,
+            ports=app_ports,
+            on_motors=on_motors,
+        )
+        self.crazyflie = FaultyCrazyflie(
+            vehicle,
+            self._propulsion,
+            Radio(truth.radio, radio_rng),
+            crazyflie_faults,
+            ping_port=app_ports.ping,
+            opened_s=opened_s,
+        )
         self._pty = PtyPort(self.encoder, reactor=reactor, folder=folder)
         self._server = NetFTServer(self.loadcell, reactor=reactor, address=address, ports=ports)
+        self._link = CrazyflieServer(self.crazyflie, reactor=reactor, address=address)
 
     def open(self) -> Addresses:
-        """Plug in both. Raises twisted's CannotListenError when a port is taken."""
+        """Plug all in. Raises twisted's CannotListenError when a port is taken."""
         ports = self._server.open()
-        return Addresses(self._pty.open(), self._address, *ports)
+        return Addresses(self._pty.open(), self._address, *ports, self._link.open())
 
-    def close(self) -> "Deferred[list[None]]":
-        """Unplug both; fires when all ports are given back."""
+    def close(self) -> "Deferred[list[Any]]":
+        """Unplug all; fires when all ports are given back."""
         self._pty.close()
-        return self._server.close()
+        closing: list[Deferred[Any]] = [self._server.close(), self._link.close()]
+        return gatherResults(closing)
 
     def _angle_at(self, time_s: float) -> float:
         return self.axis.angle_at(time_s - self._opened_s)
 
     def _wrench_at(self, time_s: Array) -> Array:
-        return self._rotors.advance(time_s, np.array(self.commands, dtype=np.float64))
+        self.crazyflie.advance(float(time_s[-1]))  # what it heard until then already drives its motors
+        return self._propulsion.wrench_at(time_s)
 
 
 def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator) -> Axis:

@@ -8,8 +8,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 from cfid.campaign import Positive, Spread, Vector
 from cfid.durable import first_fault, read_toml
 from cfid.errors import ConfigError
+from cfid.sim.battery import BatteryTruth
+from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.demo import AXIS_COULOMB_NM, AXIS_VISCOUS_NMS_PER_RAD, INERTIA_KG_M2, SETUP_INERTIA_KG_M2
 from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import RotorTruth
 
 Matrix = tuple[Vector, Vector, Vector]
@@ -51,6 +54,9 @@ class SimTruth(_Table):
     axis: AxisTruth = AxisTruth()
     rotors: RotorTruth = RotorTruth()
     loadcell: LoadCellTruth = LoadCellTruth()
+    crazyflie: CrazyflieTruth = CrazyflieTruth()
+    battery: BatteryTruth = BatteryTruth()
+    radio: RadioTruth = RadioTruth()
 
 
 USUAL_TRUTH = SimTruth()
