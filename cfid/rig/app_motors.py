@@ -27,6 +27,7 @@ class AppMotors:
         self._unsettled: int | None = 0  # keep-alives up to this number were sent before the commands stood
         self._commands = STILL
         self._answered_s = 0.0
+        self._heard = False
         self._fault = ""
         self._next: DelayedCall | None = None
         vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._hear)
@@ -40,6 +41,7 @@ class AppMotors:
         """Bring the motors that differ to their commands; return the vehicle's microseconds of the last answer."""
         self._limits.check(max(commands), min(commands))
         self._unsettled = None
+        await self._be_heard()
         at_once = len(set(commands)) == 1
         places = [app.ALL_MOTORS_THRUST] if at_once else [m for m in range(4) if commands[m] != self._commands[m]]
         microseconds = None
@@ -54,6 +56,7 @@ class AppMotors:
         self._limits.check_sine(request)
         payload = app.encode_sine(request)
         self._unsettled = None  # its commands are the vehicle's own from now on
+        await self._be_heard()
         answer = await self._vehicle.ask(
             Packet(self._ports.sine, SineChannel.START, payload), app.decode_sine_answer, channel=SineChannel.ANSWER
         )
@@ -92,6 +95,16 @@ class AppMotors:
                 f"{self._vehicle.uri}: the app did not confirm that the motors stopped. It stops them by itself "
                 f"{app.KEEP_ALIVE_S:g} s after the last keep-alive: look before you touch."
             )
+
+    async def _be_heard(self) -> None:
+        """See once that a keep-alive has arrived: until then the app refuses every command."""
+        if self._heard:
+            return
+        self._number += 1
+        request = Packet(self._ports.ping, PingChannel.ALIVE, app.encode_alive(self._number))
+        if await self._vehicle.ask(request, app.decode_state, within_s=_STOP_S, tries=_STOPS) is None:
+            raise DeviceError(f"{self._vehicle.uri}: the app answers no keep-alive.")
+        self._heard = True
 
     async def _set_one(self, request: app.ThrustRequest) -> app.ThrustAnswer:
         def own(payload: bytes) -> app.ThrustAnswer | None:
