@@ -1,24 +1,30 @@
 """Who holds a device: one process at a time, and the next is told which."""
 
 import contextlib
+import fcntl
 import os
-import sys
-import tempfile
+import re
+import time
 from pathlib import Path
 from typing import Self
 
 from cfid.errors import DeviceError
 
+# The same for all users, whatever temporary folder each has: a lock in a folder of one's own holds nobody off.
+# The variable is for tests, and for computers where this folder is not shared.
+_FOLDER = "/tmp/cfid-locks"
+_FOLDER_VARIABLE = "CFID_LOCKS"
+
+_LOOK_S = 0.05  # far longer than it takes to look who holds a device, which locks it too
+_AGAIN_S = 0.005
+
 
 class DeviceLock:
-    """A device held by this process until it is released, or the process ends in whatever way.
+    """A device held by this process until it is released, or the process ends in whatever way."""
 
-    Where the system has no such lock (Windows) nothing is held.
-    """
-
-    def __init__(self, handle: int | None) -> None:
+    def __init__(self, handle: int) -> None:
         """Take over a locked file; `take` makes one."""
-        self._handle = handle
+        self._handle: int | None = handle
 
     @classmethod
     def take(cls, device: str, *, holder: str) -> Self:
@@ -26,17 +32,11 @@ class DeviceLock:
 
         Raises DeviceError that says who holds it.
         """
-        if sys.platform == "win32":
-            return cls(None)
-        import fcntl
-
         handle = _open(device)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        if not _locked(handle):
             said = _said(handle)
             os.close(handle)
-            raise DeviceError(f"{device} is held by {said}. End that first.") from None
+            raise DeviceError(f"{device} is held by {said}. End that first.")
         os.truncate(handle, 0)
         os.pwrite(handle, f"process {os.getpid()} ({holder})".encode(), 0)
         return cls(handle)
@@ -45,6 +45,7 @@ class DeviceLock:
         """Let others have it."""
         if self._handle is not None:
             handle, self._handle = self._handle, None
+            os.truncate(handle, 0)
             os.close(handle)
 
     def __enter__(self) -> Self:
@@ -57,11 +58,7 @@ class DeviceLock:
 
 
 def holder_of(device: str) -> str:
-    """Return who else holds a device, empty if nobody does."""
-    if sys.platform == "win32":
-        return ""
-    import fcntl
-
+    """Return who else holds a device, empty if nobody does. Raises DeviceError when that cannot be found out."""
     handle = _open(device)
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -73,22 +70,43 @@ def holder_of(device: str) -> str:
     return ""
 
 
+def holder_process(device: str) -> int | None:
+    """Return the id of the other process that holds a device, None if nobody else does.
+
+    Raises DeviceError when that cannot be found out.
+    """
+    match = re.match(r"process (\d+) ", holder_of(device))
+    return int(match[1]) if match else None
+
+
+def _locked(handle: int) -> bool:
+    """Lock a file for this process alone; somebody who only looks who holds it is waited for."""
+    end_s = time.monotonic() + _LOOK_S
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except OSError:
+            if time.monotonic() > end_s:
+                return False
+        time.sleep(_AGAIN_S)
+
+
 def _open(device: str) -> int:
     """Open the device's lock file, which every user of this computer shares and nobody deletes."""
-    folder = Path(tempfile.gettempdir()) / "cfid-locks"
+    folder = Path(os.environ.get(_FOLDER_VARIABLE) or _FOLDER)
     name = "".join(letter if letter.isalnum() or letter in ".-" else "_" for letter in device)
     try:
         with contextlib.suppress(FileExistsError):
             folder.mkdir()
             folder.chmod(0o1777)
-        handle = _opened(folder / name)
+        return _opened(folder / name)
     except OSError as error:
         raise DeviceError(f"{folder / name}: the device's lock cannot be opened: {error.strerror}.") from None
-    return handle
 
 
 def _opened(path: Path) -> int:
-    flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)
+    flags = os.O_RDWR | os.O_NOFOLLOW
     try:
         return os.open(path, flags)  # Linux refuses to create what is there in a shared folder and another user's
     except FileNotFoundError:

@@ -137,7 +137,9 @@ class Lab:
         self.folder = folder
         self.commands: list[Command] = []
         # Locks of devices and the simulated rig's own folder lie with the test.
-        self.environment = {**os.environ, "TMPDIR": str(folder), "NO_COLOR": "1", "COLUMNS": "100"}
+        self.locks = folder / "cfid-locks"
+        places = {"TMPDIR": str(folder), "CFID_LOCKS": str(self.locks)}
+        self.environment = {**os.environ, **places, "NO_COLOR": "1", "COLUMNS": "100"}
         self._reactor = reactor
         now_s = reactor.seconds()
         cell = LoadCell(LoadCellTruth(), np.random.default_rng(4))

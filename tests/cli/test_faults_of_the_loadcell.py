@@ -439,7 +439,7 @@ def test_ctrl_c_before_the_first_row_is_an_interruption(lab: Lab) -> None:
 def test_ctrl_c_while_the_box_is_asked_leaves_no_run(lab: Lab) -> None:
     lab.loadcell_suffers(slow_s=30)
     log = lab.start(*LOG)
-    log.wait_until(lambda: list(lab.folder.glob("cfid-locks/*")), "the lock")
+    log.wait_until(lambda: list(lab.locks.glob("*")), "the lock")
     said = log.ask_to_end()
 
     assert said.code == 130

@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,10 +15,8 @@ import pytest
 
 from cfid.campaign import RIG_FILE, Devices, EncoderPort, Rig, load_rig, new_rig_text
 from cfid.errors import ConfigError, DeviceError
-from cfid.rig.lock import DeviceLock, holder_of
+from cfid.rig.lock import DeviceLock, holder_of, holder_process
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such locks")
 
 DEVICE = "192.0.2.1:49152"
 HOLD = """
@@ -32,9 +31,9 @@ sys.stdin.read()
 @pytest.fixture(autouse=True)
 def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Keep the locks of a test apart from everybody's."""
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr(tempfile, "tempdir", None)
-    return tmp_path / "cfid-locks"
+    folder = tmp_path / "locks"
+    monkeypatch.setenv("CFID_LOCKS", str(folder))
+    return folder
 
 
 @contextlib.contextmanager
@@ -70,6 +69,45 @@ def test_a_killed_process_holds_nothing(number: signal.Signals) -> None:
         first.wait(10)
         assert holder_of(DEVICE) == ""
         DeviceLock.take(DEVICE, holder="cfid log").release()
+
+
+def test_the_process_that_holds_a_device_is_told_by_its_number() -> None:
+    with another_process(HOLD, DEVICE) as first:
+        assert holder_process(DEVICE) == first.pid
+        first.communicate("")
+        assert holder_process(DEVICE) is None
+    with DeviceLock.take(DEVICE, holder="cfid log"):
+        assert holder_process(DEVICE) is None  # nobody else
+
+
+def test_who_looks_at_a_device_again_and_again_keeps_nobody_from_taking_it() -> None:
+    with another_process(HOLD, DEVICE) as first:
+        first.kill()  # its name stands in the lock's file
+    looking = [threading.Thread(target=lambda: [holder_of(DEVICE) for _ in range(2000)]) for _ in range(2)]
+    for thread in looking:
+        thread.start()
+    for _ in range(300):
+        DeviceLock.take(DEVICE, holder="cfid log").release()
+    for thread in looking:
+        thread.join()
+
+
+def test_a_released_device_has_no_name_in_its_lock(locks: Path) -> None:
+    DeviceLock.take(DEVICE, holder="cfid log").release()
+    (file,) = locks.iterdir()
+    assert file.read_text() == ""
+
+
+def test_users_with_temporary_folders_of_their_own_share_the_locks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CFID_LOCKS")
+    device = f"test-of-cfid-{os.getpid()}"
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with another_process(HOLD, device) as first:
+        monkeypatch.delenv("TMPDIR")
+        assert holder_process(device) == first.pid
+    Path("/tmp/cfid-locks", device).unlink()
 
 
 def test_a_release_frees_the_device_and_may_come_twice() -> None:
@@ -113,7 +151,7 @@ def test_everybody_may_use_the_locks_and_nobody_but_the_owner_may_remove_them(lo
     assert stat.S_IMODE(file.stat().st_mode) == 0o666
 
 
-@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() != 0, reason="only root may act for other users")
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may act for other users")
 def test_users_share_the_locks_of_one_another() -> None:
     body = """
 import fcntl, os, sys  # before another user, who may not see this Python, is taken on
@@ -126,14 +164,13 @@ os.setuid(number)
     # A folder of which all may know, as the system's own for temporary files.
     with tempfile.TemporaryDirectory(dir="/tmp") as name, pytest.MonkeyPatch.context() as patch:
         Path(name).chmod(0o1777)
-        patch.setenv("TMPDIR", name)
-        patch.setattr(tempfile, "tempdir", None)
+        patch.setenv("CFID_LOCKS", f"{name}/locks")
         for user in ("65533", "65534"):
             with another_process(body, user, DEVICE) as first:
                 assert holder_of(DEVICE) == f"process {first.pid} (cfid log)"
-        assert Path(name, "cfid-locks").stat().st_uid == 65533
+        assert Path(name, "locks").stat().st_uid == 65533
         with DeviceLock.take(DEVICE, holder="cfid log"):
-            assert [file.stat().st_uid for file in Path(name, "cfid-locks").iterdir()] == [65533]
+            assert [file.stat().st_uid for file in Path(name, "locks").iterdir()] == [65533]
 
 
 def test_a_folder_with_the_sticky_bit_that_is_there_already_is_used(locks: Path) -> None:

@@ -1,0 +1,14 @@
+"""What the tests of all rooms share."""
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+
+@pytest.fixture(autouse=True, scope="session")
+def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep the locks that tests take apart from those of the computer's users."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(os.environ, "CFID_LOCKS", str(tmp_path_factory.mktemp("locks") / "cfid"))
+        yield
