@@ -114,7 +114,7 @@ def find_source() -> Path | None:
 def declared(library: ctypes.CDLL) -> ctypes.CDLL:
     """Return the library with the signatures of `cfid_core.h`."""
     core, us, packet = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(Packet)
-    flag, command, commands = ctypes.c_bool, ctypes.c_uint16, ctypes.POINTER(ctypes.c_uint16)
+    flag, commands = ctypes.c_bool, ctypes.POINTER(ctypes.c_uint16)
     for name, result, *arguments in (
         ("cfid_core_size", ctypes.c_size_t),
         ("cfid_core_init", None, core),
@@ -123,7 +123,6 @@ def declared(library: ctypes.CDLL) -> ctypes.CDLL:
         ("cfid_core_send", flag, core, packet),
         ("cfid_core_alive", flag, core, us),
         ("cfid_answer_ping", flag, packet, us, packet),
-        ("cfid_share", ctypes.c_float, command),
     ):
         function = getattr(library, str(name))
         function.restype, function.argtypes = result, arguments

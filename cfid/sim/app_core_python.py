@@ -183,7 +183,7 @@ class PythonCore:
             return
         sample = _sample(sine.amplitude, sine.phase, sine.samples)
         command = _clip(sample)
-        if sine.played == 0 or sine.command > MIDDLE >= command or sine.command < MIDDLE <= command:
+        if sine.command > MIDDLE >= command or sine.command < MIDDLE <= command:  # at n = 0 too, from 0
             self._report(sine, command, now_us)
             sine.reports += 1
         self._drive(sine.motor, command)

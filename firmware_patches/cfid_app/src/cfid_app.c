@@ -159,8 +159,8 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
         return;
     }
     control->controlMode = controlModeForce;
-    for (int motor = 0; motor < CFID_MOTORS; motor++)
-        control->normalizedForces[motor] = cfid_share(commands[motor]);
+    for (int motor = 0; motor < CFID_MOTORS; motor++) /* times 65535 in float and cut, each gives its command back */
+        control->normalizedForces[motor] = (float)commands[motor] / (float)UINT16_MAX;
 }
 
 void appMain(void)

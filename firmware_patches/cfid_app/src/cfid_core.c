@@ -114,8 +114,8 @@ static bool post(struct cfid_core *core, const struct cfid_packet *packet)
 
 /* The sine. */
 
-/* Returns cos(2 pi k/n) for k < n, exact where it is 0, 1/2 or 1: nowhere else can A cos be a whole number (Niven's
-   theorem), so nowhere else does cutting turn a rounding error into a whole unit. */
+/* Returns cos(2 pi k/n) for k < n, exact where it is 0, 1/2 or 1, however a library rounds: nowhere else can A cos be a
+   whole number (Niven's theorem), so nowhere else does cutting turn a rounding error into a whole unit. */
 static double cosine(uint32_t k, uint32_t n)
 {
     uint64_t j = 2 * (uint64_t)k; /* the angle is pi j/n */
@@ -269,7 +269,7 @@ static void play(struct cfid_core *core, uint64_t now_us)
     const int32_t sample = sample_of(sine->amplitude, sine->phase, sine->samples);
     const uint16_t command = clip(sample), before = sine->command;
     const bool falls = before > MIDDLE && command <= MIDDLE, rises = before < MIDDLE && command >= MIDDLE;
-    if (sine->played == 0 || falls || rises) {
+    if (falls || rises) { /* the first sample too: A + 30000 rises from 0 */
         report(core, command, now_us);
         sine->reports++;
     }
@@ -438,9 +438,4 @@ bool cfid_answer_ping(const struct cfid_packet *packet, uint64_t now_us, struct 
     memcpy(out->data, packet->data, out->size);
     put(out, now_us, 8);
     return true;
-}
-
-float cfid_share(uint16_t command)
-{
-    return ((float)command + 0.5f) / (float)LARGEST_COMMAND; /* half a unit up, for the single precision to lose */
 }

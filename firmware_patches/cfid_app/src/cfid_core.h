@@ -76,7 +76,4 @@ bool cfid_core_alive(const struct cfid_core *core, uint64_t now_us);
    Returns false for any other packet. Needs no core, and so may be called from any task. */
 bool cfid_answer_ping(const struct cfid_packet *packet, uint64_t now_us, struct cfid_packet *out);
 
-/* Returns a command as a share of the largest, such that cutting share * 65535 in single precision gives it back. */
-float cfid_share(uint16_t command);
-
 #endif
