@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-import sys
+import termios
 import time
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -18,19 +18,14 @@ from cfid.wire.rls import RLS_13BIT_IN_22, WORD_BITS
 
 SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
 
+PORT_ERRORS = (OSError, termios.error)  # pyserial's own error is an OSError; a plug pulled while it opens is not
+
 _ANSWER_S = 0.5
 _DRAIN_S = 0.02
+_LONGEST_DRAIN_S = 0.3
+_LONGEST_S = 3.0  # for all questions to one port: a log that ends has to wait for them
 _TRIES = 3
 _BAUD = 115200  # of no meaning on USB
-_WIDEST_WORD = 32
-
-
-if sys.platform == "win32":
-    PORT_ERRORS: tuple[type[Exception], ...] = (OSError,)
-else:
-    import termios
-
-    PORT_ERRORS = (OSError, termios.error)  # pyserial's own error is an OSError; a plug pulled while it opens is not
 
 
 class Found(NamedTuple):
@@ -92,36 +87,20 @@ def word_bits(counts_per_turn: float | str) -> int | None:
     if counts_per_turn == RLS_13BIT_IN_22:
         return WORD_BITS
     counts = int(float(counts_per_turn))
-    return counts.bit_length() - 1 if counts == float(counts_per_turn) and counts.bit_count() == 1 else None
+    bits = counts.bit_length() - 1
+    fits = counts == float(counts_per_turn) and counts.bit_count() == 1 and 1 <= bits <= e201.WIDEST_WORD
+    return bits if fits else None
 
 
 def _ask(port: str, *, counts_per_turn: float | str, configure: bool) -> Found:
     if holder := holder_of(lock_name(port)):
         raise DeviceError(f"{port} is held by {holder}. End that first.")
     with _opened(port) as line:
-        _query(line, e201.STOP_CONTINUOUS, wanted=False)
-        version = _query(line, e201.VERSION)
-        if not e201.names_e201(version):
-            said = f"answers '{_text(version)}'" if version else "gives no answer"
-            raise DeviceError(f"{port}: {said} where an E201 encoder interface says its name: another device.")
-        wanted = word_bits(counts_per_turn)
-        found = e201.word_width(_query(line, e201.WORD_WIDTH))
-        if configure and wanted is not None and found != wanted:
-            _query(line, e201.set_word_width(wanted), wanted=False)
-            found = e201.word_width(_query(line, e201.WORD_WIDTH))
-            if found != wanted:
-                raise DeviceError(
-                    f"{port}: the word width was set to {wanted} bits, but reads {found or 'nothing'}: check "
-                    "encoder.counts_per_turn in rig.toml."
-                )
-        readings = e201.PositionReader(word_bits=found or _WIDEST_WORD).feed(
-            _query(line, e201.STAMPED_POSITION) + b"\r"
-        )
-        if not readings:
-            raise DeviceError(
-                f"{port}: an E201, but it reads no position: is the encoder plugged into it, and powered?"
-            )
-        reply_s = min(_reply_time_s(line) for _ in range(_TRIES))
+        interview = _Interview(port, line)
+        version = interview.introduced()
+        width = interview.width(word_bits(counts_per_turn) if configure else None)
+        command, reading = interview.position(width or e201.WIDEST_WORD)
+        reply_s = min(interview.reply_s(command) for _ in range(_TRIES))
         if reply_s > SLOWEST_REPLY_S:
             raise DeviceError(
                 f"{port}: replies after {1e3 * reply_s:.0f} ms, too late to say at what time the encoder stood there: "
@@ -130,10 +109,10 @@ def _ask(port: str, *, counts_per_turn: float | str, configure: bool) -> Found:
         return Found(
             port=port,
             version=_text(version),
-            serial_number=_text(_query(line, e201.SERIAL_NUMBER)),
-            word_bits=found or _WIDEST_WORD,
-            position=readings[0].position,
-            stamped=readings[0].stamp_us is not None,
+            serial_number=_text(interview.ask(e201.SERIAL_NUMBER)),
+            word_bits=width or e201.WIDEST_WORD,
+            position=reading.position,
+            stamped=reading.stamp_us is not None,
         )
 
 
@@ -146,33 +125,80 @@ def _opened(port: str) -> Iterator[serial.Serial]:
         raise DeviceError(f"{port}: {why_not_open(error)}") from None
 
 
-def _query(line: serial.Serial, command: bytes, *, wanted: bool = True) -> bytes:
-    """Send a command and return its reply without its end; what came before, or is not wanted, is dropped."""
-    _drain(line)
-    line.write(command)
-    return _reply(line) if wanted else b""
+class _Interview:
+    """Questions to what is on a port, one at a time. Whatever it answers, they come to an end.
 
+    Raises DeviceError when it is no E201, or does not let itself be asked.
+    """
 
-def _reply_time_s(line: serial.Serial) -> float:
-    """Return how long the reply to one poll takes."""
-    _drain(line)
-    begin_s = time.monotonic()
-    line.write(e201.POSITION)
-    _reply(line)
-    return time.monotonic() - begin_s
+    def __init__(self, port: str, line: serial.Serial) -> None:
+        self._port, self._line = port, line
+        self._end_s = time.monotonic() + _LONGEST_S
 
+    def introduced(self) -> bytes:
+        """Return what it calls itself; an output that a killed log left on is switched off before."""
+        self._line.write(e201.STOP_CONTINUOUS)
+        version = self.ask(e201.VERSION)
+        if not e201.names_e201(version):
+            said = f"answers '{_text(version)}'" if version else "gives no answer"
+            raise DeviceError(f"{self._port}: {said} where an E201 encoder interface says its name: another device.")
+        return version
 
-def _drain(line: serial.Serial) -> None:
-    while line.read(4096):
-        pass
+    def width(self, wanted: int | None) -> int | None:
+        """Return the bits of its word, set to those that are wanted, if any; None when it does not say."""
+        found = e201.word_width(self.ask(e201.WORD_WIDTH))
+        if wanted in (None, found):
+            return found
+        self._send(e201.set_word_width(wanted))
+        found = e201.word_width(self.ask(e201.WORD_WIDTH))
+        if found != wanted:
+            raise DeviceError(
+                f"{self._port}: the word width was set to {wanted} bits, but reads {found or 'nothing'}: check "
+                "encoder.counts_per_turn in rig.toml."
+            )
+        return found
 
+    def position(self, bits: int) -> tuple[bytes, e201.Reading]:
+        """Return a position, and the command that it answers: the one with stamps, unless that is not known."""
+        for command in (e201.STAMPED_POSITION, e201.POSITION):
+            readings = e201.PositionReader(word_bits=bits).feed(self.ask(command) + b"\r")
+            if readings:
+                return command, readings[0]
+        raise DeviceError(
+            f"{self._port}: an E201, but it reads no position: is the encoder plugged into it, and powered?"
+        )
 
-def _reply(line: serial.Serial) -> bytes:
-    reply = b""
-    end_s = time.monotonic() + _ANSWER_S
-    while b"\r" not in reply and time.monotonic() < end_s:
-        reply += line.read_until(b"\r", 256)
-    return reply.partition(b"\r")[0].strip()
+    def reply_s(self, command: bytes) -> float:
+        """Return how long the reply to one poll takes."""
+        self._drain()
+        begin_s = time.monotonic()
+        self._line.write(command)
+        self._reply()
+        return time.monotonic() - begin_s
+
+    def ask(self, question: bytes) -> bytes:
+        """Return the reply to a question, without its end; what came before is dropped."""
+        self._send(question)
+        return self._reply()
+
+    def _send(self, command: bytes) -> None:
+        if time.monotonic() > self._end_s:
+            raise DeviceError(f"{self._port}: answers what an E201 is asked too slowly: another device.")
+        self._drain()
+        self._line.write(command)
+
+    def _drain(self) -> None:
+        end_s = time.monotonic() + _LONGEST_DRAIN_S
+        while self._line.read(4096):
+            if time.monotonic() > end_s:
+                raise DeviceError(f"{self._port}: sends without being asked, and goes on when told to stop: no E201.")
+
+    def _reply(self) -> bytes:
+        reply = b""
+        end_s = time.monotonic() + _ANSWER_S
+        while b"\r" not in reply and time.monotonic() < end_s:
+            reply += self._line.read_until(b"\r", 256)
+        return reply.partition(b"\r")[0].strip()
 
 
 def _text(reply: bytes) -> str:

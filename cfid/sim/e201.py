@@ -48,6 +48,7 @@ class E201Device:
         """Start with the encoder supplied and continuous output off."""
         self.word_bits = word_bits
         self.stuck_at_bits: int | None = None  # read words of this width, whatever is set
+        self.stamps = True  # older interfaces may have none
         self._angle_at = angle_at
         self._reply_s = reply_s
         self._powered_s = powered_s
@@ -113,9 +114,10 @@ class E201Device:
         return told.get(question, b"Error")
 
     def _read(self, command: bytes, now_s: float) -> bytes:
-        if not self._supplied:
+        stamped = command in (e201.STAMPED_POSITION, e201.HEX_STAMPED_POSITION)
+        if not self._supplied or (stamped and not self.stamps):
             return b"Error"
-        if command in (e201.POSITION, e201.HEX_POSITION):
+        if not stamped:
             return self._position(now_s, in_hex=command == e201.HEX_POSITION)
         stamp_us = (self._first_stamp_us + int((now_s - self._powered_s) * 1e6)) % (1 << e201.STAMP_BITS)
         form = b"%X:%X" if command == e201.HEX_STAMPED_POSITION else b"%d:%d"

@@ -24,6 +24,7 @@ STOP_CONTINUOUS = b"0"
 PRODUCT = "E201 USB Encoder Interface"
 USB_VENDOR = 0x0483  # of the chip's maker: a Crazyflie on USB has it too
 
+WIDEST_WORD = 32  # bits
 STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual says so)
 
 _END = b"\r"
@@ -41,8 +42,8 @@ class Reading(NamedTuple):
 
 def set_word_width(bits: int) -> bytes:
     """Return the command that sets the SSI word's width, 1 to 32 bits."""
-    if not 1 <= bits <= 32:
-        raise ValueError(f"an SSI word has 1 to 32 bits, not {bits}")
+    if not 1 <= bits <= WIDEST_WORD:
+        raise ValueError(f"an SSI word has 1 to {WIDEST_WORD} bits, not {bits}")
     return b"B%02d\r" % bits
 
 

@@ -32,7 +32,7 @@ from cfid.sim.netft import Address, NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.netft_server import LOOPBACK, NetFTServer, Ports
 from cfid.sim.pty import PtyPort
-from cfid.wire.e201 import VERSION
+from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 
 LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
 ENCODER_HZ = 100
@@ -56,14 +56,15 @@ class Box(FaultyNetFT):
 
 
 class Interface(FaultyE201):
-    """An encoder's interface that counts how often it was asked who it is."""
+    """An encoder's interface that counts how often it was asked who it is, and may not let itself be stopped."""
 
     introductions = 0
+    unstoppable = False
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
         """Return what leaves after which delay in answer to `data`."""
         self.introductions += data.count(VERSION)
-        return super().received(data, now_s)
+        return super().received(data.replace(STOP_CONTINUOUS, b"") if self.unstoppable else data, now_s)
 
 
 class Said(NamedTuple):

@@ -12,7 +12,7 @@ import pytest
 import serial
 from serial.tools import list_ports
 
-from cfid.wire.e201 import PRODUCT, USB_VENDOR
+from cfid.wire.e201 import CONTINUOUS, PRODUCT, USB_VENDOR
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.cli.rig_in_a_folder import ENCODER_HZ, Lab, lab_in
 
@@ -240,6 +240,46 @@ def test_an_interface_without_an_encoder_is_told(lab: Lab) -> None:
 
 # The port
 
+
+def test_an_output_that_a_killed_log_left_on_is_switched_off(lab: Lab) -> None:
+    log = lab.start(*LOG, "--continuous")
+    log.wait_for_rows(FIRST)
+    log.process.kill()
+    log.process.wait()
+    still_on = lab.e201.continuous
+
+    checked = lab.cfid("rig", "check")
+    said = lab.cfid(*LOG, "--for", 0.5)
+
+    assert still_on
+    assert checked.code == said.code == 0
+    assert not lab.e201.continuous
+
+
+def test_a_device_that_sends_by_itself_is_told_by_log_and_by_check(lab: Lab) -> None:
+    lab.encoder.unstoppable = True
+    lab.in_reactor(lambda: lab.plug.heard(CONTINUOUS))
+
+    said = lab.cfid(*LOG)
+    checked = lab.cfid("rig", "check")
+
+    told = "sends without being asked, and goes on when told to stop: no E201."
+    assert said.code == checked.code == 3
+    assert told in said.err
+    assert told in checked.out
+    assert lab.run_folder() is None
+
+
+def test_an_interface_without_stamps_is_polled_without_them(lab: Lab) -> None:
+    lab.e201.stamps = False
+
+    checked = lab.cfid("rig", "check")
+    said = lab.cfid(*LOG, "--for", 0.5)
+
+    assert checked.code == said.code == 0
+    assert "without stamps" in checked.out
+    assert list(rows_of(lab).columns) == ["t", "phi"]
+    assert lab.run().header.devices["encoder"].lost == 0
 
 def test_another_device_on_the_port_is_told_by_log_and_by_check(lab: Lab) -> None:
     lab.encoder_suffers(not_an_e201=True)
