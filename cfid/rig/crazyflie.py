@@ -14,6 +14,8 @@ from typing import Any, Self, TypeVar
 import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
+from cflib.crtp.radiodriver import RadioDriver
+from cflib.crtp.usbdriver import UsbDriver
 from platformdirs import user_cache_path
 
 from cfid.errors import DeviceError
@@ -179,10 +181,12 @@ class Link:
 def find_vehicle() -> str:
     """Return the address of the only vehicle that a radio or a USB cable reaches. Raises DeviceError."""
     _prepare_cflib()
-    try:
-        found = [str(uri) for uri, _ in cflib.crtp.scan_interfaces() if not str(uri).startswith("udp:")]
-    except Exception as error:  # cflib lets through whatever its drivers raise
-        raise DeviceError(f"no radio can be searched: {error}.") from None
+    found: list[str] = []
+    for driver in (RadioDriver, UsbDriver):
+        try:
+            found += [str(uri) for uri, _ in driver().scan_interface(None)]
+        except Exception as error:  # cflib lets through whatever its drivers raise
+            raise DeviceError(f"no vehicle can be looked for: {error}.") from None
     if not found:
         raise DeviceError(
             "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in "
