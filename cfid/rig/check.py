@@ -39,10 +39,11 @@ def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list
 
     One that a log of ours holds is left alone: its replies would go to either of the two.
     """
-    for port in ports_to_ask(setting.port):
-        if holder := holder_of(lock_name(port)):
-            return [Finding("port", "ok", f"{port} is held by {holder}", "not asked: it would take replies from there")]
     try:
+        for port in ports_to_ask(setting.port):
+            if holder := holder_of(lock_name(port)):
+                held = f"{port} is held by {holder}"
+                return [Finding("port", "ok", held, "not asked: it would take replies from there")]
         found = find_encoder(setting.port, counts_per_turn=counts_per_turn, configure=False)
     except DeviceError as error:
         return [Finding("port", "fault", str(error), "plug it in, or set devices.encoder.port in rig.toml")]
@@ -71,14 +72,18 @@ def check_loadcell(setting: LoadCellBox) -> list[Finding]:
         return [Finding("address", "fault", str(error))]
     settings, over_http = _http(setting)
     over_tcp = _tcp(setting, settings)
+    found = [over_http, over_tcp]
     where = f"{setting.address}:{setting.rdt_port}"
-    if holder := holder_of(where):
-        held = Finding("RDT, UDP", "ok", f"held by {holder}", "not asked: it would take the stream from there")
-        return [over_http, over_tcp, held]
-    if over_tcp.state == "fault" if settings is None else not settings.rdt_enabled:
-        return [over_http, over_tcp]
-    with DeviceLock.take(where, holder="cfid rig check"):
-        return [over_http, over_tcp, *_udp(setting, settings, alive=over_tcp.state != "fault")]
+    try:
+        if holder := holder_of(where):
+            held = Finding("RDT, UDP", "ok", f"held by {holder}", "not asked: it would take the stream from there")
+            return [*found, held]
+        if over_tcp.state == "fault" if settings is None else not settings.rdt_enabled:
+            return found
+        with DeviceLock.take(where, holder="cfid rig check"):
+            return [*found, *_udp(setting, settings, alive=over_tcp.state != "fault")]
+    except DeviceError as error:  # its lock was taken just now, or is of no use
+        return [*found, Finding("RDT, UDP", "fault", str(error), "ask again when nothing else uses the box")]
 
 
 def _http(setting: LoadCellBox) -> tuple[Settings | None, Finding]:

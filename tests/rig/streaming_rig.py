@@ -47,6 +47,7 @@ class ServedRig:
     campaign: Path
     rig: SimulatedRig
     addresses: Addresses
+    devices: Devices
 
     @property
     def streaming(self) -> bool:
@@ -86,7 +87,7 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
             ),
         )
         with published(folder, devices, seed=seed):
-            yield ServedRig(folder, simulated, addresses)
+            yield ServedRig(folder, simulated, addresses, devices)
         _in_loop(loop, simulated.close)
     finally:
         loop.callFromThread(loop.stop)
