@@ -2,6 +2,9 @@
 
 import json
 import signal
+import socket
+import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -83,6 +86,20 @@ def test_logs_of_a_simulated_rig_say_so_and_meet_its_faults(lab: Lab) -> None:
     assert not (lab.folder / SIM_FILE).exists()
 
 
+def test_a_simulated_rig_tells_where_its_vehicle_is_and_traces_its_motors(lab: Lab) -> None:
+    with rig_sim(lab, "--trace", "motors.txt", "--fault", "crazyflie.reboot_after_s=2") as sim:
+        uri = tomllib.loads((lab.folder / SIM_FILE).read_text())["devices"]["crazyflie"]["uri"]
+        host, _, port = uri.removeprefix("udp://").partition(":")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            for number, value in ((1, b"\x30\x75"), (0, b"\x02")):  # motorPowerSet: 30000, of all motors
+                client.sendto(b"\x2e" + bytes([number, 0]) + value, (host, int(port)))
+        trace = lab.folder / "motors.txt"
+        sim.wait_until(lambda: len(trace.read_text().splitlines()) == 3, "motors that started and stopped")
+    lines = [line.split() for line in trace.read_text().splitlines()]
+    assert [line[1:] for line in lines] == [["0"] * 4, ["30000"] * 4, ["0"] * 4]
+    assert float(lines[0][0]) < float(lines[1][0]) < float(lines[2][0]) < time.monotonic()
+
+
 def test_a_killed_simulated_rig_counts_for_nothing(lab: Lab) -> None:
     with rig_sim(lab) as sim:
         sim.process.kill()
@@ -152,6 +169,7 @@ def test_a_simulated_rig_ends_after_its_time(lab: Lab) -> None:
         ("--for 0", "--for 0: has to be above zero."),
         ("--axis q", "there is no 'q'. There are: x,"),
         ("--truth nowhere.toml", "nowhere.toml"),
+        ("--trace no/such/folder", "no/such/folder: cannot be written: No such file or directory."),
     ],
 )
 def test_a_simulation_that_cannot_be_meant_so_is_told(lab: Lab, words: str, told: str) -> None:
