@@ -215,7 +215,7 @@ class Crazyflie:
 
     def _ask_app(self, packet: Packet, now_s: float) -> Iterator[bytes]:
         port, channel, payload = packet
-        now_us = self._microseconds(now_s)
+        now_us = self._microseconds(max(now_s, self._time_s(self._ticks)))  # never before its last tick
         service = self._services[port]
         if self._truth.firmware == "app" and (service, channel) == (PING, PingChannel.PING):
             yield _made_anew(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
