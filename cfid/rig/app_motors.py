@@ -1,20 +1,25 @@
 """Motors driven by cfid's app on the vehicle, which stops them itself when it hears no more of us."""
 
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from twisted.internet.base import DelayedCall
 
 from cfid.errors import DeviceError
 from cfid.rig.motors import STILL, Firmware, Four, Limits
+from cfid.rig.recorder import sleep
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
 from cfid.wire.app import AppState, Flags, PingChannel, SineChannel, ThrustChannel, Verdict
-from cfid.wire.crtp import Packet
+from cfid.wire.crtp import ARM, COMMAND_CHANNEL, SUPERVISOR_PORT, Packet
 
 _EVERY_S = 0.1  # five keep-alives in the time that the app waits for one
 _DEAF_S = 0.4  # without an answer to any of them
 _STOP_S = 0.1
 _STOPS = 6
+_ALLOWED_S = 0.7  # for a brushed vehicle to arm itself again, which takes it 0.16 s
+_AGAIN_S = 0.05
+_SINE_ENDS_S = 2.0
 
 
 class AppMotors:
@@ -54,16 +59,17 @@ class AppMotors:
     async def play(self, request: app.SineRequest) -> None:
         """Start a sine; its crossings and its end are for `Crossings` to hear."""
         self._limits.check_sine(request)
-        payload = app.encode_sine(request)
+        packet = Packet(self._ports.sine, SineChannel.START, app.encode_sine(request))
         self._unsettled = None  # its commands are the vehicle's own from now on
         await self._be_heard()
-        answer = await self._vehicle.ask(
-            Packet(self._ports.sine, SineChannel.START, payload), app.decode_sine_answer, channel=SineChannel.ANSWER
-        )
-        if answer is None:
-            raise DeviceError(f"{self._vehicle.uri}: the app does not answer a sine request.")
-        if answer.verdict not in (Verdict.ACCEPTED, Verdict.SINE_IS_RUNNING):  # a request sent again finds it running
-            raise DeviceError(f"{self._vehicle.uri}: the app plays no sine: {_verdict(answer.verdict)}.")
+        await self._let_sine_end()
+
+        async def started() -> int | None:
+            answer = await self._vehicle.ask(packet, app.decode_sine_answer, channel=SineChannel.ANSWER)
+            return None if answer is None else answer.verdict
+
+        # A request that was sent again, its first answer lost, finds the sine running.
+        await self._insist(started, "play a sine", also=Verdict.SINE_IS_RUNNING)
 
     def check(self) -> None:
         """Raise DeviceError when the app stopped the motors, or does not answer."""
@@ -97,14 +103,25 @@ class AppMotors:
             )
 
     async def _be_heard(self) -> None:
-        """See once that a keep-alive has arrived: until then the app refuses every command."""
+        """See once that a keep-alive has arrived, before which the app refuses every command.
+
+        Where motors idle by themselves, as brushless ones do, a command of zero is made to mean zero.
+        """
         if self._heard:
             return
+        await self._state()
+        idle = self._vehicle.wire.parameter("powerDist.idleThrust")
+        if idle is not None:
+            await self._vehicle.write_parameter(idle, 0)
+        self._heard = True
+
+    async def _state(self) -> AppState:
         self._number += 1
         request = Packet(self._ports.ping, PingChannel.ALIVE, app.encode_alive(self._number))
-        if await self._vehicle.ask(request, app.decode_state, within_s=_STOP_S, tries=_STOPS) is None:
+        state = await self._vehicle.ask(request, app.decode_state, within_s=_STOP_S, tries=_STOPS)
+        if state is None:
             raise DeviceError(f"{self._vehicle.uri}: the app answers no keep-alive.")
-        self._heard = True
+        return state
 
     async def _set_one(self, request: app.ThrustRequest) -> app.ThrustAnswer:
         def own(payload: bytes) -> app.ThrustAnswer | None:
@@ -112,14 +129,39 @@ class AppMotors:
             return answer if answer and (answer.command, answer.motor) == request else None
 
         packet = Packet(self._ports.thrust, ThrustChannel.SET, app.encode_thrust(request))
-        answer = await self._vehicle.ask(packet, own, channel=ThrustChannel.ANSWER)
-        if answer is None:
-            raise DeviceError(f"{self._vehicle.uri}: the app does not answer a command.")
-        if answer.verdict != Verdict.ACCEPTED:
-            raise DeviceError(
-                f"{self._vehicle.uri}: the app does not take command {request.command}: {_verdict(answer.verdict)}."
-            )
-        return answer
+        answers: list[app.ThrustAnswer] = []
+
+        async def taken() -> int | None:
+            answer = await self._vehicle.ask(packet, own, channel=ThrustChannel.ANSWER)
+            answers.extend([answer] if answer else [])
+            return None if answer is None else answer.verdict
+
+        await self._insist(taken, f"take command {request.command}")
+        return answers[-1]
+
+    async def _insist(
+        self, attempt: Callable[[], Awaitable[int | None]], what: str, *, also: Verdict = Verdict.ACCEPTED
+    ) -> None:
+        """Attempt something until it is accepted; the supervisor is given time to let the motors run.
+
+        It disarms a resting vehicle after seconds; a brushed one then arms itself anew, another has to be told.
+        """
+        end_s = self._vehicle.loop.seconds() + _ALLOWED_S
+        while (verdict := await attempt()) == Verdict.MOTORS_NOT_ALLOWED and self._vehicle.loop.seconds() < end_s:
+            self._vehicle.send(SUPERVISOR_PORT, COMMAND_CHANNEL, ARM)
+            await sleep(self._vehicle.loop, _AGAIN_S)
+        if verdict is None:
+            raise DeviceError(f"{self._vehicle.uri}: the app does not answer when asked to {what}.")
+        if verdict not in (Verdict.ACCEPTED, also):
+            raise DeviceError(f"{self._vehicle.uri}: the app does not {what}: {_verdict(verdict)}.")
+
+    async def _let_sine_end(self) -> None:
+        """Wait until an earlier sine has said its last word, a second after its motors stopped."""
+        end_s = self._vehicle.loop.seconds() + _SINE_ENDS_S
+        while Flags.SINE_RUNNING in (await self._state()).flags:
+            if self._vehicle.loop.seconds() > end_s:
+                raise DeviceError(f"{self._vehicle.uri}: another sine is playing: `cfid motors stop` ends it.")
+            await sleep(self._vehicle.loop, _AGAIN_S)
 
     def _keep_alive(self) -> None:
         self._next = self._vehicle.loop.callLater(_EVERY_S, self._keep_alive)

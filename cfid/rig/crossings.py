@@ -16,6 +16,7 @@ from cfid.wire.app import Crossing, Done, Outcome, SineChannel, SineRequest
 
 _FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
 _REST_S = 1.0  # from the motors' end to the byte that says so (C.2.4)
+_LAST_WORD_S = 0.5  # that it may be late
 _MARGIN_S = 2.0  # for the way, and for a vehicle whose clock runs slow
 
 
@@ -105,6 +106,8 @@ class Crossings:
             self._rejected += 1
             return
         self._reports.append((arrived_s, crossing))
+        if crossing.command == 0 and self._done is not None:  # the motors are off; the last word may be lost
+            self._loop.callLater(_REST_S + _LAST_WORD_S, self._finish, self._done, Done(None, crossing.sample))
         if not self._stamped:
             self._next_report += 1
 
@@ -112,9 +115,13 @@ class Crossings:
         done = app.decode_done(payload)
         if done is None:
             self._rejected += 1
-        elif self._done is not None and not self._done.called:
+        elif self._done is not None:
+            self._finish(self._done, done)
+
+    def _finish(self, waiting: "Deferred[Done]", done: Done) -> None:
+        if waiting is self._done and not waiting.called:
             self._end = done
-            self._done.callback(done)
+            waiting.callback(done)
 
     def _missing(self, reports: list[Crossing]) -> int:
         """Return how many reports the vehicle numbered and the link lost."""

@@ -9,13 +9,10 @@ from cfid.rig.vehicle import Vehicle
 from cfid.wire.crtp import (
     PARAMETER_PORT,
     READ_CHANNEL,
-    WRITE_CHANNEL,
     Packet,
     Variable,
     decode_read_parameter,
-    decode_write_parameter,
     encode_read_parameter,
-    encode_write_parameter,
 )
 
 _EACH = 1  # as motorPowerSet.enable: m1 to m4 each as its own parameter says
@@ -41,9 +38,9 @@ class StockMotors:
         self._limits.check(max(commands), min(commands))
         for place, parameter in enumerate(self._each):
             if self._commands is None or commands[place] != self._commands[place]:
-                await self._write(parameter, commands[place])
+                await self._vehicle.write_parameter(parameter, commands[place])
         if self._commands is None:
-            await self._write(self._enable, _EACH)
+            await self._vehicle.write_parameter(self._enable, _EACH)
         self._commands = commands
         return None
 
@@ -56,21 +53,13 @@ class StockMotors:
         self._commands = None
         try:
             for parameter, wanted in [(self._enable, 0), *zip(self._each, STILL, strict=True)]:
-                await self._write(parameter, wanted, within_s=_STOP_S, tries=_STOPS)
+                await self._vehicle.write_parameter(parameter, wanted, within_s=_STOP_S, tries=_STOPS)
             for parameter in (self._enable, *self._each):
                 await self._see_zero(parameter)
         except DeviceError as error:
             raise DeviceError(
                 f"{MAY_BE_RUNNING}: stock firmware goes on without a link, and did not confirm the stop. ({error})"
             ) from None
-
-    async def _write(self, parameter: Variable, value: int, *, within_s: float = 0.15, tries: int = 4) -> None:
-        def written(payload: bytes) -> bool | None:
-            return decode_write_parameter(parameter, payload) == value or None
-
-        request = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, value))
-        if not await self._vehicle.ask(request, written, within_s=within_s, tries=tries):
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not take a parameter of motorPowerSet.")
 
     async def _see_zero(self, parameter: Variable) -> None:
         def read(payload: bytes) -> bool | None:

@@ -7,7 +7,14 @@ from typing import Any, Protocol, TypeVar
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
-from cfid.wire.crtp import Packet, Variable
+from cfid.wire.crtp import (
+    PARAMETER_PORT,
+    WRITE_CHANNEL,
+    Packet,
+    Variable,
+    decode_write_parameter,
+    encode_write_parameter,
+)
 
 Answer = TypeVar("Answer")
 Hear = Callable[[bytes, float], None]
@@ -94,6 +101,21 @@ class Vehicle:
             if came is not None:
                 return came[0]
         return None
+
+    async def write_parameter(
+        self, parameter: Variable, value: int, *, within_s: float = ANSWER_S, tries: int = TRIES
+    ) -> None:
+        """Write a parameter, until the vehicle repeats the value. Raises DeviceError when it does not.
+
+        Not through cflib, whose queue stops for ever where one answer is lost.
+        """
+
+        def written(payload: bytes) -> bool | None:
+            return decode_write_parameter(parameter, payload) == value or None
+
+        request = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, value))
+        if not await self.ask(request, written, within_s=within_s, tries=tries):
+            raise DeviceError(f"{self.uri}: the vehicle does not take a parameter.")
 
     async def time_of_answer(
         self, request: Packet, read: Callable[[bytes], bool | None], *, within_s: float

@@ -306,7 +306,7 @@ def decode_state(payload: bytes) -> AppState | None:
 
 
 def encode_ping_answer(request: bytes, microseconds: int) -> bytes:
-    """Return the answer to a ping: nothing to an empty one, as in 2015; else its bytes and the vehicle's time."""
+    """Return the answer to a ping: nothing to an empty one, as in 2015; else its bytes, at most 22, and the time."""
     return request + _MICROSECONDS.pack(microseconds) if request else b""
 
 

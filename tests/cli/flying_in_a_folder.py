@@ -1,0 +1,167 @@
+"""A campaign whose vehicle and load cell are simulated inside the test, on real wires, and `cfid` run on it.
+
+The test sees what the motors do, on the clock that it shares with every process of this computer.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from twisted.internet.threads import blockingCallFromThread
+
+from cfid.campaign import RIG_FILE, RUNS_FOLDER, load_rig, new_rig_text
+from cfid.rig.loop import Loop
+from cfid.run import Run, read_run
+from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
+from cfid.sim.propulsion import STILL, Four
+from cfid.sim.service import SimulatedRig
+from cfid.sim.truth_file import SimTruth
+
+LONGEST_S = 30.0
+LOADCELL_HZ = 700
+
+
+class Pilot:
+    """A running `cfid` that may drive motors."""
+
+    def __init__(self, bench: "Bench", words: tuple[object, ...], **options: Any) -> None:
+        self._bench = bench
+        files = [bench.folder / f".{name}{time.monotonic_ns()}" for name in ("out", "err")]
+        self._out, self._err = files
+        with self._out.open("wb") as out, self._err.open("wb") as err:
+            options = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": err, **options}
+            command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
+            self.process = subprocess.Popen(command, cwd=bench.folder, env=bench.environment, **options)
+
+    @property
+    def out(self) -> str:
+        return self._out.read_text()
+
+    @property
+    def err(self) -> str:
+        return self._err.read_text()
+
+    def wait_until_motors_run(self, for_s: float = 0.2) -> None:
+        """Wait until motors have run for so long."""
+        self._bench.wait_until(lambda: any(self._bench.motors) or self.process.poll() is not None, self)
+        assert any(self._bench.motors), f"no motor ran\n{self.out}{self.err}"
+        time.sleep(for_s)
+
+    def send(self, *numbers: signal.Signals) -> None:
+        for number in numbers:
+            self.process.send_signal(number)
+            time.sleep(0.02)
+
+    def end(self) -> int:
+        """Wait for the end and return the exit code."""
+        try:
+            return self.process.wait(LONGEST_S)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"does not end\n{self.out}{self.err}") from None
+
+
+class Bench:
+    """The campaign's folder, and the simulated rig that runs beside the test."""
+
+    def __init__(self, folder: Path, loop: Loop, **truth: Any) -> None:
+        self.folder = folder
+        self.environment = {
+            **os.environ,
+            "TMPDIR": str(folder),
+            "CFID_LOCKS": str(folder / "cfid-locks"),
+            "XDG_CACHE_HOME": str(folder / "cache"),
+            "NO_COLOR": "1",
+            "COLUMNS": "100",
+        }
+        self.history: list[tuple[float, Four]] = [(0.0, STILL)]
+        self._loop = loop
+        self._pilots: list[Pilot] = []
+        (folder / RIG_FILE).write_text(new_rig_text())
+        self.rig = SimulatedRig(
+            load_rig(folder / RIG_FILE),
+            reactor=loop,
+            folder=folder,
+            seed=5,
+            truth=SimTruth.model_validate(truth),
+            on_motors=lambda time_s, motors: self.history.append((time_s, motors)),
+        )
+        where = self.in_loop(self.rig.open)
+        self.uri = where.crazyflie_uri
+        content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[|^# The axis)", "", new_rig_text())
+        (folder / RIG_FILE).write_text(
+            f"{content}\n[devices.loadcell]\naddress = '{where.address}'\nrate_hz = {LOADCELL_HZ}\n"
+            f"rdt_port = {where.rdt_port}\nhttp_port = {where.http_port}\ntcp_port = {where.tcp_port}\n"
+            f"[devices.crazyflie]\nuri = '{self.uri}'\nstop_below_v = 3.1\n"
+        )
+
+    @property
+    def motors(self) -> Four:
+        """What the motors do now."""
+        return self.history[-1][1]
+
+    def start(self, *words: object, **options: Any) -> Pilot:
+        self._pilots.append(Pilot(self, words, **options))
+        return self._pilots[-1]
+
+    def vehicle_suffers(self, **faults: Any) -> None:
+        """From now on; faults that are timed are there at once."""
+        self.rig.crazyflie.faults = CrazyflieFaults(**faults)
+
+    def loadcell_suffers(self, **faults: Any) -> None:
+        self.rig.loadcell.faults = LoadCellFaults(**faults)
+
+    def in_loop(self, act: Callable[[], Any]) -> Any:
+        """Run something beside the devices and return what comes of it."""
+        return blockingCallFromThread(self._loop, act)
+
+    def wait_until(self, there: Any, pilot: Pilot) -> None:
+        end_s = time.monotonic() + LONGEST_S
+        while not there():
+            assert time.monotonic() < end_s, f"waited in vain\n{pilot.out}{pilot.err}"
+            time.sleep(0.005)
+
+    def stopped_after(self, since_s: float) -> float:
+        """Return how long after a time the motors were off; at once, if they were off before."""
+        end_s = since_s + 2.0
+        while any(self.motors) and time.monotonic() < end_s:
+            time.sleep(0.005)
+        assert not any(self.motors), "the motors are still on"
+        return max(self.history[-1][0] - since_s, 0.0)
+
+    def run(self) -> Run:
+        """Return the only run there is."""
+        (folder,) = (self.folder / RUNS_FOLDER).iterdir()
+        return read_run(folder)
+
+    def close(self) -> None:
+        for pilot in self._pilots:
+            if pilot.process.poll() is None:
+                pilot.process.kill()
+            pilot.process.wait()
+        self.in_loop(self.rig.close)
+
+
+@contextmanager
+def bench_in(folder: Path, **truth: Any) -> Iterator[Bench]:
+    """Open a bench in a folder, in a loop of its own; `truth` are tables of the truth file."""
+    loop = Loop()
+    thread = threading.Thread(target=loop.run, kwargs={"installSignalHandlers": False})
+    thread.start()
+    try:
+        bench = Bench(folder, loop, **truth)
+        try:
+            yield bench
+        finally:
+            bench.close()
+    finally:
+        loop.callFromThread(loop.stop)
+        thread.join(5)
+    assert not thread.is_alive()
