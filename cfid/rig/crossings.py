@@ -35,7 +35,7 @@ class Crossings:
         self.columns = self.columns_of(firmware)
         self._reports: list[tuple[float, Crossing]] = []
         self._next_report = 0
-        self._rejected = 0
+        self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
         self._end: Done | None = None
         self._running = False
@@ -55,7 +55,7 @@ class Crossings:
 
     async def play(self, request: SineRequest) -> Done:
         """Play a sine to its end. Raises DeviceError when it does not begin, does not end, or is cut short."""
-        self._done = Deferred()
+        self._done, self._samples = Deferred(), request.samples
         await self._player.play(request)
         longest_s = request.samples / app.SAMPLES_PER_S + _REST_S
         silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample came")
@@ -106,7 +106,7 @@ class Crossings:
             self._rejected += 1
             return
         self._reports.append((arrived_s, crossing))
-        if crossing.command == 0 and self._done is not None:  # the motors are off; the last word may be lost
+        if crossing.sample == self._samples and self._done is not None:  # the motors are off; `a` may be lost
             self._loop.callLater(_REST_S + _LAST_WORD_S, self._finish, self._done, Done(None, crossing.sample))
         if not self._stamped:
             self._next_report += 1
