@@ -3,8 +3,10 @@
 import contextlib
 import os
 import tty
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from twisted.internet.abstract import FileDescriptor
 from twisted.internet.base import DelayedCall
@@ -15,6 +17,37 @@ from cfid.sim.e201_faults import FaultyE201
 
 _CONTINUOUS_EVERY_S = 1e-3
 _LONGEST_READ = 4096
+_ROUNDING_S = 1e-6
+
+
+class InOrder:
+    """Says each reply after its delay, but not before those that left earlier: a serial line cannot overtake itself.
+
+    `clock` is the reactor, or Twisted's Clock in a test.
+    """
+
+    def __init__(self, say: Callable[[bytes], None], *, clock: Any) -> None:
+        """Take who hears the replies."""
+        self._say, self._clock = say, clock
+        self._replies: deque[tuple[float, bytes]] = deque()
+
+    def send(self, replies: list[Reply]) -> None:
+        """Take replies with their delays from now."""
+        now_s = self._clock.seconds()
+        for delay_s, reply in replies:
+            due_s = max(now_s + delay_s, self._replies[-1][0] if self._replies else 0.0)
+            self._replies.append((due_s, reply))
+            if due_s > now_s:
+                self._clock.callLater(due_s - now_s, self._say_due)
+        self._say_due()
+
+    def drop(self) -> None:
+        """Drop what has not been said."""
+        self._replies.clear()
+
+    def _say_due(self) -> None:
+        while self._replies and self._replies[0][0] <= self._clock.seconds() + _ROUNDING_S:
+            self._say(self._replies.popleft()[1])
 
 
 class PtyPort:
@@ -26,6 +59,7 @@ class PtyPort:
         self._reactor = reactor
         self._path = folder / name
         self._end: _DeviceEnd | None = None
+        self._replies = InOrder(self._write, clock=reactor)
         self._timers: list[DelayedCall] = []
 
     def open(self) -> Path:
@@ -48,7 +82,7 @@ class PtyPort:
     def heard(self, data: bytes) -> None:
         """Take what the host has written."""
         was_continuous = self._device.continuous
-        self._send(self._device.received(data, self._reactor.seconds()))
+        self._replies.send(self._device.received(data, self._reactor.seconds()))
         if self._device.continuous and not was_continuous:
             self._after(_CONTINUOUS_EVERY_S, self._go_on)
 
@@ -60,6 +94,7 @@ class PtyPort:
 
     def _unplug(self) -> None:
         self._path.unlink(missing_ok=True)
+        self._replies.drop()
         if self._end is not None:
             self._end.stopReading()
             self._end.close()
@@ -67,23 +102,16 @@ class PtyPort:
 
     def _go_on(self) -> None:
         if self._device.continuous:
-            self._send(self._device.due(self._reactor.seconds()))
+            self._replies.send(self._device.due(self._reactor.seconds()))
             self._after(_CONTINUOUS_EVERY_S, self._go_on)
-
-    def _send(self, replies: list[Reply]) -> None:
-        for delay_s, reply in replies:
-            if delay_s > 0:
-                self._after(delay_s, self._write, reply)
-            else:
-                self._write(reply)
 
     def _write(self, reply: bytes) -> None:
         if self._end is not None:
             self._end.say(reply)
 
-    def _after(self, delay_s: float, act: Callable[..., None], *arguments: bytes) -> None:
+    def _after(self, delay_s: float, act: Callable[[], None]) -> None:
         self._timers = [timer for timer in self._timers if timer.active()]
-        self._timers.append(self._reactor.callLater(delay_s, act, *arguments))
+        self._timers.append(self._reactor.callLater(delay_s, act))
 
 
 class _DeviceEnd(FileDescriptor):

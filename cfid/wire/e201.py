@@ -88,7 +88,9 @@ class ReplyReader:
 
 
 class PositionReader:
-    """Reads positions; `rejected` counts replies that are none, `errors` those in which the device says Error.
+    """Reads positions, and counts what else comes.
+
+    `rejected` replies are no position, and in `errors` of them the device says Error; `names` are answers to `v`.
 
     Unless it is known whether replies carry a stamp, the first two alike in a row decide, and one of the other
     kind is then no position. One alone cannot: the end of a stamped reply whose beginning was missed looks like
@@ -97,7 +99,7 @@ class PositionReader:
 
     def __init__(self, *, word_bits: int, stamped: bool | None = None) -> None:
         """Take the width of the word, which no position exceeds, and whether replies carry a stamp."""
-        self.errors = 0
+        self.errors = self.names = 0
         self._unread = 0
         self._replies = ReplyReader()
         self._limit = 1 << word_bits
@@ -120,6 +122,9 @@ class PositionReader:
 
     def _read(self, reply: bytes) -> Reading | None:
         match = _POSITION.fullmatch(reply)
+        if match is None and names_e201(reply):
+            self.names += 1
+            return None
         if match is None:
             self.errors += b"error" in reply.lower()
             self._unread += 1

@@ -34,11 +34,12 @@ def check_rows(lab: Lab) -> None:
     """Every poll is a row or a loss, and every row is an angle of an axis that turns at 0.5 rad/s."""
     rows = rows_of(lab)
     record = lab.run().header.devices["encoder"]
+    facts = lab.facts("encoder")
     words = decode_words(rows["phi"].to_numpy())
     turned = np.unwrap(2 * np.pi * words.position / STEPS_PER_TURN)
     stamped_s = 1e-6 * rows["device_us"].to_numpy()
     assert record.rows == len(rows)
-    assert lab.facts("encoder")["polls"] == pytest.approx(len(rows) + record.lost, abs=1)  # one may be under way
+    assert facts["polls"] + facts["losses"]["missing_in_gaps"] == len(rows) + record.lost
     assert words.valid.all()
     assert np.allclose(turned - turned[0], 0.5 * (stamped_s - stamped_s[0]), atol=4 * np.pi / STEPS_PER_TURN)
     assert np.all(np.diff(rows["t"]) > 0)
@@ -100,18 +101,40 @@ def test_replies_that_are_too_slow_are_told_before_a_run(lab: Lab) -> None:
     assert lab.run_folder() is None
 
 
-def test_a_silence_that_ends_is_losses(lab: Lab) -> None:
+def test_a_silence_that_ends_is_a_gap_with_its_losses(lab: Lab) -> None:
     log = lab.start(*LOG)
     log.wait_for_rows(FIRST)
     lab.encoder_suffers(silent_after_s=0)
     silenced = lab.encoder.mishaps.silenced
-    log.wait_until(lambda: lab.encoder.mishaps.silenced > silenced + 7, "polls without a reply")
+    log.wait_until(lambda: lab.encoder.mishaps.silenced > silenced + 7, "questions without a reply")
     lab.encoder_suffers()
     log.wait_for_rows(FIRST)
     said = log.ask_to_end()
+    (gap,) = lab.facts("encoder")["gaps"]
+    gap_s = gap["to_s"] - gap["from_s"]
 
     assert said.code == 0
-    assert lab.run().header.devices["encoder"].lost >= 8
+    assert gap["reason"] == "no position came"
+    assert gap_s > 0.25
+    assert lab.run().header.devices["encoder"].lost == pytest.approx(gap_s * ENCODER_HZ, abs=3)
+    check_rows(lab)
+
+
+def test_replies_that_come_late_for_a_while_are_losses_and_no_rows_of_other_polls(lab: Lab) -> None:
+    log = lab.start(*LOG)
+    log.wait_for_rows(FIRST)
+    lab.encoder_suffers(slow_s=0.2)
+    asked = lab.encoder.introductions
+    log.wait_until(lambda: lab.encoder.introductions > asked + 8, "late replies")
+    lab.encoder_suffers()
+    log.wait_for_rows(FIRST)
+    said = log.ask_to_end()
+    rows = rows_of(lab)
+    behind_s = rows["t"] - 1e-6 * rows["device_us"]
+
+    assert said.code == 0
+    assert "late replies" in said.out
+    assert behind_s.max() - behind_s.min() < 0.05
     check_rows(lab)
 
 
@@ -280,6 +303,7 @@ def test_an_interface_without_stamps_is_polled_without_them(lab: Lab) -> None:
     assert "without stamps" in checked.out
     assert list(rows_of(lab).columns) == ["t", "phi"]
     assert lab.run().header.devices["encoder"].lost == 0
+
 
 def test_another_device_on_the_port_is_told_by_log_and_by_check(lab: Lab) -> None:
     lab.encoder_suffers(not_an_e201=True)

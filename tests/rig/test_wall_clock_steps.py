@@ -61,7 +61,7 @@ def test_a_run_during_which_the_clock_is_set_is_smooth_and_complete(
         rows = whole_rows(run.device_file(device))
         steps_s = np.diff(rows["t"])
         assert run.header.state == "complete"
-        assert run.header.devices[device].lost <= (2 if device == "encoder" else 0)  # polls on a busy computer
+        assert run.header.devices[device].lost <= (10 if device == "encoder" else 0)  # polls on a busy computer
         assert steps_s.min() > 0
         assert steps_s.max() < longest_s
         assert began_s < rows["t"].iloc[0] < stepped_s < rows["t"].iloc[-1] < ended_s

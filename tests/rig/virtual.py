@@ -26,6 +26,7 @@ from cfid.sim.loadcell import LoadCell as SimulatedCell
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
+from cfid.sim.pty import InOrder
 from cfid.wire.netft import read_settings
 
 UNIX_S = 1_763_712_345.0
@@ -71,7 +72,12 @@ class Session:
         self._runs_folder = runs_folder
 
     def record(
-        self, instrument: Instrument, *, for_s: float | None, also: Callable[[float], None] = lambda now_s: None
+        self,
+        instrument: Instrument,
+        *,
+        for_s: float | None,
+        also: Callable[[float], None] = lambda now_s: None,
+        step_s: float = STEP_S,
     ) -> tuple[Run, Exception | None]:
         """Record until the end, calling `also` at every step of the clock; return the run and what was raised."""
         record = DeviceRecord(file=f"{instrument.name}.csv", columns=instrument.columns)
@@ -88,7 +94,7 @@ class Session:
         Deferred.fromCoroutine(recorder.record(lambda: self.ending.within(for_s))).addBoth(done.append)
         while not done:
             assert self.clock.seconds() < 3600, "the recording does not end"
-            self.clock.advance(STEP_S)
+            self.clock.advance(step_s)
             also(self.clock.seconds())
         failure = done[0].value if isinstance(done[0], Failure) else None
         assert failure is None or isinstance(failure, Exception)
@@ -134,10 +140,10 @@ class SerialWire:
     def __init__(self, device: FaultyE201, receiver: Receiver, clock: Clock) -> None:
         self.device, self.receiver, self.clock = device, receiver, clock
         self.plugged = True
+        self._replies = InOrder(self._deliver, clock=clock)
 
     def write(self, data: bytes) -> None:
-        for delay_s, reply in self.device.received(data, self.clock.seconds()):
-            self.clock.callLater(delay_s, self._deliver, reply)
+        self._replies.send(self.device.received(data, self.clock.seconds()))
 
     def flow(self) -> None:
         """Deliver what a continuous output has sent."""
@@ -154,17 +160,24 @@ class SerialWire:
 
 
 def encoder(
-    session: Session, faults: EncoderFaults, *, continuous: bool = False, first_stamp_us: int = 0, rate_hz: float = 100
+    session: Session,
+    faults: EncoderFaults,
+    *,
+    continuous: bool = False,
+    stamped: bool = True,
+    first_stamp_us: int = 0,
+    rate_hz: float = 100,
 ) -> tuple[Encoder, list[SerialWire]]:
     """Couple an encoder to a simulated interface on a slowly turning axis; the list gets every cable plugged in."""
     wires: list[SerialWire] = []
     device = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, first_stamp_us=first_stamp_us)
+    device.stamps = stamped
 
     def plug(port: str, receiver: Receiver) -> Line:
         wires.append(SerialWire(FaultyE201(device, faults, opened_s=0.0), receiver, session.clock))
         return wires[-1]
 
-    found = Found("port", "E201", "42", word_bits=22, position=0, stamped=True)
+    found = Found("port", "E201", "42", word_bits=22, position=0, stamped=stamped)
     instrument = Encoder(
         found,
         open_line=plug,
