@@ -115,7 +115,7 @@ class ReadyVehicle:
         """
         names = [f"rpm.m{motor}" if deck else f"motor.m{motor}_rpm" for motor in MOTORS]
         if self.link.variable(names[0]) is None:
-            what = "an RPM deck" if deck else "motors that tell their speed"
+            what = "RPM deck" if deck else "motors that tell their speed"
             raise DeviceError(f"{self.uri}: this vehicle has no {what}: it logs no {names[0]}.")
         return self.log((BATTERY, *names), period_ms=10)
 
