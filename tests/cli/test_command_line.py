@@ -20,12 +20,20 @@ COMMANDS = [
     ("rig", "sim"),
     ("log", "encoder"),
     ("log", "loadcell"),
+    ("log", "thrust"),
+    ("log", "speed"),
+    ("log", "scales"),
+    ("log", "sine"),
+    ("log", "ping"),
+    ("motors",),
+    ("motors", "set"),
+    ("motors", "stop"),
     ("fit", "swing"),
     ("fit", "friction"),
     ("fit", "inertia"),
     ("fit", "testbody"),
 ]
-HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial")
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib")
 
 
 def test_help_imports_nothing_heavy() -> None:
