@@ -169,7 +169,7 @@ def _play(
 
     reports, log = vehicle
     with ExitStack() as stream:
-        loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say)
+        loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
         return attempt(plan, [reports, loadcell, log], live)
 
 

@@ -88,7 +88,7 @@ def thrust(
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
     live = LiveLine()
     with ExitStack() as held:
-        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say)
+        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         confirm(crazyflie, wanted.motors, wanted.steps[-1], yes=vehicle.yes)
         plan = Plan(

@@ -18,6 +18,7 @@ from cfid.wire.rdt_status import read_status
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
 
 _SILENT_S = 1.0  # without a record, after which the stream is asked for again, if four datagrams would have come
+_BROKEN_S = 0.4  # without a record beside motors, after which they are stopped
 _ABSENT_S = 3.0  # of it at the start, after which it is given up
 _DEAD_S = 10.0  # of it later on, which leaves time to put a cable back
 _BREAKS_WITHIN_S = 30.0
@@ -60,12 +61,18 @@ class LoadCell:
         say: Say,
         buffered: bool = True,
         bias: bool = False,
+        patient: bool = True,
     ) -> None:
-        """Take the box' settings as read, an open port with its inbox, and whether to bias the box first."""
+        """Take the box' settings as read, an open port with its inbox, and whether to bias the box first.
+
+        One that is not `patient` waits for no stream that breaks off: beside motors nothing is worth waiting for.
+        """
         self._settings, self._inbox, self._port, self._where = settings, inbox, port, where
         self._loop, self._clock, self._say = loop, clock, say
         self._command = rdt.Command.BUFFERED if buffered else rdt.Command.REAL_TIME
         self._bias = bias
+        self._patient = patient
+        self._given_up = False
         self._order = RecordOrder()
         self._samples: SampleClock | None = None
         self._heard_s = self._asked_s = 0.0
@@ -77,6 +84,7 @@ class LoadCell:
         self._said: set[str] = set()
         self._streaming = False
         self._silent_s = max(_SILENT_S, 4 * settings.buffer_size / settings.rate_hz)
+        self._broken_s = max(_BROKEN_S, 4 * settings.buffer_size / settings.rate_hz)
 
     def start(self) -> None:
         """Ask for the stream; with a bias first if that was wished, since each request replaces the one before."""
@@ -136,7 +144,7 @@ class LoadCell:
         self._port.drain()
         silent_s = 0.0 if self._inbox.ends else self._loop.seconds() - self._heard_s
         await self._quieten()
-        if self._last_ft is not None and silent_s > self._silent_s:
+        if self._last_ft is not None and silent_s > self._silent_s and not self._given_up:
             raise DeviceError(self._silence(silent_s))
 
     async def _quieten(self) -> None:
@@ -186,14 +194,19 @@ class LoadCell:
     def _watch(self, now_s: float) -> None:
         """Ask again for a stream that broke off; give up one that stays away or is taken away again and again."""
         silent_s = now_s - self._heard_s
+        if self._streaming and not self._patient and self._last_ft is not None and silent_s > self._broken_s:
+            self._given_up = True
+            raise DeviceError(self._silence(silent_s))
         if not self._streaming or silent_s <= self._silent_s:
             return
         if silent_s > (_ABSENT_S if self._last_ft is None else _DEAD_S) + self._silent_s - _SILENT_S:
+            self._given_up = True
             raise DeviceError(self._silence(silent_s))
         if self._last_ft is not None and not self._fresh:
             self._say(f"{self._where} is silent; asking again")
             self._breaks_s = [past_s for past_s in self._breaks_s if now_s - past_s < _BREAKS_WITHIN_S] + [now_s]
         if len(self._breaks_s) >= _MOST_BREAKS:
+            self._given_up = True
             raise DeviceError(
                 f"{self._where}: the stream broke off {_MOST_BREAKS} times in {_BREAKS_WITHIN_S:g} s: another client "
                 "takes it, and the box answers only one. End that program; `cfid rig check` tells more."
@@ -208,9 +221,10 @@ class LoadCell:
             "records that contradict the stream": self._order.arrivals.rejected,
         }
         others = "".join(f" {count} {name} came." for name, count in unread.items() if count)
-        what = "sent nothing" if self._last_ft is None else f"sent no more for {silent_s:.0f} s"
+        what = "sent nothing" if self._last_ft is None else f"sent no more for {silent_s:.1f} s"
+        asked = ", though asked again and again" if self._patient else ""
         return (
-            f"{self._where} {what}, though asked again and again.{others} No power, no network, another client, or a "
+            f"{self._where} {what}{asked}.{others} No power, no network, another client, or a "
             "firewall that keeps UDP out: `cfid rig check` tells which."
         )
 

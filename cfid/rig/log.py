@@ -93,8 +93,13 @@ def ready_encoder(
     return Device(record=record, open=opened)
 
 
-def ready_loadcell(setting: LoadCellBox, held: ExitStack, *, buffered: bool, bias: bool, say: Say) -> Device:
-    """Hold the load cell, set its rate, read its settings, and say how it is recorded. Raises DeviceError."""
+def ready_loadcell(
+    setting: LoadCellBox, held: ExitStack, *, buffered: bool, bias: bool, say: Say, patient: bool = True
+) -> Device:
+    """Hold the load cell, set its rate, read its settings, and say how it is recorded. Raises DeviceError.
+
+    One that is not `patient` ends the run as soon as its stream breaks off.
+    """
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where, holder="cfid log"))
@@ -105,7 +110,16 @@ def ready_loadcell(setting: LoadCellBox, held: ExitStack, *, buffered: bool, bia
         port = RdtPort(inbox, box=(setting.address, setting.rdt_port), reactor=loop)
         port.startListening()
         return LoadCell(
-            settings, inbox, port, where=where, loop=loop, clock=clock, say=say, buffered=buffered, bias=bias
+            settings,
+            inbox,
+            port,
+            where=where,
+            loop=loop,
+            clock=clock,
+            say=say,
+            buffered=buffered,
+            bias=bias,
+            patient=patient,
         )
 
     record = DeviceRecord.model_validate(
