@@ -25,7 +25,9 @@ from cfid.rig.vehicle import Vehicle
 from cfid.run import DeviceRecord
 from cfid.wire.app import Ports
 
-USUAL = tuple(f"motor.m{motor}" for motor in MOTORS)
+APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
+DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
+MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
 NO_APP = (
     "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
     "(firmware_patches/README.md says how)."
@@ -105,15 +107,16 @@ class ReadyVehicle:
         return self._device("pings.csv", Pings.columns_of(self.firmware), opened)
 
     def usual_log(self) -> Device:
-        """Return what is worth logging beside any experiment, a hundred times a second."""
-        return self.log((BATTERY, *USUAL), period_ms=10)
+        """Return what is worth logging beside any experiment, a hundred times a second; speeds where they are told."""
+        told = [names for names in (DECK_SPEEDS, MOTOR_SPEEDS) if self.link.variable(names[0]) is not None]
+        return self.log((BATTERY, *APPLIED, *(told[0] if told else ())), period_ms=10)
 
     def speed_log(self, *, deck: bool) -> Device:
         """Return a log with the rotors' speeds, as the RPM deck or the brushless motors tell them.
 
         Raises DeviceError for a vehicle that tells none.
         """
-        names = [f"rpm.m{motor}" if deck else f"motor.m{motor}_rpm" for motor in MOTORS]
+        names = DECK_SPEEDS if deck else MOTOR_SPEEDS
         if self.link.variable(names[0]) is None:
             what = "RPM deck" if deck else "motors that tell their speed"
             raise DeviceError(f"{self.uri}: this vehicle has no {what}: it logs no {names[0]}.")
