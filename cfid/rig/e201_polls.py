@@ -1,5 +1,6 @@
 """Polls an E201 at the places of a grid of times, and gives each answer to the poll that it answers, or to none."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -8,6 +9,7 @@ from twisted.internet.base import DelayedCall
 from cfid.rig.e201_port import SLOWEST_REPLY_S
 from cfid.wire import e201
 
+_LATEST_S = 0.01  # that a busy computer, or the system's own queue before a port, holds a poll up now and then
 _NAME_S = 0.05  # without a name, after which it is asked for again
 _LAST_NAME_S = 0.1  # after a name, in which one that was asked for later would have come too
 
@@ -19,8 +21,9 @@ class Polls:
     whenever one is late, garbled or too many, the device is asked for its name: once that has come, no older
     answer is on its way.
 
-    A place of the grid whose period has passed is not polled any more. `sent` and `answered` count polls,
-    `skipped` places, `late` answers to polls that were given up, `unasked` those that were one too many.
+    A place of the grid that is ten milliseconds, or a whole period, ago is not polled any more; what is less late
+    is made up for. `sent` and `answered` count polls, `skipped` places, `late` answers to polls that were given
+    up, `unasked` those that were one too many.
     """
 
     def __init__(
@@ -34,7 +37,8 @@ class Polls:
     ) -> None:
         """Take how to ask, and how far the places of the grid are apart."""
         self.sent = self.answered = self.skipped = self.late = self.unasked = 0
-        self._reader, self._command, self._period_s, self._send, self._loop = reader, command, period_s, send, loop
+        self._reader, self._command, self._send, self._loop = reader, command, send, loop
+        self._period_s, self._latest_s = period_s, max(period_s, _LATEST_S)
         self._waiting = self._in_doubt = self._ended = False
         self._unnamed = 0  # names that were asked for and have not come
         self._timer: DelayedCall | None = None
@@ -77,7 +81,7 @@ class Polls:
         if self._waiting and len(readings) == 1 and not garbled:
             self._waiting = False
             self.answered += 1
-            self._wait_for_next()
+            self._wait_for_next(self._latest_s)
             return readings[0]
         if readings or garbled:
             self.unasked += len(readings)
@@ -91,10 +95,11 @@ class Polls:
         self._send(self._command)
         self._later(SLOWEST_REPLY_S, self._doubt)
 
-    def _wait_for_next(self) -> None:
-        """Poll at the next place of the grid, at once if its time has come."""
+    def _wait_for_next(self, latest_s: float) -> None:
+        """Poll at the next place of the grid that is not longer ago than that, at once if its time has come."""
         now_s = self._loop.seconds()
-        place = max(self._place + 1, int((now_s - self._begun_s) / self._period_s))
+        oldest = math.ceil((now_s - self._begun_s - latest_s) / self._period_s)
+        place = max(self._place + 1, oldest)
         self.skipped += place - self._place - 1
         self._place = place
         wait_s = self._begun_s + place * self._period_s - now_s
@@ -127,7 +132,7 @@ class Polls:
 
     def _trust(self) -> None:
         self._in_doubt = False
-        self._wait_for_next()
+        self._wait_for_next(self._period_s)
 
     def _later(self, delay_s: float, act: Callable[[], None]) -> None:
         """Do something later, instead of what was to be done before."""

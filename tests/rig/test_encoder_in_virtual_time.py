@@ -184,6 +184,21 @@ def test_places_of_the_grid_that_were_skipped_are_counted(session: Session) -> N
     assert len(rows_of(run, "encoder")) + skipped == pytest.approx(20 * 100, abs=3)
 
 
+def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(session: Session) -> None:
+    instrument, wires = encoder(session, SOUND, rate_hz=1000)
+
+    def hold_up(now_s: float) -> None:
+        wires[0].device.faults = EncoderFaults(slow_s=0.008 if now_s % 0.5 < 0.001 else 0.0)
+
+    run, _ = session.record(instrument, for_s=4, also=hold_up, step_s=2.5e-4)
+    rows = rows_of(run, "encoder")
+
+    assert len(rows) == pytest.approx(4000, abs=12)  # the last may be held up too
+    assert facts(run)["grid_places_skipped"] == 0
+    assert rows["t"].diff().max() > 0.008
+    check_angles(rows, late_s=0.01)
+
+
 def test_polls_keep_their_grid_over_ten_minutes(session: Session) -> None:
     instrument, _ = encoder(session, SOUND, rate_hz=7)
 
