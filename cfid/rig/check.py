@@ -118,7 +118,7 @@ def _tcp(setting: LoadCellBox, settings: Settings | None) -> Finding:
             "reading, TCP", "fault", ", ".join(status.faults), "take the load off; switch the box off and on"
         )
     if status.warnings:
-        return Finding("reading, TCP", "warning", ", ".join(status.warnings), "readings are not affected")
+        return Finding("reading, TCP", "warning", ", ".join(status.warnings), "no fault: recordings go on")
     return Finding("reading, TCP", "ok", "healthy")
 
 

@@ -55,18 +55,27 @@ class SampleClock:
         self._last_ticks = None
         self._quickest.clear()
 
-    def instants_s(self, ticks: npt.NDArray[np.uint32], *, arrived: npt.NDArray[np.intp], arrival_s: Array) -> Array:
+    def predicted_s(self, ticks: int) -> float:
+        """Return when a sample is expected to come that has this count."""
+        return float(self._unwrapped(np.array([ticks], np.uint32))[0] / self._ticks_per_s + self._offset_s)
+
+    def instants_s(
+        self, ticks: npt.NDArray[np.uint32], *, arrived: npt.NDArray[np.intp], arrival_s: Array, read_s: float
+    ) -> Array:
         """Return the instants of samples with the counts `ticks` (n,), which wrap at 2^32.
 
-        `arrived` (m,) are those samples with which a datagram ended, `arrival_s` (m,) when it came.
+        `arrived` (m,) are those samples with which a datagram ended, `arrival_s` (m,) when it came, and `read_s` is
+        when they were read: as long as no arrival is known, that is when the last one came.
         """
-        device_s = self._unwrapped(ticks) / self._ticks_per_s
+        counts = self._unwrapped(ticks)
+        self._last_ticks = int(counts[-1])
+        device_s = counts / self._ticks_per_s
         delays_s = arrival_s - device_s[arrived]
         fresh = not self._quickest
         if len(delays_s):
             self._quickest.append(float(delays_s.min()))
         if not self._quickest:
-            return device_s + self._offset_s
+            return np.asarray(device_s + (read_s - device_s[-1]))
         if fresh:
             self._offset_s, self._at_s = self._quickest[-1], float(device_s[0])
         most_s = _FASTEST_CORRECTION * max(float(device_s[-1]) - self._at_s, 0.0)
@@ -77,9 +86,7 @@ class SampleClock:
         return np.asarray(instants_s)
 
     def _unwrapped(self, ticks: npt.NDArray[np.uint32]) -> Array:
-        if self._last_ticks is None:
-            self._last_ticks = int(ticks[0])
-        begin = self._last_ticks
+        """Continue a count (n,) from the last one known."""
+        begin = int(ticks[0]) if self._last_ticks is None else self._last_ticks
         steps = (ticks - np.uint32(begin % _WRAP)).astype(np.int32).astype(np.int64)
-        self._last_ticks = begin + int(steps[-1])
         return np.asarray(begin + steps, dtype=np.float64)

@@ -4,16 +4,16 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from cfid.errors import DeviceError
-from cfid.rig.clock import Array, HostClock, SampleClock
+from cfid.rig.clock import HostClock
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, Inbox
+from cfid.rig.rdt_status_watch import StatusWatch
+from cfid.rig.rdt_times import Arrivals, RecordTimes, arrivals_of
 from cfid.rig.recorder import Block, Say, no_rows, sleep
 from cfid.wire import rdt
 from cfid.wire.netft import Settings
 from cfid.wire.rdt_order import RecordOrder
-from cfid.wire.rdt_status import read_status
 
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
 
@@ -23,9 +23,10 @@ _ABSENT_S = 3.0  # of it at the start, after which it is given up
 _DEAD_S = 10.0  # of it later on, which leaves time to put a cable back
 _BREAKS_WITHIN_S = 30.0
 _MOST_BREAKS = 3  # of a stream within that time, after which someone must be taking it
-_RESOLUTION_S = 1e-6  # of the time column
+_PAUSE_S = 0.05  # without a record at the end, beside four datagrams, which is a gap
 _QUIET_S = 0.03  # without a datagram, after which the box has stopped: a full buffer takes 20 ms
 _STOPS = 5
+_LONGEST_STOP_S = 1.4
 
 
 class StreamPort(Protocol):
@@ -74,17 +75,18 @@ class LoadCell:
         self._patient = patient
         self._given_up = False
         self._order = RecordOrder()
-        self._samples: SampleClock | None = None
+        self._times = RecordTimes(rate_hz=settings.rate_hz)
+        self._status = StatusWatch(where=where, family=settings.family, say=say)
         self._heard_s = self._asked_s = 0.0
         self._last_ft: int | None = None
-        self._last_s = -np.inf
         self._fresh = True
+        self._missing = self._counted = 0
         self._breaks_s: list[float] = []
         self._gaps: list[dict[str, float | str]] = []
-        self._said: set[str] = set()
         self._streaming = False
-        self._silent_s = max(_SILENT_S, 4 * settings.buffer_size / settings.rate_hz)
-        self._broken_s = max(_BROKEN_S, 4 * settings.buffer_size / settings.rate_hz)
+        self._datagram_s = settings.buffer_size / settings.rate_hz if buffered else 1 / settings.rate_hz
+        self._silent_s = max(_SILENT_S, 4 * self._datagram_s)
+        self._broken_s = max(_BROKEN_S, 4 * self._datagram_s)
 
     def start(self) -> None:
         """Ask for the stream; with a bias first if that was wished, since each request replaces the one before."""
@@ -103,34 +105,31 @@ class LoadCell:
     def take(self) -> Block:
         """Hand over the records that came, in order and timed by the box' own count."""
         self._port.drain()
-        inbox = self._inbox
-        now_s = self._loop.seconds()
-        lost_before = self._lost()
-        if not inbox.ends:
-            self._watch(now_s)
-            return Block(no_rows(len(COLUMNS)), self._lost() - lost_before)
+        inbox, now_s = self._inbox, self._loop.seconds()
         every = rdt.decode_records(inbox.data)
-        ends, arrivals_s = np.array(inbox.ends), np.array(inbox.arrivals_s)
+        ends, came_s = np.array(inbox.ends, np.intp), np.array(inbox.arrivals_s)
         inbox.empty()
         records = self._order.take(every)
         if not len(records.ft_sequence):
             self._watch(now_s)
-            return Block(no_rows(len(COLUMNS)), self._lost() - lost_before)
+            return Block(no_rows(len(COLUMNS)), self._newly_lost())
+        assert self._order.step is not None  # of records that were taken
+        self._times.learn(self._order.step)
+        arrivals = arrivals_of(records, every.ft_sequence[ends], came_s, read_s=now_s)
         if self._fresh and self._last_ft is not None:
-            self._resume(records, now_s)
+            self._resume(records, arrivals)
         self._fresh, self._heard_s, self._last_ft = False, now_s, int(records.ft_sequence[-1])
-        instants_s = self._instants_s(records, every.ft_sequence[ends], arrivals_s)
         counts = records.counts
         return Block(
             (
-                self._clock.unix_s(instants_s),
+                self._clock.unix_s(self._times.instants_s(records, arrivals)),
                 *(counts[:, axis] for axis in range(6)),
                 records.rdt_sequence,
                 records.ft_sequence,
                 records.status,
             ),
-            self._lost() - lost_before,
-            self._fault(records.status),
+            self._newly_lost(),
+            self._status.fault(records.status),
         )
 
     async def stop(self) -> None:
@@ -142,22 +141,30 @@ class LoadCell:
             return
         self._streaming = False
         self._port.drain()
-        silent_s = 0.0 if self._inbox.ends else self._loop.seconds() - self._heard_s
+        now_s = self._loop.seconds()
+        silent_s = 0.0 if self._inbox.ends else now_s - self._heard_s
+        if self._last_ft is not None and silent_s > _PAUSE_S + 4 * self._datagram_s:
+            self._missing += round(silent_s * self._times.rate_hz)
+            self._note_gap(now_s, "silent at the end")
         await self._quieten()
         if self._last_ft is not None and silent_s > self._silent_s and not self._given_up:
             raise DeviceError(self._silence(silent_s))
 
     async def _quieten(self) -> None:
-        for _ in range(_STOPS):
-            self._port.send(rdt.encode_request(rdt.Request(rdt.Command.STOP)))
-            await sleep(self._loop, _QUIET_S)
-            self._port.drain()
+        """Ask the box to stop, twice at least, until it was silent for the time of two datagrams."""
+        needed_s = max(_QUIET_S, 2 * self._datagram_s)
+        every_s = min(needed_s, _LONGEST_STOP_S / _STOPS)
+        quiet_s = 0.0
+        for request in range(_STOPS):
             arrived = len(self._inbox.ends)
-            await sleep(self._loop, _QUIET_S)
+            self._port.send(rdt.encode_request(rdt.Request(rdt.Command.STOP)))
+            await sleep(self._loop, every_s)
             self._port.drain()
-            if len(self._inbox.ends) == arrived:
+            quiet_s = quiet_s + every_s if len(self._inbox.ends) == arrived else 0.0
+            if request and quiet_s >= needed_s:
                 return
-        self._say(f"{self._where} goes on streaming after {_STOPS} requests to stop: switch it off and on.")
+        if not quiet_s:
+            self._say(f"{self._where} goes on streaming after {_STOPS} requests to stop: switch it off and on.")
 
     def close(self) -> None:
         """Close the port."""
@@ -168,18 +175,18 @@ class LoadCell:
         arrivals = self._order.arrivals
         return {
             "arrivals": {
-                "lost": arrivals.lost,
+                "lost": arrivals.lost + self._missing,
                 "late": arrivals.late,
                 "reordered": arrivals.reordered,
                 "duplicates": arrivals.duplicates,
                 "rejected": arrivals.rejected,
                 "malformed_datagrams": self._inbox.malformed,
                 "foreign_datagrams": self._inbox.foreign,
-                "dropped_by_this_computer": self._inbox.overflowed,
+                "datagrams_dropped_by_this_computer": self._inbox.overflowed,
             },
             "gaps": self._gaps,
             "receive_buffer_bytes": self._port.buffer_bytes,
-            "said": sorted(self._said),
+            "said": sorted(self._status.said),
         }
 
     def _ask(self) -> None:
@@ -188,8 +195,10 @@ class LoadCell:
         self._asked_s = self._loop.seconds()
         self._port.send(rdt.encode_request(rdt.Request(self._command)))
 
-    def _lost(self) -> int:
-        return self._order.arrivals.lost
+    def _newly_lost(self) -> int:
+        lost = self._order.arrivals.lost + self._missing
+        newly, self._counted = lost - self._counted, lost
+        return newly
 
     def _watch(self, now_s: float) -> None:
         """Ask again for a stream that broke off; give up one that stays away or is taken away again and again."""
@@ -228,54 +237,21 @@ class LoadCell:
             "firewall that keeps UDP out: `cfid rig check` tells which."
         )
 
-    def _resume(self, records: rdt.Records, now_s: float) -> None:
+    def _resume(self, records: rdt.Records, arrivals: Arrivals) -> None:
         """With the first records of a new request, note the gap and count what the box sampled in it."""
         assert self._last_ft is not None and self._order.step is not None
-        step = self._order.step
+        now_s, step = arrivals.read_s, self._order.step
         passed = (int(records.ft_sequence[0]) - self._last_ft) % (1 << 32)
-        most = (now_s - self._heard_s + _SILENT_S) * self._ticks_per_s()
-        if passed > most:
+        most = (now_s - self._heard_s + _SILENT_S) * self._times.rate_hz * step
+        if passed > most or self._times.began_anew(records, arrivals):
             reason = "the box was restarted"
-            if self._samples is not None:
-                self._samples.restart()
+            self._times.restart()
         else:
             reason = "the stream broke off"
-            self._order.arrivals.lost += max(passed // step - int(records.rdt_sequence[0]), 0)
-        begin_s, end_s = self._clock.unix_s(np.array([self._heard_s, now_s])).tolist()
-        self._gaps.append({"from_s": begin_s, "to_s": end_s, "reason": reason})
-        self._say(f"{self._where}: {reason}; records again after {end_s - begin_s:.1f} s")
+            self._missing += max(passed // step - int(records.rdt_sequence[0]), 0)
+        self._note_gap(now_s, reason)
+        self._say(f"{self._where}: {reason}; records again after {now_s - self._heard_s:.1f} s")
 
-    def _instants_s(self, records: rdt.Records, ended: npt.NDArray[np.uint32], arrivals_s: Array) -> Array:
-        """Time the records by ft_sequence; `ended` (m,) are the last counts of datagrams that came at `arrivals_s`."""
-        if self._samples is None:
-            self._samples = SampleClock(ticks_per_s=self._ticks_per_s())
-        first = records.ft_sequence[0]
-        passed, passed_at_end = records.ft_sequence - first, ended - first
-        place = np.searchsorted(passed, passed_at_end).clip(max=len(passed) - 1)
-        there = passed[place] == passed_at_end
-        instants_s = self._samples.instants_s(records.ft_sequence, arrived=place[there], arrival_s=arrivals_s[there])
-        if instants_s[0] <= self._last_s:  # the anchor after a restart may lie before the end of the gap
-            instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
-        self._last_s = float(instants_s[-1])
-        return instants_s
-
-    def _ticks_per_s(self) -> float:
-        """Return what ft_sequence counts in a second; the rate is told in whole hertz, 7000/3 as 2333."""
-        told = float(self._settings.rate_hz * (self._order.step or 1))
-        return rdt.INTERNAL_HZ if abs(told / rdt.INTERNAL_HZ - 1) < 5e-3 else told
-
-    def _fault(self, status: npt.NDArray[np.uint32]) -> str:
-        """Say what the status words say; return what ends the run."""
-        if not np.bitwise_or.reduce(status):
-            return ""
-        faults: list[str] = []
-        for word in np.unique(status).tolist():
-            read = read_status(word, self._settings.family)
-            faults += read.faults
-            for warning in read.warnings:
-                if warning not in self._said:
-                    self._said.add(warning)
-                    self._say(f"{self._where}: {warning} (status {word:#010x}); readings are not affected")
-        if not faults:
-            return ""
-        return f"{self._where}: {', '.join(dict.fromkeys(faults))}: the readings from there on are not forces."
+    def _note_gap(self, end_s: float, reason: str) -> None:
+        begin_s, to_s = self._clock.unix_s(np.array([self._heard_s, end_s])).tolist()
+        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})

@@ -7,9 +7,8 @@ from html import unescape
 from typing import NamedTuple
 from urllib.parse import urlencode
 
-from cfid.wire.rdt_status import Family
+from cfid.wire.rdt_status import Family, family_of
 
-TCP_PORT = 49151
 DEFAULT_ADDRESS = "192.168.1.1"
 CONFIGURATION_PATH = "/netftapi2.xml"
 FASTEST_HZ = 7000
@@ -52,7 +51,7 @@ class Settings(NamedTuple):
     @property
     def family(self) -> Family:
         """Which table of status bits holds."""
-        return "axia" if "axia" in self.product.lower() else "netft"
+        return family_of(self.product)
 
     @property
     def counts_per_n(self) -> float:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-PORT = 49152
 RECORD_BYTES = 36
 LONGEST_BUFFER = 40  # records in one datagram
 INTERNAL_HZ = 7000  # what a Net F/T counts in ft_sequence, whatever rate it sends at

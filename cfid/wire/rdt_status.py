@@ -1,4 +1,10 @@
-"""What the bits of a load cell's status word say, for the two families that speak RDT."""
+"""What the bits of a load cell's status word say, for the two families that speak RDT.
+
+Sources. Net F/T: ATI's manual 9620-05-NET FT, section "System Status Code" (18.2 in revision 11), as the public client
+github.com/netft decodes it from revision 23; the section itself was not at hand. Ethernet Axia: ATI's manual
+9610-05-Ethernet Axia-09, section 4.8, table 4.7, which says too which bits are no error; bit 7 from
+9620-05-C-Ethernet Axia-02, section 5.5; bit 26 from public clients alone.
+"""
 
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
@@ -6,33 +12,45 @@ from typing import Literal, NamedTuple
 Family = Literal["netft", "axia"]
 
 _ANY_ERROR = 31
-_LATCHED_THRESHOLD = 16
 
-# Manual of the Net F/T (9610-05-1022), table of system status bits; bits 0 to 14 are those of the board that
-# digitises the gages. What is not named there is told by its number.
 _NETFT: Mapping[int, str] = {
-    0: "watchdog reset of the gage board",
-    1: "the gage board's converter check is too high",
-    2: "the gage board's converter check is too low",
-    3: "the gage board's artificial ground is out of range",
-    4: "supply voltage too high",
-    5: "supply voltage too low",
-    6: "bad active calibration",
-    7: "the gage board's EEPROM failed",
-    8: "configuration invalid",
-    11: "sensor too hot",
-    12: "sensor too cold",
-    14: "CAN bus error",
+    1: "its web server failed",
+    2: "its own temperature is wrong",
+    3: "its reference voltage or power supervision is wrong",
+    4: "no data from the transducer",
+    5: "supply of the analog board too low",
+    6: "supply of the analog board too high",
+    7: "artificial ground of the analog board out of range",
+    8: "current through the gages too low",
+    9: "current through the gages too high",
+    10: "watchdog of the analog board",
+    11: "flash memory failed",
+    12: "EEPROM failed",
+    13: "stack check failed",
+    14: "watchdog",
     16: "a threshold is latched",
     17: "saturation, or the converter failed",
+    18: "DeviceNet failed",
+    19: "EtherNet/IP failed",
+    20: "RDT failed",
+    21: "CAN failed",
+    22: "network failed",
+    23: "the configuration does not fit the calibration",
+    24: "a setting is not valid",
+    25: "halted by errors of its configuration",
+    26: "its program is damaged",
+    27: "the link to the transducer failed",
+    28: "the analog board failed",
+    29: "the digital board failed",
+    30: "processor or memory failed",
 }
-# Manual of the Ethernet Axia (9610-05-Ethernet Axia), section 4.8.
 _AXIA: Mapping[int, str] = {
     0: "temperature out of range",
     1: "supply voltage out of range",
     2: "broken gage",
-    3: "busy",
-    5: "hardware or stack error",
+    3: "busy with a change of its settings, which may touch readings for a moment",
+    5: "an error of another kind",
+    7: "calibration not accessible",
     16: "a monitored condition is latched",
     26: "a gage is near its limit",
     27: "a gage is out of range",
@@ -40,10 +58,7 @@ _AXIA: Mapping[int, str] = {
     29: "calibration checksum error",
     30: "force or torque out of range",
 }
-_WARNINGS: Mapping[Family, frozenset[int]] = {
-    "netft": frozenset({_LATCHED_THRESHOLD}),
-    "axia": frozenset({_LATCHED_THRESHOLD, 26}),
-}
+_WARNINGS: Mapping[Family, frozenset[int]] = {"netft": frozenset({16}), "axia": frozenset({3, 16, 26, 28})}
 
 
 class Status(NamedTuple):
@@ -53,10 +68,16 @@ class Status(NamedTuple):
     warnings: tuple[str, ...]
 
 
+def family_of(product: str) -> Family:
+    """Return whose table of bits holds for a box of this name."""
+    return "axia" if "axia" in product.lower() else "netft"
+
+
 def read_status(word: int, family: Family) -> Status:
     """Return the sentences of a status word; both empty for a healthy 0.
 
-    Bit 31 only sums up the others: alone, it is a fault without a name.
+    A bit that no source names is told by its number, and is a fault. Bit 31 only sums up the others: alone, it
+    is a fault without a name.
     """
     names = _NETFT if family == "netft" else _AXIA
     bits = [bit for bit in range(_ANY_ERROR) if word >> bit & 1]

@@ -45,9 +45,15 @@ Array = npt.NDArray[np.float64]
 
 
 class Box(FaultyNetFT):
-    """A box that remembers who asked it last."""
+    """A box that remembers who asked it last, and how often anybody did anything."""
 
     client: Address = ("", 0)
+    contacts = 0
+
+    def alive(self, now_s: float) -> bool:
+        """Return whether it answers."""
+        self.contacts += 1
+        return super().alive(now_s)
 
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
         """Hear an RDT request."""

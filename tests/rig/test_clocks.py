@@ -1,13 +1,17 @@
 """Times of samples that a device counts, from arrivals that come late now and then; and the host's own clock."""
 
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from cfid.rig.clock import HostClock, SampleClock
+from cfid.rig.rdt_times import ticks_per_s_of
 
 Array = npt.NDArray[np.float64]
 
@@ -17,6 +21,7 @@ DATAGRAM = 70
 SMALLEST_DELAY_S = 2e-4
 BEGAN_S = 123_456.7  # on a monotonic clock
 TEN_MINUTES = 12_000  # blocks
+NO_ARRIVAL: Any = {"arrived": np.empty(0, np.intp), "arrival_s": np.empty(0)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +38,7 @@ class Stream:
         arrivals = self.arrival_s.reshape(-1, len(ends))
         blocks = self.ticks.reshape(-1, BLOCK)
         found = [
-            clock.instants_s(ticks, arrived=ends, arrival_s=arrival)
+            clock.instants_s(ticks, arrived=ends, arrival_s=arrival, read_s=float(arrival[-1]))
             for ticks, arrival in zip(blocks, arrivals, strict=True)
         ]
         return np.concatenate(found)
@@ -118,11 +123,44 @@ def test_samples_without_an_arrival_continue_the_count() -> None:
     device = stream(blocks=200, ppm=0, jitter="exponential")
     found_s = device.timed(clock)
 
-    on = clock.instants_s(
-        device.ticks[-1] + np.arange(1, 11, dtype=np.uint32), arrived=np.empty(0, np.intp), arrival_s=np.empty(0)
-    )
+    on = clock.instants_s(device.ticks[-1] + np.arange(1, 11, dtype=np.uint32), **NO_ARRIVAL, read_s=found_s[-1] + 3)
 
     check_regular(np.concatenate([found_s, on]))
+
+
+def test_samples_before_any_arrival_are_timed_by_when_they_were_read() -> None:
+    """The box' count alone is its own uptime, and no time on this computer's clock."""
+    clock = SampleClock(ticks_per_s=HZ)
+    device = stream(blocks=200, ppm=0, jitter="exponential")
+
+    first_s = clock.instants_s(device.ticks[:BLOCK], **NO_ARRIVAL, read_s=BEGAN_S + 0.06)
+    clock.restart()
+    again_s = clock.instants_s(device.ticks[:BLOCK], **NO_ARRIVAL, read_s=BEGAN_S + 9.06)
+
+    assert first_s[-1] == pytest.approx(BEGAN_S + 0.06)
+    assert again_s[-1] == pytest.approx(BEGAN_S + 9.06)
+    check_regular(first_s)
+    assert np.abs(device.error_s(device.timed(clock))).max() < 2e-3  # the first arrival counts as ever
+
+
+def test_a_sample_is_expected_when_its_count_says() -> None:
+    clock = SampleClock(ticks_per_s=HZ)
+    device = stream(blocks=200, ppm=0, jitter="exponential", first_tick=2**32 - 10_000)
+    found_s = device.timed(clock)
+
+    assert clock.predicted_s(int(device.ticks[-1])) == pytest.approx(found_s[-1], abs=1e-6)
+    assert clock.predicted_s(int(device.ticks[-1]) + 70_000) == pytest.approx(found_s[-1] + 10, abs=1e-6)
+
+
+@pytest.mark.parametrize("rounding", [math.floor, round, math.ceil])
+def test_every_rate_of_a_net_ft_is_7000_by_a_number_however_it_is_rounded(rounding: Callable[[float], int]) -> None:
+    for step in range(1, 7001):
+        assert ticks_per_s_of(rounding(7000 / step), step) == 7000
+
+
+@pytest.mark.parametrize(("rate_hz", "step"), [(7912, 1), (3956, 2), (989, 8), (6000, 1), (500, 10)])
+def test_a_box_that_counts_otherwise_is_believed(rate_hz: int, step: int) -> None:
+    assert ticks_per_s_of(rate_hz, step) == rate_hz * step
 
 
 def test_the_hosts_clock_is_the_wall_clock_when_it_was_tied() -> None:

@@ -1,5 +1,6 @@
 """A load cell recorded for minutes of a clock that the test turns: what is lost, late, doubled, gone and back."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 from cfid.errors import DeviceError
 from cfid.run import Run
 from cfid.sim.faults import LoadCellFaults
-from cfid.wire.rdt import Command, Request, encode_request
-from tests.rig.virtual import STEP_S, Session, loadcell, rows_of
+from cfid.wire.rdt import Command, Request, decode_request, encode_request
+from tests.rig.virtual import STEP_S, UNIX_S, RdtWire, Session, loadcell, rows_of
 
 SOUND = LoadCellFaults()
 STRANGER = ("192.0.2.66", 4000)
@@ -130,6 +131,37 @@ def test_a_box_that_restarts_is_asked_again_and_time_never_goes_back(session: Se
     assert rows["t"].iloc[-1] - rows["t"].iloc[0] == pytest.approx(12, abs=0.1)
 
 
+def test_a_restart_after_which_the_box_counts_on_from_above_is_seen_by_when_its_records_come(
+    session: Session,
+) -> None:
+    instrument, _, _ = loadcell(session, LoadCellFaults(restart_after_s=0.3, restart_for_s=0.4), first_ft=0)
+
+    run, failure = session.record(instrument, for_s=5)
+    rows = rows_of(run, "loadcell")
+    (gap,) = facts(run)["gaps"]
+
+    assert failure is None
+    assert rows["ft_sequence"].diff().min() > 0
+    assert gap["reason"] == "the box was restarted"
+    assert rows["t"].iloc[-1] == pytest.approx(UNIX_S + 5, abs=0.03)
+    assert rows["t"].diff().min() > 0
+    assert run.header.devices["loadcell"].lost == 0  # what it would have sampled without power is nobody's
+
+
+def test_a_silence_at_the_end_is_a_gap_with_its_losses(session: Session) -> None:
+    instrument, box, _ = loadcell(session, LoadCellFaults(silent_after_s=3))
+
+    run, failure = session.record(instrument, for_s=3.6)
+    (gap,) = facts(run)["gaps"]
+
+    assert failure is None
+    assert gap["reason"] == "silent at the end"
+    assert gap["to_s"] - gap["from_s"] == pytest.approx(0.6, abs=0.06)
+    assert run.header.devices["loadcell"].lost == pytest.approx(0.6 * 700, abs=0.06 * 700)
+    assert facts(run)["arrivals"]["lost"] == run.header.devices["loadcell"].lost
+    assert not box.streaming
+
+
 def test_another_client_that_takes_the_stream_again_and_again_ends_the_run(session: Session) -> None:
     instrument, box, _ = loadcell(session, SOUND)
     thefts = [0]
@@ -169,7 +201,7 @@ def test_a_box_that_stays_silent_is_given_up_with_its_rows_kept(session: Session
     assert len(rows_of(run, "loadcell")) == pytest.approx(5 * 700, abs=50)
 
 
-@pytest.mark.parametrize(("status", "word"), [(0x80020000, "saturation"), (0x80000004, "converter check is too low")])
+@pytest.mark.parametrize(("status", "word"), [(0x80020000, "saturation"), (0x80000004, "its own temperature is wrong")])
 def test_an_error_bit_ends_the_run_within_100_ms(session: Session, status: int, word: str) -> None:
     instrument, box, _ = loadcell(session, LoadCellFaults(status_after_s=3, status=status))
 
@@ -190,6 +222,73 @@ def test_a_load_beyond_the_range_ends_the_run(session: Session) -> None:
 
     assert isinstance(failure, DeviceError)
     assert "saturation" in str(failure)
+
+
+@pytest.mark.parametrize("bit", [16, 17, 31])
+def test_a_status_bit_that_was_flipped_on_the_way_ends_no_run(session: Session, bit: int) -> None:
+    instrument, _, wire = loadcell(session, SOUND)
+    take_in, rng = wire.inbox.add, np.random.default_rng(7)
+
+    def harm(data: bytes, source: tuple[str, int], arrival_s: float) -> None:
+        """Flip the bit in one record of every other datagram."""
+        garbled = bytearray(data)
+        if rng.integers(2):
+            garbled[36 * rng.integers(1, 13) + 8 + (31 - bit) // 8] ^= 1 << bit % 8
+        take_in(bytes(garbled), source, arrival_s)
+
+    wire.deliver = harm
+    run, failure = session.record(instrument, for_s=10)
+
+    assert failure is None
+    assert session.said == []
+    assert (rows_of(run, "loadcell")["status"] == 1 << bit).sum() > 100  # each stands in its row
+
+
+# The end
+
+
+def without(wire: RdtWire, lost: Callable[[int], bool]) -> list[float]:
+    """Lose requests to stop on their way, by their number from 1; return when they were sent."""
+    send, stops = wire.send, []
+
+    def sometimes(datagram: bytes) -> None:
+        if decode_request(datagram) == Request(Command.STOP):
+            stops.append(wire.clock.seconds())
+            if lost(len(stops)):
+                return
+        send(datagram)
+
+    wire.send = sometimes  # type: ignore[method-assign]
+    return stops
+
+
+@pytest.mark.parametrize("rate_hz", [1, 2, 7, 33, 100, 700, 7000])
+def test_a_request_to_stop_that_is_lost_leaves_no_stream(session: Session, rate_hz: int) -> None:
+    instrument, box, wire = loadcell(session, SOUND, buffered=False, rate_hz=rate_hz)
+    stops = without(wire, lambda number: number == 1)
+
+    run, failure = session.record(instrument, for_s=4)
+
+    assert failure is None
+    assert not box.streaming
+    assert len(stops) >= 2
+    assert session.clock.seconds() < stops[0] + 1.5
+    assert session.said == []
+    assert facts(run)["gaps"] == []
+
+
+@pytest.mark.parametrize("rate_hz", [7, 700])
+def test_a_box_that_does_not_stop_is_said(session: Session, rate_hz: int) -> None:
+    instrument, box, wire = loadcell(session, SOUND, buffered=False, rate_hz=rate_hz)
+    stops = without(wire, lambda number: True)
+
+    _, failure = session.record(instrument, for_s=4)
+
+    assert failure is None
+    assert box.streaming
+    assert len(stops) == 5
+    assert session.clock.seconds() < stops[0] + 1.5
+    assert session.said == ["box goes on streaming after 5 requests to stop: switch it off and on."]
 
 
 def test_a_latched_threshold_is_only_said_once(session: Session) -> None:

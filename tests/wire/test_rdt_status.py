@@ -4,12 +4,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cfid.wire.rdt_status import Family, Status, read_status
+from cfid.wire.rdt_status import Family, Status, family_of, read_status
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
 MANY = settings(FEW, max_examples=100_000, suppress_health_check=list(HealthCheck))
 FAMILIES: tuple[Family, Family] = ("netft", "axia")
-WARNING_BITS = {"netft": 1 << 16, "axia": 1 << 16 | 1 << 26}
+WARNING_BITS = {"netft": 1 << 16, "axia": 1 << 3 | 1 << 16 | 1 << 26 | 1 << 28}
 
 families = st.sampled_from(FAMILIES)
 words = st.integers(0, 2**32 - 1)
@@ -75,6 +75,33 @@ def test_an_axia_tells_what_is_out_of_range(word: int, fault: str) -> None:
     assert read_status(word, "axia") == Status((fault,), ())
 
 
-@pytest.mark.parametrize(("bit", "family"), [(9, "netft"), (27, "netft"), (30, "netft"), (4, "axia"), (17, "axia")])
+@pytest.mark.parametrize(
+    ("bit", "fault"),
+    [
+        (5, "supply of the analog board too low"),
+        (20, "RDT failed"),
+        (27, "the link to the transducer failed"),
+        (30, "processor or memory failed"),
+    ],
+)
+def test_a_net_ft_tells_what_failed(bit: int, fault: str) -> None:
+    assert read_status(0x80000000 | 1 << bit, "netft") == Status((fault,), ())
+
+
+@pytest.mark.parametrize("bit", [3, 16, 28])
+def test_what_an_axias_maker_calls_no_error_is_a_warning(bit: int) -> None:
+    status = read_status(1 << bit, "axia")
+    assert status.faults == ()
+    assert len(status.warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("product", "family"), [("Net F/T", "netft"), ("Ethernet Axia80", "axia"), ("ETHERNET AXIA", "axia"), ("", "netft")]
+)
+def test_the_products_name_says_the_family(product: str, family: Family) -> None:
+    assert family_of(product) == family
+
+
+@pytest.mark.parametrize(("bit", "family"), [(0, "netft"), (15, "netft"), (4, "axia"), (17, "axia")])
 def test_a_bit_that_no_table_has_is_told_by_its_number(bit: int, family: Family) -> None:
     assert read_status(1 << bit, family) == Status((f"status bit {bit}",), ())

@@ -1,0 +1,76 @@
+"""When the records of a load cell's stream were sampled, on the host's clock, by the box' own count."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.rig.clock import Array, SampleClock
+from cfid.wire import rdt
+
+_RESOLUTION_S = 1e-6  # of the time column
+_CONTRADICTION_S = 0.2  # between when a record came and when its count says: the count began anew
+
+
+class Arrivals(NamedTuple):
+    """Which records ended a datagram (m,), when those came (m,), and when all of it was read."""
+
+    record: npt.NDArray[np.intp]
+    came_s: Array
+    read_s: float
+
+
+def arrivals_of(records: rdt.Records, ended: npt.NDArray[np.uint32], came_s: Array, *, read_s: float) -> Arrivals:
+    """Find the ends of datagrams among records in order; `ended` (m,) are their ft_sequence as they came."""
+    first = records.ft_sequence[0]
+    passed, passed_at_end = records.ft_sequence - first, ended - first
+    place = np.searchsorted(passed, passed_at_end).clip(max=len(passed) - 1)
+    there = passed[place] == passed_at_end
+    return Arrivals(place[there], came_s[there], read_s)
+
+
+class RecordTimes:
+    """Times of records that never go back. `rate_hz` is what the box tells, in whole hertz: 7000/3 as 2333."""
+
+    def __init__(self, *, rate_hz: float) -> None:
+        """Take the rate as it was told."""
+        self.rate_hz = float(rate_hz)
+        self._samples: SampleClock | None = None
+        self._last_s = -np.inf
+
+    def learn(self, step: int) -> None:
+        """Take by how much ft_sequence steps from one record to the next, from which the rate follows."""
+        if self._samples is None:
+            ticks_per_s = ticks_per_s_of(self.rate_hz, step)
+            self._samples = SampleClock(ticks_per_s=ticks_per_s)
+            self.rate_hz = ticks_per_s / step
+
+    def began_anew(self, records: rdt.Records, arrivals: Arrivals) -> bool:
+        """Return whether the count of the first records after a silence contradicts when they came."""
+        if self._samples is None:
+            return False
+        record, came_s = (arrivals.record[0], arrivals.came_s[0]) if len(arrivals.record) else (-1, arrivals.read_s)
+        predicted_s = self._samples.predicted_s(int(records.ft_sequence[record]))
+        return bool(abs(came_s - predicted_s) > _CONTRADICTION_S)
+
+    def restart(self) -> None:
+        """Forget the count: the box began a new one."""
+        if self._samples is not None:
+            self._samples.restart()
+
+    def instants_s(self, records: rdt.Records, arrivals: Arrivals) -> Array:
+        """Return when records in order were sampled. The step has to be known."""
+        assert self._samples is not None
+        instants_s = self._samples.instants_s(
+            records.ft_sequence, arrived=arrivals.record, arrival_s=arrivals.came_s, read_s=arrivals.read_s
+        )
+        if instants_s[0] <= self._last_s:  # the anchor after a restart may lie before the end of the gap
+            instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
+        self._last_s = float(instants_s[-1])
+        return instants_s
+
+
+def ticks_per_s_of(rate_hz: float, step: int) -> float:
+    """Return what ft_sequence counts in a second: a Net F/T's 7000, unless no rounding of the rate explains it."""
+    rounded = (rate_hz - 1) * step < rdt.INTERNAL_HZ < (rate_hz + 1) * step
+    return float(rdt.INTERNAL_HZ if rounded else rate_hz * step)
