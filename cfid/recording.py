@@ -15,8 +15,11 @@ from cfid.parameters import Source
 from cfid.run import RUN_FILE, Label
 from cfid.stamps import (
     CUT_LINE,
+    Facts,
     TimeUnit,
     column_name,
+    facts_of,
+    gaps,
     losses,
     named_column,
     numbers_of,
@@ -83,8 +86,9 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
         counts_per_turn=reading.counts_per_turn or record.counts_per_turn,
         columns=record.columns[:2],
     )
-    found, rows = _read(file, own, run.header.label)
-    notes = tuple(f"{path.name}: {note}" for note in losses(run, record, rows))
+    found, rows = _read(file, own, run.header.label, own=True)
+    said = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
+    notes = tuple(f"{path.name}: {note}" for note in said)
     return replace(found, run=path.resolve().name, notes=notes + found.notes)
 
 
@@ -104,12 +108,12 @@ def counts_per_turn(text: str) -> CountsPerTurn:
     return value
 
 
-def _read(path: Path, reading: Reading, label: Label) -> tuple[AngleRecord, int]:
+def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> tuple[AngleRecord, int]:
     """Return a file's record, and how many rows the file has."""
     table = open_table(path, skip_lines=reading.skip_lines)
     time_name, angle_name = _columns(table, reading)
     values = numbers_of(table, [*([time_name] if time_name else []), angle_name])
-    time, said = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz)
+    time, said = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     unit = unit_of(table, _ANGLE_NAME, angle_name, reading.angle_unit, "--angle-unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     if table.cut:

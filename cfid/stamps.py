@@ -7,12 +7,14 @@ above that reads them.
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from cfid.durable import first_fault
 from cfid.errors import ConfigError, DataError
-from cfid.run import DeviceRecord, Run, read_run
+from cfid.run import RUN_FILE, DeviceRecord, Run, read_run
 from cfid.table import Array, Table
 
 TimeUnit = Literal["s", "ms", "us"]
@@ -34,6 +36,27 @@ _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 
 _FEWEST_ROWS = 16
 _REPEATED_SHARE = 0.01  # of time stamps that need no word when they repeat the one before
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
+
+
+class Gap(BaseModel):
+    """A span of Unix time in which a device gave nothing, and why."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    from_s: float
+    to_s: float
+    reason: str
+
+
+class Facts(BaseModel):
+    """What run.toml says of a device that samples by itself beyond what it says of any device."""
+
+    model_config = ConfigDict(frozen=True)
+
+    gaps: tuple[Gap, ...] = ()
+
+
+Kind = TypeVar("Kind", bound=Facts)
 
 
 def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
@@ -71,6 +94,25 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     if run.header.simulated:
         said.append("recorded on the simulated rig.")
     return said
+
+
+def facts_of(run: Run, device: str, kind: type[Kind]) -> Kind:
+    """Return what run.toml says of one of its devices. Raises DataError when it makes no sense."""
+    extra = run.header.devices[device].model_extra or {}
+    try:
+        return kind.model_validate(extra)
+    except ValidationError as error:
+        fault = first_fault(error, extra)
+        raise DataError(f"{run.folder / RUN_FILE}: devices.{device}.{fault}") from None
+
+
+def gaps(facts: Facts) -> list[str]:
+    """Return what is to be said of spans without samples."""
+    if not facts.gaps:
+        return []
+    reasons = ", ".join(dict.fromkeys(gap.reason for gap in facts.gaps))
+    total_s = sum(gap.to_s - gap.from_s for gap in facts.gaps)
+    return [f"no samples for {total_s:.1f} s in {len(facts.gaps)} gap(s): {reasons}."]
 
 
 def time_column(table: Table, option: str) -> str:
@@ -121,12 +163,13 @@ def numbers_of(table: Table, columns: Sequence[str]) -> Array:
 
 
 def times_of(
-    table: Table, column: str | None, raw: Array, *, unit: TimeUnit | None, rate_hz: float | None
+    table: Table, column: str | None, raw: Array, *, unit: TimeUnit | None, rate_hz: float | None, own: bool = False
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the times (n,) in seconds from the first on, and what is to be said about them.
 
-    `raw` (n,) are the column's values; with a rate neither is looked at. Raises DataError when time goes back,
-    stands still or has another unit, ConfigError for a rate that is none.
+    `raw` (n,) are the column's values; with a rate neither is looked at. Of a run of our `own` the unit is known,
+    however slow it is. Raises DataError when time goes back, stands still or has another unit, ConfigError for a
+    rate that is none.
     """
     if rate_hz is not None:
         if not 0 < rate_hz < np.inf:
@@ -142,7 +185,12 @@ def times_of(
             f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
             f"{known}. Was the clock set, or are two recordings in one file?"
         )
-    said = _check_unit(table.path, raw[0], intervals, known)
+    if not np.any(intervals):
+        raise DataError(
+            f"{table.path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, are there decimal "
+            "commas, or is this not the time column? See --columns and --rate-hz."
+        )
+    said = () if own else _check_unit(table.path, raw[0], intervals, known)
     repeated = int(np.count_nonzero(intervals == 0))
     if repeated > _REPEATED_SHARE * len(raw):
         said += (f"{repeated} of {len(raw)} samples have the time of the one before.",)
@@ -151,11 +199,6 @@ def times_of(
 
 def _check_unit(path: Path, first: float, intervals: Array, unit: str) -> tuple[str, ...]:
     """Refuse a time unit that makes no sampling interval a rig can have, and propose one that does."""
-    if not np.any(intervals):
-        raise DataError(
-            f"{path}: time stands still at {first:.12g}. Were its last digits cut off, are there decimal commas, or is "
-            "this not the time column? See --columns and --rate-hz."
-        )
     # The median of those that pass: stamps that come in blocks repeat, and a pause is one long interval.
     interval = float(np.median(intervals[intervals > 0]))
     fitting = [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= _SLOWEST_S]

@@ -4,22 +4,34 @@ Of a run, the box itself has said how many counts are a newton. A bare file is t
 scale, and that is said; numbers that can be no counts are asked about.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from cfid.durable import first_fault
 from cfid.errors import ConfigError, DataError
 from cfid.parameters import Source
-from cfid.run import RUN_FILE, DeviceRecord, Label, Run
-from cfid.stamps import CUT_LINE, TimeUnit, column_name, losses, numbers_of, run_at, time_column, times_of, unit_of
+from cfid.run import RUN_FILE, Label, Run
+from cfid.stamps import (
+    CUT_LINE,
+    Facts,
+    TimeUnit,
+    column_name,
+    facts_of,
+    gaps,
+    losses,
+    numbers_of,
+    run_at,
+    time_column,
+    times_of,
+    unit_of,
+)
 from cfid.table import Array, Table, open_table
-from cfid.wire.rdt_status import Family, read_status
+from cfid.wire.rdt_status import Family, family_of, read_status
 
 Units = Literal["counts", "n,nm"]
 Words = npt.NDArray[np.uint32]
@@ -76,27 +88,16 @@ class WrenchRecord:
         return self.run or self.path.stem
 
 
-class _Gap(BaseModel):
-    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
-
-    from_s: float
-    to_s: float
-    reason: str
-
-
-class _Facts(BaseModel):
-    """What run.toml says of a load cell beyond what it says of any device."""
-
-    model_config = ConfigDict(frozen=True)
+class _Facts(Facts):
+    """What run.toml says of a load cell."""
 
     counts_per_n: _Scale | None = None
     counts_per_nm: _Scale | None = None
-    gaps: tuple[_Gap, ...] = ()
-    settings: dict[str, Any] = {}
+    settings: Mapping[str, Any] = Field(default_factory=dict)
 
     @property
     def family(self) -> Family:
-        return "axia" if "axia" in str(self.settings.get("product")).lower() else "netft"
+        return family_of(str(self.settings.get("product")))
 
 
 def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
@@ -108,15 +109,15 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
     if run is None:
         return _read(path, reading, Label(), family=_THESIS_FAMILY)
     file, record = run.device_file(LOADCELL), run.header.devices[LOADCELL]
-    facts = _facts(run, record)
+    facts = facts_of(run, LOADCELL, _Facts)
     own = WrenchReading(
         time_unit="s",
         units="counts",
         counts_per_n=_scale(run, "counts_per_n", reading.counts_per_n, facts.counts_per_n),
         counts_per_nm=_scale(run, "counts_per_nm", reading.counts_per_nm, facts.counts_per_nm),
     )
-    found = _read(file, own, run.header.label, family=facts.family)
-    said = [*losses(run, record, len(found.time_s)), *_gaps(facts)]
+    found = _read(file, own, run.header.label, family=facts.family, own=True)
+    said = [*losses(run, record, len(found.time_s)), *gaps(facts)]
     notes = tuple(f"{path.name}: {note}" for note in said)
     return replace(found, run=path.resolve().name, notes=notes + found.notes, lost=record.lost)
 
@@ -134,15 +135,6 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
     return any(name.fullmatch(column) for name in _NAMES.values() for column in table.names)
 
 
-def _facts(run: Run, record: DeviceRecord) -> _Facts:
-    extra = record.model_extra or {}
-    try:
-        return _Facts.model_validate(extra)
-    except ValidationError as error:
-        fault = first_fault(error, extra)
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{fault}") from None
-
-
 def _scale(run: Run, key: str, given: float | None, told: float | None) -> float:
     value = told if given is None else given
     if value is None:
@@ -151,21 +143,13 @@ def _scale(run: Run, key: str, given: float | None, told: float | None) -> float
     return value
 
 
-def _gaps(facts: _Facts) -> list[str]:
-    if not facts.gaps:
-        return []
-    reasons = ", ".join(dict.fromkeys(gap.reason for gap in facts.gaps))
-    total_s = sum(gap.to_s - gap.from_s for gap in facts.gaps)
-    return [f"no samples for {total_s:.1f} s in {len(facts.gaps)} gap(s): {reasons}."]
-
-
-def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family) -> WrenchRecord:
+def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, own: bool = False) -> WrenchRecord:
     table = open_table(path, skip_lines=reading.skip_lines)
     columns = _columns(table, reading)
     axes = columns[-len(AXES) :]
     status = [name for name in table.names if name.lower() == _STATUS and not reading.columns]
     values = numbers_of(table, [*columns, *status])
-    time, said = times_of(table, columns[0], values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz)
+    time, said = times_of(table, columns[0], values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     wrench = values[:, : len(columns)][:, -len(AXES) :]
     scale, told = _scales(reading, _units(table, axes, wrench, reading.units))
     words = _words(table, values[:, -1]) if status else None

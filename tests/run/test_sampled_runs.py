@@ -1,0 +1,73 @@
+"""Runs of instruments that sample by themselves: spans without samples are said, and a slow rate is no wrong unit."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError
+from cfid.recording import Reading, read_angle
+from cfid.run import DeviceRecord, Label, create_run
+from cfid.wrench import WrenchReading, read_wrench
+
+EPOCH_S = 1_763_712_345.0
+
+
+def recorded(folder: Path, device: str, columns: Sequence[Any], names: str, **facts: Any) -> Path:
+    record = DeviceRecord.model_validate({"file": f"{device}.csv", "columns": names.split(","), **facts})
+    with create_run(
+        folder / "runs",
+        kind=device,
+        label=Label(),
+        devices={device: record},
+        started=datetime.fromtimestamp(EPOCH_S, UTC),
+        cfid_version="0",
+    ) as writer:
+        writer.append(device, columns)
+        writer.close("complete")
+    return writer.folder
+
+
+def encoder(folder: Path, *, rate_hz: float = 100, **facts: Any) -> Path:
+    time_s = EPOCH_S + np.arange(40) / rate_hz
+    return recorded(folder, "encoder", (time_s, np.arange(40)), "t,phi", counts_per_turn=8192.0, **facts)
+
+
+def loadcell(folder: Path, *, rate_hz: float) -> Path:
+    time_s = EPOCH_S + np.arange(40) / rate_hz
+    columns = (time_s, *np.arange(240).reshape(6, 40))
+    return recorded(folder, "loadcell", columns, "t,Fx,Fy,Fz,Tx,Ty,Tz", counts_per_n=1e6, counts_per_nm=1e6)
+
+
+def test_spans_in_which_an_encoder_gave_nothing_are_said(tmp_path: Path) -> None:
+    reasons = ("no position came", "unplugged", "no position came")
+    gaps = [{"from_s": EPOCH_S + i, "to_s": EPOCH_S + i + 0.5, "reason": reason} for i, reason in enumerate(reasons)]
+    folder = encoder(tmp_path, gaps=gaps)
+
+    notes = read_angle(folder, Reading()).notes
+
+    assert f"{folder.name}: no samples for 1.5 s in 3 gap(s): no position came, unplugged." in notes
+
+
+def test_an_encoders_gap_that_makes_no_sense_is_refused_by_key(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"run.toml: devices.encoder.gaps.0.to_s: is missing"):
+        read_angle(encoder(tmp_path, gaps=[{"from_s": 1.0}]), Reading())
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 7, 1000, 100_000])
+def test_a_run_of_any_rate_is_in_seconds(tmp_path: Path, rate_hz: float) -> None:
+    angle = read_angle(encoder(tmp_path / "a", rate_hz=rate_hz), Reading())
+    wrench = read_wrench(loadcell(tmp_path / "b", rate_hz=rate_hz), WrenchReading())
+
+    assert angle.time_s[-1] == pytest.approx(39 / rate_hz, abs=1e-6)
+    assert wrench.time_s[-1] == pytest.approx(39 / rate_hz, abs=1e-6)
+    assert angle.notes == wrench.notes == ()
+
+
+def test_a_bare_file_of_such_a_rate_is_asked_about(tmp_path: Path) -> None:
+    folder = encoder(tmp_path, rate_hz=7)
+    with pytest.raises(DataError, match=r"read in s, the time column has 0\.143 s between samples"):
+        read_angle(folder / "encoder.csv", Reading())
