@@ -65,7 +65,9 @@ class Ending:
 def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) -> Result:
     """Run a coroutine in a loop of its own and return its result, or raise what it raised.
 
-    SIGINT, SIGTERM and SIGHUP only ask for the end: the coroutine stops its devices and closes its files.
+    SIGINT, SIGTERM and SIGHUP only ask for the end, those that the program was told to ignore not even that
+    (nohup): the coroutine stops its devices and closes its files. Once it has, a signal ends the program at once,
+    should a thread that still waits for a device keep it.
     """
     loop = Loop()
     ending = Ending(loop)
@@ -73,6 +75,8 @@ def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) 
 
     def done(result: Result | Failure) -> None:
         outcome.append(result)
+        for number in _heeded():
+            signal.signal(number, signal.SIG_DFL)
         loop.callLater(0, loop.stop)  # one turn later: ports that were told to close do it in their next one
 
     def begin() -> None:
@@ -93,9 +97,14 @@ def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
         # A handler runs between any two steps of the program: the loop takes it up when it is ready.
         loop.callFromThread(ending.ask, signal.Signals(number).name)
 
-    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    before = {number: signal.signal(number, handle) for number in _heeded()}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _heeded() -> list[signal.Signals]:
+    """Return the signals that ask for the end, but for those that are ignored."""
+    return [number for number in _SIGNALS if signal.getsignal(number) != signal.SIG_IGN]

@@ -23,9 +23,9 @@ def say(*words):
 ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
-def start(body: str) -> "subprocess.Popen[str]":
+def start(body: str, *wrapper: str) -> "subprocess.Popen[str]":
     """Start a program and wait for its first line."""
-    command = [sys.executable, "-W", "error", "-c", PREFACE + body]
+    command = [*wrapper, sys.executable, "-W", "error", "-c", PREFACE + body]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n", process.communicate()
@@ -44,7 +44,7 @@ def said(process: "subprocess.Popen[str]") -> list[str]:
 def test_each_signal_ends_a_wait_by_its_name_and_handlers_come_back() -> None:
     process = start(
         """
-signal.signal(signal.SIGHUP, signal.SIG_IGN)
+signal.signal(signal.SIGHUP, lambda *_: None)
 before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 
 async def main(loop, ending):
@@ -64,6 +64,61 @@ say(before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIG
         if number != ENDINGS[-1]:
             assert process.stdout.readline() == "ready\n"
     assert said(process) == ["True"]
+
+
+def test_a_program_under_nohup_does_not_end_when_its_terminal_does() -> None:
+    process = start(
+        """
+async def main(loop, ending):
+    say("ready")
+    for _ in range(4):
+        await deferLater(loop, 0.05, lambda: None)
+        say("going on")
+    await ending.within(None)
+    return ending.signal
+
+say(run_until_done(main))
+say(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN)
+""",
+        "nohup",
+    )
+    assert process.stdout is not None
+    process.send_signal(signal.SIGHUP)
+    for _ in range(4):
+        assert process.stdout.readline() == "going on\n"
+    process.send_signal(signal.SIGTERM)
+    assert said(process) == ["SIGTERM", "True"]
+
+
+@pytest.mark.parametrize("number", ENDINGS)
+def test_a_signal_ends_a_program_whose_work_is_done_though_a_thread_keeps_it(number: signal.Signals) -> None:
+    process = start(
+        """
+def waits_for_ever():
+    say("ready")
+    time.sleep(3600)
+
+async def main(loop, ending):
+    loop.callInThread(waits_for_ever)
+    await ending.within(None)
+    await deferLater(loop, 0.2, lambda: None)  # more signals come
+    say("closed")
+
+run_until_done(main)
+"""
+    )
+    assert process.stdout is not None
+    for _ in range(3):
+        process.send_signal(number)
+    assert process.stdout.readline() == "closed\n"
+    time.sleep(0.3)
+    still_there = process.poll() is None
+    process.send_signal(number)
+    with process:
+        assert process.wait(5) == -number
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+    assert still_there
 
 
 def test_the_first_of_many_signals_is_the_one_that_counts() -> None:
