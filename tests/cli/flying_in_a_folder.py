@@ -146,6 +146,8 @@ class Bench:
             if pilot.process.poll() is None:
                 pilot.process.kill()
             pilot.process.wait()
+            if pilot.process.stdin is not None:
+                pilot.process.stdin.close()
         self.in_loop(self.rig.close)
 
 
