@@ -1,15 +1,12 @@
 """The line on the terminal while a run is recorded, and the sentences that come in between."""
 
-import contextlib
 import os
-import sys
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import typer
-
-from cfid.cli.speech import note
+from cfid.cli.screen import Screen
+from cfid.cli.speech import noted
 
 if TYPE_CHECKING:
     from cfid.rig.recorder import Progress, Recorder
@@ -21,12 +18,14 @@ _BARS = "▁▂▃▄▅▆▇█"
 class LiveLine:
     """One line on stderr that is written over and over; silent where stderr is no terminal.
 
-    A terminal that was closed costs its line, never the recording.
+    A terminal that was closed or stopped costs its line, never the recording.
     """
 
     def __init__(self) -> None:
         """Start with an empty line."""
-        self._shown = sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+        self._screen = Screen()
+        file = self._screen.file
+        self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
         self._next_s = 0.0
         self._length = 0
         self._task = ""
@@ -39,39 +38,38 @@ class LiveLine:
     def show(self, recorder: "Recorder") -> None:
         """Show how the recording does, a few times a second."""
         now_s = time.monotonic()
-        if not self._shown or now_s < self._next_s:
+        if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
         told = [f"{name} {_told(progress)}" for name, progress in recorder.progress.items()]
         if self._task:
             told.insert(0, self._task)
-        self._write(f"{recorder.seconds:6.1f} s  " + "  |  ".join(told))
+        self._replace(f"{recorder.seconds:6.1f} s  " + "  |  ".join(told))
 
     def say(self, text: str) -> None:
         """Say a sentence above the line."""
-        self._write("")
-        with contextlib.suppress(OSError):
-            note(text)
+        self.tell(f"note: {text}" if self._terminal is None else noted(text))
 
     def tell(self, text: str) -> None:
         """Say above the line what is no note: where it is recorded to."""
-        self._write("")
-        with contextlib.suppress(OSError):
-            typer.echo(text, err=True)
+        self._replace("")
+        self._screen.write(f"{text}\n")
 
     def end(self) -> None:
         """Clear the line."""
-        self._write("")
+        self._replace("")
+        self._screen.finish()
 
-    def _write(self, text: str) -> None:
-        if not self._shown:
+    def _replace(self, text: str) -> None:
+        """Write over the line."""
+        if self._terminal is None:
             return
-        with contextlib.suppress(OSError):
-            text = text[: max(os.get_terminal_size(sys.stderr.fileno()).columns - 1, 0)]
-            typer.echo("\r" + text.ljust(self._length), nl=False, err=True)
-            self._length = len(text)
-            if not text:
-                typer.echo("\r", nl=False, err=True)
+        try:
+            text = text[: max(os.get_terminal_size(self._terminal).columns - 1, 0)]
+        except OSError:  # it was closed
+            return
+        self._screen.write("\r" + text.ljust(self._length) + ("" if text else "\r"))
+        self._length = len(text)
 
 
 def sparkline(values: Sequence[float]) -> str:

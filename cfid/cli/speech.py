@@ -7,7 +7,12 @@ import typer
 
 def note(text: str) -> None:
     """Say what the operator should know before using the result."""
-    typer.secho(f"note: {text}", err=True, fg=_colour(typer.colors.YELLOW))
+    typer.echo(noted(text), err=True)
+
+
+def noted(text: str) -> str:
+    """Return a note as it looks on a terminal."""
+    return typer.style(f"note: {text}", fg=_colour(typer.colors.YELLOW))
 
 
 def fault(text: str) -> None:

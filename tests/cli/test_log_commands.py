@@ -6,6 +6,7 @@ import json
 import os
 import pty
 import re
+import signal
 import struct
 import subprocess
 import termios
@@ -193,6 +194,17 @@ class Terminal:
     def hang_up(self) -> None:
         os.close(self.screen)
 
+    def press(self, key: bytes) -> None:
+        os.write(self.screen, key)
+
+    def fill(self) -> None:
+        """Write until it takes no more, since nobody looks at the screen."""
+        end = os.open(os.ttyname(self.end), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        with contextlib.suppress(BlockingIOError):
+            while os.write(end, b"." * 512):
+                pass
+        os.close(end)
+
 
 def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
     lab.environment["TERM"] = "xterm"
@@ -244,4 +256,58 @@ def test_a_terminal_that_hangs_up_ends_no_recording(lab: Lab) -> None:
     said = log.ask_to_end()
 
     assert said.code == 0
+    assert lab.run().header.state == "complete"
+
+
+@pytest.mark.parametrize("stopped_by", ["Ctrl-S", "nobody reads"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_terminal_that_takes_nothing_holds_up_no_recording(lab: Lab, stopped_by: str, number: signal.Signals) -> None:
+    terminal = Terminal()
+    if stopped_by == "nobody reads":
+        terminal.fill()
+    log = started(lab, terminal, "log", "loadcell")
+    if stopped_by == "Ctrl-S":
+        log.wait_until(lambda: re.search(r"rows \d+ lost", terminal.shown()), "a line")
+        terminal.press(b"\x13")
+    log.wait_for_rows(500)
+    lab.box.box.status = 0x80010000  # a sentence is to be said
+    log.wait_for_rows(500)
+    said = log.ask_to_end(number)
+    terminal.hang_up()
+
+    assert said.code == 0
+    assert lab.run().header.state == "complete"
+    assert lab.run().header.devices["loadcell"].lost == 0
+    assert lab.facts("loadcell")["said"] == ["a threshold is latched"]
+
+
+def test_a_terminal_that_goes_on_shows_what_was_said_meanwhile(lab: Lab) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", "loadcell")
+    log.wait_until(lambda: re.search(r"rows \d+ lost", terminal.shown()), "a line")
+    terminal.press(b"\x13")
+    lab.box.box.status = 0x80010000
+    log.wait_for_rows(500)
+    silent = "threshold" not in terminal.shown()
+    terminal.press(b"\x11")
+    log.wait_until(lambda: "threshold" in terminal.shown(), "a sentence")
+    said = log.ask_to_end()
+    terminal.hang_up()
+
+    assert silent
+    assert said.code == 0
+
+
+def test_a_pipe_that_nobody_reads_holds_up_no_recording(lab: Lab) -> None:
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(writing, b"." * 4096):
+            pass
+    os.set_blocking(writing, True)
+    log = lab.start("log", "loadcell", "--for", 1, stderr=writing)
+    os.close(writing)
+    log.end()
+    os.close(reading)
+
     assert lab.run().header.state == "complete"

@@ -1,0 +1,65 @@
+"""What is written on stderr while something must not be held up: nobody waits for a terminal."""
+
+import atexit
+import contextlib
+import os
+import sys
+import time
+from queue import Full, Queue
+from threading import Thread
+
+_MOST_TEXTS = 1000
+_LAST_WORDS_S = 1.0
+_LOOK_S = 0.002
+
+
+class Screen:
+    """Writes to stderr in a thread of its own.
+
+    A terminal that was stopped (Ctrl-S), or a pipe whose reader is busy, takes nothing for as long as it likes. What
+    it has not taken when the program ends is lost.
+    """
+
+    def __init__(self) -> None:
+        """Write nothing yet."""
+        self.file = _stderr()
+        self._texts: Queue[str] = Queue(_MOST_TEXTS)
+        self._thread: Thread | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether all is written."""
+        return not self._texts.unfinished_tasks
+
+    def write(self, text: str) -> None:
+        """Write as soon as that is possible; one of very many texts that wait is dropped."""
+        if self.file is None:
+            return
+        if self._thread is None:
+            self._thread = Thread(target=self._write_all, args=(self.file,), daemon=True)
+            self._thread.start()
+            atexit.register(self.finish)
+        with contextlib.suppress(Full):
+            self._texts.put_nowait(text)
+
+    def finish(self) -> None:
+        """Wait until all is written, but not for long."""
+        end_s = time.monotonic() + _LAST_WORDS_S
+        while not self.idle and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)
+
+    def _write_all(self, file: int) -> None:
+        while True:
+            left = self._texts.get().encode("utf-8", "replace")
+            with contextlib.suppress(OSError):  # a terminal that was closed
+                while left:
+                    left = left[os.write(file, left) :]
+            self._texts.task_done()
+
+
+def _stderr() -> int | None:
+    """Return the number of stderr, None if it was closed: the number may be any file's by now."""
+    try:
+        return None if sys.stderr is None else sys.stderr.fileno()
+    except (OSError, ValueError):
+        return None
