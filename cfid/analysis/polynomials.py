@@ -1,0 +1,251 @@
+"""Polynomials through measured points: coefficients, what they are worth, bands, and which order the points allow."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtri, stdtrit
+
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+ORDERS = (1, 2, 3, 4)  # that are tried where the points may choose
+
+_CUTOFF = 1.345  # deviations from where Huber's loss grows linearly: 95 % efficient for normal noise [Hub]
+_MEAN_SQUARE = 0.7101645  # of normal noise of deviation 1, cut off there
+_ROUNDS, _SETTLED = 100, 1e-9
+_DEPENDENT = 1e-10  # smallest over largest diagonal entry of R, of columns that no longer differ
+_ROUNDING = 1e-12  # of the values: a misfit below is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolynomialFit:
+    """y(x) of `coefficients` (order + 1,) in plain powers of x, highest first; a power left out has a zero.
+
+    `covariance` (order + 1, order + 1), nan where neither deviations were stated nor a point is left over. Per
+    point (n,): `residual` in units of y, `weight` of Huber's loss (1: counts in full), `point_std`, one deviation
+    about the curve. `inflation` is how many times as far as stated the points scatter, never below 1, or None
+    where no deviations were stated. `scale` is what Huber's loss took for one deviation, in units of y, or of the
+    stated deviations; None for plain least squares. `quantile` times a deviation covers 95 %. `aicc` compares
+    orders on the same points.
+    """
+
+    coefficients: Array
+    covariance: Array
+    x: Array
+    residual: Array
+    weight: Array
+    point_std: Array
+    freedom: int
+    inflation: float | None
+    scale: float | None
+    quantile: float
+    aicc: float
+
+    @property
+    def order(self) -> int:
+        """The highest power."""
+        return len(self.coefficients) - 1
+
+    @property
+    def std(self) -> Array:
+        """One standard deviation of each coefficient (order + 1,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def residual_norm(self) -> float:
+        """MATLAB's S.normr: the 2-norm of the residuals, each as it is, without weights."""
+        return float(np.linalg.norm(self.residual))
+
+    def at(self, x: npt.ArrayLike) -> Array:
+        """Return the curve at x of any shape."""
+        return np.asarray(np.polyval(self.coefficients, np.asarray(x, dtype=np.float64)))
+
+    def slope_at(self, x: npt.ArrayLike) -> Array:
+        """Return its derivative at x of any shape."""
+        return np.asarray(np.polyval(np.polyder(self.coefficients), np.asarray(x, dtype=np.float64)))
+
+    def std_at(self, x: npt.ArrayLike) -> Array:
+        """Return one standard deviation of the curve at x (m,)."""
+        powers = np.vander(np.atleast_1d(np.asarray(x, dtype=np.float64)), self.order + 1)
+        return np.asarray(np.sqrt(np.einsum("mi,ij,mj->m", powers, self.covariance, powers)))
+
+    def confidence(self, x: npt.ArrayLike) -> Array:
+        """Return half the width (m,) of the band that holds the true curve at an x in 95 of 100 experiments."""
+        return self.quantile * self.std_at(x)
+
+    def prediction(self, x: npt.ArrayLike) -> Array:
+        """Return half the width (m,) of the band that holds another point at x in 95 of 100 cases.
+
+        Its noise is that of the points measured around x.
+        """
+        along = np.argsort(self.x)
+        noise = np.interp(np.atleast_1d(np.asarray(x, dtype=np.float64)), self.x[along], self.point_std[along])
+        return self.quantile * np.hypot(self.std_at(x), noise)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderChoice:
+    """The polynomial of the order with the smallest corrected AIC, and the criterion of each order tried."""
+
+    fit: PolynomialFit
+    aicc: Mapping[int, float]
+
+
+def fit_polynomial(
+    x: Array, y: Array, *, order: int, through_zero: bool = False, std: Array | None = None, robust: bool = False
+) -> PolynomialFit:
+    """Fit a polynomial to points x, y (n,), in its units; `through_zero` leaves out the constant.
+
+    `std` (n,) is one deviation of each y. It knows the noise within a window; what moves between windows (drift, a
+    sagging battery, a shape that is no polynomial's) shows only in how the points scatter about the curve. So the
+    covariance grows with chi-squared per degree of freedom where that is above 1, and bands take Student's t then;
+    it never shrinks, as points that lie closer than stated are the luck of a few. Without `std` all points
+    count alike and their scatter is the noise. `robust` takes Huber's loss, whose scale is his proposal 2 [Hub].
+
+    Raises FitError when the points cannot determine the coefficients.
+    """
+    return _fit(x, y, powers=range(order, -1 + through_zero, -1), std=std, robust=robust)
+
+
+def fit_power(x: Array, y: Array, *, power: int, std: Array | None = None, robust: bool = False) -> PolynomialFit:
+    """Fit y = k x^power alone, k the first coefficient; see `fit_polynomial`."""
+    return _fit(x, y, powers=(power,), std=std, robust=robust)
+
+
+def fit_best_order(
+    x: Array, y: Array, *, orders: Sequence[int] = ORDERS, std: Array | None = None, robust: bool = False
+) -> OrderChoice:
+    """Fit each order that the points suffice for, and keep the one with the smallest corrected AIC [HT].
+
+    Stated deviations count in proportion alone: were they taken at their word, drift would pass for shape.
+
+    Raises FitError when the points suffice for none.
+    """
+    fits = {order: fit_polynomial(x, y, order=order, std=std, robust=robust) for order in orders if len(x) > order + 3}
+    if not fits:
+        raise FitError(
+            f"{len(x)} points are too few to choose between orders: order {min(orders)} takes {min(orders) + 4}."
+        )
+    best = min(fits, key=lambda order: fits[order].aicc)
+    return OrderChoice(fit=fits[best], aicc={order: fit.aicc for order, fit in fits.items()})
+
+
+class _Solved(NamedTuple):
+    """Of rows in units of their deviation: solution (p,), residual and weight (n,), and how far points scatter."""
+
+    solution: Array
+    residual: Array
+    weight: Array
+    scale: float | None
+    scatter: float  # variance of a point
+    variance: float  # by which the inverse of the normal matrix becomes a covariance
+
+
+def _fit(x: Array, y: Array, *, powers: Sequence[int], std: Array | None, robust: bool) -> PolynomialFit:
+    given = np.ones_like(y) if std is None else std
+    _check(x, y, given, powers)
+    size = float(np.max(np.abs(x))) or 1.0
+    rows = (x[:, np.newaxis] / size) ** np.array(powers) / given[:, np.newaxis]
+    inverse = _inverse(rows, x, powers)
+    freedom = len(x) - len(powers)
+    solved = _solve(rows, inverse, y / given, robust=robust and freedom > 0, least=0.0 if std is None else 1.0)
+    variance = solved.variance if std is None else float(np.nanmax([1.0, solved.variance]))
+    scatter = solved.scatter if std is None else float(np.nanmax([1.0, solved.scatter]))
+    order = max(powers)
+    places, units = order - np.array(powers), size ** -np.array(powers, dtype=np.float64)
+    coefficients, covariance = np.zeros(order + 1), np.zeros((order + 1, order + 1))
+    coefficients[places] = solved.solution * units
+    covariance[np.ix_(places, places)] = variance * (inverse @ inverse.T) * np.outer(units, units)
+    known = std is not None and variance == 1.0
+    return PolynomialFit(
+        coefficients=coefficients,
+        covariance=covariance,
+        x=x,
+        residual=solved.residual * given,
+        weight=solved.weight,
+        point_std=math.sqrt(scatter) * given,
+        freedom=freedom,
+        inflation=None if std is None else math.sqrt(variance),
+        scale=solved.scale,
+        quantile=float(ndtri(0.975) if known else stdtrit(freedom, 0.975)) if known or freedom else math.nan,
+        aicc=_aicc(solved, y / given, len(powers)),
+    )
+
+
+def _check(x: Array, y: Array, std: Array, powers: Sequence[int]) -> None:
+    if not np.all(np.isfinite(x) & np.isfinite(y)):
+        raise FitError("a point that is no finite number cannot be fitted: leave it out.")
+    if not np.all((std > 0) & np.isfinite(std)):
+        row = int(np.flatnonzero(~((std > 0) & np.isfinite(std)))[0])
+        raise FitError(f"the deviation of point {row + 1} is {std[row]:g}: a weight needs one above zero.")
+    if len(x) < len(powers):
+        raise FitError(
+            f"{len(x)} points are too few for a polynomial of order {max(powers)}, which has {len(powers)} "
+            "coefficients: measure more points, or take a lower order."
+        )
+
+
+def _inverse(rows: Array, x: Array, powers: Sequence[int]) -> Array:
+    """Return the inverse (p, p) of R in rows = Q R; with its transpose it makes that of the normal matrix."""
+    triangle = np.linalg.qr(rows, mode="r")
+    diagonal = np.abs(np.diag(triangle))
+    if diagonal.min() <= _DEPENDENT * diagonal.max():
+        raise FitError(
+            f"{len(x)} points at {len(np.unique(x))} different places cannot tell {len(powers)} coefficients apart: "
+            "measure at more places, or take a lower order."
+        )
+    return np.asarray(np.linalg.inv(triangle))
+
+
+def _solve(rows: Array, inverse: Array, y: Array, *, robust: bool, least: float) -> _Solved:
+    """Solve by least squares, or with Huber's loss at a scale of at least `least`."""
+    count, unknowns = rows.shape
+    freedom = count - unknowns
+    solution = np.asarray(inverse @ (inverse.T @ (rows.T @ y)))
+    solution += inverse @ (inverse.T @ (rows.T @ (y - rows @ solution)))  # what rounding left
+    residual = y - rows @ solution
+    if robust and np.any(residual):
+        return _huber(rows, y, solution, least=least)
+    variance = float(residual @ residual) / freedom if freedom else math.nan
+    return _Solved(solution, residual, np.ones(count), None, variance, variance)
+
+
+def _huber(rows: Array, y: Array, solution: Array, *, least: float) -> _Solved:
+    """Weigh each point anew until solution and scale stay; both together are one convex problem [Hub]."""
+    count, unknowns = rows.shape
+    freedom = count - unknowns
+    residual = y - rows @ solution
+    scale = max(float(np.linalg.norm(residual)) / math.sqrt(freedom), least)
+    for _ in range(_ROUNDS):
+        before = scale
+        cut = np.minimum(np.abs(residual), _CUTOFF * scale)
+        scale = max(math.sqrt(float(cut @ cut) / (freedom * _MEAN_SQUARE)), least)
+        weight = _CUTOFF * scale / np.maximum(np.abs(residual), _CUTOFF * scale)
+        root = np.sqrt(weight)
+        moved = np.linalg.lstsq(rows * root[:, np.newaxis], residual * root, rcond=None)[0]
+        solution = solution + moved
+        residual = y - rows @ solution
+        if max(float(np.linalg.norm(rows @ moved)), abs(scale - before)) <= _SETTLED * scale:
+            break
+    cut = np.minimum(np.abs(residual), _CUTOFF * scale)
+    inside = float(np.mean(np.abs(residual) <= _CUTOFF * scale))
+    correction = 1 + unknowns / count * (1 - inside) / inside  # for few points [Hub]
+    variance = float(cut @ cut) / freedom * (correction / inside) ** 2
+    return _Solved(solution, residual, weight, scale, scale**2, variance)
+
+
+def _aicc(solved: _Solved, y: Array, unknowns: int) -> float:
+    """Return the corrected AIC [HT]; the size of the noise is estimated too, so it counts as an unknown."""
+    count, taken = len(y), unknowns + 1
+    if count <= taken + 1:
+        return math.inf
+    size = np.abs(solved.residual)
+    cut = size if solved.scale is None else np.minimum(size, _CUTOFF * solved.scale)
+    loss = float(cut @ (2 * size - cut))  # squares up to the cutoff, a straight line beyond
+    floor = (_ROUNDING * float(np.linalg.norm(y))) ** 2 + np.finfo(np.float64).tiny
+    return float(count * math.log((loss + floor) / count) + 2 * taken * (1 + (taken + 1) / (count - taken - 1)))

@@ -1,0 +1,226 @@
+"""Polynomials through points: MATLAB's numbers, intervals that cover, wild points, and the order the points allow."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.polynomials import fit_best_order, fit_polynomial, fit_power
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+COMMANDS = np.arange(2000.0, 64001.0, 2000.0)
+EQ_3_3 = (2.130295e-11, 1.032633e-6, 5.484560e-4)
+EQ_3_4 = ((0.03950236, 420.9420, 599.6187), (0.04076521, 380.8359, 471.0714))  # slope, level, norm of the residuals
+
+
+def test_the_residual_norm_is_the_2_norm_of_the_residuals_as_matlab_has_it() -> None:
+    # By hand: the line through 0, 1, 1, 2, 4 at 0..4 is 0.9 x - 0.2, its residuals 0.2, 0.3, -0.6, -0.5, 0.6.
+    fit = fit_polynomial(np.arange(5.0), np.array([0.0, 1.0, 1.0, 2.0, 4.0]), order=1)
+
+    assert fit.coefficients == pytest.approx([0.9, -0.2], abs=1e-12)
+    assert fit.residual == pytest.approx([0.2, 0.3, -0.6, -0.5, 0.6], abs=1e-12)
+    assert fit.residual_norm == pytest.approx(math.sqrt(1.1), rel=1e-12)
+    assert fit.freedom == 3
+
+
+def test_the_residual_norm_stays_unweighted_where_the_fit_is_weighted() -> None:
+    x, y, std = np.arange(5.0), np.array([0.0, 1.0, 1.0, 2.0, 4.0]), np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    fit = fit_polynomial(x, y, order=1, std=std)
+
+    assert fit.coefficients == pytest.approx(np.polyfit(x, y, 1, w=1 / std))
+    assert fit.residual_norm == pytest.approx(np.linalg.norm(y - np.polyval(fit.coefficients, x)))
+
+
+@pytest.mark.parametrize(("slope", "level", "printed"), EQ_3_4)
+def test_the_thesis_residual_norms_are_of_this_definition(slope: float, level: float, printed: float) -> None:
+    """Command 0 stands at zero beside 31 others (C.2.3), so the line's level alone is a residual of 381 or 421 rad/s.
+
+    The rest of the norm is then 67 or 69 rad/s a point, of 3000; as an rms it would be a fifth of the range at each.
+    """
+    commands = np.concatenate([[0.0], np.arange(4000.0, 64001.0, 2000.0)])
+    rows = np.vander(commands, 2)
+    across = np.eye(32) - rows @ np.linalg.pinv(rows)
+    standing = -level / across[0, 0] * across[0]  # the least residual of which the first is the level
+    noise = across @ np.random.default_rng(1).standard_normal(32)
+    noise -= noise[0] / across[0, 0] * across[0]
+    noise *= math.sqrt(printed**2 - standing @ standing) / np.linalg.norm(noise)
+    speeds = slope * commands + level + standing + noise
+    fit = fit_polynomial(commands, speeds, order=1)
+
+    assert abs(speeds[0]) < 1e-9
+    assert np.linalg.norm(standing) < printed < 2 * np.linalg.norm(standing)
+    assert fit.residual_norm == pytest.approx(printed, rel=1e-9)
+    assert f"{fit.coefficients[0]:.8f} {fit.coefficients[1]:.4f}" == f"{slope:.8f} {level:.4f}"
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 5])
+def test_coefficients_are_those_of_polyfit_in_plain_powers(order: int) -> None:
+    rng = np.random.default_rng(order)
+    thrust = np.polyval(EQ_3_3, COMMANDS) + 1e-3 * rng.standard_normal(len(COMMANDS))
+    std = rng.uniform(1e-3, 3e-3, len(COMMANDS))
+
+    assert fit_polynomial(COMMANDS, thrust, order=order).coefficients == pytest.approx(
+        np.polyfit(COMMANDS, thrust, order), rel=1e-6
+    )
+    weighted = fit_polynomial(COMMANDS, thrust, order=order, std=std)
+    assert weighted.coefficients == pytest.approx(np.polyfit(COMMANDS, thrust, order, w=1 / std), rel=1e-6)
+
+
+def test_the_covariance_without_deviations_is_that_of_numpy() -> None:
+    thrust = np.polyval(EQ_3_3, COMMANDS) + 1e-3 * np.random.default_rng(3).standard_normal(len(COMMANDS))
+    covariance = np.polyfit(COMMANDS, thrust, 2, cov=True)[1]
+
+    assert fit_polynomial(COMMANDS, thrust, order=2).covariance == pytest.approx(covariance, rel=1e-6)
+
+
+def test_through_zero_has_no_constant_and_a_single_power_no_other() -> None:
+    x = np.linspace(0, 3000, 20)
+    noise = 1e-4 * np.random.default_rng(2).standard_normal(20)
+    curve = fit_polynomial(x, 2e-8 * x**2 + 1e-6 * x + noise, order=2, through_zero=True)
+    square = fit_power(x, 2e-8 * x**2 + noise, power=2)
+
+    assert curve.coefficients[2] == curve.std[2] == 0
+    assert np.all(np.abs(curve.coefficients[:2] - [2e-8, 1e-6]) < 4 * curve.std[:2])
+    assert square.coefficients[1:].tolist() == square.std[1:].tolist() == [0, 0]
+    assert square.coefficients[0] == pytest.approx((2e-8 * x**2 + noise) @ x**2 / (x**2 @ x**2), rel=1e-12)
+    assert square.freedom == 19
+
+
+def test_points_farther_apart_than_stated_widen_the_covariance_and_closer_ones_do_not_narrow_it() -> None:
+    x = np.arange(20.0)
+    y = 3 * x + np.random.default_rng(4).standard_normal(20)
+    close, right, far = (fit_polynomial(x, y, order=1, std=np.full(20, std)) for std in (10.0, 1.0, 0.1))
+    scatter = right.residual_norm / math.sqrt(18)
+
+    assert close.inflation == 1
+    assert close.std == pytest.approx(10 * right.std / (right.inflation or math.nan))
+    assert far.inflation == pytest.approx(scatter / 0.1)
+    assert far.std == pytest.approx(fit_polynomial(x, y, order=1).std)
+    assert close.quantile == pytest.approx(1.95996, abs=1e-4)
+    assert far.quantile == pytest.approx(2.10092, abs=1e-4)
+
+
+def coverage(*, count: int, stated: float | None, robust: bool = False, wild: bool = False) -> tuple[float, float]:
+    """Return how often the bands hold the true curve and another point, over 1000 simulated thrust maps."""
+    rng = np.random.default_rng(20261121)
+    x = np.linspace(2000, 64000, count)
+    truth = np.polyval(EQ_3_3, x)
+    std: Array = np.full(count, 3e-4) if stated is None else np.asarray(1e-4 + 3e-3 * truth)
+    held, held_points = [], []
+    for _ in range(1000):
+        y = truth + std * rng.standard_normal(count)
+        if wild:
+            y[rng.integers(count)] += 20 * std.mean()
+        fit = fit_polynomial(x, y, order=2, std=None if stated is None else np.asarray(stated * std), robust=robust)
+        held.append(np.abs(fit.at(x) - truth) <= fit.confidence(x))
+        another = truth + std * rng.standard_normal(count)
+        held_points.append(np.abs(fit.at(x) - another) <= fit.prediction(x))
+    return float(np.mean(held)), float(np.mean(held_points))
+
+
+@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("stated", [None, 1.0, 0.5])
+def test_bands_hold_curve_and_points_93_to_97_times_in_100(stated: float | None, robust: bool) -> None:
+    curve, points = coverage(count=31, stated=stated, robust=robust)
+    print(f"deviations {stated}, robust {robust}: curve {curve:.3f}, another point {points:.3f}")
+
+    assert 0.93 <= curve <= 0.97
+    assert 0.93 <= points <= 0.97
+
+
+def test_bands_from_few_points_take_students_t() -> None:
+    curve, points = coverage(count=6, stated=None)
+
+    assert 0.93 <= curve <= 0.97
+    assert 0.93 <= points <= 0.97
+
+
+def test_with_a_wild_point_the_robust_band_holds_the_curve_as_often_as_it_says() -> None:
+    assert 0.93 <= coverage(count=31, stated=1.0, robust=True, wild=True)[0] <= 0.97
+
+
+def test_a_wild_point_moves_the_robust_fit_by_a_tenth_of_what_it_moves_the_other() -> None:
+    x = np.linspace(0, 1, 31)
+    y = 1 + 2 * x + 0.01 * np.random.default_rng(5).standard_normal(31)
+    wild = y.copy()
+    wild[20] += 1.0
+    moved = {
+        robust: np.abs(
+            fit_polynomial(x, wild, order=1, robust=robust).at(x) - fit_polynomial(x, y, order=1).at(x)
+        ).max()
+        for robust in (False, True)
+    }
+    fit = fit_polynomial(x, wild, order=1, robust=True)
+
+    assert moved[True] < 0.1 * moved[False]
+    assert fit.weight[20] < 0.05
+    assert fit.scale == pytest.approx(0.01, rel=0.3)
+
+
+def test_the_scale_of_stated_deviations_never_falls_below_them() -> None:
+    x = np.linspace(0, 1, 31)
+    y = 0.01 * np.random.default_rng(6).standard_normal(31)
+
+    assert fit_polynomial(x, y, order=1, std=np.full(31, 0.1), robust=True).scale == 1.0
+    assert fit_polynomial(x, y, order=1, std=np.full(31, 0.001), robust=True).scale == pytest.approx(10, rel=0.3)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("robust", [False, True])
+def test_the_corrected_aic_finds_the_order_of_points_made_with_it(order: int, robust: bool) -> None:
+    x = np.linspace(-1, 1, 31)
+    found = []
+    for seed in range(40):
+        y = x**order + 0.02 * np.random.default_rng(seed).standard_normal(31)
+        found.append(fit_best_order(x, y, robust=robust).fit.order)
+
+    assert np.median(found) == order
+    assert min(found) == order
+    assert np.mean(np.array(found) == order) > 0.6
+
+
+def test_the_corrected_aic_is_that_of_its_formula_and_exact_points_take_the_lowest_order() -> None:
+    x = np.linspace(0, 1, 12)
+    y = x + 0.1 * np.random.default_rng(1).standard_normal(12)
+    choice = fit_best_order(x, y)
+    k = 3  # slope, level, noise
+    aicc = 12 * math.log(fit_polynomial(x, y, order=1).residual_norm ** 2 / 12) + 2 * k + 2 * k * (k + 1) / (12 - k - 1)
+
+    assert choice.aicc[1] == pytest.approx(aicc)
+    assert set(choice.aicc) == {1, 2, 3, 4}
+    assert fit_best_order(COMMANDS, np.polyval(EQ_3_3, COMMANDS)).fit.order == 2
+
+
+def test_as_many_points_as_coefficients_are_met_and_have_no_deviations_unless_stated() -> None:
+    x, y = np.array([1.0, 2.0, 4.0]), np.array([1.0, 3.0, 2.0])
+    bare = fit_polynomial(x, y, order=2, robust=True)
+    stated = fit_polynomial(x, y, order=2, std=np.full(3, 0.1))
+
+    assert bare.residual_norm < 1e-12
+    assert np.isnan(bare.std).all()
+    assert np.isnan(bare.confidence(x)).all()
+    assert stated.confidence(x) == pytest.approx(np.full(3, 0.196), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("x", "std", "said"),
+    [
+        ([1.0, 2.0], None, "2 points are too few for a polynomial of order 2, which has 3 coefficients"),
+        ([1.0, 1.0, 2.0, 2.0], None, "4 points at 2 different places cannot tell 3 coefficients apart"),
+        ([0.0, 0.0, 0.0], None, "3 points at 1 different places"),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 1.0], "the deviation of point 3 is 0"),
+        ([1.0, 2.0, 3.0, 4.0], [1.0, math.nan, 1.0, 1.0], "the deviation of point 2 is nan"),
+        ([1.0, 2.0, 3.0, math.nan], None, "no finite number"),
+    ],
+)
+def test_points_that_determine_nothing_are_refused(x: list[float], std: list[float] | None, said: str) -> None:
+    with pytest.raises(FitError, match=said):
+        fit_polynomial(np.array(x), np.array(x) * 2, order=2, std=None if std is None else np.array(std))
+
+
+def test_too_few_points_to_choose_an_order_are_refused() -> None:
+    with pytest.raises(FitError, match="4 points are too few to choose between orders: order 1 takes 5"):
+        fit_best_order(np.arange(4.0), np.arange(4.0))
