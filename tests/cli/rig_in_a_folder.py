@@ -29,10 +29,12 @@ from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
 from cfid.sim.loadcell import LoadCell, LoadCellTruth
 from cfid.sim.netft import Address, NetFTBox
-from cfid.sim.netft_faults import FaultyNetFT
+from cfid.sim.netft_faults import Datagram, FaultyNetFT
 from cfid.sim.netft_server import LOOPBACK, NetFTServer, Ports
 from cfid.sim.pty import PtyPort
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
+from cfid.wire.rdt import Command as RdtCommand
+from cfid.wire.rdt import Request, encode_request
 
 LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
 ENCODER_HZ = 100
@@ -45,10 +47,21 @@ Array = npt.NDArray[np.float64]
 
 
 class Box(FaultyNetFT):
-    """A box that remembers who asked it last, and how often anybody did anything."""
+    """A box that remembers who asked it last, and how often anybody did anything.
+
+    With a `thief` the stream is taken from whoever has it, once it has begun to flow.
+    """
 
     client: Address = ("", 0)
     contacts = 0
+    thief: Address | None = None
+
+    def due(self, now_s: float) -> list[Datagram]:
+        """Return the datagrams that leave for the client now."""
+        datagrams = super().due(now_s)
+        if datagrams and self.thief is not None:
+            self.box.request(encode_request(Request(RdtCommand.REAL_TIME, 1)), self.thief, now_s)
+        return [datagram for datagram in datagrams if datagram[1] != self.thief]
 
     def alive(self, now_s: float) -> bool:
         """Return whether it answers."""
@@ -162,12 +175,12 @@ class Lab:
         self.port = self.in_reactor(self.plug.open)
         self.point_at(self.ports)
 
-    def point_at(self, ports: Ports, *, port: object = None) -> None:
+    def point_at(self, ports: Ports, *, port: object = None, address: str = LOOPBACK) -> None:
         """Write rig.toml with the devices at these places."""
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
         (self.folder / RIG_FILE).write_text(
             f"{content}\n[devices.encoder]\nport = '{self.port if port is None else port}'\nrate_hz = {ENCODER_HZ}.0\n"
-            f"[devices.loadcell]\naddress = '{LOOPBACK}'\nrate_hz = {LOADCELL_HZ}\n"
+            f"[devices.loadcell]\naddress = '{address}'\nrate_hz = {LOADCELL_HZ}\n"
             f"rdt_port = {ports.rdt}\nhttp_port = {ports.http}\ntcp_port = {ports.tcp}\n"
         )
 

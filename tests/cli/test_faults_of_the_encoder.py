@@ -95,9 +95,12 @@ def test_replies_that_are_too_slow_are_told_before_a_run(lab: Lab) -> None:
     lab.encoder_suffers(slow_s=0.2)
 
     said = lab.cfid(*LOG)
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
-    assert re.search(r"replies after 2\d\d ms, too late to say at what time the encoder stood there", said.err)
+    told = r"replies after 2\d\d ms, too late to say at what time the encoder stood there"
+    assert said.code == checked.code == 3
+    assert re.search(told, said.err)
+    assert re.search(told, checked.out)
     assert lab.run_folder() is None
 
 
@@ -255,9 +258,12 @@ def test_an_interface_without_an_encoder_is_told(lab: Lab) -> None:
     lab.in_reactor(lambda: lab.e201.received(b"f", 0.0))
 
     said = lab.cfid(*LOG)
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
-    assert "an E201, but it reads no position: is the encoder plugged into it, and powered?" in said.err
+    told = "an E201, but it reads no position: is the encoder plugged into it, and powered?"
+    assert said.code == checked.code == 3
+    assert told in said.err
+    assert told in checked.out
     assert lab.run_folder() is None
 
 
@@ -322,16 +328,23 @@ def test_a_device_that_says_nothing_is_told(lab: Lab) -> None:
     lab.encoder_suffers(silent_after_s=0)
 
     said = lab.cfid(*LOG)
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
-    assert "gives no answer where an E201 encoder interface says its name" in said.err
+    told = "gives no answer where an E201 encoder interface says its name"
+    assert said.code == checked.code == 3
+    assert told in said.err
+    assert told in checked.out
 
 
 def test_a_port_that_is_not_there_is_told_with_those_there_are(lab: Lab) -> None:
     said = lab.cfid(*LOG, "--port", lab.folder / "nothing")
+    lab.point_at(lab.ports, port=lab.folder / "nothing")
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
-    assert f"{lab.folder / 'nothing'}: no such port. There are: " in said.err
+    told = f"{lab.folder / 'nothing'}: no such port. There are: "
+    assert said.code == checked.code == 3
+    assert told in said.err
+    assert told in checked.out
 
 
 @pytest.mark.parametrize("name", ["rig.toml", ".", os.devnull])
@@ -339,17 +352,22 @@ def test_a_port_that_is_no_terminal_is_told(lab: Lab, name: str) -> None:
     path = lab.folder / name
 
     said = lab.cfid(*LOG, "--port", path)
+    lab.point_at(lab.ports, port=path)
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
+    assert said.code == checked.code == 3
     assert said.err == f"cfid: {path}: this is no serial port.\n"
+    assert f"{path}: this is no serial port." in checked.out
 
 
 def test_a_port_that_another_program_has_open_is_told(lab: Lab) -> None:
     with serial.Serial(str(lab.port), exclusive=True):
         said = lab.cfid(*LOG)
+        checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
+    assert said.code == checked.code == 3
     assert said.err == f"cfid: {lab.port}: another program has it open: close that first.\n"
+    assert f"{lab.port}: another program has it open: close that first." in checked.out
 
 
 def test_no_encoder_plugged_in_at_all_is_told(lab: Lab) -> None:

@@ -204,6 +204,15 @@ def test_another_client_that_takes_the_stream_once_costs_a_gap(lab: Lab) -> None
     assert lab.run().header.devices["loadcell"].lost > 0
 
 
+def test_another_client_that_takes_the_stream_is_told_by_check(lab: Lab) -> None:
+    lab.box.thief = ("192.0.2.66", 4000)
+
+    checked = lab.cfid("rig", "check")
+
+    assert checked.code == 3
+    assert "-> the stream broke off: another client asks the same box" in checked.out
+
+
 def test_another_client_that_takes_the_stream_again_and_again_ends_the_run(lab: Lab) -> None:
     log = lab.start(*LOG)
     log.wait_for_rows(FIRST)
@@ -253,8 +262,10 @@ def test_a_slow_box_is_waited_for(lab: Lab) -> None:
     lab.loadcell_suffers(slow_s=0.3)
 
     said = lab.cfid(*LOG, "--for", 0.5)
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 0
+    assert said.code == checked.code == 0
+    assert "reading, TCP    ok" in checked.out
     check_count(lab)
 
 
@@ -262,9 +273,11 @@ def test_a_box_that_takes_longer_than_three_seconds_is_given_up(lab: Lab) -> Non
     lab.loadcell_suffers(slow_s=30)
 
     said = lab.cfid(*LOG)
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
+    assert said.code == checked.code == 3
     assert "no answer within 3 s. Is the box powered" in said.err
+    assert checked.out.count("no answer within 3 s") == 2  # HTTP and TCP
     assert lab.run_folder() is None
 
 
@@ -295,9 +308,11 @@ def test_another_device_at_the_address_is_told(lab: Lab, answer: bytes, told: st
     with answering(answer) as port:
         lab.point_at(lab.ports._replace(http=port))
         said = lab.cfid(*LOG)
+        checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
+    assert said.code == checked.code == 3
     assert told in said.err
+    assert told in checked.out
     assert lab.run_folder() is None
 
 
@@ -307,6 +322,15 @@ def test_an_address_that_is_none_is_told(lab: Lab, address: str) -> None:
 
     assert said.code == 3
     assert said.err.startswith(f"cfid: '{address}' is no address in this network")
+
+
+def test_an_address_that_is_none_is_told_by_check(lab: Lab) -> None:
+    lab.point_at(lab.ports, address="a box")
+
+    checked = lab.cfid("rig", "check")
+
+    assert checked.code == 3
+    assert "'a box' is no address in this network" in checked.out
 
 
 def test_a_box_may_be_named_instead_of_numbered(lab: Lab) -> None:
@@ -345,8 +369,10 @@ def test_a_load_beyond_the_range_ends_the_run_with_its_rows_kept(lab: Lab) -> No
     log.wait_for_rows(FIRST)
     lab.in_reactor(lab.box.box.load_cell.overload)
     said = log.end()
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
+    assert said.code == checked.code == 3
+    assert "reading, TCP    fault    saturation, or the converter failed" in checked.out
     assert "saturation, or the converter failed: the readings from there on are not forces" in said.err
     assert lab.run().header.state == "failed"
     assert "saturation" in lab.run().header.reason
@@ -356,12 +382,15 @@ def test_a_load_beyond_the_range_ends_the_run_with_its_rows_kept(lab: Lab) -> No
 def test_an_error_bit_ends_the_run_with_its_name(lab: Lab) -> None:
     log = lab.start(*LOG)
     log.wait_for_rows(FIRST)
-    lab.box.box.status = 0x80000020
+    lab.box.box.status = 0x88000000
     said = log.end()
+    checked = lab.cfid("rig", "check")
 
-    assert said.code == 3
-    assert "supply of the analog board too low" in said.err
-    assert "supply of the analog board too low" in lab.run().header.reason
+    told = "the link to the transducer failed"
+    assert said.code == checked.code == 3
+    assert f"{told}: the readings from there on are not forces" in said.err
+    assert told in lab.run().header.reason
+    assert f"reading, TCP    fault    {told}" in checked.out
     assert (rows_of(lab)["status"] == 0).sum() >= FIRST
 
 

@@ -170,8 +170,9 @@ def test_a_reader_that_went_away_costs_words_and_no_rows(lab: Lab) -> None:
     log = lab.start("log", "loadcell", "--for", 0.3, stdout=writing)
     os.close(writing)
     os.close(reading)
-    log.end()
+    said = log.end()
 
+    assert said.code == 1
     assert lab.run().header.state == "complete"
 
 
