@@ -1,8 +1,8 @@
 """rig.sim.toml, which points the commands at a simulated rig for as long as its process lives."""
 
 import contextlib
+import fcntl
 import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -67,24 +67,17 @@ def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
 def _held(path: Path) -> int:
     """Open the file and hold it: a lock ends with its process, however that ends."""
     handle = os.open(path, os.O_RDWR)
-    if sys.platform != "win32":
-        import fcntl
-
-        fcntl.flock(handle, fcntl.LOCK_EX)
+    fcntl.flock(handle, fcntl.LOCK_EX)
     return handle
 
 
 def _is_held(path: Path) -> bool:
-    """Return whether a process holds the file; where the system has no locks, whether the file is there."""
+    """Return whether a process holds the file."""
     try:
         handle = os.open(path, os.O_RDWR)
     except OSError:
         return False
     try:
-        if sys.platform == "win32":
-            return True
-        import fcntl
-
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
         return True

@@ -22,7 +22,6 @@ from tests.rig.streaming_rig import (
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo terminals of Unix")
 
 MOST_MISSING_S = 0.1
-HELD_UP_S = 0.1  # for which a computer with more to do than it has cores may give a process no time
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -55,30 +54,28 @@ def check_quiet(rig: ServedRig) -> None:
     assert rig.holders() == []
 
 
-def killed_runs(folder: Path, count: int, *, seed: int, longest_s: float) -> list[float]:
-    """Kill so many runs at random times; return what each misses at its end, of the device that misses more."""
+def check_killed_runs(folder: Path, count: int, *, seed: int, longest_s: float) -> None:
+    """Kill so many runs at random times: none misses more than 100 ms at its end, of either device."""
     rng = np.random.default_rng(seed)
     with served_rig(folder, seed=seed) as rig:
         missing = [killed_run(rig, rng.uniform(0, longest_s)) for _ in range(count)]
-    print(f"missing at the end, in ms: {np.round(1e3 * np.array([list(each.values()) for each in missing])).tolist()}")
-    return [max(each.values()) for each in missing]
-
-
-def check_missing(missing_s: list[float]) -> None:
-    """All but one in fifty, of those that this computer held up, miss 100 ms at most."""
-    held_up = [missing for missing in missing_s if missing > MOST_MISSING_S]
-    assert len(held_up) <= 1, held_up
-    assert max(missing_s) < MOST_MISSING_S + HELD_UP_S
+    for name in DEVICES:
+        missing_ms = 1e3 * np.array([each[name] for each in missing])
+        print(
+            f"{name}: {count} kills, missing at the end: median {np.median(missing_ms):.0f} ms, "
+            f"largest {missing_ms.max():.0f} ms"
+        )
+    assert max(each[name] for each in missing for name in DEVICES) < MOST_MISSING_S, missing
 
 
 def test_killed_runs_open_and_miss_the_last_100_ms_at_most(tmp_path: Path) -> None:
-    check_missing(killed_runs(tmp_path, 6, seed=1, longest_s=0.6))
+    check_killed_runs(tmp_path, 6, seed=1, longest_s=0.6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(11, 15))
 def test_two_hundred_killed_runs_open_and_miss_the_last_100_ms_at_most(tmp_path: Path, seed: int) -> None:
-    check_missing(killed_runs(tmp_path, 50, seed=seed, longest_s=1.5))
+    check_killed_runs(tmp_path, 50, seed=seed, longest_s=1.5)
 
 
 def test_runs_that_are_told_to_end_are_complete_and_leave_the_devices_quiet(tmp_path: Path) -> None:
