@@ -75,13 +75,14 @@ class Box(FaultyNetFT):
 
 
 class Interface(FaultyE201):
-    """An encoder's interface that counts how often it was asked who it is, and may not let itself be stopped."""
+    """An encoder's interface that counts how often it was asked, and who it is; it may not let itself be stopped."""
 
-    introductions = 0
+    contacts = introductions = 0
     unstoppable = False
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
         """Return what leaves after which delay in answer to `data`."""
+        self.contacts += 1
         self.introductions += data.count(VERSION)
         return super().received(data.replace(STOP_CONTINUOUS, b"") if self.unstoppable else data, now_s)
 

@@ -208,6 +208,24 @@ def test_something_else_in_the_place_of_the_plug_is_not_taken_for_the_encoder(la
     check_rows(lab)
 
 
+def test_something_that_sends_without_end_in_the_place_of_the_plug_keeps_no_log_from_ending(lab: Lab) -> None:
+    log = lab.start(*LOG)
+    log.wait_for_rows(FIRST)
+    lab.pull_plug()
+    log.wait_until_said("to come back")
+    lab.encoder.unstoppable = True
+    lab.put_plug_back()
+    lab.in_reactor(lambda: lab.plug.heard(CONTINUOUS))
+    asked = lab.encoder.contacts
+    log.wait_until(lambda: lab.encoder.contacts > asked, "the request to stop")
+    said = log.ask_to_end()
+
+    assert said.code == 3
+    assert "is back" not in said.err
+    assert "and never back" in said.err
+    check_rows(lab)
+
+
 def test_a_plug_pulled_and_never_put_back_fails_the_run_with_its_rows_kept(lab: Lab) -> None:
     log = lab.start(*LOG)
     log.wait_for_rows(FIRST)
