@@ -1,0 +1,122 @@
+"""Thrust and speed of motor voltage: the battery's sag is in it, and data that it has not seen say whether."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.voltage_map import compare, compare_speed, compare_thrust, motor_volts
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+UP_AND_DOWN = np.concatenate([np.arange(0.0, 64001.0, 2000.0), np.arange(64000.0, -1.0, -2000.0)])
+CUBIC = (2.1e-3, 4.5e-3, 9.6e-3, -3.1e-4)  # N, N/V, N/V^2, N/V^3; lowest first
+
+
+def sagging(command: Array, *, empty_v: float = 0.6) -> Array:
+    """Return a cell's voltage: it loses 0.5 V at full command, and 0.6 V from the first point to the last."""
+    return 4.1 - 0.5 * (command / 65535) ** 2 - empty_v * np.linspace(0, 1, len(command))
+
+
+def thrust_of(volts: Array) -> Array:
+    return np.asarray(np.polynomial.polynomial.polyval(volts, CUBIC))
+
+
+def noise(seed: int, scale: Array) -> Array:
+    return np.asarray(scale * np.random.default_rng(seed).standard_normal(len(scale)))
+
+
+def test_motor_voltage_is_the_part_of_the_battery_that_the_command_lets_through() -> None:
+    assert motor_volts(command=[0, 32767.5, 65535], vbat_v=[4.0, 4.0, 3.0]) == pytest.approx([0, 2, 3])
+
+
+def test_a_cubic_of_motor_voltage_comes_back_lowest_power_first() -> None:
+    vbat = sagging(UP_AND_DOWN)
+    truth = thrust_of(motor_volts(command=UP_AND_DOWN, vbat_v=vbat))
+    found = compare_thrust(command=UP_AND_DOWN, vbat_v=vbat, thrust_n=truth)
+
+    assert found.lowest_first == pytest.approx(CUBIC, rel=1e-6)
+    assert found.by_command.order == found.by_voltage.order == 3
+    assert found.command.min() == 2000  # the dead zone is left out
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("folds", [None, 5])
+def test_on_a_sagging_battery_the_voltage_predicts_better_and_lies_within_half_a_percent(
+    seed: int, folds: int | None
+) -> None:
+    vbat = sagging(UP_AND_DOWN)
+    volts = motor_volts(command=UP_AND_DOWN, vbat_v=vbat)
+    truth = thrust_of(volts)
+    std = 5e-5 + 2e-3 * truth
+    read_v = vbat + noise(seed, np.full_like(vbat, 2e-3))
+    thrust = truth + noise(seed + 100, std)
+    found = compare_thrust(command=UP_AND_DOWN, vbat_v=read_v, thrust_n=thrust, std_n=std, folds=folds)
+    running = np.linspace(0.25 * volts.max(), volts.max(), 50)
+    print(f"{found.sentence} rms {found.voltage_rms:.2g} against {found.command_rms:.2g} N")
+
+    assert found.better == "voltage"
+    assert found.ratio > 5
+    assert found.by_voltage.at(running) == pytest.approx(thrust_of(running), rel=5e-3)
+    assert found.sentence.startswith("motor voltage predicts")
+    assert found.warnings == ()
+
+
+def test_speed_of_motor_voltage_is_compared_the_same_way() -> None:
+    vbat = sagging(UP_AND_DOWN)
+    speed = 380 + 720 * motor_volts(command=UP_AND_DOWN, vbat_v=vbat)
+    found = compare_speed(command=UP_AND_DOWN, vbat_v=vbat, speed_rad_s=speed + noise(1, np.full_like(speed, 5.0)))
+
+    assert found.better == "voltage"
+    assert found.lowest_first[:2] == pytest.approx([380, 720], rel=0.03)
+
+
+def test_a_motor_that_obeys_the_command_alone_is_told_by_the_command() -> None:
+    """A brushless controller that compensates the battery."""
+    thrust = 4e-11 * UP_AND_DOWN**2 + 1e-7 * UP_AND_DOWN
+    found = compare_thrust(command=UP_AND_DOWN, vbat_v=sagging(UP_AND_DOWN), thrust_n=thrust + noise(1, thrust / 500))
+
+    assert found.better == "command"
+    assert "motor command predicts" in found.sentence
+
+
+def test_on_a_supply_neither_is_better() -> None:
+    vbat = np.full_like(UP_AND_DOWN, 3.7)
+    thrust = thrust_of(motor_volts(command=UP_AND_DOWN, vbat_v=vbat))
+    found = compare_thrust(command=UP_AND_DOWN, vbat_v=vbat, thrust_n=thrust + noise(1, 1e-4 + thrust / 500))
+
+    assert found.ratio == pytest.approx(1)
+    assert found.better == "neither"
+    assert "predict equally well" in found.sentence
+
+
+def test_commands_held_once_leave_the_two_forms_on_one_path_and_that_is_said() -> None:
+    up = UP_AND_DOWN[:33]
+    vbat = sagging(up)
+    found = compare_thrust(command=up, vbat_v=vbat, thrust_n=thrust_of(motor_volts(command=up, vbat_v=vbat)))
+
+    assert "every command was held once" in found.warnings[0]
+
+
+def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:
+    """By hand: of commands 1e4, 2e4, 3e4, 4e4, 5e4 at slope one, with 10 added at 3e4, each inner one is left out."""
+    command = np.array([1e4, 2e4, 3e4, 4e4, 5e4])
+    value = command + np.array([0, 0, 10, 0, 0.0])
+    found = compare(command=command, vbat_v=np.full(5, 65535.0), value=value, order=1)
+    errors = [
+        value[i] - np.polyval(np.polyfit(np.delete(command, i), np.delete(value, i), 1), command[i]) for i in (1, 2, 3)
+    ]
+
+    assert found.judged == 3
+    assert found.command_rms == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-6)
+    assert found.voltage_rms == pytest.approx(found.command_rms, rel=1e-6)
+
+
+def test_points_without_a_voltage_are_left_out_and_too_few_commands_refused() -> None:
+    vbat = sagging(UP_AND_DOWN)
+    vbat[10] = np.nan
+    thrust = thrust_of(motor_volts(command=UP_AND_DOWN, vbat_v=np.nan_to_num(vbat)))
+
+    assert len(compare_thrust(command=UP_AND_DOWN, vbat_v=vbat, thrust_n=thrust).value) == 63
+    with pytest.raises(FitError, match=r"5 commands above 1000 are too few .* of order 3 .*: 6 are needed"):
+        compare_thrust(command=UP_AND_DOWN[:6], vbat_v=vbat[:6], thrust_n=thrust[:6])
