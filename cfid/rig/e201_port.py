@@ -23,7 +23,7 @@ PORT_ERRORS = (OSError, termios.error)  # pyserial's own error is an OSError; a 
 _ANSWER_S = 0.5
 _DRAIN_S = 0.02
 _LONGEST_DRAIN_S = 0.3
-_LONGEST_S = 3.0  # for all questions to one port: a log that ends has to wait for them
+_LONGEST_S = 4.0  # for all questions to all ports: a log that ends has to wait for them
 _TRIES = 3
 _BAUD = 115200  # of no meaning on USB
 
@@ -43,8 +43,9 @@ def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str 
     """Find the encoder on a port, or look for it when `port` is empty; set the word's width that counts ask for.
 
     With a `serial_number` only that one will do; without `configure` nothing is set. Raises DeviceError that
-    says what every candidate answered.
+    says what every candidate answered, after five seconds at most.
     """
+    end_s = time.monotonic() + _LONGEST_S
     candidates = ports_to_ask(port)
     if not candidates:
         raise DeviceError(
@@ -54,7 +55,7 @@ def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str 
     reasons = []
     for candidate in candidates:
         try:
-            found = _ask(candidate, counts_per_turn=counts_per_turn, configure=configure)
+            found = _ask(candidate, counts_per_turn=counts_per_turn, configure=configure, end_s=end_s)
         except DeviceError as error:
             reasons.append(str(error))
             continue
@@ -92,11 +93,11 @@ def word_bits(counts_per_turn: float | str) -> int | None:
     return bits if fits else None
 
 
-def _ask(port: str, *, counts_per_turn: float | str, configure: bool) -> Found:
+def _ask(port: str, *, counts_per_turn: float | str, configure: bool, end_s: float) -> Found:
     if holder := holder_of(lock_name(port)):
         raise DeviceError(f"{port} is held by {holder}. End that first.")
     with _opened(port) as line:
-        interview = _Interview(port, line)
+        interview = _Interview(port, line, end_s=end_s)
         version = interview.introduced()
         width = interview.width(word_bits(counts_per_turn) if configure else None)
         command, reading = interview.position(width or e201.WIDEST_WORD)
@@ -131,9 +132,8 @@ class _Interview:
     Raises DeviceError when it is no E201, or does not let itself be asked.
     """
 
-    def __init__(self, port: str, line: serial.Serial) -> None:
-        self._port, self._line = port, line
-        self._end_s = time.monotonic() + _LONGEST_S
+    def __init__(self, port: str, line: serial.Serial, *, end_s: float) -> None:
+        self._port, self._line, self._end_s = port, line, end_s
 
     def introduced(self) -> bytes:
         """Return what it calls itself; an output that a killed log left on is switched off before."""
@@ -183,7 +183,9 @@ class _Interview:
 
     def _send(self, command: bytes) -> None:
         if time.monotonic() > self._end_s:
-            raise DeviceError(f"{self._port}: answers what an E201 is asked too slowly: another device.")
+            raise DeviceError(
+                f"{self._port}: there is no time left to ask it more; name the encoder's port in rig.toml."
+            )
         self._drain()
         self._line.write(command)
 

@@ -1,8 +1,13 @@
-"""What is known of an encoder before it is recorded: the width of its word, from its counts per turn."""
+"""What is known of an encoder before it is recorded: where it is, and the width of its word."""
+
+import os
+import pty
 
 import pytest
 
-from cfid.rig.e201_port import word_bits
+from cfid.errors import DeviceError
+from cfid.rig import e201_port
+from cfid.rig.e201_port import find_encoder, word_bits
 from cfid.wire.e201 import set_word_width
 
 
@@ -22,3 +27,19 @@ def test_no_width_is_asked_for_that_no_word_has(counts: float) -> None:
 def test_no_such_width_can_be_set(bits: int) -> None:
     with pytest.raises(ValueError, match="1 to 32 bits"):
         set_word_width(bits)
+
+
+def test_many_ports_that_say_nothing_are_not_all_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = [pty.openpty() for _ in range(12)]
+    monkeypatch.setattr(e201_port, "ports_to_ask", lambda port: [os.ttyname(end) for _, end in ends])
+
+    with pytest.raises(DeviceError) as caught:
+        find_encoder("", counts_per_turn=8192.0)
+    for end in ends:
+        os.close(end[0])
+        os.close(end[1])
+
+    silent, left = (str(caught.value).count(words) for words in ("gives no answer", "not asked, the ports before"))
+    assert silent > 5
+    assert left > 1
+    assert silent + left == 12
