@@ -184,7 +184,7 @@ class _Interview:
     def _send(self, command: bytes) -> None:
         if time.monotonic() > self._end_s:
             raise DeviceError(
-                f"{self._port}: there is no time left to ask it more; name the encoder's port in rig.toml."
+                f"{self._port}: not asked, the ports before took too long: name the encoder's in rig.toml."
             )
         self._drain()
         self._line.write(command)
