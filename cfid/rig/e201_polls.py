@@ -12,6 +12,7 @@ from cfid.wire import e201
 _LATEST_S = 0.01  # that a busy computer, or the system's own queue before a port, holds a poll up now and then
 _NAME_S = 0.05  # without a name, after which it is asked for again
 _LAST_NAME_S = 0.1  # after a name, in which one that was asked for later would have come too
+_SETTLE_S = 0.005  # after the last name, should it have a second line
 
 
 class Polls:
@@ -125,10 +126,8 @@ class Polls:
         if not count:
             return
         self._unnamed -= count
-        if self._unnamed > 0:  # the others are on their way, or were lost
-            self._later(_LAST_NAME_S, self._trust)
-        else:
-            self._trust()
+        more = self._unnamed > 0  # are on their way, or were lost
+        self._later(_LAST_NAME_S if more else _SETTLE_S, self._trust)
 
     def _trust(self) -> None:
         self._in_doubt = False

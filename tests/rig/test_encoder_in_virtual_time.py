@@ -112,6 +112,23 @@ def test_replies_that_come_late_for_a_while_are_never_taken_for_other_polls(
     check_angles(rows, late_s=0.006)
 
 
+def test_a_name_of_two_lines_is_one_answer(session: Session) -> None:
+    instrument, wires = encoder(session, EncoderFaults(drop_every=50))
+    received = instrument.received
+
+    def two_lines(data: bytes) -> None:
+        received(data)
+        if b"E201" in data:
+            session.clock.callLater(0.002, received, b"V1.30\r")
+
+    instrument.received = two_lines  # type: ignore[method-assign]
+    run, failure = session.record(instrument, for_s=20, step_s=1e-3)
+
+    assert failure is None
+    assert run.header.devices["encoder"].lost == wires[0].device.mishaps.dropped
+    check_angles(rows_of(run, "encoder"))
+
+
 def test_replies_that_always_come_too_late_are_told(session: Session) -> None:
     instrument, _ = encoder(session, EncoderFaults(slow_s=0.06))
 
