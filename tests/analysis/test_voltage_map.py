@@ -112,6 +112,18 @@ def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:
     assert found.voltage_rms == pytest.approx(found.command_rms, rel=1e-6)
 
 
+def test_folds_leave_every_so_manyth_command_out_together() -> None:
+    command = np.arange(1e4, 6.1e4, 1e4)
+    value = command + noise(1, np.full(6, 100.0))
+    found = compare(command=command, vbat_v=np.full(6, 4.0), value=value, order=1, folds=2)
+    errors = [
+        value[out] - np.polyval(np.polyfit(np.delete(command, out), np.delete(value, out), 1), command[out])
+        for out in ([1, 3], [2, 4])
+    ]
+
+    assert found.command_rms == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-6)
+
+
 def test_points_without_a_voltage_are_left_out_and_too_few_commands_refused() -> None:
     vbat = sagging(UP_AND_DOWN)
     vbat[10] = np.nan
