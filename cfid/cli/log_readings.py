@@ -146,7 +146,7 @@ def _climb(
         parts = [crazyflie.commands(), *instrument(crazyflie)]
         if question is not None:
             parts.append(typed_readings(value))
-        confirm(crazyflie, wanted.motors, wanted.steps[-1], yes=vehicle.yes)
+        confirm(crazyflie, wanted.motors, max(wanted.steps), yes=vehicle.yes)
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind=kind,

@@ -31,6 +31,9 @@ class StairOptions:
     step: Annotated[
         int | None, typer.Option(min=1, help="From one to the next; default: the thesis'.", rich_help_panel=_STAIRS)
     ] = None
+    down: Annotated[
+        bool, typer.Option("--down", help="Climb down again too: tells a battery's sag.", rich_help_panel=_STAIRS)
+    ] = False
     hold: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRS)
     ] = None
@@ -48,6 +51,7 @@ class StairOptions:
         steps = tuple(range(self.from_, self.to + 1, self.step or step))
         if not steps:
             raise ConfigError(f"--from {self.from_} --to {self.to}: there is no command between them.")
+        steps += steps[-2::-1] if self.down else ()
         hold_s = hold_s if self.hold is None else positive(self.hold, "--hold")
         rest_s = rest_s if self.rest is None else positive(self.rest, "--rest")
         return Staircase(steps=steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
@@ -90,7 +94,7 @@ def thrust(
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, wanted.motors, wanted.steps[-1], yes=vehicle.yes)
+        confirm(crazyflie, wanted.motors, max(wanted.steps), yes=vehicle.yes)
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind="thrust",
@@ -109,6 +113,6 @@ def announce(stairs: "Staircase") -> None:
 
     motors = ", ".join(map(str, stairs.motors))
     typer.echo(
-        f"{len(stairs.steps)} commands from {stairs.steps[0]} to {stairs.steps[-1]} on motors {motors}, "
+        f"{len(stairs.steps)} commands from {min(stairs.steps)} to {max(stairs.steps)} on motors {motors}, "
         f"{stairs.hold_s:g} s each with {stairs.rest_s:g} s of rest: {clock(stairs.duration_s)} min"
     )

@@ -1,5 +1,6 @@
 """What an interrupted run of a sweep lacks."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,8 +38,16 @@ def missing(stairs: "Staircase", folder: Path) -> "Staircase":
         raise DataError(f"{run.device_file('commands')}: cannot be read.") from None
     column = f"m{before.motors[0]}"
     held_s = rows["t"].shift(-1) - rows["t"]
-    done = set(rows.loc[held_s >= 0.98 * before.hold_s, column].astype(int)) - {0}  # at rest they are 0 too
-    left = tuple(step for step in before.steps if step not in done)
+    done = Counter(rows.loc[held_s >= 0.98 * before.hold_s, column].astype(int))
+    left = tuple(step for step in before.steps if not _was_held(step, done))
     if run.header.state == "complete" or not left:
         raise ConfigError(f"{folder}: lacks nothing.")
     return replace(before, steps=left)
+
+
+def _was_held(step: int, done: Counter[int]) -> bool:
+    """Return whether a step was held and take it off; a step of zero is like the rests, and is held again."""
+    if step == 0 or not done[step]:
+        return False
+    done[step] -= 1
+    return True
