@@ -1,6 +1,7 @@
 """What the tests of all rooms share."""
 
 import os
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -12,3 +13,11 @@ def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(os.environ, "CFID_LOCKS", str(tmp_path_factory.mktemp("locks") / "cfid"))
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def signals_that_are_not_ignored() -> None:
+    """Heed what tests send to the programs that they start, which inherit what is ignored: under nohup, say."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
