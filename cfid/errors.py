@@ -19,6 +19,10 @@ class DeviceError(CfidError):
     exit_code = 3
 
 
+class StopError(DeviceError):
+    """Motors were told to stop and did not confirm it: said before everything else, whatever else went wrong."""
+
+
 class DataError(CfidError):
     """A recording is missing, cut, or has a wrong column or unit: names the file and the line."""
 

@@ -12,10 +12,12 @@ import typer
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.recorded import rig_of
-from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
-from cfid.errors import DeviceError
+from cfid.cli.speech import note
+from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach, reach_at
+from cfid.errors import ConfigError, DeviceError
 
 if TYPE_CHECKING:
+    from cfid.campaign import CrazyflieLink
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
 
@@ -35,7 +37,7 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
     """
     if context.invoked_subcommand is not None:
         return
-    from cfid.rig.console import HELP, run_console
+    from cfid.rig.console import HELP, Console
 
     _, devices, simulated = rig_of(campaign)
     live = LiveLine()
@@ -46,9 +48,9 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
         _drive(
             crazyflie,
             live,
-            lambda there, loop: run_console(
+            lambda there, loop: Console(
                 there["commands"], crazyflie.limits, loop=loop, tell=live.task, say=live.tell
-            ),
+            ).run(),
         )
 
 
@@ -86,16 +88,30 @@ def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
 
     Example: [bold]cfid motors stop[/bold]
     """
+    from cfid.rig.lock import vehicles_held
     from cfid.rig.procedures import nothing
 
-    _, devices, simulated = rig_of(campaign)
-    uri = vehicle.uri or devices.crazyflie.uri
-    if uri:
+    setting = _setting(vehicle.uri, campaign)
+    for uri in [setting.uri] if setting.uri else vehicles_held():
         _end_holder(uri)
     live = LiveLine()
     with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        crazyflie = reach_at(setting, held)
         _drive(crazyflie, live, lambda there, loop: nothing())
+
+
+def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
+    """Return where the vehicle is; an address on the command line needs no campaign, nor a rig.toml without faults."""
+    from cfid.campaign import CrazyflieLink
+
+    if uri is None:
+        return rig_of(campaign)[1].crazyflie
+    try:
+        found = rig_of(campaign)[1].crazyflie
+    except ConfigError as error:
+        note(f"{error} The app is looked for on its usual ports.")
+        found = CrazyflieLink()
+    return found.model_copy(update={"uri": uri})
 
 
 def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:
@@ -105,8 +121,10 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
         drive([vehicle.commands(), vehicle.usual_log()], procedure, show=live.show)
     finally:
         live.end()
-    sure = "" if vehicle.firmware.kind == "thesis" else ", and the vehicle confirms it"
-    typer.echo(f"{vehicle.uri}: all motors are stopped{sure}.")
+    if vehicle.firmware.kind == "thesis":
+        typer.echo(f"{vehicle.uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
+    else:
+        typer.echo(f"{vehicle.uri}: all motors are stopped, and the vehicle confirms it.")
 
 
 def _end_holder(uri: str) -> None:
@@ -116,7 +134,14 @@ def _end_holder(uri: str) -> None:
     process = holder_process(uri)
     if process is None:
         return
-    os.kill(process, signal.SIGTERM)
+    try:
+        os.kill(process, signal.SIGTERM)
+    except ProcessLookupError:
+        return
+    except PermissionError:
+        raise DeviceError(
+            f"{uri}: process {process} holds the vehicle and is another user's: end it there, or pull the battery."
+        ) from None
     end_s = time.monotonic() + _OTHERS_STOP_S
     while holder_process(uri) == process:
         if time.monotonic() > end_s:

@@ -1,5 +1,6 @@
 """What every command that reaches the vehicle shares: which one, and that it is fastened before a motor turns."""
 
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -13,7 +14,7 @@ from cfid.cli.speech import note
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.campaign import Devices
+    from cfid.campaign import CrazyflieLink, Devices
     from cfid.rig.ready_vehicle import ReadyVehicle
 
 VEHICLE = "Vehicle"
@@ -44,18 +45,40 @@ class VehicleOptions:
 
 
 def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
-    """Connect to the vehicle and say which it is and what runs on it. Raises DeviceError."""
-    from cfid.rig.ready_vehicle import ready_vehicle
-
+    """Connect to the vehicle that is meant and say which it is and what runs on it. Raises DeviceError."""
     setting = devices.crazyflie
     if options.uri is not None:
         refuse_mixture("--uri", simulated)
         setting = setting.model_copy(update={"uri": options.uri})
+    return reach_at(setting, held)
+
+
+def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
+    """Connect to a vehicle and say what of it the operator should know. Raises DeviceError."""
+    from cfid.rig.ready_vehicle import ready_vehicle
+
     vehicle = ready_vehicle(setting, held)
     note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
     if vehicle.firmware.kind != "app":
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
+    if setting.stop_below_v is not None and not vehicle.tells_battery:
+        note("the vehicle does not tell its battery's voltage: stop_below_v of rig.toml does nothing.")
+    if idle := vehicle.idle_command():
+        note(
+            f"powerDist.idleThrust is {idle}: it is set to 0, so that a command of zero is zero, and stays so until "
+            "the vehicle is restarted."
+        )
     return vehicle
+
+
+def _line() -> str:
+    """Return the next line of standard input, and take no byte of what follows: a script's answers come behind."""
+    if sys.stdin is None:
+        return ""
+    line = b""
+    while not line.endswith(b"\n") and (byte := os.read(sys.stdin.fileno(), 1)):
+        line += byte
+    return line.decode(errors="replace")
 
 
 def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], largest: int, *, yes: bool) -> None:
@@ -69,7 +92,7 @@ def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], largest: int, *, yes
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
     question = f"{vehicle.uri}: {which} will turn at commands up to {largest}. Fastened, and nobody near? [y/N] "
     typer.echo(question, nl=False, err=True)
-    answer = sys.stdin.readline()
+    answer = _line()
     if not answer:
         raise ConfigError("nobody confirmed that the vehicle is fastened: --yes says it in a script.")
     if answer.strip().lower() not in ("y", "yes"):

@@ -5,8 +5,9 @@ from typing import Any
 
 from twisted.internet.base import DelayedCall
 
-from cfid.errors import DeviceError
-from cfid.rig.motors import STILL, Firmware, Four, Limits
+from cfid.errors import DeviceError, StopError
+from cfid.rig.motors import MAY_BE_RUNNING, STOPPED, Firmware, Four, Limits
+from cfid.rig.power_set import PowerSet
 from cfid.rig.recorder import sleep
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
@@ -16,10 +17,12 @@ from cfid.wire.crtp import ARM, COMMAND_CHANNEL, SUPERVISOR_PORT, Packet
 _EVERY_S = 0.1  # five keep-alives in the time that the app waits for one
 _DEAF_S = 0.4  # without an answer to any of them
 _STOP_S = 0.1
-_STOPS = 6
+_STOPS = 10
 _ALLOWED_S = 0.7  # for a brushed vehicle to arm itself again, which takes it 0.16 s
 _AGAIN_S = 0.05
 _SINE_ENDS_S = 2.0
+_OVERRIDES = "motorPowerSet.enable"
+IDLE = "powerDist.idleThrust"  # of brushless motors, with which a command of zero would not be zero
 
 
 class AppMotors:
@@ -29,10 +32,10 @@ class AppMotors:
         """Take a vehicle whose app has answered."""
         self._vehicle, self._ports, self._limits = vehicle, firmware.ports, limits
         self._number = 0
-        self._unsettled: int | None = 0  # keep-alives up to this number were sent before the commands stood
-        self._commands = STILL
+        self._commands: Four | None = None  # as the app confirmed them; None: not known, or the sine's own
+        self._settled_at = 0  # the number of the last keep-alive that was sent before that
         self._answered_s = 0.0
-        self._heard = False
+        self._heard = self._stopped = self.playing = False
         self._fault = ""
         self._next: DelayedCall | None = None
         vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._hear)
@@ -42,25 +45,25 @@ class AppMotors:
         self._answered_s = self._vehicle.loop.seconds()
         self._keep_alive()
 
-    async def set(self, commands: Four) -> int | None:
-        """Bring the motors that differ to their commands; return the vehicle's microseconds of the last answer."""
+    async def set(self, commands: Four) -> float:
+        """Bring the motors that differ to their commands."""
         self._limits.check(max(commands), min(commands))
-        self._unsettled = None
+        before, self._commands = self._commands, None
         await self._be_heard()
         at_once = len(set(commands)) == 1
-        places = [app.ALL_MOTORS_THRUST] if at_once else [m for m in range(4) if commands[m] != self._commands[m]]
-        microseconds = None
-        for place in places:
-            answer = await self._set_one(app.ThrustRequest(commands[0 if at_once else place], place))
-            microseconds = answer.microseconds
-        self._commands, self._unsettled = commands, self._number
-        return microseconds
+        each = [place for place in range(4) if before is None or commands[place] != before[place]]
+        sent_s = [
+            await self._set_one(app.ThrustRequest(commands[place % 4], place))
+            for place in ([app.ALL_MOTORS_THRUST] if at_once else each)
+        ]
+        self._commands, self._settled_at = commands, self._number
+        return sent_s[0] if sent_s else float(self._vehicle.loop.seconds())
 
     async def play(self, request: app.SineRequest) -> None:
         """Start a sine; its crossings and its end are for `Crossings` to hear."""
         self._limits.check_sine(request)
         packet = Packet(self._ports.sine, SineChannel.START, app.encode_sine(request))
-        self._unsettled = None  # its commands are the vehicle's own from now on
+        self._commands = None
         await self._be_heard()
         await self._let_sine_end()
 
@@ -84,76 +87,79 @@ class AppMotors:
             )
 
     async def stop(self) -> None:
-        """Take back the keep-alives and let the app say that all commands are zero."""
+        """Take back the keep-alives, let the app say that all commands are zero, and see that nothing overrides it."""
+        self._stopped = True
         if self._next is not None and self._next.active():
             self._next.cancel()
-        self._next, self._unsettled, self._commands = None, None, STILL
+        self._next = self._commands = None
         self._number += 1
-        number, port = self._number, self._ports.ping
+        number = self._number
 
         def stopped(payload: bytes) -> AppState | None:
             state = app.decode_state(payload)
             return state if state and state.number == number and not any(state.commands) else None
 
-        request = Packet(port, PingChannel.STOP, app.encode_alive(number))
-        if await self._vehicle.ask(request, stopped, within_s=_STOP_S, tries=_STOPS) is None:
-            raise DeviceError(
+        request = Packet(self._ports.ping, PingChannel.STOP, app.encode_alive(number))
+        try:
+            confirmed = await self._vehicle.ask(request, stopped, within_s=_STOP_S, tries=_STOPS) is not None
+        except DeviceError:
+            confirmed = False
+        if not confirmed:
+            raise StopError(
                 f"{self._vehicle.uri}: the app did not confirm that the motors stopped. It stops them by itself "
                 f"{app.KEEP_ALIVE_S:g} s after the last keep-alive: look before you touch."
             )
+        await self._end_overriding()
 
-    async def _be_heard(self) -> None:
-        """See once that a keep-alive has arrived, before which the app refuses every command.
-
-        Where motors idle by themselves, as brushless ones do, a command of zero is made to mean zero.
-        """
-        if self._heard:
+    async def _end_overriding(self) -> None:
+        if self._vehicle.wire.parameter(_OVERRIDES) is None:
             return
-        await self._state()
-        idle = self._vehicle.wire.parameter("powerDist.idleThrust")
-        if idle is not None:
-            await self._vehicle.write_parameter(idle, 0)
-        self._heard = True
+        try:
+            overriding = PowerSet(self._vehicle)
+            if await overriding.is_enabled():
+                await overriding.clear()
+        except DeviceError as error:
+            raise StopError(
+                f"{MAY_BE_RUNNING}: the app stopped, but the parameters motorPowerSet override it, and were not seen "
+                f"at zero. ({error})"
+            ) from None
 
-    async def _state(self) -> AppState:
-        self._number += 1
-        request = Packet(self._ports.ping, PingChannel.ALIVE, app.encode_alive(self._number))
-        state = await self._vehicle.ask(request, app.decode_state, within_s=_STOP_S, tries=_STOPS)
-        if state is None:
-            raise DeviceError(f"{self._vehicle.uri}: the app answers no keep-alive.")
-        return state
+    async def _set_one(self, request: app.ThrustRequest) -> float:
+        """Set one motor, or all; return when the request that was accepted was sent."""
 
-    async def _set_one(self, request: app.ThrustRequest) -> app.ThrustAnswer:
         def own(payload: bytes) -> app.ThrustAnswer | None:
             answer = app.decode_thrust_answer(payload)
             return answer if answer and (answer.command, answer.motor) == request else None
 
         packet = Packet(self._ports.thrust, ThrustChannel.SET, app.encode_thrust(request))
-        answers: list[app.ThrustAnswer] = []
 
         async def taken() -> int | None:
             answer = await self._vehicle.ask(packet, own, channel=ThrustChannel.ANSWER)
-            answers.extend([answer] if answer else [])
             return None if answer is None else answer.verdict
 
-        await self._insist(taken, f"take command {request.command}")
-        return answers[-1]
+        return await self._insist(taken, f"take command {request.command}")
 
     async def _insist(
         self, attempt: Callable[[], Awaitable[int | None]], what: str, *, also: Verdict = Verdict.ACCEPTED
-    ) -> None:
-        """Attempt something until it is accepted; the supervisor is given time to let the motors run.
+    ) -> float:
+        """Attempt something until it is accepted, and return when that attempt began.
 
-        It disarms a resting vehicle after seconds; a brushed one then arms itself anew, another has to be told.
+        The supervisor disarms a resting vehicle after seconds; a brushed one arms itself anew, another has to be told.
         """
         end_s = self._vehicle.loop.seconds() + _ALLOWED_S
-        while (verdict := await attempt()) == Verdict.MOTORS_NOT_ALLOWED and self._vehicle.loop.seconds() < end_s:
+        while True:
+            self._refuse_when_stopped()
+            began_s: float = self._vehicle.loop.seconds()
+            verdict = await attempt()
+            if verdict != Verdict.MOTORS_NOT_ALLOWED or began_s > end_s:
+                break
             self._vehicle.send(SUPERVISOR_PORT, COMMAND_CHANNEL, ARM)
             await sleep(self._vehicle.loop, _AGAIN_S)
         if verdict is None:
             raise DeviceError(f"{self._vehicle.uri}: the app does not answer when asked to {what}.")
         if verdict not in (Verdict.ACCEPTED, also):
             raise DeviceError(f"{self._vehicle.uri}: the app does not {what}: {_verdict(verdict)}.")
+        return began_s
 
     async def _let_sine_end(self) -> None:
         """Wait until an earlier sine has said its last word, a second after its motors stopped."""
@@ -162,6 +168,26 @@ class AppMotors:
             if self._vehicle.loop.seconds() > end_s:
                 raise DeviceError(f"{self._vehicle.uri}: another sine is playing: `cfid motors stop` ends it.")
             await sleep(self._vehicle.loop, _AGAIN_S)
+
+    async def _be_heard(self) -> None:
+        """See once that a keep-alive has arrived, before which the app refuses every command."""
+        if self._heard:
+            return
+        await self._state()
+        idle = self._vehicle.wire.parameter(IDLE)
+        if idle is not None:
+            self._refuse_when_stopped()
+            await self._vehicle.write_parameter(idle, 0)
+        self._heard = True
+
+    async def _state(self) -> AppState:
+        self._refuse_when_stopped()
+        self._number += 1
+        request = Packet(self._ports.ping, PingChannel.ALIVE, app.encode_alive(self._number))
+        state = await self._vehicle.ask(request, app.decode_state, within_s=_STOP_S, tries=_STOPS)
+        if state is None:
+            raise DeviceError(f"{self._vehicle.uri}: the app answers no keep-alive.")
+        return state
 
     def _keep_alive(self) -> None:
         self._next = self._vehicle.loop.callLater(_EVERY_S, self._keep_alive)
@@ -177,12 +203,17 @@ class AppMotors:
         if state is None:
             return
         self._answered_s = arrived_s
-        if self._unsettled is None or state.number <= self._unsettled or self._next is None:
+        self.playing = Flags.SINE_RUNNING in state.flags
+        if self._commands is None or state.number <= self._settled_at or self._stopped:
             return
         if state.commands != self._commands:
             allowed = Flags.MOTORS_ALLOWED in state.flags
             why = "it heard no keep-alive for a while" if allowed else app.VERDICTS[Verdict.MOTORS_NOT_ALLOWED]
             self._fault = f"{self._vehicle.uri}: the vehicle stopped its motors: {why}."
+
+    def _refuse_when_stopped(self) -> None:
+        if self._stopped:
+            raise DeviceError(STOPPED)
 
 
 def _verdict(value: int) -> str:

@@ -1,27 +1,30 @@
 """The thesis' console (C.2.1), with keys: what is typed becomes commands for the motors, and a stop always works."""
 
-from collections.abc import Callable
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from twisted.internet.defer import DeferredQueue
+from twisted.internet.defer import CancelledError, Deferred
 
 from cfid.errors import ConfigError
-from cfid.rig.keyboard import DOWN, UP, Keyboard, edited
+from cfid.rig.keyboard import DOWN, ESCAPE, UP, Keyboard, edited
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import MOTORS, STILL, Four, Limits
+from cfid.rig.recorder import Say
 
 HELP = (
     "1 3 20000        motors 1 and 3 to 20000         1 20000, 3 15000   each its own\n"
     "a 20000          all motors                      18000              the motors named last\n"
     "up, down         500 more, 500 less\n"
-    "space, Enter, s  stop                            q                  stop and quit"
+    "space, Enter, s  stop (s at any time)            q                  stop and quit"
 )
 STEP = 500  # of the arrow keys
 
 _STOPS = {"", "s", "p", "stop"}
 _QUITS = {"q", "quit", "exit"}
 _ALL = {"a", "all"}
+_STOP_KEYS = {"s", "p", "q", ESCAPE}  # at once, wherever the line stands
+_LETTERS = set("0123456789 ,alAL")  # of an order
 
 
 @dataclass(frozen=True)
@@ -61,39 +64,98 @@ def nudged(before: Order, key: str, limits: Limits) -> Order:
     return Order((m1, m2, m3, m4), before.chosen)
 
 
-async def run_console(
-    commands: MotorCommands, limits: Limits, *, loop: Any, tell: Callable[[str], None], say: Callable[[str], None]
-) -> None:
-    """Obey the keyboard until the operator quits or the input ends.
+class Console:
+    """Obeys the keyboard. A stop goes before everything that was typed and is not done yet."""
 
-    At a terminal nonsense is answered with a sentence; in a script it raises ConfigError, which stops the motors.
-    """
-    heard: DeferredQueue[str | None] = DeferredQueue()
-    keyboard = Keyboard(heard.put, loop=loop, keys=True)
-    now, typed = Order(STILL, ()), ""
-    keyboard.open()
-    try:
-        while not now.quit:
-            tell(f"{_shown(now)} > {typed}")
-            key = await heard.get()
-            if key is None:
-                return
-            line, typed = (key, "") if not keyboard.keys or _at_once(typed, key) else edited(typed, key)
-            try:
-                if key in (UP, DOWN) and keyboard.keys:
-                    now = nudged(now, key, limits)
-                elif line is not None:
-                    now = order(line, now, limits)
-                else:
-                    continue
-            except ConfigError as error:
-                if not keyboard.keys:
-                    raise
-                say(str(error))
-                continue
-            await commands.set(now.commands)
-    finally:
-        keyboard.close()
+    def __init__(self, commands: MotorCommands, limits: Limits, *, loop: Any, tell: Say, say: Say) -> None:
+        """Take motors that stand; `tell` shows them and what is typed, `say` says a sentence."""
+        self._commands, self._limits, self._tell, self._say = commands, limits, tell, say
+        self._keyboard = Keyboard(self._hear, loop=loop, keys=True)
+        self._waiting: deque[str | None] = deque()  # lines, arrows and stops; None for the end of the input
+        self._woken: Deferred[None] = Deferred()
+        self._doing: Deferred[None] | None = None
+        self._overtaken = False  # what was being done, by a stop
+        self._now, self._typed = Order(STILL, ()), ""
+
+    async def run(self) -> None:
+        """Obey until the operator quits or the input ends.
+
+        At a terminal nonsense stops the motors and is answered with a sentence; in a script it raises ConfigError.
+        """
+        self._keyboard.open()
+        try:
+            while not self._now.quit:
+                self._show()
+                if not self._waiting:
+                    self._woken = Deferred()
+                    await self._woken
+                heard = self._waiting.popleft()
+                if heard is None:
+                    return
+                await self._obey(self._wanted(heard))
+        finally:
+            self._keyboard.close()
+
+    def _hear(self, heard: str | None) -> None:
+        if not self._keyboard.keys or heard is None or heard in (UP, DOWN):
+            self._add(heard)
+        elif self._stops(heard):
+            self._typed = ""
+            self._stop(heard)
+        else:
+            line, self._typed = edited(self._typed, heard, allowed=_LETTERS)
+            if line is not None:
+                self._add(line) if line.strip() else self._stop("")
+        self._show()
+
+    def _stops(self, key: str) -> bool:
+        """Return whether a key stops at once, whatever is half typed; a single space separates numbers."""
+        return key.lower() in _STOP_KEYS or (key == " " and (not self._typed or self._typed.endswith(" ")))
+
+    def _stop(self, key: str) -> None:
+        self._waiting.clear()
+        if self._doing is not None:
+            self._overtaken = True
+            self._doing.cancel()
+        self._add("q" if key.lower() == "q" else "")
+
+    def _add(self, heard: str | None) -> None:
+        self._waiting.append(heard)
+        if not self._woken.called:
+            self._woken.callback(None)
+
+    async def _obey(self, wanted: Order) -> None:
+        self._now = wanted
+        self._doing = Deferred.fromCoroutine(self._commands.set(wanted.commands))
+        try:
+            await self._doing
+        except CancelledError:
+            if not self._overtaken:
+                raise
+        finally:
+            self._doing, self._overtaken = None, False
+
+    def _wanted(self, heard: str) -> Order:
+        if heard in (UP, DOWN):
+            return self._nudged(heard)
+        try:
+            return order(heard, self._now, self._limits)
+        except ConfigError as error:
+            if not self._keyboard.keys:
+                raise
+            self._say(f"{error} The motors are stopped.")
+            return Order(STILL, self._now.chosen)
+
+    def _nudged(self, key: str) -> Order:
+        """Take together all arrow keys that wait."""
+        found = nudged(self._now, key, self._limits)
+        while self._waiting and self._waiting[0] in (UP, DOWN):
+            found = nudged(found, str(self._waiting.popleft()), self._limits)
+        return found
+
+    def _show(self) -> None:
+        shown = "  ".join(f"m{motor} {command}" for motor, command in zip(MOTORS, self._now.commands, strict=True))
+        self._tell(f"{shown} > {self._typed}")
 
 
 def _part(part: str, before: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
@@ -110,12 +172,3 @@ def _part(part: str, before: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
         if motor not in MOTORS:
             raise ConfigError(f"'{part.strip()}': motors are 1 to 4, not {motor}.")
     return motors, command
-
-
-def _at_once(typed: str, key: str) -> bool:
-    """Return whether a key is an order by itself: a stop waits for no Enter."""
-    return not typed and key.lower() in (" ", "s", "q")
-
-
-def _shown(now: Order) -> str:
-    return "  ".join(f"m{motor} {command}" for motor, command in zip(MOTORS, now.commands, strict=True))

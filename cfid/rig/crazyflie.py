@@ -3,6 +3,7 @@
 Packets come on cflib's thread and are stamped there. Until a loop is attached, they are waited for one by one.
 """
 
+import contextlib
 import logging
 import queue
 import threading
@@ -32,6 +33,16 @@ _CONNECT_S = 12.0
 _VALUES_S = 5.0  # for the parameters' values, without which one can go on
 _CLOSE_S = 2.5
 _HEARD_EVERY_S = 0.02
+_MOST_LEAVING = 64  # packets that wait for the driver
+
+
+class Leaving:
+    """A packet on its way out; `at_s` is when the driver got it, on the monotonic clock."""
+
+    def __init__(self, packet: Packet) -> None:
+        """Wait for a turn."""
+        self.packet = packet
+        self.at_s: float | None = None
 
 
 class Link:
@@ -44,6 +55,7 @@ class Link:
         self.heard_s = 0.0
         self._cf = cf
         self._arrived: queue.SimpleQueue[Arrived] = queue.SimpleQueue()
+        self._leaving: queue.Queue[Leaving | None] = queue.Queue(_MOST_LEAVING)
         self._wake: Callable[[], None] = lambda: None
 
     @classmethod
@@ -77,14 +89,21 @@ class Link:
         """Return a parameter by its name, as `motorPowerSet.enable`."""
         return _entry(self._cf.param.toc, name)
 
-    def send(self, packet: Packet) -> None:
-        """Send a packet. Raises DeviceError where cflib would say nothing: when the link is gone."""
+    def send(self, packet: Packet) -> Leaving:
+        """Send a packet, on a thread of its own, and return when it left, once it has.
+
+        cflib would block the caller where a radio takes no more, and hold a lock while it reports that. Raises
+        DeviceError where it would say nothing: when the link is gone.
+        """
         if self.fault or self._cf.link is None:
             raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
-        sent = CRTPPacket()
-        sent.set_header(packet.port, packet.channel)
-        sent.data = packet.payload
-        self._cf.send_packet(sent)
+        leaving = Leaving(packet)
+        try:
+            self._leaving.put_nowait(leaving)
+        except queue.Full:
+            self._fail("the link takes no more packets")
+            raise DeviceError(self.fault) from None
+        return leaving
 
     def ask(
         self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float = 0.2, tries: int = 3
@@ -122,6 +141,8 @@ class Link:
     def close(self) -> None:
         """Close the link. cflib takes up to two seconds, in which a radio must be given back and a socket need not."""
         self._wake = lambda: None
+        with contextlib.suppress(queue.Full):
+            self._leaving.put_nowait(None)
         closing = threading.Thread(target=self._cf.close_link, daemon=True)
         closing.start()
         if not self.uri.startswith("udp:"):
@@ -133,11 +154,13 @@ class Link:
         cf = self._cf
         cf.connected.add_callback(lambda uri: connected.set())
         cf.fully_connected.add_callback(lambda uri: complete.set())
-        for failed in (cf.connection_failed, cf.connection_lost, cf.disconnected_link_error):
-            failed.add_callback(lambda uri, reason: self._failed(reason))
+        # cflib's own way closes the link from whichever thread met the error, and waits for itself there.
+        cf._link_error_cb = self._failed
+        cf.connection_failed.add_callback(lambda uri, reason: self._failed(reason))
         cf.packet_received.add_callback(self._received)
         begun_s = time.monotonic()
         threading.Thread(target=cf.open_link, args=(self.uri,), daemon=True).start()
+        threading.Thread(target=self._send_all, daemon=True).start()
         while not connected.wait(_HEARD_EVERY_S):
             now_s = time.monotonic()
             self._check_answers(now_s - begun_s)
@@ -168,9 +191,24 @@ class Link:
     def _failed(self, reason: str) -> None:
         told = str(reason).strip().splitlines() or ["no reason was given"]
         detail = next((line for line in told if line.startswith("Exception:")), told[0]).removeprefix("Exception:")
+        self._fail(_meaning(self.uri, detail))
+
+    def _fail(self, what: str) -> None:
         if not self.fault:
-            self.fault = f"{self.uri}: {_meaning(self.uri, detail)}"
+            self.fault = f"{self.uri}: {what}"
         self._wake()
+
+    def _send_all(self) -> None:
+        """Hand packets to the driver, one after the other, until the link is closed."""
+        while (leaving := self._leaving.get()) is not None:
+            driver = self._cf.link
+            if driver is None or self.fault:
+                continue
+            sent = CRTPPacket()
+            sent.set_header(leaving.packet.port, leaving.packet.channel)
+            sent.data = leaving.packet.payload
+            leaving.at_s = time.monotonic()
+            driver.send_packet(sent)
 
     def _received(self, packet: Any) -> None:
         self.heard_s = time.monotonic()
@@ -215,6 +253,8 @@ def _table_cache() -> Path:
 
 
 def _meaning(uri: str, reason: str) -> str:
+    if "unreachable" in reason:
+        return "the network has no way there."
     if "refused" in reason:
         return "nobody listens there: the vehicle is off, or the address is wrong."
     if "No driver found" in reason:

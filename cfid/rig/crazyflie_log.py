@@ -19,6 +19,7 @@ BATTERY = "pm.vbat"
 _BLOCK = 200  # cflib numbers its own blocks from 1
 _WRAP_MS = 1 << 24
 _EXISTS = 17
+_SILENT_S, _SILENT_PERIODS = 0.5, 5  # without a row
 _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
 
 
@@ -47,6 +48,7 @@ class CrazyflieLog:
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
         self._rejected = 0
+        self._asked, self._heard_s = False, 0.0
         self._refusal: BaseException | None = None
         vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._hear)
 
@@ -60,6 +62,7 @@ class CrazyflieLog:
             raise self._refusal
         rows, self._rows = self._rows, []
         if not rows:
+            self._watch()
             return Block(no_rows(len(self.columns)))
         times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _, _ in rows]))
         stamps_ms = np.array([stamp_ms for _, stamp_ms, _ in rows])
@@ -69,6 +72,7 @@ class CrazyflieLog:
 
     async def stop(self) -> None:
         """Ask for no more; a vehicle that is out of reach sends none anyway."""
+        self._asked = False
         if not self._vehicle.wire.fault:
             self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, crtp.encode_stop_log(_BLOCK))
 
@@ -82,6 +86,7 @@ class CrazyflieLog:
     async def _begin(self) -> None:
         await self._control(LogCommand.CREATE, crtp.encode_create_log(_BLOCK, self._variables))
         await self._control(LogCommand.START_MS, crtp.encode_start_log(_BLOCK, self._period_ms))
+        self._asked, self._heard_s = True, self._loop.seconds()
 
     def _refused(self, failure: Failure) -> None:
         self._refusal = failure.value
@@ -98,10 +103,13 @@ class CrazyflieLog:
 
     def _hear(self, payload: bytes, arrived_s: float) -> None:
         row = crtp.decode_log_row(_BLOCK, self._variables, payload)
+        if not self._asked:  # of a run before, whose stop was still on its way
+            return
         if row is None:
             self._rejected += payload[:1] == bytes([_BLOCK])
             return
         self._rows.append((arrived_s, *row))
+        self._heard_s = arrived_s
         self.latest = dict(zip(self._names, row[1], strict=True))
 
     def _column(self, values: Sequence[float], variable: Variable) -> Any:
@@ -116,6 +124,15 @@ class CrazyflieLog:
         self._last_ms = int(stamps_ms[-1])
         steps = [round((late - early) % _WRAP_MS / self._period_ms) for early, late in zip(before, after, strict=True)]
         return sum(max(step - 1, 0) for step in steps)
+
+    def _watch(self) -> None:
+        """Raise DeviceError when the rows broke off: another client may have reset the log, the battery's with it."""
+        silent_s = self._loop.seconds() - self._heard_s
+        if self._asked and silent_s > max(_SILENT_S, _SILENT_PERIODS * self._period_ms / 1000):
+            raise DeviceError(
+                f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s, its battery is not watched: "
+                "does another program talk to it?"
+            )
 
     def _watch_battery(self, now_s: float) -> str:
         volts = self.latest.get(BATTERY)

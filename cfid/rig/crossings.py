@@ -8,7 +8,7 @@ from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
-from cfid.rig.motors import Firmware, SinePlayer
+from cfid.rig.motors import STOPPED, Firmware, SinePlayer
 from cfid.rig.recorder import Block, no_rows
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
@@ -55,6 +55,8 @@ class Crossings:
 
     async def play(self, request: SineRequest) -> Done:
         """Play a sine to its end. Raises DeviceError when it does not begin, does not end, or is cut short."""
+        if not self._running:
+            raise DeviceError(STOPPED)
         self._done, self._samples = Deferred(), request.samples
         await self._player.play(request)
         longest_s = request.samples / app.SAMPLES_PER_S + _REST_S
@@ -97,7 +99,8 @@ class Crossings:
         return {"end": {key: value for key, value in end.items() if value is not None}, "rejected": self._rejected}
 
     def _complain(self, what: str) -> None:
-        if self._done is not None and not self._done.called and not (self._next_report and "first" in what):
+        begun = "first" in what and (self._next_report or self._reports or self._player.playing)
+        if self._done is not None and not self._done.called and not begun:
             self._done.errback(DeviceError(f"{self._vehicle.uri}: the sine did not run: {what}."))
 
     def _hear_crossing(self, payload: bytes, arrived_s: float) -> None:

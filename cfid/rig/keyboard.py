@@ -1,30 +1,38 @@
 """What the operator types, heard by the loop while everything else goes on: whole lines, or single keys."""
 
 import os
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterator
 from typing import Any
 
-UP, DOWN = "up", "down"
+from cfid.errors import ConfigError
+
+UP, DOWN, ESCAPE = "up", "down", "escape"
 
 _ENTER = ("\n", "\r")
 _BACKSPACE = ("\x7f", "\b")
-_ESCAPES = {"\x1b[A": UP, "\x1b[B": DOWN, "\x1bOA": UP, "\x1bOB": DOWN}
+_ARROWS = {"A": UP, "B": DOWN}
+_SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*([A-Za-z~])")  # of a key that is no letter
+_REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # what comes of it when its beginning came alone
 
 
 class Keyboard:
     """Standard input. With `keys` and on a terminal each key is heard at once, else a line at a time.
 
-    `hear` is called with a line (without its end) or, with `keys`, with a key: a letter, `up`, `down`;
-    None when the input has ended.
+    `hear` is called with a line (without its end) or, with `keys`, with a key: a letter, `up`, `down`,
+    `escape`; None when the input has ended.
     """
 
     def __init__(self, hear: Callable[[str | None], None], *, loop: Any, keys: bool = False) -> None:
-        """Take what hears; nothing is read yet."""
+        """Take what hears; nothing is read yet. Raises ConfigError where there is no standard input."""
+        if sys.stdin is None:
+            raise ConfigError("there is no standard input to type into.")
         self._hear, self._loop = hear, loop
         self.keys = keys and sys.stdin.isatty()
         self._restore: Callable[[], None] = lambda: None
         self._rest = ""
+        self._escaped = False  # the last that came was an escape, perhaps the beginning of an arrow
         self._open = False
 
     def open(self) -> None:
@@ -57,12 +65,25 @@ class Keyboard:
             self._hear(None)
             return
         if self.keys:
-            for key in _split_keys(typed):
+            for key in self._keys_in(typed):
                 self._hear(key)
             return
         *lines, self._rest = (self._rest + typed).split("\n")
         for line in lines:
             self._hear(line.strip())
+
+    def _keys_in(self, typed: str) -> Iterator[str]:
+        """Yield letters, arrows and escape; other keys that send a sequence are left out."""
+        if self._escaped and (rest := _REST.match(typed)):
+            typed = typed[rest.end() :]
+        self._escaped = typed.endswith("\x1b")
+        while typed:
+            found = _SEQUENCE.match(typed)
+            if found and found[1] in _ARROWS and ";" not in found[0]:
+                yield _ARROWS[found[1]]
+            elif not found:
+                yield ESCAPE if typed[0] == "\x1b" else typed[0]
+            typed = typed[found.end() if found else 1 :]
 
     def connectionLost(self, reason: object) -> None:  # noqa: N802 - Twisted's name
         """Take the terminal's end as the end of the input."""
@@ -70,22 +91,14 @@ class Keyboard:
         self._hear(None)
 
 
-def edited(typed: str, key: str) -> tuple[str | None, str]:
+def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tuple[str | None, str]:
     """Return the line that a key completes, None while it is not, and what is typed of the next."""
     if key in _ENTER:
         return typed, ""
     if key in _BACKSPACE:
         return None, typed[:-1]
-    return None, typed + key if len(key) == 1 and key.isprintable() else typed
-
-
-def _split_keys(typed: str) -> list[str]:
-    keys: list[str] = []
-    while typed:
-        length = 3 if typed[:3] in _ESCAPES else 1
-        keys.append(_ESCAPES.get(typed[:length], typed[:length]))
-        typed = typed[length:]
-    return keys
+    good = len(key) == 1 and key.isprintable() and (allowed is None or key in allowed)
+    return None, typed + key if good else typed
 
 
 def _single_keys(handle: int) -> Callable[[], None]:

@@ -15,6 +15,7 @@ from cfid.errors import DeviceError
 _FOLDER = "/tmp/cfid-locks"
 _FOLDER_VARIABLE = "CFID_LOCKS"
 
+_VEHICLES = ("radio___", "usb___", "udp___")  # how the locks of their addresses begin
 _LOOK_S = 0.05  # far longer than it takes to look who holds a device, which locks it too
 _AGAIN_S = 0.005
 
@@ -77,6 +78,13 @@ def holder_process(device: str) -> int | None:
     """
     match = re.match(r"process (\d+) ", holder_of(device))
     return int(match[1]) if match else None
+
+
+def vehicles_held() -> list[str]:
+    """Return names of the vehicles that other processes hold, however they were found."""
+    folder = Path(os.environ.get(_FOLDER_VARIABLE) or _FOLDER)
+    names = [path.name for path in folder.glob("*") if path.name.startswith(_VEHICLES)]
+    return [name for name in names if holder_process(name) is not None]
 
 
 def _locked(handle: int) -> bool:

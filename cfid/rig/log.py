@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from twisted.internet.defer import Deferred, DeferredList
+from twisted.internet.defer import Deferred
 
 from cfid import __version__
 from cfid.campaign import EncoderPort, LoadCellBox
@@ -18,7 +18,7 @@ from cfid.rig.e201_port import find_encoder, lock_name
 from cfid.rig.encoder import Encoder
 from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
-from cfid.rig.loop import Ending, Loop, run_until_done
+from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say
 from cfid.rig.serial_line import serial_lines
@@ -218,6 +218,4 @@ def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: 
 
 def _first_of(ending: Ending, procedure: Procedure, instruments: Sequence[Instrument], loop: Loop) -> "Deferred[None]":
     by_name = {instrument.name: instrument for instrument in instruments}
-    parts = [ending.within(None), Deferred.fromCoroutine(procedure(by_name, loop))]
-    first = DeferredList(parts, fireOnOneCallback=True, fireOnOneErrback=True, consumeErrors=True)
-    return first.addCallbacks(lambda _: None, lambda failure: failure.value.subFailure)
+    return until_over(ending, Deferred.fromCoroutine(procedure(by_name, loop)))

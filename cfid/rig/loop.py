@@ -13,7 +13,9 @@ from twisted.python.failure import Failure
 
 Result = TypeVar("Result")
 
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+# Ctrl-\ and Ctrl-Z too: a program that is killed or stopped leaves motors to themselves.
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")
+_SIGNALS = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
 
 
 class Loop(SelectReactor):
@@ -62,12 +64,40 @@ class Ending:
             deferred.callback(None)
 
 
+def until_over(ending: Ending, running: "Deferred[None]") -> "Deferred[None]":
+    """Return a Deferred that fires when a procedure is over, or when the end is asked for.
+
+    In the second case, and when it is cancelled, the procedure is cancelled before anything else happens: nothing
+    that it might still do comes after the devices' stop.
+    """
+    asked: list[None] = []
+    first: Deferred[None] = Deferred(lambda _: running.cancel())
+
+    def over(result: object) -> None:
+        if first.called or asked:
+            return
+        if isinstance(result, Failure):
+            first.errback(result)
+        else:
+            first.callback(None)
+
+    def end(_: object) -> None:
+        if not first.called:
+            asked.append(None)
+            running.cancel()
+            first.callback(None)
+
+    running.addBoth(over)
+    ending.within(None).addCallback(end)
+    return first
+
+
 def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) -> Result:
     """Run a coroutine in a loop of its own and return its result, or raise what it raised.
 
-    SIGINT, SIGTERM and SIGHUP only ask for the end, those that the program was told to ignore not even that
-    (nohup): the coroutine stops its devices and closes its files. Once it has, a signal ends the program at once,
-    should a thread that still waits for a device keep it.
+    Signals only ask for the end, those that the program was told to ignore not even that (nohup): the coroutine
+    stops its devices and closes its files. Once it has, a signal ends the program at once, should a thread that
+    still waits for a device keep it.
     """
     loop = Loop()
     ending = Ending(loop)

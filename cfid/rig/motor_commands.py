@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
-from cfid.rig.motors import STILL, Four, Motors
+from cfid.rig.motors import STILL, STOPPED, Four, Motors
 from cfid.rig.recorder import Block, no_rows
 
 
 class MotorCommands:
-    """Commands of all four motors, a row for each change, timed when the first of them was sent."""
+    """Commands of all four motors, a row for each change, timed when the request that was accepted was sent."""
 
     name = "commands"
     columns = ("t", "m1", "m2", "m3", "m4")
@@ -30,9 +31,10 @@ class MotorCommands:
 
     async def set(self, commands: Four) -> None:
         """Bring the motors to commands. Raises ConfigError or DeviceError."""
-        began_s = self._loop.seconds()
-        await self._motors.set(commands)
-        self._rows.append((began_s, commands))
+        if not self._running:
+            raise DeviceError(STOPPED)
+        sent_s = await self._motors.set(commands)
+        self._rows.append((sent_s, commands))
 
     def take(self) -> Block:
         """Hand over the changes. Raises DeviceError when the motors can no longer be commanded."""

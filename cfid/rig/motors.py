@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
 from cfid.errors import ConfigError, DeviceError
-from cfid.wire.app import LARGEST_COMMAND, MIDDLE, Hello, PingChannel, Ports, SineRequest, decode_hello
-from cfid.wire.crtp import Packet
+from cfid.wire.app import LARGEST_COMMAND, MIDDLE, PROTOCOL, Hello, PingChannel, Ports, SineRequest, decode_hello
+from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_echo, encode_echo
 
 Answer = TypeVar("Answer")
 Four = tuple[int, int, int, int]
@@ -18,7 +18,10 @@ STILL: Four = (0, 0, 0, 0)
 MOTORS = (1, 2, 3, 4)
 MAY_BE_RUNNING = "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTERY"
 
-_HELLO_S = 0.2
+STOPPED = "the motors were stopped: nothing is commanded any more."
+
+_HELLO_S = 0.3
+_HELLOS = 5
 
 
 class Motors(Protocol):
@@ -27,21 +30,26 @@ class Motors(Protocol):
     def start(self) -> None:
         """Begin to watch over them."""
 
-    async def set(self, commands: Four) -> int | None:
-        """Bring all four to commands; return the vehicle's microseconds where it tells them.
+    async def set(self, commands: Four) -> float:
+        """Bring all four to commands; return when the first request that counted was sent, on the monotonic clock.
 
-        Raises ConfigError beyond the limits, DeviceError when the vehicle does not obey.
+        May be cancelled half-way; the next call then sets all of them. Raises ConfigError beyond the limits,
+        DeviceError when the vehicle does not obey, or once `stop` was called.
         """
 
     def check(self) -> None:
         """Raise DeviceError when the vehicle stopped them by itself, or can no longer be reached."""
 
     async def stop(self) -> None:
-        """Stop them and see that they stopped, also when called twice. Raises DeviceError when that is not certain."""
+        """Stop them for good and see that they stopped. Raises StopError when that is not certain."""
 
 
 class SinePlayer(Motors, Protocol):
     """Motors that can play the sine of eq. 3.6 on board."""
+
+    @property
+    def playing(self) -> bool:
+        """Whether the vehicle said lately that it plays."""
 
     async def play(self, request: SineRequest) -> None:
         """Let it begin. Raises ConfigError beyond the limits, DeviceError when the vehicle refuses."""
@@ -96,14 +104,26 @@ def firmware_of(link: Asked, ports: Ports) -> Firmware:
             return None
         return decode_hello(packet.payload) or ("thesis" if not packet.payload else None)
 
-    heard = link.ask(Packet(ports.ping, PingChannel.HELLO, b""), answer, within_s=_HELLO_S, tries=3)
+    heard = link.ask(Packet(ports.ping, PingChannel.HELLO, b""), answer, within_s=_HELLO_S, tries=_HELLOS)
     if isinstance(heard, Hello):
+        if heard.protocol != PROTOCOL:
+            raise DeviceError(
+                f"{link.uri}: the app on the vehicle speaks version {heard.protocol}, this cfid {PROTOCOL}: flash the "
+                "app that came with it (firmware_patches/README.md)."
+            )
         return Firmware(kind="app", ports=ports, hello=heard)
     if heard:
         return Firmware(kind="thesis", ports=ports)
+    # Stock firmware is what answers everything but this: a link that is dead says nothing of either.
+    if link.ask(Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(1)), _echoed, within_s=_HELLO_S, tries=_HELLOS) is None:
+        raise DeviceError(f"{link.uri}: the vehicle answers no more: the link is lost.")
     if link.parameter("motorPowerSet.enable") is not None:
         return Firmware(kind="stock", ports=ports)
     raise DeviceError(
         f"{link.uri}: this firmware has neither cfid's app nor the parameters motorPowerSet: its motors cannot be "
         "commanded. Update it, or flash the app (firmware_patches/README.md)."
     )
+
+
+def _echoed(packet: Packet) -> bool | None:
+    return True if packet[:2] == (ECHO_PORT, ECHO_CHANNEL) and decode_echo(packet.payload) else None

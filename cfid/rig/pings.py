@@ -53,11 +53,11 @@ class Pings:
                 vehicle_us.append(told)
             return True if told is not None else None
 
-        sent_s: float = self._loop.seconds()
-        arrived_s = await self._vehicle.time_of_answer(request, own, within_s=_LOST_S)
-        if arrived_s is None:
+        times_s = await self._vehicle.times_of_answer(request, own, within_s=_LOST_S)
+        if times_s is None:
             self._lost += 1
             return None
+        sent_s, arrived_s = times_s
         self._rows.append((sent_s, arrived_s - sent_s, vehicle_us[0] if vehicle_us else 0))
         return arrived_s - sent_s
 

@@ -31,6 +31,8 @@ class Questions:
 
         Raises ConfigError when the input ends, or when a script's line is no number.
         """
+        while self._keyboard.keys and self._heard.pending:  # typed before anybody asked
+            await self._heard.get()
         while True:
             line = await self._line(what)
             if not line:

@@ -7,7 +7,7 @@ from typing import Any
 
 from cfid.campaign import CrazyflieLink
 from cfid.errors import DeviceError
-from cfid.rig.app_motors import AppMotors
+from cfid.rig.app_motors import IDLE, AppMotors
 from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie import Link, find_vehicle
 from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
@@ -24,6 +24,7 @@ from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
 from cfid.run import DeviceRecord
 from cfid.wire.app import Ports
+from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, decode_read_parameter, encode_read_parameter
 
 APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
@@ -53,6 +54,24 @@ class ReadyVehicle:
     def uri(self) -> str:
         """Where it is."""
         return self.link.uri
+
+    @property
+    def tells_battery(self) -> bool:
+        """Whether its log has the battery's voltage."""
+        return self.link.variable(BATTERY) is not None
+
+    def idle_command(self) -> int:
+        """Return what the app's motors idle at instead of zero, asked before a loop runs."""
+        idle = self.link.parameter(IDLE)
+        if self.firmware.kind != "app" or idle is None:
+            return 0
+
+        def value(packet: Packet) -> float | None:
+            if packet[:2] != (PARAMETER_PORT, READ_CHANNEL):
+                return None
+            return decode_read_parameter(idle, packet.payload)
+
+        return int(self.link.ask(Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(idle)), value) or 0)
 
     def vehicle(self, loop: Loop) -> Vehicle:
         """Return the vehicle in a loop."""

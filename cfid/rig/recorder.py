@@ -13,7 +13,7 @@ from twisted.internet.task import deferLater
 from twisted.internet.threads import deferToThreadPool
 from twisted.python.failure import Failure
 
-from cfid.errors import CfidError, DeviceError
+from cfid.errors import CfidError, DeviceError, StopError
 
 BLOCK_S = 0.05
 SYNC_S = 1.0
@@ -227,8 +227,8 @@ class Recorder:
 
 
 def _together(failed: list[Exception]) -> Exception:
-    """Return the first failure, which says the later ones too: that motors may still run must not go under."""
-    first, *later = failed
+    """Return the first failure, which says the later ones too; that motors may still run comes before all."""
+    first, *later = sorted(failed, key=lambda error: not isinstance(error, StopError))
     others = "\n".join(str(error) for error in later if isinstance(error, CfidError) and str(error) != str(first))
     if not others:
         return first

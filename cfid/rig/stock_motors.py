@@ -3,21 +3,13 @@
 Disarming, tumble check and emergency stop do not reach these motors, and they go on when the link is lost.
 """
 
-from cfid.errors import DeviceError
-from cfid.rig.motors import MAY_BE_RUNNING, MOTORS, STILL, Four, Limits
+from cfid.errors import DeviceError, StopError
+from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Four, Limits
+from cfid.rig.power_set import PowerSet
 from cfid.rig.vehicle import Vehicle
-from cfid.wire.crtp import (
-    PARAMETER_PORT,
-    READ_CHANNEL,
-    Packet,
-    Variable,
-    decode_read_parameter,
-    encode_read_parameter,
-)
+from cfid.wire.crtp import Variable
 
-_EACH = 1  # as motorPowerSet.enable: m1 to m4 each as its own parameter says
-_STOP_S = 0.1
-_STOPS = 20  # a link that is disturbed for two seconds gets the stop through all the same
+_EACH = 1  # as motorPowerSet.enable
 
 
 class StockMotors:
@@ -26,23 +18,27 @@ class StockMotors:
     def __init__(self, vehicle: Vehicle, limits: Limits) -> None:
         """Take a vehicle that has the parameters. Raises DeviceError for one that lacks any."""
         self._vehicle, self._limits = vehicle, limits
-        self._enable = self._parameter("enable")
-        self._each = [self._parameter(f"m{motor}") for motor in MOTORS]
-        self._commands: Four | None = None
+        self._parameters = PowerSet(vehicle)
+        self._commands: Four | None = None  # None: not known
+        self._stopped = False
 
     def start(self) -> None:
         """Do nothing: the link itself is all that can be watched."""
 
-    async def set(self, commands: Four) -> int | None:
-        """Write the commands that differ, and let them count; stock firmware tells no time."""
+    async def set(self, commands: Four) -> float:
+        """Write the commands that differ, and let them count. Motors that shall all stand do so at the first write."""
         self._limits.check(max(commands), min(commands))
-        for place, parameter in enumerate(self._each):
-            if self._commands is None or commands[place] != self._commands[place]:
-                await self._vehicle.write_parameter(parameter, commands[place])
-        if self._commands is None:
-            await self._vehicle.write_parameter(self._enable, _EACH)
+        before, self._commands = self._commands, None
+        began_s: float = self._vehicle.loop.seconds()
+        if commands == STILL:
+            await self._write(self._parameters.enable, 0)
+        for place, parameter in enumerate(self._parameters.each):
+            if before is None or commands[place] != before[place]:
+                await self._write(parameter, commands[place])
+        if commands != STILL and (before is None or before == STILL):
+            await self._write(self._parameters.enable, _EACH)
         self._commands = commands
-        return None
+        return began_s
 
     def check(self) -> None:
         """Raise DeviceError when the link is lost."""
@@ -50,28 +46,15 @@ class StockMotors:
 
     async def stop(self) -> None:
         """Let the parameters count no more, set them to zero, and read all of them back."""
-        self._commands = None
+        self._stopped = True
         try:
-            for parameter, wanted in [(self._enable, 0), *zip(self._each, STILL, strict=True)]:
-                await self._vehicle.write_parameter(parameter, wanted, within_s=_STOP_S, tries=_STOPS)
-            for parameter in (self._enable, *self._each):
-                await self._see_zero(parameter)
+            await self._parameters.clear()
         except DeviceError as error:
-            raise DeviceError(
+            raise StopError(
                 f"{MAY_BE_RUNNING}: stock firmware goes on without a link, and did not confirm the stop. ({error})"
             ) from None
 
-    async def _see_zero(self, parameter: Variable) -> None:
-        def read(payload: bytes) -> bool | None:
-            value = decode_read_parameter(parameter, payload)
-            return None if value is None else value == 0
-
-        request = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
-        if not await self._vehicle.ask(request, read, within_s=_STOP_S, tries=_STOPS):
-            raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet is not zero")
-
-    def _parameter(self, name: str) -> Variable:
-        found = self._vehicle.wire.parameter(f"motorPowerSet.{name}")
-        if found is None:
-            raise DeviceError(f"{self._vehicle.uri}: the firmware has no parameter motorPowerSet.{name}.")
-        return found
+    async def _write(self, parameter: Variable, value: int) -> None:
+        if self._stopped:
+            raise DeviceError(STOPPED)
+        await self._vehicle.write_parameter(parameter, value, tries=4)

@@ -2,8 +2,8 @@
 
 import math
 
-from cfid.errors import DeviceError
-from cfid.rig.motors import MAY_BE_RUNNING, STILL, Firmware, Four, Limits
+from cfid.errors import DeviceError, StopError
+from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Firmware, Four, Limits
 from cfid.rig.recorder import sleep
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
@@ -21,22 +21,30 @@ class ThesisMotors:
         self._vehicle, self._ports, self._limits = vehicle, firmware.ports, limits
         self._commands = STILL
         self._plays_until_s = -math.inf
+        self._stopped = False
 
     def start(self) -> None:
         """Do nothing: the link itself is all that can be watched."""
 
-    async def set(self, commands: Four) -> int | None:
+    @property
+    def playing(self) -> bool:
+        """Whether it plays is not told."""
+        return False
+
+    async def set(self, commands: Four) -> float:
         """Send the commands that differ; whether they arrived only the link knows."""
         self._limits.check(max(commands), min(commands))
+        self._refuse_when_stopped()
         for place in range(4):
             if commands[place] != self._commands[place]:
                 self._send(app.ThrustRequest(commands[place], place))
         self._commands = commands
-        return None
+        return float(self._vehicle.loop.seconds())
 
     async def play(self, request: app.SineRequest) -> None:
         """Start a sine."""
         self._limits.check_sine(request)
+        self._refuse_when_stopped()
         self._vehicle.send(self._ports.sine, SineChannel.START, app.encode_sine(request))
         self._plays_until_s = self._vehicle.loop.seconds() + request.samples / app.SAMPLES_PER_S
 
@@ -47,19 +55,23 @@ class ThesisMotors:
     async def stop(self) -> None:
         """Send zero for all motors several times.
 
-        Raises DeviceError when the link did not live until then, or a sine plays: this module cannot end one.
+        Raises StopError when the link did not live until then, or a sine plays: this module cannot end one.
         """
-        self._commands = STILL
+        self._commands, self._stopped = STILL, True
         try:
             for _ in range(_STOPS):
                 self._send(app.ThrustRequest(0, app.ALL_MOTORS_THRUST))
                 await sleep(self._vehicle.loop, _STOP_EVERY_S)
             self._vehicle.check()
         except DeviceError as error:
-            raise DeviceError(f"{MAY_BE_RUNNING}: the modules of 2015 go on without a link. ({error})") from None
+            raise StopError(f"{MAY_BE_RUNNING}: the modules of 2015 go on without a link. ({error})") from None
         left_s = self._plays_until_s - self._vehicle.loop.seconds()
         if left_s > 0:
-            raise DeviceError(f"{MAY_BE_RUNNING}: the module of 2015 plays its sine to the end, {left_s:.0f} s more.")
+            raise StopError(f"{MAY_BE_RUNNING}: the module of 2015 plays its sine to the end, {left_s:.0f} s more.")
+
+    def _refuse_when_stopped(self) -> None:
+        if self._stopped:
+            raise DeviceError(STOPPED)
 
     def _send(self, request: app.ThrustRequest) -> None:
         self._vehicle.send(self._ports.thrust, ThrustChannel.SET, app.encode_thrust(request))

@@ -26,6 +26,12 @@ ANSWER_S = 0.15
 TRIES = 3
 
 
+class Departure(Protocol):
+    """When a packet left, on the monotonic clock; None while it has not."""
+
+    at_s: float | None
+
+
 class Wire(Protocol):
     """An open link, as `crazyflie.Link` is one."""
 
@@ -33,8 +39,8 @@ class Wire(Protocol):
     fault: str
     heard_s: float
 
-    def send(self, packet: Packet) -> None:
-        """Send a packet. Raises DeviceError when the link is gone."""
+    def send(self, packet: Packet) -> "Departure":
+        """Send a packet without waiting. Raises DeviceError when the link is gone."""
 
     def attach(self, wake: Callable[[], None]) -> None:
         """Call `wake` from any thread when packets have come."""
@@ -57,6 +63,7 @@ class Vehicle:
         self.wire, self.loop = wire, loop
         self._hearing: dict[Place, list[Hear]] = defaultdict(list)
         self._woken = False
+        wire.arrived()  # what came before belongs to nobody here
         wire.attach(self._wake)
 
     @property
@@ -117,13 +124,13 @@ class Vehicle:
         if not await self.ask(request, written, within_s=within_s, tries=tries):
             raise DeviceError(f"{self.uri}: the vehicle does not take a parameter.")
 
-    async def time_of_answer(
+    async def times_of_answer(
         self, request: Packet, read: Callable[[bytes], bool | None], *, within_s: float
-    ) -> float | None:
-        """Send a request once and return when its answer came, on the monotonic clock, None without one."""
-        self.wire.send(request)
+    ) -> tuple[float, float] | None:
+        """Send a request once and return when it left and when its answer came, None without an answer."""
+        departure = self.wire.send(request)
         came = await self._next((request.port, request.channel), read, within_s)
-        return None if came is None else came[1]
+        return None if came is None or departure.at_s is None else (departure.at_s, came[1])
 
     async def _next(
         self, place: Place, read: Callable[[bytes], Answer | None], within_s: float

@@ -16,6 +16,7 @@ from tests.cli.flying_in_a_folder import Bench, Pilot, bench_in
 
 STOPPED_WITHIN_S = 0.7
 TIMES = 20
+AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive
 HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
 STAIRS = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
 BUG = """
@@ -122,6 +123,9 @@ def stop_once(folder: Path, name: str, kind: str) -> float:
         assert way.told in pilot.err
         assert MAY_BE_RUNNING not in pilot.err
         assert ("Traceback" in pilot.err) == (name == "a bug")
+        time.sleep(AFTERWARDS_S)
+        assert not any(bench.motors), "the motors came on again"
+        assert bench.history[-1][0] <= began_s + OWN_DELAY_S.get(name, 0.0) + stopped_s
         return stopped_s
 
 
@@ -155,3 +159,45 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
         assert code == 3
         assert f"{MAY_BE_RUNNING}: stock firmware goes on without a link" in pilot.err
         assert bench.motors == (30000, 0, 30000, 0)  # and it is true
+
+
+@pytest.mark.parametrize("kind", ["app", "stock", "old"])
+@pytest.mark.parametrize("before_s", [0.02, 0.06, 0.12, 0.2])
+def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind: str, before_s: float) -> None:
+    """What the procedure was about to do when the end was asked for must not come after the stop."""
+    radio = {"latency_s": 0.0285, "jitter_s": 0.008}
+    words = ("log", "thrust", "--from", 20000, "--to", 30000, "--step", 10000, "--hold", 0.8, "--rest", 0.6, "--yes")
+    with bench_in(tmp_path, crazyflie={"firmware": kind}, radio=radio) as bench:
+        pilot = bench.start(*words)
+        pilot.wait_until_motors_run(0.0)
+        step_s = bench.history[-1][0] + 0.8 + 0.6  # about when the second one is sent
+        time.sleep(max(step_s - before_s - time.monotonic(), 0.0))
+        pilot.send(signal.SIGINT)
+        code = pilot.end()
+        time.sleep(AFTERWARDS_S)
+        assert code == 0, pilot.err
+        assert not any(bench.motors), "the motors came on again"
+
+
+def test_ctrl_z_and_ctrl_backslash_stop_the_motors_too(tmp_path: Path) -> None:
+    for number in (signal.SIGTSTP, signal.SIGQUIT):
+        folder = tmp_path / number.name
+        folder.mkdir()
+        with bench_in(folder, crazyflie={"firmware": "stock"}) as bench:
+            pilot = bench.start(*HOLD)
+            pilot.wait_until_motors_run()
+            began_s = time.monotonic()
+            pilot.send(number)
+            assert bench.stopped_after(began_s) < STOPPED_WITHIN_S
+            assert pilot.end() == 0, pilot.err
+
+
+def test_a_vehicle_whose_log_was_reset_by_another_program_is_not_left_unwatched(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        began_s = time.monotonic()
+        bench.in_loop(lambda: bench.rig.crazyflie.vehicle.receive(b"\x5d\x05", time.monotonic()))
+        assert bench.stopped_after(began_s + 0.5) < STOPPED_WITHIN_S
+        assert pilot.end() == 3
+        assert "its battery is not watched" in pilot.err

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from cfid.rig.app_motors import AppMotors
 from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
 from cfid.rig.crossings import Crossings
+from cfid.rig.loop import Ending, until_over
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import Firmware, Limits
 from cfid.rig.pings import Pings
@@ -52,6 +54,13 @@ class Turned(Clock):
         self.callLater(0, function, *args)
 
 
+@dataclass
+class Left:
+    """A packet that left at once."""
+
+    at_s: float | None
+
+
 class SimulatedLink:
     """The link to a simulated vehicle without cflib; it pings ten times a second, as cflib does."""
 
@@ -66,11 +75,12 @@ class SimulatedLink:
         self._wake: Callable[[], None] = lambda: None
         self._ping()
 
-    def send(self, packet: Packet) -> None:
+    def send(self, packet: Packet) -> Left:
         if self.fault:
             raise DeviceError(self.fault)
         self.sent.append(packet)
         self._radio.heard(encode_packet(packet), CLIENT, self._clock.seconds())
+        return Left(self._clock.seconds())
 
     def attach(self, wake: Callable[[], None]) -> None:
         self._wake = wake
@@ -147,6 +157,7 @@ class Flight:
         self.firmware = Firmware(kind=KINDS[firmware], ports=Ports())  # type: ignore[arg-type]
         self.limits = limits or Limits()
         self.host = HostClock(UNIX_S)
+        self.ending = Ending(clock)
         self.said: list[str] = []
         self._stop_below_v = stop_below_v
         self._runs_folder = runs_folder
@@ -192,7 +203,8 @@ class Flight:
         recorder = Recorder(instruments, run, loop=self.clock, show=lambda: None)
         by_name = {instrument.name: instrument for instrument in instruments}
         done: list[object] = []
-        Deferred.fromCoroutine(recorder.record(lambda: Deferred.fromCoroutine(doing(by_name)))).addBoth(done.append)
+        recording = recorder.record(lambda: until_over(self.ending, Deferred.fromCoroutine(doing(by_name))))
+        Deferred.fromCoroutine(recording).addBoth(done.append)
         self.turn(until=lambda: bool(done))
         failure = done[0].value if isinstance(done[0], Failure) else None
         assert failure is None or isinstance(failure, Exception)

@@ -1,0 +1,46 @@
+"""The parameters motorPowerSet, which override everything else on the vehicle, cfid's app included."""
+
+from cfid.errors import DeviceError
+from cfid.rig.motors import MOTORS
+from cfid.rig.vehicle import Vehicle
+from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, Variable, decode_read_parameter, encode_read_parameter
+
+_WITHIN_S = 0.1
+_TRIES = 20  # a link that is disturbed for two seconds gets the stop through all the same
+
+
+class PowerSet:
+    """The five parameters of a vehicle; `enable` 1 lets each motor do what its own parameter says."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Take a vehicle that has them. Raises DeviceError for one that lacks any."""
+        self._vehicle = vehicle
+        self.enable = self._parameter("enable")
+        self.each = [self._parameter(f"m{motor}") for motor in MOTORS]
+
+    async def clear(self) -> None:
+        """Let none of them count, zero all and read them back. Raises DeviceError when that is not confirmed."""
+        for parameter in (self.enable, *self.each):
+            await self._vehicle.write_parameter(parameter, 0, within_s=_WITHIN_S, tries=_TRIES)
+        for parameter in (self.enable, *self.each):
+            if await self._read(parameter) != 0:
+                raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet is not zero.")
+
+    async def is_enabled(self) -> bool:
+        """Return whether they drive the motors. Raises DeviceError without an answer."""
+        value = await self._read(self.enable)
+        if value is None:
+            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not tell motorPowerSet.enable.")
+        return value != 0
+
+    async def _read(self, parameter: Variable) -> float | None:
+        request = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
+        return await self._vehicle.ask(
+            request, lambda payload: decode_read_parameter(parameter, payload), within_s=_WITHIN_S, tries=_TRIES
+        )
+
+    def _parameter(self, name: str) -> Variable:
+        found = self._vehicle.wire.parameter(f"motorPowerSet.{name}")
+        if found is None:
+            raise DeviceError(f"{self._vehicle.uri}: the firmware has no parameter motorPowerSet.{name}.")
+        return found
