@@ -1,0 +1,455 @@
+"""Motors drawn: staircases with their windows and reasons, maps with their bands, battery, lines of rotors."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from cfid.analysis.motor_maps import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
+from cfid.analysis.motor_points import MotorPoints
+from cfid.analysis.motor_scales import verify_thrust
+from cfid.analysis.staircase import Point, Staircase, reduce_staircase
+from cfid.analysis.voltage_map import compare_speed, compare_thrust
+from cfid.report.motor_figures import (
+    map_figure,
+    rotor_spectrum_figure,
+    speed_thrust_figure,
+    staircase_figure,
+    voltage_figure,
+)
+from cfid.report.motor_panels import binned, flag_rows, scientific
+
+Look = Callable[[Figure], Any]
+Array = npt.NDArray[np.float64]
+
+RATE_HZ = 500.0
+HOLD_S = 3.0
+COMMANDS = (10000, 20000, 30000, 40000)
+TARE_N = 1.4
+
+
+def _record(*, ramp_n: float = 0.0, seed: int = 0) -> tuple[Array, Array, Staircase]:
+    """Return four commands with rests between them; a ramp keeps the third from settling."""
+    rng = np.random.default_rng(seed)
+    begins_s = 2.0 + 5.0 * np.arange(len(COMMANDS))
+    time = np.arange(0.0, 22.0, 1 / RATE_HZ)
+    fz = TARE_N + 1e-5 * time + 2e-3 * rng.standard_normal(len(time))
+    for begin, command in zip(begins_s, COMMANDS, strict=True):
+        since = time - begin
+        speed = np.where(since < HOLD_S, -np.expm1(-since / 0.06), np.exp(-(since - HOLD_S) / 0.06))
+        fz += np.where(since > 0, 5e-6 * command * np.where(since > 0, speed, 0.0) ** 2, 0.0)
+        if command == COMMANDS[2]:
+            fz += np.where((since > 0) & (since < HOLD_S), ramp_n * since, 0.0)
+    channels = np.column_stack([0 * fz, 0 * fz, fz])
+    channels[:, :2] += 1e-3 * rng.standard_normal((len(time), 2))
+    off = begins_s + HOLD_S
+    command_time = np.ravel(np.column_stack([begins_s, off]))
+    on = [[command, 0, command, 0] for command in COMMANDS]
+    commands = np.array([row for each in on for row in (each, [0] * 4)], dtype=np.float64)
+    found = reduce_staircase(time_s=time, channels=channels, command_time_s=command_time, commands=commands)
+    return time, fz, found
+
+
+@pytest.fixture(scope="module")
+def steady() -> tuple[Array, Array, Staircase]:
+    return _record()
+
+
+@pytest.fixture(scope="module")
+def ramped() -> tuple[Array, Array, Staircase]:
+    time, fz, found = _record(ramp_n=0.05)
+    assert [step.settled for step in found.points] == [True, True, False, True]
+    return time, fz, found
+
+
+def _nameless(step: Point) -> Point:
+    return dataclasses.replace(step, command=None, motors=())
+
+
+def _without_mean(step: Point, reason: str) -> Point:
+    nothing = np.full_like(step.mean, np.nan)
+    return dataclasses.replace(step, mean=nothing, std_of_mean=nothing, reason=reason)
+
+
+def _windows(axes: Axes, label: str) -> list[tuple[float, float]]:
+    spans = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_label() == label]
+    return [(span.get_x(), span.get_x() + span.get_width()) for span in spans]
+
+
+def _line(axes: Axes, label: str) -> tuple[Array, Array]:
+    (found,) = (line for line in axes.get_lines() if line.get_label() == label)
+    x, y = found.get_data()
+    return np.asarray(x), np.asarray(y)
+
+
+def _band(axes: Axes, name: str) -> Array:
+    """Return the corners (n, 2) of a shaded band."""
+    (found,) = (each for each in axes.collections if each.get_gid() == name)
+    assert isinstance(found, PolyCollection)
+    return np.asarray(found.get_paths()[0].vertices)
+
+
+def _written(page: Any) -> str:
+    return " ".join(text.get_text() for text in page.texts())
+
+
+# Staircases
+
+
+def test_windows_and_means_of_settled_steps_are_the_points(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
+    time, fz, found = steady
+    page = look(staircase_figure(time, fz, found, title="2026-11-21_$x$"))
+    thrust = page.panel("(a)")
+    assert _windows(thrust, "window") == pytest.approx(np.array([(p.begin_s, p.end_s) for p in found.points]))
+    assert _windows(thrust, "not used") == []
+    means = [line for line in thrust.get_lines() if line.get_label() == "mean"]
+    assert [line.get_ydata()[0] for line in means] == pytest.approx([p.mean[2] + p.tare[2] for p in found.points])
+    assert page.red() == ""
+    assert page.overlapping() == []
+
+
+def test_means_stand_over_commands_with_their_deviations(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
+    time, fz, found = steady
+    page = look(staircase_figure(time, fz, found, title="a"))
+    (container,) = page.panel("(b)").containers
+    x, y = container.lines[0].get_data()
+    assert x == pytest.approx(COMMANDS)
+    assert y == pytest.approx([step.mean[2] for step in found.points])
+    (bars,) = container.lines[2]
+    tops = [segment[1, 1] for segment in bars.get_segments()]
+    assert tops == pytest.approx([step.mean[2] + step.std_of_mean[2] for step in found.points])
+    deviations = page.panel("(c)").get_lines()[0].get_ydata()
+    assert deviations == pytest.approx([1e3 * step.std_of_mean[2] for step in found.points])
+
+
+def test_the_tare_goes_from_rest_to_rest(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
+    time, fz, found = steady
+    page = look(staircase_figure(time, fz, found, title="a"))
+    x, y = _line(page.panel("(a)"), "tare")
+    assert found.tare_after is not None
+    assert (x[0], y[0]) == pytest.approx((found.tare_before.time_s, found.tare_before.mean[2]))
+    assert (x[-1], y[-1]) == pytest.approx((found.tare_after.time_s, found.tare_after.mean[2]))
+    assert "1 and 3" in _written(page)
+
+
+def test_a_step_that_never_settled_is_marked_and_says_why(look: Look, ramped: tuple[Array, Array, Staircase]) -> None:
+    time, fz, found = ramped
+    page = look(staircase_figure(time, fz, found, title="a"))
+    step = found.points[2]
+    assert _windows(page.panel("(a)"), "not used") == pytest.approx(np.array([(step.begin_s, step.end_s)]))
+    assert len(_windows(page.panel("(a)"), "window")) == 3
+    red = page.red()
+    assert "Not used: command 30000" in red
+    assert "".join(step.reason.split())[:40] in "".join(red.split())
+    assert "3 of 4" in red
+    assert _line(page.panel("(b)"), "not used")[0] == pytest.approx([30000])
+    assert page.overlapping() == []
+
+
+def test_steps_without_a_command_log_are_counted(look: Look, ramped: tuple[Array, Array, Staircase]) -> None:
+    time, fz, found = ramped
+    nameless = dataclasses.replace(found, points=tuple(map(_nameless, found.points)))
+    page = look(staircase_figure(time, fz, nameless, title="a"))
+    assert "Not used: step 3" in page.red()
+    assert page.panel("(b)").get_xlabel() == "step (-)"
+    assert page.overlapping() == []
+
+
+def test_a_record_in_which_nothing_settled_and_that_ends_without_a_rest_says_so(
+    look: Look, steady: tuple[Array, Array, Staircase]
+) -> None:
+    time, fz, found = steady
+    points = tuple(_without_mean(step, "it was too short") for step in found.points)
+    lost = dataclasses.replace(found, points=points, tare_after=None, drift=None, warnings=("no rest after it.",))
+    page = look(staircase_figure(time, fz, lost, title="a"))
+    assert page.red().count("it was too short") == 4
+    assert "no rest: not known" in page.red()
+    assert "Note: no rest after it." in _written(page)
+    assert page.overlapping() == []
+
+
+def test_of_many_reasons_the_first_are_written(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
+    time, fz, found = steady
+    many = dataclasses.replace(found, points=tuple(_without_mean(step, "short") for step in 8 * found.points))
+    red = look(staircase_figure(time, fz, many, title="a")).red()
+    assert red.count("Not used:") == 6
+    assert "26 more steps" in red
+
+
+def test_the_band_holds_every_sample_and_a_spike_does_not_flatten_the_rest(
+    look: Look, steady: tuple[Array, Array, Staircase]
+) -> None:
+    time, fz, found = steady
+    wild = fz.copy()
+    wild[5000] = -40.0
+    thrust = look(staircase_figure(time, wild, found, title="a")).panel("(a)")
+    corners = _band(thrust, "range")
+    assert (corners[:, 1].min(), corners[:, 1].max()) == (-40.0, wild.max())
+    bottom, top = thrust.get_ylim()
+    assert TARE_N - 0.25 < bottom < TARE_N < TARE_N + 0.2 < top < TARE_N + 0.5
+
+
+def test_means_over_50_ms_are_drawn_and_a_wild_sample_moves_none() -> None:
+    time = np.arange(1000) / 1000
+    value = 1.0 + 0.1 * np.sin(2 * np.pi * 200 * time)
+    found = binned(time, value, length_s=0.05)
+    assert len(found.mean) == 20
+    value[510] = 60.0
+    assert binned(time, value, length_s=0.05).mean == pytest.approx(found.mean, abs=5e-3)
+    assert found.mean == pytest.approx(1.0, abs=5e-3)
+
+
+def test_a_pause_makes_no_bins() -> None:
+    time = np.concatenate([np.arange(100) / 100, 3600 + np.arange(100) / 100])
+    found = binned(time, time, length_s=0.5)
+    assert found.mean == pytest.approx(found.time_s)
+    assert len(found.mean) <= 5
+    assert (found.low[0], found.high[-1]) == (time[0], time[-1])
+
+
+def test_three_million_samples_become_few_vertices(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
+    _, _, found = steady
+    time = np.linspace(0.0, 22.0, 3_000_000)
+    fz = TARE_N + 0.1 * np.random.default_rng(1).standard_normal(len(time))
+    thrust = look(staircase_figure(time, fz, found, title="a")).panel("(a)")
+    vertices = sum(len(line.get_xdata()) for line in thrust.get_lines())
+    vertices += sum(len(path.vertices) for each in thrust.collections for path in each.get_paths())
+    assert vertices < 12_000
+    assert _band(thrust, "range")[:, 1].max() == fz.max()
+
+
+# Maps
+
+
+def _points(*, std: bool = True, wild: Sequence[int] = ()) -> MotorPoints:
+    command = np.arange(0.0, 64001.0, 4000.0)
+    rng, running = np.random.default_rng(3), command > 1000
+    thrust = np.where(running, np.polyval((2.13e-11, 1.03e-6, 5.5e-4), command), 0.0)
+    thrust += 1e-4 * rng.standard_normal(len(command)) + np.where(np.isin(command, wild), 0.02, 0.0)
+    speed = np.where(running, 0.04 * command + 400 + 4 * rng.standard_normal(len(command)), 0.0)
+    return MotorPoints(
+        command=command,
+        thrust_n=thrust,
+        torque_nm=0.006 * thrust + 1e-6 * rng.standard_normal(len(command)),
+        speed_rad_s=speed,
+        thrust_std_n=np.full_like(command, 1e-4) if std else None,
+        torque_std_nm=np.full_like(command, 1e-6) if std else None,
+        speed_std_rad_s=np.full_like(command, 4.0) if std else None,
+    )
+
+
+def test_a_maps_points_curve_and_residuals_are_its_own(look: Look) -> None:
+    mapped = fit_thrust(_points())
+    page = look(map_figure(mapped))
+    curve, left = page.panel("(a)"), page.panel("(b)")
+    assert np.array(_line(curve, "points ± one deviation")) == pytest.approx(np.array([mapped.x, mapped.y]))
+    assert _line(left, "points ± one deviation")[1] == pytest.approx(mapped.fit.residual)
+    x, y = _line(curve, "polynomial")
+    assert (x[0], x[-1]) == (mapped.x.min(), mapped.x.max())
+    assert y == pytest.approx(mapped.fit.at(x))
+    (bars,) = (each for each in left.collections if isinstance(each, LineCollection))
+    lengths = [segment[1, 1] - segment[0, 1] for segment in bars.get_segments()]
+    assert lengths == pytest.approx(2 * mapped.fit.point_std)
+    assert page.red() == ""
+    assert page.overlapping() == []
+
+
+def test_bands_are_those_of_the_curve_and_of_a_further_point(look: Look) -> None:
+    mapped = fit_thrust(_points())
+    page = look(map_figure(mapped))
+    for name, half in (("curve", mapped.fit.confidence), ("point", mapped.fit.prediction)):
+        corners = _band(page.panel("(b)"), name)
+        at = np.unique(corners[:, 0])
+        widest = [np.abs(corners[corners[:, 0] == x, 1]).max() for x in at]
+        assert widest == pytest.approx(half(at))
+
+
+def test_axes_have_units_and_the_torque_is_in_millinewton_metres(look: Look) -> None:
+    thrust, speed, torque = (
+        look(map_figure(fit(_points()))) for fit in (fit_thrust, fit_speed, fit_torque)
+    )  # fmt: skip
+    assert [page.panel("(a)").get_ylabel() for page in (thrust, speed, torque)] == [
+        "thrust (N)",
+        "speed (rad/s)",
+        "torque (mN m)",
+    ]
+    assert [page.panel("(b)").get_xlabel() for page in (thrust, speed, torque)] == [
+        "command (0 to 65535)",
+        "command (0 to 65535)",
+        "thrust (N)",
+    ]
+    mapped = fit_torque(_points())
+    assert _line(torque.panel("(a)"), "points ± one deviation")[1] == pytest.approx(1e3 * mapped.y)
+    assert all(page.overlapping() == [] for page in (thrust, speed, torque))
+
+
+def test_a_second_instrument_is_a_set_of_its_own(look: Look) -> None:
+    mapped = fit_thrust(_points())
+    command = np.array([0.0, 16000.0, 32000.0, 64000.0])
+    seen = verify_thrust(mapped, command=command, thrust_n=mapped.fit.at(command) * (command > 0) + 1e-3)
+    page = look(map_figure(mapped, verification=seen))
+    assert _line(page.panel("(a)"), "verification")[1] == pytest.approx(seen.thrust_n)
+    assert np.array(_line(page.panel("(b)"), "verification")) == pytest.approx(np.array([command, seen.difference_n]))
+    assert "0.001 N" in _written(page)
+    assert page.overlapping() == []
+
+
+def test_commands_left_out_are_marked_at_the_foot(look: Look) -> None:
+    mapped = fit_thrust(_points(), method="thesis")
+    assert mapped.left_out == ()
+    assert "left out" not in [line.get_label() for line in look(map_figure(mapped)).panel("(a)").get_lines()]
+    mapped = fit_thrust(_points())
+    x, y = _line(look(map_figure(mapped)).panel("(a)"), "left out")
+    assert x.tolist() == list(mapped.left_out) == [0.0]
+    assert y == pytest.approx(0.05)
+
+
+def test_a_point_that_counts_little_is_hollow(look: Look) -> None:
+    mapped = fit_thrust(_points(wild=(32000,)))
+    page = look(map_figure(mapped))
+    assert _line(page.panel("(a)"), "counts little")[0] == pytest.approx([32000])
+    assert len(_line(page.panel("(a)"), "points ± one deviation")[0]) == len(mapped.x) - 1
+    assert page.overlapping() == []
+
+
+def test_doubts_of_a_map_are_red(look: Look) -> None:
+    points = _points()
+    assert points.speed_rad_s is not None
+    twice = np.where(np.isin(points.command, (20000, 40000)), 2.0, 1.0)
+    mapped = fit_speed(dataclasses.replace(points, speed_rad_s=twice * points.speed_rad_s))
+    assert mapped.doubts
+    page = look(map_figure(mapped))
+    assert page.red().count("Not believed:") == len(mapped.doubts)
+    assert page.red().startswith("NO ")
+    assert page.overlapping() == []
+
+
+def test_coefficients_are_written_with_their_deviations(look: Look) -> None:
+    mapped = fit_thrust(_points(), order="auto")
+    written = _written(look(map_figure(mapped)))
+    assert scientific(float(mapped.fit.coefficients[0]), float(mapped.fit.std[0]), unit="N") in written
+    assert f"{mapped.fit.residual_norm:.4g} N" in written
+    assert f"{mapped.fit.order}, by corrected AIC" in written
+
+
+def test_points_that_leave_nothing_to_judge_by_have_no_bands(look: Look) -> None:
+    points = MotorPoints(command=np.array([10000.0, 20000.0, 40000.0]), thrust_n=np.array([0.01, 0.03, 0.1]))
+    page = look(map_figure(fit_thrust(points)))
+    assert "band" not in _written(page)
+    assert page.overlapping() == []
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "written"),
+    [
+        (2.130295e-11, 1.3e-14, "(2.1303 ± 0.0013)·10⁻¹¹ N"),
+        (-2.130295e-11, float("nan"), "−2.1303·10⁻¹¹ N"),
+        (420.942, 1.25, "420.9 ± 1.2 N"),
+        (0.0, 0.0, "0 N"),
+    ],
+)
+def test_a_small_value_shares_its_power_of_ten_with_its_deviation(value: float, std: float, written: str) -> None:
+    assert scientific(value, std, unit="N").replace("-", "−") == written
+
+
+# Thrust over speed, over voltage
+
+
+def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> None:
+    found = fit_thrust_of_speed(_points())
+    page = look(speed_thrust_figure(found))
+    speed, square = _line(page.panel("(a)"), "k w²")
+    assert square == pytest.approx(found.k_n_s2 * speed**2)
+    assert _line(page.panel("(a)"), "full quadratic")[1] == pytest.approx(found.quadratic.at(speed))
+    assert np.array(_line(page.panel("(a)"), "points ± one deviation")) == pytest.approx(
+        np.array([found.speed_rad_s, found.thrust_n])
+    )
+    assert _line(page.panel("(b)"), "left by k w²")[1] == pytest.approx(found.square.residual)
+    assert _line(page.panel("(b)"), "left by quadratic")[1] == pytest.approx(found.quadratic.residual)
+    assert "N s²" in _written(page)
+    assert page.overlapping() == []
+
+
+def test_doubts_of_thrust_over_speed_are_red(look: Look) -> None:
+    points = _points(wild=(32000,))
+    assert points.speed_rad_s is not None
+    found = fit_thrust_of_speed(dataclasses.replace(points, speed_rad_s=2 * points.speed_rad_s))
+    page = look(speed_thrust_figure(found))
+    assert page.red().count("Not believed:") == len(found.doubts) > 0
+    assert page.overlapping() == []
+
+
+def test_voltage_and_command_stand_side_by_side_with_their_errors(look: Look) -> None:
+    up_and_down = np.concatenate([np.arange(4000.0, 64001.0, 4000.0), np.arange(64000.0, 3999.0, -4000.0)])
+    vbat = 4.1 - 0.5 * (up_and_down / 65535) ** 2 - 0.6 * np.linspace(0, 1, len(up_and_down))
+    noise = 1e-4 * np.random.default_rng(1).standard_normal(len(vbat))
+    thrust: Array = noise + np.polyval((-3.1e-4, 9.6e-3, 4.5e-3, 2.1e-3), up_and_down / 65535 * vbat)
+    found = compare_thrust(command=up_and_down, vbat_v=vbat, thrust_n=thrust)
+    page = look(voltage_figure(found))
+    for panel, x in (("(a)", found.motor_volts), ("(b)", found.command)):
+        assert np.array(_line(page.panel(panel), "points")) == pytest.approx(np.array([x, found.value]))
+    for panel, rms in (("(c)", found.voltage_rms), ("(d)", found.command_rms)):
+        axes = page.panel(panel)
+        errors = [line.get_ydata()[0] for line in axes.get_lines() if line.get_label() == "± error of prediction"]
+        assert errors == pytest.approx([-rms, rms])
+        assert f"{rms:.2g} N rms" in axes.get_title(loc="left")
+    assert page.panel("(c)").get_ylim() == page.panel("(d)").get_ylim()
+    assert found.sentence[1:] in _written(page)
+    assert page.overlapping() == []
+
+    speed = compare_speed(command=up_and_down, vbat_v=vbat, speed_rad_s=1e4 * thrust)
+    assert look(voltage_figure(speed, quantity="speed")).panel("(a)").get_ylabel() == "speed (rad/s)"
+
+
+# Spectra
+
+FREQUENCY_HZ = np.arange(0.0, 3500.0, 0.5)
+
+
+def _spectrum(*lines_hz: float) -> Array:
+    noise = 1e-3 * np.random.default_rng(2).rayleigh(size=len(FREQUENCY_HZ))
+    return np.asarray(noise + sum(0.2 * np.exp(-(((FREQUENCY_HZ - line) / 1.0) ** 2)) for line in lines_hz))
+
+
+def test_each_line_of_a_rotor_has_a_flag_at_its_frequency(look: Look) -> None:
+    lines = [("M1 1×", 211.0), ("M3 1×", 213.5), ("M1 2×", 422.0), ("M3 2×", 427.0), ("M1 4×", 844.0)]
+    page = look(rotor_spectrum_figure(FREQUENCY_HZ, _spectrum(*(hz for _, hz in lines)), lines=lines, title="Fz_$1$"))
+    axes = page.panel("amplitude")
+    poles = {str(each.get_label()): each for each in axes.collections if isinstance(each, LineCollection)}
+    assert set(poles) == {f"{label} {hz:.0f} Hz" for label, hz in lines}
+    for label, hz in lines:
+        (segment,) = poles[f"{label} {hz:.0f} Hz"].get_segments()
+        assert segment[:, 0] == pytest.approx([hz, hz])
+        assert segment[0, 1] == pytest.approx(0.2, rel=0.2)
+        assert axes.get_xlim()[0] < hz < axes.get_xlim()[1]
+    assert page.overlapping() == []
+
+
+def test_sixteen_lines_of_four_rotors_keep_apart(look: Look) -> None:
+    lines = [(f"M{i} {k}×", k * (211.0 + 2 * i)) for i in (1, 2, 3, 4) for k in (1, 2, 3, 4)]
+    page = look(rotor_spectrum_figure(FREQUENCY_HZ, _spectrum(211.0), lines=lines, title="Fz"))
+    assert page.overlapping() == []
+
+
+def test_a_line_above_the_spectrum_is_not_marked(look: Look) -> None:
+    lines = [("M1 1×", 211.0), ("M1 20×", 4220.0)]
+    page = look(rotor_spectrum_figure(FREQUENCY_HZ, _spectrum(211.0), lines=lines, title="Fz"))
+    assert "4220" not in _written(page)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.0])
+def test_a_spectrum_without_lines_or_without_anything_is_drawn(look: Look, scale: float) -> None:
+    page = look(rotor_spectrum_figure(FREQUENCY_HZ, scale * _spectrum(), lines=[], title="Fz", unit="N m"))
+    assert page.panel("amplitude").get_ylabel() == "amplitude (N m)"
+    assert page.overlapping() == []
+
+
+def test_flags_that_would_touch_go_up() -> None:
+    assert flag_rows([0.8, 0.5, 0.48, 0.46, 0.1], [0.1] * 5) == [0, 0, 1, 2, 0]
