@@ -168,6 +168,7 @@ class Link:
                 if now_s < end_s:
                     return False
                 raise DeviceError(f"{self.uri}: answers, but connecting stopped half-way: the link loses packets.")
+        self._stamp(cf.link)
         complete.wait(_VALUES_S)
         self._check_answers(0.0)
         return True
@@ -210,8 +211,18 @@ class Link:
             leaving.at_s = time.monotonic()
             driver.send_packet(sent)
 
+    def _stamp(self, driver: Any) -> None:
+        """Let packets be stamped where the driver has just read them: before another thread takes them up."""
+        queued = driver.in_queue.put
+
+        def put(packet: Any, *more: Any) -> None:
+            packet.arrived_s = time.monotonic()
+            queued(packet, *more)
+
+        driver.in_queue.put = put
+
     def _received(self, packet: Any) -> None:
-        self.heard_s = time.monotonic()
+        self.heard_s = getattr(packet, "arrived_s", None) or time.monotonic()
         self._arrived.put((Packet(packet.port, packet.channel, bytes(packet.data)), self.heard_s))
         self._wake()
 
