@@ -11,7 +11,7 @@ from cfid.cli.live import LiveLine
 from cfid.cli.log_thrust import Note, Resume, StairOptions, announce
 from cfid.cli.options import flat
 from cfid.cli.recorded import KeepOptions, record, rig_of
-from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
+from cfid.cli.vehicle import LogMs, Motor, VehicleOptions, confirm, reach
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def speed(
     ] = None,
     motor: Motor = None,
     vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
     resume: Resume = None,
     keep: KeepOptions,
     note: Note = None,
@@ -55,10 +56,10 @@ def speed(
         from cfid.rig.ready_instruments import ready_tachometer
 
         if tachometer == "ut372":
-            return [crazyflie.usual_log(), ready_tachometer(port)]
+            return [crazyflie.usual_log(log_ms), ready_tachometer(port)]
         if tachometer == "typed":
-            return [crazyflie.usual_log()]
-        return [crazyflie.speed_log(deck=tachometer == "deck")]
+            return [crazyflie.usual_log(log_ms)]
+        return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
 
     question = "RPM shown at command {command}" if tachometer == "typed" else None
     _climb(
@@ -86,6 +87,7 @@ def scales(
     baud: Annotated[int, typer.Option(min=1, help="Speed of that port.", rich_help_panel=_INSTRUMENT)] = 9600,
     motor: Motor = None,
     vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
     resume: Resume = None,
     keep: KeepOptions,
     note: Note = None,
@@ -99,7 +101,7 @@ def scales(
     def instrument(crazyflie: "ReadyVehicle") -> "list[Device]":
         from cfid.rig.ready_instruments import ready_scales
 
-        return [crazyflie.usual_log(), *([] if port is None else [ready_scales(port, baud=baud)])]
+        return [crazyflie.usual_log(log_ms), *([] if port is None else [ready_scales(port, baud=baud)])]
 
     question = "grams shown at command {command}" if port is None else None
     _climb(
@@ -136,7 +138,7 @@ def _climb(
     from cfid.run import Label
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    wanted = missing(wanted, resume) if resume is not None else wanted
+    wanted = missing(resume, kind=kind) if resume is not None else wanted
     if stairs.dry_run:
         announce(wanted)
         return

@@ -10,7 +10,7 @@ from cfid import __version__
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.recorded import KeepOptions, attempt, print_json, rig_of, summary
-from cfid.cli.vehicle import VehicleOptions, confirm, reach
+from cfid.cli.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.errors import CfidError, ConfigError
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ def sine(
     *,
     sines: SineOptions,
     vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
     keep: KeepOptions,
     note: Annotated[str | None, typer.Option(help="A note, kept with each run.")] = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
@@ -95,7 +96,7 @@ def sine(
     periods = sines.periods()
     campaign, devices, simulated = rig_of(keep.campaign)
     if sines.resume:
-        there = _complete(campaign)
+        there = _complete(campaign, simulated=simulated)
         periods = [l for l in periods if sines.asked(l) not in there]  # noqa: E741
         if not periods:
             raise ConfigError("--resume: the campaign has all of them completely.")
@@ -115,7 +116,7 @@ def sine(
             left_s = (len(periods) - count) * each_s
             run, failure = _play(
                 _plan(sines, l, campaign, before_s, live, note=note, simulated=simulated, left_s=left_s),
-                (reports, crazyflie.usual_log()),
+                (reports, crazyflie.usual_log(log_ms)),
                 cell,
                 live,
             )
@@ -169,14 +170,18 @@ def _play(
 
     reports, log = vehicle
     with ExitStack() as stream:
-        loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
+        try:
+            loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
+        except CfidError as error:
+            return None, error
         return attempt(plan, [reports, loadcell, log], live)
 
 
-def _complete(campaign: "Campaign") -> list[dict[str, Any]]:
-    """Return what was asked of all complete runs."""
+def _complete(campaign: "Campaign", *, simulated: bool) -> list[dict[str, Any]]:
+    """Return what was asked of all complete runs of this rig: simulated ones count for a simulated one only."""
     from cfid.errors import DataError
     from cfid.run import list_runs
 
     runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
-    return [run.header.asked for run in runs if run.header.state == "complete"]
+    same = [run.header for run in runs if run.header.simulated == simulated]
+    return [header.asked for header in same if header.state == "complete"]

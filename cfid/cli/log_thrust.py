@@ -10,7 +10,7 @@ import typer
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.recorded import KeepOptions, record, rig_of
-from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
+from cfid.cli.vehicle import LogMs, Motor, VehicleOptions, confirm, reach
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def thrust(
     stairs: StairOptions,
     motor: Motor = None,
     vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
     resume: Resume = None,
     keep: KeepOptions,
     note: Note = None,
@@ -85,7 +86,7 @@ def thrust(
 
     campaign, devices, simulated = rig_of(keep.campaign)
     wanted = stairs.stairs(tuple(motor or (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
-    wanted = missing(wanted, resume) if resume is not None else wanted
+    wanted = missing(resume, kind="thrust") if resume is not None else wanted
     if stairs.dry_run:
         announce(wanted)
         return
@@ -103,7 +104,7 @@ def thrust(
             asked=wanted.asked,
             simulated=simulated,
         )
-        parts = [crazyflie.commands(), loadcell, crazyflie.usual_log()]
+        parts = [crazyflie.commands(), loadcell, crazyflie.usual_log(log_ms)]
         record("log thrust", plan, parts, live, keep)
 
 

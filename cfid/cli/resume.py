@@ -5,49 +5,53 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.rig.procedures import Staircase
+    from cfid.table import Array
+
+_ENOUGH = 0.98  # of the time that a step is held
 
 
-def missing(stairs: "Staircase", folder: Path) -> "Staircase":
-    """Return the staircase of a run without the steps that it held to their end.
+def missing(folder: Path, *, kind: str) -> "Staircase":
+    """Return the staircase of a run without the steps that it held to their end, or has a typed reading of.
 
-    Raises ConfigError when the run is no staircase, or lacks nothing.
+    Raises ConfigError when the run is no staircase of this kind, or lacks nothing.
     """
-    import pandas as pd
-
+    from cfid.flight import COMMANDS, READINGS, read_commands, read_rows
+    from cfid.rig.procedures import Staircase
     from cfid.run import read_run
 
     run = read_run(folder)
-    try:
-        asked = run.header.asked
-        before = replace(
-            stairs,
-            steps=tuple(asked["steps"]),
-            motors=tuple(asked["motors"]),
-            hold_s=asked["hold_s"],
-            rest_s=asked["rest_s"],
-        )
-    except KeyError:
-        raise ConfigError(f"{folder}: is no staircase that could be resumed.") from None
-    try:
-        rows = pd.read_csv(run.device_file("commands"))
-    except (OSError, ValueError):
-        raise DataError(f"{run.device_file('commands')}: cannot be read.") from None
-    column = f"m{before.motors[0]}"
-    held_s = rows["t"].shift(-1) - rows["t"]
-    done = Counter(rows.loc[held_s >= 0.98 * before.hold_s, column].astype(int))
-    left = tuple(step for step in before.steps if not _was_held(step, done))
-    if run.header.state == "complete" or not left:
+    asked = run.header.asked
+    if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(asked):
+        raise ConfigError(f"{folder}: is no run of `cfid log {kind}` that could be resumed.")
+    before = Staircase(
+        steps=tuple(asked["steps"]), motors=tuple(asked["motors"]), hold_s=asked["hold_s"], rest_s=asked["rest_s"]
+    )
+    if READINGS in run.header.devices:
+        typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
+        done = Counter(map(int, typed))
+    else:
+        rows, commands = read_commands(run) if run.header.devices[COMMANDS].rows != 0 else (None, None)
+        done = Counter() if rows is None or commands is None else _held(before, rows.time_s, commands)
+    left = tuple(step for step in before.steps if not _was_done(step, done))
+    if run.header.state == "complete" or not any(left):
         raise ConfigError(f"{folder}: lacks nothing.")
     return replace(before, steps=left)
 
 
-def _was_held(step: int, done: Counter[int]) -> bool:
-    """Return whether a step was held and take it off; a step of zero is like the rests, and is held again."""
-    if step == 0 or not done[step]:
+def _held(stairs: "Staircase", time_s: "Array", commands: "Array") -> Counter[int]:
+    """Return how often each command was held long enough."""
+    column = commands[:-1, stairs.motors[0] - 1]
+    long_enough = time_s[1:] - time_s[:-1] >= _ENOUGH * stairs.hold_s
+    return Counter(column[long_enough].astype(int).tolist())
+
+
+def _was_done(step: int, done: Counter[int]) -> bool:
+    """Return whether a step was done and take it off."""
+    if not done[step]:
         return False
     done[step] -= 1
     return True

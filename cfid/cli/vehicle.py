@@ -44,6 +44,12 @@ class VehicleOptions:
     ] = False
 
 
+LogMs = Annotated[
+    int,
+    typer.Option(min=1, max=1000, help="Milliseconds between rows of the vehicle's log.", rich_help_panel=VEHICLE),
+]
+
+
 def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
     """Connect to the vehicle that is meant and say which it is and what runs on it. Raises DeviceError."""
     setting = devices.crazyflie

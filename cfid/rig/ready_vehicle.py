@@ -29,6 +29,7 @@ from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, decode_read_par
 APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
 MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
+USUAL_MS = 10
 NO_APP = (
     "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
     "(firmware_patches/README.md says how)."
@@ -125,12 +126,12 @@ class ReadyVehicle:
 
         return self._device("pings.csv", Pings.columns_of(self.firmware), opened)
 
-    def usual_log(self) -> Device:
-        """Return what is worth logging beside any experiment, a hundred times a second; speeds where they are told."""
+    def usual_log(self, period_ms: int = USUAL_MS) -> Device:
+        """Return what is worth logging beside any experiment; speeds where they are told."""
         told = [names for names in (DECK_SPEEDS, MOTOR_SPEEDS) if self.link.variable(names[0]) is not None]
-        return self.log((BATTERY, *APPLIED, *(told[0] if told else ())), period_ms=10)
+        return self.log((BATTERY, *APPLIED, *(told[0] if told else ())), period_ms=period_ms)
 
-    def speed_log(self, *, deck: bool) -> Device:
+    def speed_log(self, period_ms: int, *, deck: bool) -> Device:
         """Return a log with the rotors' speeds, as the RPM deck or the brushless motors tell them.
 
         Raises DeviceError for a vehicle that tells none.
@@ -139,7 +140,7 @@ class ReadyVehicle:
         if self.link.variable(names[0]) is None:
             what = "RPM deck" if deck else "motors that tell their speed"
             raise DeviceError(f"{self.uri}: this vehicle has no {what}: it logs no {names[0]}.")
-        return self.log((BATTERY, *names), period_ms=10)
+        return self.log((BATTERY, *names), period_ms=period_ms)
 
     def log(self, names: Sequence[str], *, period_ms: int) -> Device:
         """Return variables that the vehicle logs as a device of a run; those that it does not have are left out."""

@@ -277,7 +277,7 @@ def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: B
     assert run.header.asked == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
 
     cell = pd.read_csv(run.device_file("loadcell"))
-    begin_s = crossings.t.iloc[0]
+    begin_s = (crossings.t - on_board_s).min()  # the report that was the least late
     played = cell[(cell.t > begin_s) & (cell.t < begin_s + 2.0)]
     phase = 2 * np.pi * 6 * (played.t - begin_s)  # l 500/N hertz
     basis = np.column_stack([np.ones(len(played)), np.cos(phase), np.sin(phase)])
@@ -386,6 +386,24 @@ def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
 
 
 # The console
+
+
+def test_a_reading_that_was_not_typed_is_asked_for_again(bench: Bench) -> None:
+    words = ("log", "speed", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
+    assert pilot.process.stdin is not None
+    pilot.process.stdin.write(b"12000\n")
+    pilot.process.stdin.flush()
+    bench.wait_until(lambda: bench.motors[0] == 30000, pilot)
+    time.sleep(0.6)
+    pilot.send(signal.SIGINT)
+    assert pilot.end() == 0
+    again = bench.start("log", "speed", "--resume", bench.run().folder, "--dry-run")
+    assert again.end() == 0, again.err
+    assert again.out.startswith("2 commands from 30000 to 40000")
+    other = bench.start("log", "thrust", "--resume", bench.run().folder, "--dry-run")
+    assert other.end() == 2
+    assert "is no run of `cfid log thrust` that could be resumed" in other.err
 
 
 def test_the_console_obeys_lines(bench: Bench) -> None:
