@@ -1,4 +1,4 @@
-"""Sampled signals, whatever they mean: half-swings, steady stretches, correlated noise."""
+"""Sampled signals, whatever they mean: half-swings, means among lines and spikes, spectra, correlated noise."""
 
 import math
 from typing import NamedTuple
@@ -6,9 +6,23 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import Polynomial
+from scipy.fft import prev_fast_len
+from scipy.special import fdtri
+
+from cfid.analysis.uncertainty import widened
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+
+SMOOTHED_S = 0.05  # to 20 Hz
+
+_SMOOTH_HZ = 100.0
+_LINES_FROM_HZ = 20.0  # with room: small rotors idle above 50 Hz
+_ORDINATES = 24
+_FREEDOM = 2 / (1 + 2 * (4 / 9 + 1 / 36))  # of an ordinate through Hann's window, which shares these parts with others
+_TAPER, _TAPER_S = 0.2, 0.05
+_DRAWN = 64
+_WILD = 6 / 1.645
 
 
 class HalfSwing(NamedTuple):
@@ -102,6 +116,183 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
 
 
 def block_means(value: Array, *, length: int) -> Array:
-    """Return the means of consecutive blocks of `length` samples, a rest at the end left out."""
-    blocks = len(value) // length
-    return np.asarray(value[: blocks * length].reshape(blocks, length).mean(axis=1))
+    """Return the means of consecutive blocks of `length` samples along the last axis, what is left over left out."""
+    blocks = value.shape[-1] // length
+    cut = value[..., : blocks * length].reshape(*value.shape[:-1], blocks, length)
+    return np.asarray(cut @ np.full(length, 1 / length))
+
+
+def amplitude_spectrum(value: Array, *, rate_hz: float) -> tuple[Array, Array]:
+    """Return frequencies in Hz (f,) and the amplitude (..., f) of the sine at each, for a series (..., n).
+
+    One-sided, about its mean, through a Hann window [Har]: a sine of amplitude A shows A, or down to 0.85 A where its
+    frequency lies between two of the spectrum's.
+    """
+    count = value.shape[-1]
+    weights = cosine_taper(count, share=1.0)
+    lines = np.fft.rfft(weights * (value - value.mean(axis=-1, keepdims=True)))
+    return np.arange(lines.shape[-1]) * (rate_hz / count), np.asarray(2 * np.abs(lines))
+
+
+def cosine_taper(count: int, *, share: float) -> Array:
+    """Return weights (count,) of sum 1 that rise and fall as a cosine over `share` of them [Har]: 1 is Hann's."""
+    from_end = np.minimum(np.arange(count) + 0.5, count - 0.5 - np.arange(count))
+    weights = np.sin(np.pi / 2 * np.minimum(from_end / max(share * count / 2, 0.5), 1.0)) ** 2
+    return np.asarray(weights / weights.sum())
+
+
+def density_near_zero(value: Array, *, rate_hz: float) -> tuple[Array, Indices]:
+    """Return the two-sided density per Hz (...) next to frequency zero of a series (..., n) without trend.
+
+    And its freedom (...). The mean of the lowest ordinates of the periodogram, after [HW], up to 20 Hz: 24, or fewer
+    where their lower half is higher than the upper (F, 10 %). A Hann window keeps the lines of rotors, from 50 Hz on,
+    out; its ordinates share 4/9 and 1/36 of their scatter with the next. White noise of variance s^2 has s^2 / rate.
+    A last part that makes the transform slow is left out. NaN with freedom 0 for too short a series.
+    """
+    count = prev_fast_len(value.shape[-1], real=True)
+    highest = min(_ORDINATES + 1, math.floor(_LINES_FROM_HZ * count / rate_hz), (count - 1) // 2)
+    if highest < 2:
+        return np.full(value.shape[:-1], np.nan), np.zeros(value.shape[:-1], np.intp)
+    weights = cosine_taper(count, share=1.0)
+    lines = np.fft.rfft(weights * value[..., :count])[..., 2 : highest + 1]
+    power = np.abs(lines) ** 2 / (rate_hz * (weights @ weights))
+    kept = np.full(power.shape[:-1], wide := power.shape[-1])
+    while wide >= _ORDINATES // 2:
+        half = wide // 2
+        upper = power[..., half:wide].mean(axis=-1) * fdtri(_FREEDOM * half, _FREEDOM * (wide - half), 0.9)
+        kept[(kept == wide) & (power[..., :half].mean(axis=-1) > upper)] = half
+        wide = half
+    low = np.arange(power.shape[-1]) < kept[..., np.newaxis]
+    return np.asarray(power.sum(axis=-1, where=low) / kept), np.maximum(np.rint(_FREEDOM * kept), 2).astype(np.intp)
+
+
+def detrended(value: Array) -> tuple[Array, Array]:
+    """Return what the straight line of least squares leaves of a series (..., n), and its slope per sample (...)."""
+    place = np.arange(value.shape[-1]) - (value.shape[-1] - 1) / 2
+    slope = np.asarray(value @ place / max(place @ place, 1.0))
+    return value - value.mean(axis=-1, keepdims=True) - slope[..., np.newaxis] * place, slope
+
+
+class Mean(NamedTuple):
+    """The mean of a window (...), its deviation, of which 1.96 cover 95 %, slope per second and effective samples."""
+
+    value: Array
+    std: Array
+    slope: Array
+    effective_samples: Array
+
+
+def quiet_mean(value: Array, *, rate_hz: float) -> Mean:
+    """Average a window (..., n) whose vibration may be larger than its mean.
+
+    A cosine over a tenth of it at each end, 50 ms at least, suppresses lines that a plain mean lets through with
+    amplitude / (pi frequency length). The deviation is that of the noise next to frequency zero; in a window too
+    short to show it, its two samples or more count as independent.
+    """
+    count = value.shape[-1]
+    weights = cosine_taper(count, share=min(max(_TAPER, 2 * _TAPER_S * rate_hz / count), 1.0))
+    left, slope = detrended(value)
+    density, freedom = density_near_zero(left, rate_hz=rate_hz)
+    if not freedom.all():
+        freedom = np.full_like(freedom, count - 1)
+        density = value.var(axis=-1, ddof=1) / rate_hz
+    wider = np.reshape([widened(1.0, int(each)) for each in freedom.flat], freedom.shape)
+    std = np.sqrt(density * rate_hz * (weights @ weights))
+    return Mean(value @ weights, wider * std, slope * rate_hz, effective_samples(value, std_of_mean=std))
+
+
+def effective_samples(value: Array, *, std_of_mean: Array) -> Array:
+    """Return how many independent samples, at most all (..., n), would have a mean of that deviation (...)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.fmin(value.var(axis=-1) / std_of_mean**2, value.shape[-1]))
+
+
+class Runs(NamedTuple):
+    """Runs of neighbours in a series: first, size, slope of a line and its deviation, what is about it.
+
+    `wave` is what moves slowly about the line; `alike` von Neumann's ratio there [vN], in deviations of white noise.
+    """
+
+    first: Indices
+    size: Indices
+    slope: Array
+    slope_std: Array
+    wave: Array
+    alike: Array
+
+    @classmethod
+    def of(cls, series: Array, *, fewest: int) -> "Runs":
+        """Fit a line to each run of a series (n,) that is `fewest` long or longer."""
+        first, end = np.triu_indices(len(series) + 1, k=fewest)
+        value, place, size = series - series.mean(), np.arange(len(series)), end - first
+        sums = (value, place * value, value**2, np.diff(value) ** 2)
+        total, moment, squares, steps = (np.concatenate([[0.0], np.cumsum(part)]) for part in sums)
+        lever, mass = size * (size**2 - 1) / 12, total[end] - total[first]
+        slope = (moment[end] - moment[first] - (first + end - 1) / 2 * mass) / lever
+        left = np.maximum(squares[end] - squares[first] - mass**2 / size - slope**2 * lever, 0)
+        noise = np.maximum((steps[end - 1] - steps[first]) / (size - 1) - slope**2, 0) / 2
+        wave = np.sqrt(np.maximum(left / (size - 2) - noise, 0))
+        ratio = np.divide(noise * size, left, out=np.ones_like(left), where=left > 0)
+        return cls(first, size, slope, np.sqrt(noise / lever), wave, (1 - ratio) / np.sqrt((size - 2) / (size**2 - 1)))
+
+
+class Slow(NamedTuple):
+    """A series (n,) at times (n,), without what moves faster than about 20 Hz."""
+
+    time_s: Array
+    value: Array
+
+    def between(self, from_s: float, to_s: float) -> "Slow":
+        """Return the part between two times."""
+        first, last = np.searchsorted(self.time_s, (from_s, to_s))
+        return Slow(self.time_s[first:last], self.value[first:last])
+
+
+def slowed(time_s: Array, value: Array, *, rate_hz: float) -> Slow:
+    """Smooth a series (n,) without spikes with a Hann window of 50 ms, onto about 100 samples a second."""
+    half = max(round(SMOOTHED_S * rate_hz / 2), 0)
+    weights = cosine_taper(2 * half + 1, share=1.0)
+    every = max(round(rate_hz / _SMOOTH_HZ), 1)
+    smooth = np.convolve(np.pad(value, half, mode="edge"), weights, mode="valid")
+    return Slow(time_s[::every], smooth[::every])
+
+
+def find_spikes(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
+    """Return row and place of wild samples in series (k, n), alone or two in turn, and the mean of those beside them.
+
+    They are too far from the median of their block of `length`, as Hampel identifies them [Ham], and half of that
+    from the sound samples on both sides, as no step is.
+    """
+    rows, places, limits = _too_far(value, length=min(length, value.shape[-1]))
+    inside = (places > 1) & (places < value.shape[-1] - 2)
+    rows, places, limits = rows[inside], places[inside], limits[inside]
+    wild = np.zeros(value.shape, bool)
+    wild[rows, places] = True
+    before, after = places - 1 - wild[rows, places - 1], places + 1 + wild[rows, places + 1]
+    ends = np.stack([value[rows, before], value[rows, after]])
+    rise = value[rows, places] - ends
+    out = (rise[0] * rise[1] > 0) & (np.abs(rise).min(axis=0) > limits / 2) & ~wild[rows, before] & ~wild[rows, after]
+    return rows[out], places[out], ends.mean(axis=0)[out]
+
+
+def _too_far(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
+    """Return row, place and limit of samples beyond 6 normal deviations from the median of their block.
+
+    A deviation is taken from half the width that nine of ten samples lie in: that of five in ten may vanish where a
+    line is sampled at a simple fraction of its period. Of the blocks next to it the widest counts. Median and width
+    are those of a draw of the block.
+    """
+    count, blocks = value.shape[-1], value.shape[-1] // length
+    cut = value[:, : blocks * length].reshape(len(value), blocks, length)
+    drawn = np.sort(cut[..., np.random.default_rng(0).permutation(length)[:_DRAWN]], axis=-1)
+    low, middle, high = (round(part * (drawn.shape[-1] - 1)) for part in (0.05, 0.5, 0.95))
+    centre = drawn[..., middle]
+    width = np.pad((drawn[..., high] - drawn[..., low]) / 2, ((0, 0), (1, 1)), mode="edge")
+    limit = _WILD * np.maximum(np.maximum(width[:, :-2], width[:, 2:]), width[:, 1:-1])
+    row, block = np.nonzero((cut.max(axis=-1) > centre + limit) | (cut.min(axis=-1) < centre - limit))
+    row = np.append(row, np.arange(len(value)))  # and what is left over after the last block, judged like that
+    place = np.append(block, np.full(len(value), blocks))[:, np.newaxis] * length + np.arange(length)
+    block = np.append(block, np.full(len(value), blocks - 1))
+    apart = np.abs(value[row[:, np.newaxis], np.minimum(place, count - 1)] - centre[row, block, np.newaxis])
+    which, at = np.nonzero((apart > limit[row, block, np.newaxis]) & (place < count))
+    return row[which], place[which, at], limit[row, block][which]
