@@ -10,6 +10,9 @@ from cfid.cli.campaign import new, runs
 from cfid.cli.demo import demo
 from cfid.cli.fit_friction import friction
 from cfid.cli.fit_inertia import inertia
+from cfid.cli.fit_motors import speed as fit_speed
+from cfid.cli.fit_motors import thrust as fit_thrust
+from cfid.cli.fit_motors import torque as fit_torque
 from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
 from cfid.cli.log import encoder, loadcell
@@ -59,6 +62,9 @@ fit.command()(swing)
 fit.command()(friction)
 fit.command()(inertia)
 fit.command()(testbody)
+fit.command("thrust")(fit_thrust)
+fit.command("speed")(fit_speed)
+fit.command("torque")(fit_torque)
 
 
 def _print_version(wanted: bool) -> None:

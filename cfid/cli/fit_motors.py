@@ -1,0 +1,196 @@
+"""`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: steady points of the motors to maps."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.inputs import open_workplace
+from cfid.cli.motor_evidence import StandOptions
+from cfid.cli.motor_inputs import read_evidence
+from cfid.cli.motor_outcome import by_speed, by_voltage, deliver_map, verified
+from cfid.cli.options import (
+    Delivery,
+    GravityMps2,
+    LoadCellOptions,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    flat,
+)
+from cfid.errors import ConfigError, FitError
+
+if TYPE_CHECKING:
+    from cfid.analysis.motor_maps import Order
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="COMMAND=FILE|RUN ...", help="Load-cell files by command, or runs of cfid log."),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapOptions:
+    """How a map is fitted."""
+
+    order: Annotated[
+        str | None, typer.Option(metavar="N|auto", help="Order; default: the thesis', auto: by corrected AIC.")
+    ] = None
+    robust: Annotated[bool, typer.Option(help="Let single points that stand apart count little.")] = True
+
+    def chosen(self, usual: int) -> "Order":
+        """Return the order. Raises ConfigError for what is none."""
+        if self.order is None:
+            return usual
+        if self.order == "auto":
+            return "auto"
+        if not self.order.isdecimal() or not 1 <= int(self.order) <= 5:
+            raise ConfigError(f"--order {self.order}: should be a whole number from 1 to 5, or auto.")
+        return int(self.order)
+
+
+@flat
+def thrust(
+    *,
+    runs: Words = None,
+    stand: StandOptions,
+    fit: MapOptions,
+    verify: Annotated[
+        Path | None, typer.Option(help="Scales: a table cmd,grams, or a run of cfid log scales (figure 3.9).")
+    ] = None,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    delivery: Delivery,
+    gravity_mps2: GravityMps2 = None,
+    method: Method = "default",
+) -> None:
+    """Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over that.
+
+    Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
+    """
+    from cfid.analysis.motor_inverse import invert, maximum_thrust
+    from cfid.analysis.motor_maps import fit_thrust
+    from cfid.cli import motor_results as told
+
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = workplace.rig.site.gravity_mps2
+    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
+    order = fit.chosen(2)
+    mapped = fit_thrust(found.points, method=method, order=order, robust=fit.robust, expected=found.expected or None)
+    most = maximum_thrust(mapped, gravity_mps2=gravity)
+    parameters, lines = told.map_parameters(mapped), [told.polynomial_line(mapped), *told.aicc_line(mapped)]
+    warnings = [*mapped.warnings, *most.warnings]
+    try:
+        inverse = invert(mapped)
+        parameters |= told.inverse_parameters(inverse, most)
+        lines += told.inverse_line(inverse, most)
+    except FitError as error:
+        warnings.append(str(error))
+    voltage = by_voltage(found, warnings)
+    if voltage is not None:
+        parameters |= told.voltage_parameters(voltage)
+        lines.append(voltage.sentence)
+    over_speed = by_speed(found, method, warnings, robust=fit.robust)
+    if over_speed is not None:
+        parameters |= told.speed_parameters(over_speed)
+    verification = verified(verify, mapped, stand, workplace)
+    if verification is not None:
+        lines += told.verification_lines(verification)
+    deliver_map(
+        "fit thrust",
+        mapped,
+        found,
+        parameters={**parameters, **told.table_parameter(found.points)},
+        lines=lines,
+        warnings=warnings,
+        workplace=workplace,
+        delivery=delivery,
+        verification=verification,
+        over_speed=over_speed,
+        quality={
+            "voltage_rms_n": voltage.voltage_rms if voltage else None,
+            "command_rms_n": voltage.command_rms if voltage else None,
+            "verification_rms_n": verification.rms_n if verification else None,
+        },
+    )
+
+
+@flat
+def speed(
+    *,
+    runs: Words = None,
+    stand: StandOptions,
+    fit: MapOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    delivery: Delivery,
+    method: Method = "default",
+) -> None:
+    """Fit one rotor's speed over command; a tachometer's readings are divided by --markers.
+
+    Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
+    """
+    from cfid.analysis.motor_maps import fit_speed
+    from cfid.cli import motor_results as told
+
+    workplace = open_workplace(rig)
+    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
+    mapped = fit_speed(
+        found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
+    )
+    warnings = list(mapped.warnings)
+    over_speed = by_speed(found, method, warnings, robust=fit.robust)
+    parameters = told.map_parameters(mapped) | (told.speed_parameters(over_speed) if over_speed else {})
+    lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
+    deliver_map(
+        "fit speed",
+        mapped,
+        found,
+        parameters={**parameters, **told.table_parameter(found.points)},
+        lines=lines,
+        warnings=warnings,
+        workplace=workplace,
+        delivery=delivery,
+        over_speed=over_speed,
+    )
+
+
+@flat
+def torque(
+    *,
+    runs: Words = None,
+    stand: StandOptions,
+    fit: MapOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    delivery: Delivery,
+    method: Method = "default",
+) -> None:
+    """Fit one motor's torque over its thrust.
+
+    Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
+    """
+    from cfid.analysis.motor_maps import fit_torque
+    from cfid.cli import motor_results as told
+
+    workplace = open_workplace(rig)
+    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
+    mapped = fit_torque(
+        found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
+    )
+    lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
+    parameters = {**told.map_parameters(mapped), **told.table_parameter(found.points)}
+    deliver_map(
+        "fit torque",
+        mapped,
+        found,
+        parameters=parameters,
+        lines=lines,
+        warnings=list(mapped.warnings),
+        workplace=workplace,
+        delivery=delivery,
+    )

@@ -1,0 +1,45 @@
+"""What the words of `cfid fit thrust`, `speed` and `torque` stand for: files, runs and tables of motors."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cfid.cli.inputs import Workplace, find_recording
+from cfid.cli.motor_evidence import Evidence, StandOptions, together
+from cfid.cli.motor_files import of_file, of_run
+from cfid.cli.motor_tables import of_table
+from cfid.cli.options import LoadCellOptions, ReadingOptions
+from cfid.errors import ConfigError
+
+
+def read_evidence(
+    words: Sequence[str],
+    stand: StandOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    workplace: Workplace,
+    *,
+    method: str,
+) -> Evidence:
+    """Read COMMAND=FILE, RUN and --table, and put all their points together.
+
+    Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
+    """
+    _ = stand.window_s  # a window that is none is told before any file is read
+    parts = [] if stand.table is None else [of_table(stand.table, stand, reading, workplace)]
+    for word in words:
+        command, equals, file = word.partition("=")
+        if equals and not Path(word).exists():
+            parts.append(of_file(_command(command, word), Path(file), stand, reading, scale, method=method))
+        else:
+            parts.append(of_run(find_recording(word, workplace), stand, reading, scale))
+    if not parts:
+        raise ConfigError(
+            "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."
+        )
+    return together(parts)
+
+
+def _command(text: str, word: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise ConfigError(f"'{word}': '{text}' is no command from 0 to 65535: write COMMAND=FILE.")
+    return int(text)

@@ -1,0 +1,137 @@
+"""Motor maps as `cfid fit thrust`, `speed` and `torque` tell them: parameters of the contract, lines, doubts."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cfid.analysis.motor_inverse import InverseMap, MaximumThrust
+    from cfid.analysis.motor_maps import MotorMap, SpeedThrustMap
+    from cfid.analysis.motor_points import MotorPoints
+    from cfid.analysis.motor_scales import Verification
+    from cfid.analysis.voltage_map import VoltageComparison
+    from cfid.parameters import Parameter
+
+_UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
+_Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
+
+
+def map_parameters(found: "MotorMap") -> "dict[str, Parameter]":
+    """Return a map's polynomial, highest power first."""
+    from cfid.parameters import Parameter
+
+    value, std = found.fit.coefficients.tolist(), found.fit.std.tolist()
+    return {f"motor.{found.quantity}_poly": Parameter(value=value, std=std, unit=_UNITS[found.quantity])}
+
+
+def table_parameter(points: "MotorPoints") -> "dict[str, Parameter]":
+    """Return all that was measured at each command."""
+    from cfid.analysis.motor_points import motor_table
+    from cfid.parameters import Parameter
+
+    rows = [row._asdict() for row in motor_table(points)]
+    return {"motor.table": Parameter(value=rows, unit="as named")}
+
+
+def inverse_parameters(inverse: "InverseMap", most: "MaximumThrust") -> "dict[str, Parameter]":
+    """Return what a controller takes from the thrust map, and section 3.3.1's check of it."""
+    from cfid.parameters import Parameter
+
+    root = {
+        "coefficients": inverse.coefficients.tolist(),
+        "command_min": inverse.command_range[0],
+        "command_max": inverse.command_range[1],
+        "thrust_min_n": inverse.thrust_range_n[0],
+        "thrust_max_n": inverse.thrust_range_n[1],
+        "round_trip_command": inverse.round_trip_command,
+        "round_trip_n": inverse.round_trip_n,
+    }
+    return {
+        "motor.command_of_thrust": Parameter(value=[root], unit="rising root of a cmd^2 + b cmd + c = thrust"),
+        "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
+        "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
+    }
+
+
+def speed_parameters(found: "SpeedThrustMap") -> "dict[str, Parameter]":
+    """Return thrust of speed as k w^2 and as full quadratic."""
+    from cfid.parameters import Parameter
+
+    quadratic = found.quadratic
+    return {
+        "motor.thrust_per_speed_squared_n_s2": Parameter(value=found.k_n_s2, std=found.k_std_n_s2, unit="N s^2/rad^2"),
+        "motor.thrust_speed_poly": Parameter(
+            value=quadratic.coefficients.tolist(), std=quadratic.std.tolist(), unit="N(rad/s)"
+        ),
+    }
+
+
+def voltage_parameters(found: "VoltageComparison") -> "dict[str, Parameter]":
+    """Return thrust of motor voltage, lowest power first as the firmware has it."""
+    from cfid.parameters import Parameter
+
+    return {
+        "motor.thrust_voltage_poly": Parameter(
+            value=found.lowest_first.tolist(), std=found.by_voltage.std[::-1].tolist(), unit="N(V)"
+        )
+    }
+
+
+def polynomial_line(found: "MotorMap") -> str:
+    """Return a map as the thesis writes it, with the norm of its residuals."""
+    over = "thrust" if found.quantity == "torque" else "cmd"
+    powers = range(found.fit.order, -1, -1)
+    terms = [
+        f"{value:+.7g}" + (f" {over}^{power}" if power > 1 else f" {over}" if power else "")
+        for value, power in zip(found.fit.coefficients.tolist(), powers, strict=True)
+    ]
+    norm = f"norm of residuals {found.fit.residual_norm:.4g} {_Y[found.quantity]}"
+    return f"{found.quantity} = {' '.join(terms)} ({norm}, {len(found.x)} points)"
+
+
+def aicc_line(found: "MotorMap") -> list[str]:
+    """Return how the order was chosen, nothing where it was given."""
+    if not found.aicc:
+        return []
+    least = min(found.aicc.values())
+    told = ", ".join(f"order {order}: {value - least:+.1f}" for order, value in found.aicc.items())
+    return [f"corrected AIC above the best: {told}"]
+
+
+def inverse_line(inverse: "InverseMap", most: "MaximumThrust") -> list[str]:
+    """Return range and round trip of the inverse, and what can hover."""
+    low, high = inverse.thrust_range_n
+    return [
+        f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
+        f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
+        f"{1e3 * inverse.round_trip_n:.2g} mN by rounding",
+        f"at most {most.thrust_n:.4g} N a motor, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: four "
+        f"motors hover {1e3 * most.hover_mass_kg:.4g} g",
+    ]
+
+
+def verification_lines(found: "Verification") -> list[str]:
+    """Return how far a second instrument is from the map (figure 3.9)."""
+    largest = max(abs(value) for value in found.difference_n.tolist())
+    return [
+        f"verification: {len(found.command)} readings, {1e3 * found.rms_n:.3g} mN rms ({found.rms_percent:.2g} %), at "
+        f"most {1e3 * largest:.3g} mN from the map"
+    ]
+
+
+def joined_quality(found: "MotorMap", **more: Any) -> dict[str, Any]:
+    """Return the figures that judge a map."""
+    fit = found.fit
+    return {
+        "residual_norm": fit.residual_norm,
+        "points": len(found.x),
+        "degrees_of_freedom": fit.freedom,
+        "inflation": fit.inflation,
+        "left_out_commands": list(found.left_out),
+        "aicc": {str(order): value for order, value in found.aicc.items()},
+        **more,
+    }
+
+
+def unique(sentences: Sequence[str]) -> tuple[str, ...]:
+    """Return sentences, each once, in their order."""
+    return tuple(dict.fromkeys(sentences))

@@ -1,0 +1,104 @@
+"""Steady points from tables: settled points as they are, a thrust stand's record reduced."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cfid.cli.inputs import Workplace
+from cfid.cli.motor_evidence import Evidence, Reduced, StandOptions, line_of
+from cfid.cli.options import ReadingOptions
+from cfid.errors import CfidError, DataError
+
+if TYPE_CHECKING:
+    from cfid.stand_table import StandTable
+
+
+def of_table(path: Path, stand: StandOptions, reading: ReadingOptions, workplace: Workplace) -> Evidence:
+    """Read a table and take its points, or reduce it where it is a record over time."""
+    from cfid.stand_table import read_stand_table
+
+    table = read_stand_table(
+        path,
+        gravity_mps2=workplace.rig.site.gravity_mps2,
+        rate_hz=reading.rate_hz,
+        skip_lines=reading.skip_lines,
+    )
+    return _of_record(table) if table.time_s is not None else _of_points(table, stand)
+
+
+def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
+    """Take a table of settled points; several series of one rotor are as many points."""
+    import numpy as np
+
+    from cfid.analysis.motor_points import MotorPoints, joined, per_motor
+
+    share = 1 if table.motors is not None else stand.motors or 1
+    points = per_motor(
+        MotorPoints(command=table.command, thrust_n=table.thrust_n, torque_nm=table.torque_nm), motors=share
+    )
+    speeds, vbat = table.speeds_rad_s, table.vbat_v
+    if speeds is not None:
+        one_speed = table.square_mean_speed_rad_s
+        assert one_speed is not None
+        series = list(speeds.T) if table.speeds == "series" else [one_speed]
+        sets = [MotorPoints(command=table.command, speed_rad_s=one / stand.markers) for one in series]
+        if table.thrust_n is None:
+            points = joined(*sets)
+        elif len(sets) == 1:
+            points = MotorPoints(**{**vars(points), "speed_rad_s": sets[0].speed_rad_s})
+        else:
+            points = joined(points, *sets)
+    if vbat is not None:
+        vbat = np.resize(vbat, len(points.command)) if len(points.command) % len(vbat) == 0 else None
+    return Evidence(points=points, vbat_v=vbat, warnings=table.notes, sources=(table.source,), paths=(table.path,))
+
+
+def _of_record(table: "StandTable") -> Evidence:
+    """Reduce a thrust stand's record over time: thrust, speed and battery in the steady window of each command."""
+    import numpy as np
+
+    from cfid.analysis.motor_points import MotorPoints
+    from cfid.analysis.staircase import reduce_staircase
+
+    assert table.time_s is not None
+    if table.thrust_n is None:
+        raise DataError(f"{table.path}: a record over time without a thrust cannot be reduced.")
+    speed = table.square_mean_speed_rad_s
+    there = {"thrust": table.thrust_n, "speed": speed, "vbat": table.vbat_v}
+    names = [name for name, column in there.items() if column is not None]
+    channels = np.column_stack([column for column in there.values() if column is not None])
+    changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
+    try:
+        found = reduce_staircase(
+            time_s=table.time_s,
+            channels=channels,
+            command_time_s=table.time_s[changes],
+            commands=np.repeat(table.command[changes, np.newaxis], 4, axis=1),
+            thrust=0,
+        )
+        settled = found.steady()
+    except CfidError as error:
+        raise type(error)(f"{table.path}: {error}") from None
+    mean, std = (np.array([getattr(point, name) for point in settled]) for name in ("mean", "std_of_mean"))
+    shown = mean + np.array([point.tare for point in settled])  # of a speed and a voltage nothing is to be taken off
+    place = names.index("speed") if speed is not None else None
+    volts = None if table.vbat_v is None else shown[:, names.index("vbat")]
+    unsettled = [point for point in found.points if not point.settled]
+    return Evidence(
+        points=MotorPoints(
+            command=np.array([float(point.command or 0) for point in settled]),
+            thrust_n=mean[:, 0],
+            thrust_std_n=std[:, 0],
+            speed_rad_s=None if place is None else shown[:, place],
+            speed_std_rad_s=None if place is None else std[:, place],
+        ),
+        vbat_v=volts,
+        lines=tuple(line_of(point, table.path.name) for point in found.points),
+        warnings=(
+            *table.notes,
+            *found.warnings,
+            *(f"{table.path.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
+        ),
+        sources=(table.source,),
+        reduced=(Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found),),
+        paths=(table.path,),
+    )

@@ -1,0 +1,80 @@
+"""Runs and files of a thrust stand, written as `cfid log thrust` and the thesis' logger write them."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cfid.run import DeviceRecord, Label, Run, create_run
+from cfid.sim.battery import BatteryTruth
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.rotors import RotorTruth
+from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
+
+BEGIN_S = 1_763_712_345.0
+COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
+
+
+def climbed(
+    commands: Sequence[int],
+    *,
+    motors: Sequence[int] = (1, 3),
+    hold_s: float = 2.0,
+    rest_s: float = 1.0,
+    rate_hz: float = 1000.0,
+    seed: int = 3,
+    battery: BatteryTruth | None = None,
+    rotors: RotorTruth | None = None,
+    spikes_per_s: float = 0.2,
+) -> StandRecord:
+    """Return what the stand records of a staircase."""
+    steps, duration_s = staircase_steps(commands, motors=motors, hold_s=hold_s, rest_s=rest_s)
+    return simulate_stand(
+        rotors=rotors or RotorTruth(),
+        loadcell=LoadCellTruth(),
+        battery=battery or BatteryTruth(),
+        steps=steps,
+        duration_s=duration_s,
+        rate_hz=rate_hz,
+        rng=np.random.default_rng(seed),
+        spikes_per_s=spikes_per_s,
+    )
+
+
+def write_run(folder: Path, record: StandRecord, *, steps: Sequence[int], **more: Any) -> Run:
+    """Write a record as a run of `cfid log thrust` in the campaign `folder`."""
+    devices = {
+        "commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4")),
+        "loadcell": DeviceRecord.model_validate(
+            {"file": "loadcell.csv", "columns": COLUMNS, "counts_per_n": 1e6, "counts_per_nm": 1e6}
+        ),
+        "crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "vehicle_ms", "pm.vbat")),
+    }
+    run = create_run(
+        folder / "runs",
+        kind="thrust",
+        label=Label(),
+        devices=devices,
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        asked={"steps": list(steps), **more},
+    )
+    counts = np.rint(record.wrench * 1e6).astype(np.int64)
+    number = np.arange(1, len(counts) + 1)
+    run.append("commands", (BEGIN_S + record.command_time_s, *record.commands.astype(np.int64).T))
+    run.append("loadcell", (BEGIN_S + record.time_s, *counts.T, number, 7 * number, record.status.astype(np.int64)))
+    ms = np.rint(1e3 * record.tick_s).astype(np.int64)
+    run.append("crazyflie", (BEGIN_S + record.tick_s, ms, np.round(record.volts, 3)))
+    return run.close("complete")
+
+
+def write_thesis_file(path: Path, record: StandRecord) -> Path:
+    """Write a record as the thesis' logger did: t and six columns of counts."""
+    counts = np.rint(record.wrench * 1e6).astype(np.int64)
+    rows = [
+        f"{t:.6f},{','.join(map(str, row))}" for t, row in zip(BEGIN_S + record.time_s, counts.tolist(), strict=True)
+    ]
+    path.write_text("\n".join(["t,Fx,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
+    return path

@@ -1,0 +1,226 @@
+"""`cfid fit thrust`, `speed` and `torque`: runs, files and tables in, maps and sentences out."""
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.campaign import RIG_FILE, new_rig_text
+from cfid.parameters import load_sections
+from cfid.sim.battery import BatteryTruth
+from cfid.sim.rotors import RotorTruth
+from tests.cli.stand_in_a_folder import climbed, write_run, write_thesis_file
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
+STEPS = tuple(range(0, 64001, 4000))
+TRUTH = RotorTruth()
+
+
+def true_thrust_n(command: Any) -> Any:
+    return (
+        TRUTH.thrust_ns2_per_rad2
+        * TRUTH.steady_rad_per_s(np.asarray(command, dtype=np.float64), volts=TRUTH.nominal_v) ** 2
+    )
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    return tmp_path
+
+
+def found(cfid: Cfid, *words: object, code: int = 0) -> dict[str, Any]:
+    said = cfid(*map(str, words), "--json")
+    assert said.returncode == code, said.stderr
+    content: dict[str, Any] = json.loads(said.stdout)
+    return content
+
+
+def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS), steps=STEPS)
+    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+    parameters = content["parameters"]
+
+    poly = parameters["motor.thrust_poly"]["value"]
+    for command in (16384, 32768, 60000):  # two seconds a step at 1 kHz; the goals are for ten at 7 kHz
+        assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
+    root = parameters["motor.command_of_thrust"]["value"][0]
+    assert root["round_trip_command"] < 1
+    assert parameters["motor.max_thrust_n"]["value"] == pytest.approx(true_thrust_n(65535), rel=0.005)
+    mass_kg = 4 * parameters["motor.max_thrust_n"]["value"] / 9.81
+    assert parameters["motor.hover_mass_kg"]["value"] == pytest.approx(mass_kg)
+    rows = parameters["motor.table"]["value"]
+    assert [row["cmd"] for row in rows] == [step for step in STEPS if step]
+    assert content["quality"]["believed"]
+    assert {Path(source["path"]).name for source in content["sources"]} == {"loadcell.csv", "commands.csv"}
+    assert "thrust" in load_sections(campaign / "parameters.toml")
+
+
+def test_the_same_run_gives_the_torque_map(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS), steps=STEPS)
+    poly = found(cfid, "fit", "torque", run.folder, "--campaign", campaign)["parameters"]["motor.torque_poly"]
+    assert poly["value"][0] == pytest.approx(TRUTH.torque_m, rel=0.01)
+
+
+def test_files_of_the_thesis_kind_give_the_same_map(cfid: Cfid, tmp_path: Path) -> None:
+    words = []
+    for command in range(8000, 64001, 8000):
+        path = write_thesis_file(tmp_path / f"{command}.csv", climbed([command], hold_s=4.0, seed=command))
+        words.append(f"{command}={path}")
+    content = found(cfid, "fit", "thrust", *words, "--motors", 2)
+    poly = content["parameters"]["motor.thrust_poly"]["value"]
+    for command in (16384, 32768, 60000):
+        assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
+
+    thesis = found(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--window", "2:4")
+    poly = thesis["parameters"]["motor.thrust_poly"]["value"]
+    assert np.polyval(poly, 40000) == pytest.approx(true_thrust_n(40000), rel=0.06)  # its bias is that of 51 samples
+
+
+def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Path) -> None:
+    steps = (*STEPS[1:], *STEPS[-2:0:-1])
+    battery = BatteryTruth(kind="lipo", charge=0.9)
+    run = write_run(campaign, climbed(steps, motors=(1, 2, 3, 4), battery=battery), steps=steps)
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+
+    assert said.returncode == 0, said.stderr
+    assert "motor voltage predicts" in said.stdout
+    quality = content["quality"]
+    assert quality["voltage_rms_n"] < quality["command_rms_n"]
+    poly = content["parameters"]["motor.thrust_voltage_poly"]["value"]
+    for volts in (1.5, 2.5, 3.0):
+        truth = true_thrust_n(volts / TRUTH.nominal_v * 65535)
+        assert np.polyval(poly[::-1], volts) == pytest.approx(truth, rel=0.005)
+
+
+def test_scales_are_a_second_opinion(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS), steps=STEPS)
+    commands = np.arange(0, 64001, 4000)
+    grams = 60 - 2 * true_thrust_n(commands) / 9.81 * 1e3
+    table = campaign / "scales.csv"
+    table.write_text("cmd,grams\n" + "".join(f"{c},{g:.2f}\n" for c, g in zip(commands, grams, strict=True)))
+    said = cfid(
+        "fit",
+        "thrust",
+        str(run.folder),
+        "--campaign",
+        str(campaign),
+        "--verify",
+        str(table),
+        "--motors",
+        "2",
+        "--no-figures",
+    )
+    assert said.returncode == 0, said.stderr
+    assert "verification: 17 readings" in said.stdout
+
+
+def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path: Path) -> None:
+    commands = np.arange(0, 64001, 2000)
+    speeds = np.where(commands < 1000, 0, 0.04076521 * commands + 380.8359)  # eq. 3.4
+    table = tmp_path / "rpm.csv"
+    rpm = 2 * speeds * 60 / (2 * np.pi)
+    table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r:.9f}\n" for c, r in zip(commands, rpm, strict=True)))
+
+    poly = found(cfid, "fit", "speed", "--table", table, "--markers", 2)["parameters"]["motor.speed_poly"]["value"]
+    assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
+    doubted = cfid("fit", "speed", "--table", str(table), "--no-figures")
+    assert doubted.returncode == 5
+    assert "--markers" in doubted.stderr
+
+
+def test_a_table_gives_eq_3_3_back(cfid: Cfid, tmp_path: Path) -> None:
+    commands = np.arange(0, 64001, 2000)
+    thrust = np.polyval([2.130295e-11, 1.032633e-6, 5.484560e-4], commands)
+    table = tmp_path / "thrust.csv"
+    table.write_text("cmd,thrust_n\n" + "".join(f"{c},{f:.15g}\n" for c, f in zip(commands, thrust, strict=True)))
+    poly = found(cfid, "fit", "thrust", "--table", table)["parameters"]["motor.thrust_poly"]["value"]
+    assert poly == pytest.approx([2.130295e-11, 1.032633e-6, 5.484560e-4], rel=1e-9)
+
+
+def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS[:6]), steps=STEPS[:6])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign))
+    assert said.returncode == 0, said.stderr
+    names = {path.name for path in (campaign / "figures").iterdir()}
+    assert "fit_thrust.png" in names
+    assert f"fit_thrust_{run.folder.name}.svg" in names
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
+def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_path: Path) -> None:
+    table = found(cfid, "fit", "speed", "--table", DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv")
+    k = table["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
+    assert k == pytest.approx(2.22e-8, rel=0.005)
+    steps = found(cfid, "fit", "thrust", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
+    assert 1.88e-8 < steps["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"] < 2.04e-8
+    ramp = cfid("fit", "thrust", "--table", str(DATA / "bitcraze_2021" / "cf2.1-stock-prop.csv"), "--no-figures")
+    assert ramp.returncode in (4, 5)
+    assert "settles" in ramp.stderr
+
+
+# What is wrong with the input
+
+
+def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:6])
+    record.wrench[:, 2] *= -1
+    run = write_run(campaign, record, steps=STEPS[:6])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 5
+    assert "negative throughout" in said.stderr
+    turned = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures", "--flip-fz")
+    assert turned.returncode == 0, turned.stderr
+
+
+def test_motors_that_never_ran_are_told(cfid: Cfid, campaign: Path) -> None:
+    still = climbed(STEPS[:5], rotors=RotorTruth(dead_below_command=65535.0))
+    run = write_run(campaign, still, steps=STEPS[:5])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode in (4, 5)
+    assert "the motors never" in said.stderr
+
+
+def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:5])
+    record.status[3000:6000] = 0x80020000
+    run = write_run(campaign, record, steps=STEPS[:5])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 4
+    assert "saturated" in said.stderr
+
+
+def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
+    steps = tuple(step for step in STEPS if step != 20000)
+    run = write_run(campaign, climbed(steps), steps=STEPS)
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 0
+    assert "command 20000 is missing" in said.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        ("fit thrust", 2, "nothing to fit"),
+        ("fit thrust abc=file.csv", 2, "'abc' is no command from 0 to 65535"),
+        ("fit thrust 2000=missing.csv", 4, "no such file"),
+        ("fit thrust missing", 4, "a file needs its command"),
+        ("fit thrust 2000=x.csv --order 9", 4, ""),
+        ("fit thrust 2000=x.csv --window 5", 2, "should be FROM:TO"),
+        ("fit speed --table missing.csv", 4, "no such file"),
+        ("fit torque --table missing.csv --markers 0", 2, "Invalid value"),
+    ],
+)
+def test_what_cannot_be_meant_so_is_told(cfid: Cfid, words: str, code: int, told: str) -> None:
+    said = cfid(*words.split(), "--no-figures")
+    assert said.returncode == code, said.stderr
+    assert told in said.stderr
+    assert "Traceback" not in said.stderr
