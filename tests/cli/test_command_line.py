@@ -32,6 +32,9 @@ COMMANDS = [
     ("fit", "friction"),
     ("fit", "inertia"),
     ("fit", "testbody"),
+    ("fit", "thrust"),
+    ("fit", "speed"),
+    ("fit", "torque"),
 ]
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib")
 
