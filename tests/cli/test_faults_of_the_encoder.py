@@ -45,6 +45,13 @@ def check_rows(lab: Lab) -> None:
     assert np.all(np.diff(rows["t"]) > 0)
 
 
+def check_nothing_mixed_up(lab: Lab) -> None:
+    """No answer is lost but to a computer that was too busy to hear it within 50 ms."""
+    losses = lab.facts("encoder")["losses"]
+    assert losses["garbled_replies"] == losses["unasked"] == losses["failed_check"] == losses["missing_in_gaps"] == 0
+    assert lab.run().header.devices["encoder"].lost <= losses["late_replies"] <= 5
+
+
 # Replies
 
 
@@ -77,8 +84,8 @@ def test_replies_in_two_pieces_are_whole_rows(lab: Lab) -> None:
     said = lab.cfid(*LOG, "--for", 1)
 
     assert said.code == 0
-    assert lab.run().header.devices["encoder"].lost == 0
     check_rows(lab)
+    check_nothing_mixed_up(lab)
 
 
 def test_slow_replies_are_fewer_rows_and_no_losses(lab: Lab) -> None:
@@ -326,7 +333,7 @@ def test_an_interface_without_stamps_is_polled_without_them(lab: Lab) -> None:
     assert checked.code == said.code == 0
     assert "without stamps" in checked.out
     assert list(rows_of(lab).columns) == ["t", "phi"]
-    assert lab.run().header.devices["encoder"].lost == 0
+    check_nothing_mixed_up(lab)
 
 
 def test_another_device_on_the_port_is_told_by_log_and_by_check(lab: Lab) -> None:
@@ -414,8 +421,8 @@ def test_an_encoder_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: L
     assert f"{lab.port} is held by process {log.process.pid} (cfid log). End that first." in second.err
     assert checked.code == said.code == 0
     assert f"port            ok       {lab.port} is held by process {log.process.pid} (cfid log)" in checked.out
-    assert lab.run().header.devices["encoder"].lost == 0
     check_rows(lab)
+    check_nothing_mixed_up(lab)
 
 
 # Ends

@@ -107,9 +107,9 @@ class Logger:
     killed_s: float = field(default=0.0)
 
     def wait_for_rows(self) -> None:
-        """Wait until both devices have rows in their files."""
+        """Wait until both devices have as many rows in their files as make a recording."""
         end_s = time.monotonic() + PATIENCE_S
-        while any((self.folder / f"{name}.csv").stat().st_size < 200 for name in DEVICES):
+        while any((self.folder / f"{name}.csv").stat().st_size < 2000 for name in DEVICES):
             assert time.monotonic() < end_s, "no rows"
             assert self.process.poll() is None, self.process.communicate()
             time.sleep(0.002)
