@@ -62,19 +62,19 @@ def ready_encoder(
 ) -> Device:
     """Find the encoder, hold it, and say how it is recorded. Raises DeviceError."""
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
-    name = lock_name(found.port)
-    locks = {name: DeviceLock.take(name, holder="cfid log")}
-    held.callback(lambda: [lock.release() for lock in locks.values()])
+    names = [lock_name(found.port)]
+    holding = held.enter_context(ExitStack())
+    holding.enter_context(DeviceLock.take(names[0], holder="cfid log"))
 
     def again() -> Any:
         """Find it after its plug was pulled; where it has another port then, hold that one instead."""
         there = find_encoder(setting.port, counts_per_turn=counts_per_turn, serial_number=found.serial_number)
         name = lock_name(there.port)
-        if name not in locks:
-            new = DeviceLock.take(name, holder="cfid log")
-            while locks:
-                locks.popitem()[1].release()
-            locks[name] = new
+        if name != names[-1]:
+            lock = DeviceLock.take(name, holder="cfid log")
+            holding.close()
+            holding.enter_context(lock)
+            names.append(name)
         return there
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
