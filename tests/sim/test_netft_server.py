@@ -19,7 +19,7 @@ from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.netft_server import ANY_FREE, LOOPBACK, NetFTServer, Ports
 from cfid.wire.netft import READ_FORCES, READING_BYTES, configuration_query, read_reading, read_settings
-from cfid.wire.rdt import PORT, Command, Request, decode_records, encode_request
+from cfid.wire.rdt import Command, Request, decode_records, encode_request
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
@@ -190,7 +190,7 @@ def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(serv
 def test_netft_reads_single_records_and_takes_its_tare(served: _Served) -> None:
     module = pytest.importorskip("NetFT")
     try:
-        served.open(address="127.0.0.77", ports=Ports(PORT, 0, 0))
+        served.open(address="127.0.0.77", ports=Ports(49152, 0, 0))  # this client knows no other
     except CannotListenError:
         pytest.skip(NO_OTHER_ADDRESS)
     sensor = module.Sensor("127.0.0.77")
