@@ -8,11 +8,12 @@ from typing import Any
 import pytest
 import serial
 from twisted.internet.posixbase import PosixReactorBase
+from twisted.internet.task import Clock
 
 from cfid.sim.e201 import E201Device
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import SOUND_ENCODER, EncoderFaults
-from cfid.sim.pty import PtyPort
+from cfid.sim.pty import InOrder, PtyPort
 from cfid.wire.e201 import names_e201, set_word_width
 
 InReactor = Callable[[Callable[[], Any]], Any]
@@ -108,3 +109,18 @@ def test_closing_leaves_nothing_behind(plugged: _Plugged, tmp_path: Path) -> Non
         plugged.close()
     assert list(tmp_path.iterdir()) == []
     assert _open_files() == before
+
+
+def test_a_reply_does_not_overtake_the_one_before_it() -> None:
+    clock = Clock()
+    said: list[bytes] = []
+    line = InOrder(said.append, clock=clock)
+
+    line.send([(0.2, b"late"), (0.2, b"r")])
+    clock.advance(0.05)
+    line.send([(0.0005, b"next")])
+    early = list(said)
+    clock.advance(0.16)
+
+    assert early == []
+    assert said == [b"late", b"r", b"next"]
