@@ -4,6 +4,7 @@ Packets come on cflib's thread and are stamped there. Until a loop is attached, 
 """
 
 import contextlib
+import io
 import logging
 import queue
 import threading
@@ -233,7 +234,8 @@ def find_vehicle() -> str:
     found: list[str] = []
     for driver in (RadioDriver, UsbDriver):
         try:
-            found += [str(uri) for uri, _ in driver().scan_interface(None)]
+            with contextlib.redirect_stdout(io.StringIO()):  # cflib prints there that no radio is plugged in
+                found += [str(uri) for uri, _ in driver().scan_interface(None)]
         except Exception as error:  # cflib lets through whatever its drivers raise
             raise DeviceError(f"no vehicle can be looked for: {error}.") from None
     if not found:
