@@ -110,6 +110,28 @@ def test_an_old_protocol_is_told(bench: Bench) -> None:
     assert "speaks version 3 of its protocol, cfid needs 4 or newer: update its firmware." in told
 
 
+def test_a_vehicle_that_is_busy_with_another_client_is_told(bench: Bench) -> None:
+    port = int(bench.uri.rpartition(":")[2])
+    ended = threading.Event()
+    with socket.socket(type=socket.SOCK_DGRAM) as other:
+
+        def talk() -> None:
+            while not ended.is_set():
+                other.sendto(b"\xff", ("127.0.0.1", port))
+                time.sleep(0.1)
+
+        bench.vehicle_suffers(busy=True)
+        thread = threading.Thread(target=talk)
+        thread.start()
+        try:
+            time.sleep(0.3)
+            told = refused(bench, "log", "ping", within_s=6.0)
+        finally:
+            ended.set()
+            thread.join()
+    assert "no answer within 2 s" in told
+
+
 def test_a_vehicle_that_another_cfid_drives_is_told_with_who_holds_it(bench: Bench) -> None:
     first = bench.start("motors", "set", 20000, "--yes")
     first.wait_until_motors_run()

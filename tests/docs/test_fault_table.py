@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cfid.sim.faults import EncoderFaults, LoadCellFaults
+from cfid.sim.faults import CrazyflieFaults, EncoderFaults, LoadCellFaults
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "reference" / "faults.md").read_text()
@@ -52,7 +52,10 @@ def _tests() -> dict[str, str]:
     return found
 
 
-@pytest.mark.parametrize(("device", "kind"), [("encoder", EncoderFaults), ("loadcell", LoadCellFaults)])
+@pytest.mark.parametrize(
+    ("device", "kind"),
+    [("encoder", EncoderFaults), ("loadcell", LoadCellFaults), ("crazyflie", CrazyflieFaults)],
+)
 def test_every_fault_that_can_be_simulated_is_in_the_table(device: str, kind: type) -> None:
     named = set(re.findall(rf"`{device}\.(\w+)`", "".join(row[0] for row in FAULTS)))
     assert named == {field.name for field in fields(kind)}
