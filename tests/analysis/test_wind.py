@@ -1,0 +1,60 @@
+"""Conventions of wind and frames: which way the vehicle moves through the air, and which way the load cell sits."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cfid.analysis.wind import body_from_sensor, body_std_from_sensor, speed_sum_rad_s, velocity_in_air, wind_speed
+
+
+def test_wind_from_above_is_a_climb() -> None:
+    np.testing.assert_allclose(velocity_in_air(speed_mps=2.0, angle_rad=0.0, azimuth_rad=0.4967), [0, 0, 2])
+
+
+def test_wind_from_the_side_is_flight_forward_and_to_the_right() -> None:
+    x, y, z = velocity_in_air(speed_mps=3.0, angle_rad=math.pi / 2, azimuth_rad=0.4967)
+
+    assert (x, y) == pytest.approx((3 * math.cos(0.4967), -3 * math.sin(0.4967)))
+    assert x > -y > 0
+    assert z == pytest.approx(0)
+
+
+def test_the_angle_is_that_to_the_vertical_and_the_speed_is_kept() -> None:
+    speeds, angles = np.array([1.4, 4.15, 3.75]), np.radians([0, 48.4, 77.9])
+    velocity = velocity_in_air(speed_mps=speeds, angle_rad=angles, azimuth_rad=0.4967)
+
+    np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), speeds)
+    np.testing.assert_allclose(velocity[:, 2], speeds * np.cos(angles))
+
+
+def test_the_body_frame_is_the_load_cells_turned_left_by_the_yaw() -> None:
+    diagonal = math.sqrt(0.5)
+    forward, left, up = body_from_sensor(np.eye(3), yaw_rad=math.pi / 4)
+
+    assert tuple(forward) == pytest.approx((diagonal, diagonal, 0))
+    assert tuple(left) == pytest.approx((-diagonal, diagonal, 0))
+    assert tuple(up) == (0, 0, 1)
+
+
+def test_deviations_turn_as_those_of_independent_axes() -> None:
+    rng = np.random.default_rng(5)
+    std = np.array([0.3, 1.2, 0.7])
+    drawn = body_from_sensor(std * rng.standard_normal((200_000, 3)), yaw_rad=0.6)
+
+    np.testing.assert_allclose(body_std_from_sensor(std, yaw_rad=0.6), drawn.std(axis=0), rtol=0.01)
+
+
+def test_wind_is_the_middle_of_its_readings_and_deviates_as_if_it_were_anything_between() -> None:
+    rng = np.random.default_rng(5)
+    mean, std = wind_speed(min_mps=[2.8, 1.5], max_mps=[3.6, 1.5])
+
+    np.testing.assert_allclose(mean, [3.2, 1.5])
+    np.testing.assert_allclose(std, [float(rng.uniform(2.8, 3.6, 200_000).std()), 0], rtol=0.01)
+
+
+def test_four_rotors_turn_at_half_of_what_a_tachometer_shows_of_two_markers() -> None:
+    shown = [15400, 21900, 27800, 31600, 33400, 39300]
+
+    assert speed_sum_rad_s(shown).mean() == pytest.approx(5913.2, abs=0.05)
+    assert speed_sum_rad_s(60, markers=1, rotors=1) == pytest.approx(2 * math.pi)
