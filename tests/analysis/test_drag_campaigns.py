@@ -1,0 +1,116 @@
+"""The thesis' wind campaign: its 112 runs, its table of experiments, and what the tests of drag share of it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.drag_experiments import DragExperiments
+from cfid.analysis.drag_models import COMPLEX, CROSS, SIMPLE, DragModel
+from cfid.analysis.drag_plan import THESIS_WINDS, missing_runs, thesis_plan
+from cfid.analysis.drag_reduction import WindRun, reduce_runs
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.wind_tunnel import (
+    Air,
+    ComplexAir,
+    CrossAir,
+    SimpleAir,
+    Tunnel,
+    TunnelRun,
+    Wind,
+    known_to,
+    simulate_campaign,
+)
+
+Array = npt.NDArray[np.float64]
+
+EQ_4_8 = np.array([-9.1785e-7, -9.1785e-7, -10.311e-7])
+EQ_4_9 = np.array(
+    [
+        [-8.9158e-7, -8.9158e-7, -3.1574e-7],
+        [-6.8572e-5, -6.8572e-5, 5.2068e-5],
+        [1.1254e-10, 1.1254e-10, -2.3662e-10],
+        [-5.4233e-4, -5.4233e-4, -2.2935e-3],
+        [-1.8443e-6, -1.8443e-6, 4.8857e-7],
+        [6.4061e-3, 6.4061e-3, 3.0985e-3],
+    ]
+)
+EQ_4_11 = 1e-7 * np.array([[-10.2506, -0.3177, -0.4332], [-0.3177, -10.2506, -0.4332], [-7.7050, -7.7050, -7.5530]])
+
+SIMPLE_AIR = SimpleAir(kg_per_rad=EQ_4_8.tolist())
+COMPLEX_AIR = ComplexAir(k=EQ_4_9)
+CROSS_AIR = CrossAir(kg_per_rad=EQ_4_11)
+WORLDS: tuple[tuple[Air, DragModel, Array], ...] = (
+    (SIMPLE_AIR, SIMPLE, EQ_4_8),
+    (COMPLEX_AIR, COMPLEX, EQ_4_9),
+    (CROSS_AIR, CROSS, EQ_4_11),
+)
+NAMES = tuple(model.name for _, model, _ in WORLDS)
+
+EXACT = LoadCellTruth(noise_std=(0,) * 6, drift_per_s=(0,) * 6)
+WINDS = [Wind(setting.angle_deg, setting.min_mps, setting.max_mps) for setting in THESIS_WINDS]
+
+
+def as_typed(runs: Sequence[TunnelRun]) -> list[WindRun]:
+    """Return simulated runs as an operator's: named, references without an angle."""
+    return [
+        WindRun(
+            name=f"run {i}",
+            command=run.command,
+            angle_deg=None if run.max_mps == 0 else run.angle_deg,
+            min_mps=run.min_mps,
+            max_mps=run.max_mps,
+            shown_rpm=run.shown_rpm,
+            force_n=run.force_n,
+            force_std_n=run.force_std_n,
+            azimuth_rad=run.azimuth_rad,
+        )
+        for i, run in enumerate(runs)
+    ]
+
+
+def exact_runs(air: Air, winds: Sequence[Wind] = WINDS) -> list[WindRun]:
+    """Return the thesis' campaign without noise, in winds that are exactly the middle of their readings."""
+    tunnel = Tunnel(air=air, cell=EXACT, unsteady=0.0)
+    return as_typed(simulate_campaign(tunnel, known_to(0.0, winds), rng=np.random.default_rng(0)))
+
+
+def exact(air: Air, winds: Sequence[Wind] = WINDS) -> DragExperiments:
+    return reduce_runs(exact_runs(air, winds)).experiments
+
+
+def measured_runs(air: Air, rng: np.random.Generator, winds: Sequence[Wind] = WINDS) -> list[WindRun]:
+    """Return a campaign with noise, drift, and wind that is inhomogeneous and known to 5 %."""
+    return as_typed(simulate_campaign(Tunnel(air=air), known_to(0.05, winds), rng=rng))
+
+
+def measured(air: Air, rng: np.random.Generator, winds: Sequence[Wind] = WINDS) -> DragExperiments:
+    return reduce_runs(measured_runs(air, rng, winds)).experiments
+
+
+def test_the_plan_is_that_of_section_4_4_2() -> None:
+    plan = thesis_plan()
+
+    assert len(plan) == len(set(plan)) == 112
+    assert sum(run.angle_deg is None for run in plan) == 7
+    assert {run.fan_v for run in plan} == {0, 5, 6, 8, 10, 12}
+    assert np.mean([(wind.min_mps + wind.max_mps) / 2 for wind in THESIS_WINDS]) == pytest.approx(2.85)
+
+
+def test_what_is_missing_of_the_plan_is_told_in_its_order_and_runs_beside_it_do_not_count() -> None:
+    plan = thesis_plan()
+    beside = plan[5]._replace(command=12345)
+
+    assert missing_runs([]) == plan
+    assert missing_runs([*plan, beside, plan[0]]) == ()
+    assert missing_runs([plan[5], plan[0], plan[0], beside], plan[:7]) == (*plan[1:5], plan[6])
+
+
+def test_the_campaign_is_90_experiments_in_15_winds_with_the_thesis_means() -> None:
+    experiments = exact(SIMPLE_AIR)
+
+    assert experiments.force_n.shape == (90, 3)
+    assert experiments.settings == 15
+    assert experiments.wind_mps.mean() == pytest.approx(2.85)
+    assert experiments.speed_sum_rad_s.mean() == pytest.approx(5992.7, abs=0.05)
