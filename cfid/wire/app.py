@@ -1,8 +1,8 @@
 """The thesis' three services on the vehicle, thrust, sine and ping (C.2.1, C.2.4, C.2.6), and what the app adds.
 
-The thesis' fields stand first in every payload, byte for byte, so that its modules of 2015 understand each
-request and their answers are understood; whatever is added stands behind them or on a channel of its own.
-A decoder returns None for a payload of the wrong length. Microseconds are the vehicle's, and wrap.
+The thesis' fields stand first in every payload, so that its modules of 2015 understand each request and are
+understood; what is added stands behind them or on a channel of its own. A decoder returns None for a payload of
+the wrong length. Microseconds are the vehicle's, and wrap.
 """
 
 import math
@@ -157,15 +157,12 @@ class SineAnswer(NamedTuple):
 
 
 class Crossing(NamedTuple):
-    """A crossing of the middle: the command then, and from the app the sample's index, its time, and which report.
-
-    The report of value 0 says that the motors are off; its index is the number of samples played.
-    """
+    """A crossing of the middle: the command then, and from the app the sample's index, its time, and which report."""
 
     command: int
     sample: int | None = None
     microseconds: int | None = None
-    number: int | None = None
+    number: int | None = None  # the last one has value 0 and the number of samples: motors are off
 
 
 class Done(NamedTuple):
