@@ -1,0 +1,137 @@
+"""Clocks compared by stamps that come late: lines under them, counters that wrap, starts told by a phase."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cfid.analysis.clocks import (
+    COUNTER_S,
+    clock_line,
+    least_of,
+    ping_latency,
+    sessions,
+    start_by_phase,
+    unwrapped_s,
+)
+from cfid.errors import DataError
+
+Array = npt.NDArray[np.float64]
+
+UNIX_S = 1.75e9
+JITTER_S = 0.016
+
+
+def stamps(count: int, rng: np.random.Generator, *, rate: float = 85 / 84) -> tuple[Array, Array]:
+    """Times of a vehicle's clock, and of their arrival at the host, at least 12 ms later."""
+    device_s = np.sort(rng.uniform(0, 100, count))
+    return device_s, UNIX_S + rate * device_s + 0.012 + rng.exponential(JITTER_S, count)
+
+
+def test_the_line_under_the_stamps_is_right_to_microseconds_where_an_average_is_milliseconds_late() -> None:
+    line = clock_line(*stamps(3000, np.random.default_rng(1)))
+    earliest_s = UNIX_S + 85 / 84 * line.middle_device_s + 0.012
+
+    assert line.middle_host_s == pytest.approx(earliest_s, abs=3e-5)
+    assert line.skew == pytest.approx(-1 / 85, abs=2e-6)
+    assert line.mean_offset_s == pytest.approx(JITTER_S, rel=0.05)
+    assert line.lateness_s.mean() == pytest.approx(JITTER_S, rel=0.05)
+    assert line.offset_s == pytest.approx(UNIX_S + 0.012, abs=1e-4)
+
+
+def test_the_line_reads_both_ways() -> None:
+    line = clock_line(*stamps(50, np.random.default_rng(2)))
+
+    assert line.device_s(line.host_s([1.0, 77.0])) == pytest.approx([1.0, 77.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [8, 40, 400])
+def test_the_line_is_without_bias_and_scatters_as_it_says(count: int) -> None:
+    rng = np.random.default_rng(count)
+    offsets, rates = [], []
+    for _ in range(400):
+        line = clock_line(*stamps(count, rng))
+        error = line.middle_host_s - (UNIX_S + 85 / 84 * line.middle_device_s + 0.012)
+        offsets.append(error / line.offset_std_s)
+        rates.append((line.rate - 85 / 84) / line.rate_std)
+
+    assert abs(np.mean(offsets)) < 0.2
+    assert 0.8 < np.std(offsets) < 1.35
+    assert 0.75 < np.std(rates) < 1.35
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 10**6), st.integers(0, 10**5)), min_size=3, max_size=60, unique_by=lambda pair: pair[0]
+    )
+)
+def test_no_stamp_lies_under_the_line(pairs: list[tuple[int, int]]) -> None:
+    device_s, late_s = np.array(sorted(pairs), dtype=np.float64).T * 1e-4
+    line = clock_line(device_s, device_s + late_s)
+
+    assert line.lateness_s.min() >= -1e-9
+
+
+def test_two_stamps_are_too_few() -> None:
+    with pytest.raises(DataError, match="too few"):
+        clock_line(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+
+
+def test_a_counter_of_32_bits_goes_on_where_it_began_anew() -> None:
+    host_s = UNIX_S + np.arange(0, 20000, 50.0)
+    device_s = (np.arange(0, 20000, 50.0) + 4000) * 84 / 85
+    late_s = np.random.default_rng(3).exponential(JITTER_S, len(host_s))
+
+    assert unwrapped_s(device_s % COUNTER_S, host_s + late_s) == pytest.approx(device_s)
+
+
+def test_a_vehicle_that_was_restarted_has_another_clock() -> None:
+    host_s = [0.0, 11.0, 22.0, 4000.0, 4011.0]
+    whole_s = [84 / 85 * passed_s + 1000.0 for passed_s in host_s]
+
+    assert sessions([own_s % COUNTER_S for own_s in whole_s], host_s) == [0, 0, 0, 0, 0]
+    assert sessions([*whole_s[:3], 7.0, 7.0 + 84 / 85 * 11], host_s) == [0, 0, 0, 1, 1]
+
+
+def test_the_least_of_many_is_what_theory_says_of_exponentials() -> None:
+    drawn = np.random.default_rng(4).exponential(1.0, 20000)
+
+    assert least_of(drawn, 1) == pytest.approx((1.0, 1.0), rel=0.03)
+    assert least_of(drawn, 10) == pytest.approx((0.1, 0.1), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("kind", "better_than_s"), [("exponential", 0.3 * JITTER_S / np.sqrt(60)), ("normal", 1.2 * JITTER_S / np.sqrt(60))]
+)
+def test_a_start_told_by_phase_takes_the_envelope_or_the_average_as_suits_the_radio(
+    kind: str, better_than_s: float
+) -> None:
+    rng = np.random.default_rng(5)
+
+    def draw(count: int) -> Array:
+        return rng.exponential(JITTER_S, count) if kind == "exponential" else rng.normal(0.06, JITTER_S, count)
+
+    usual = draw(4000)
+    starts = [start_by_phase(7.0 + draw(60), lateness_s=usual, spacing_s=0.2) for _ in range(1000)]
+    errors = np.array([start.start_s - 7.0 for start in starts])
+
+    assert abs(errors.mean()) < 0.1 * JITTER_S
+    assert errors.std() < better_than_s
+    assert np.std(errors / [start.std_s for start in starts]) == pytest.approx(1.0, abs=0.2)
+
+
+def test_dense_reports_count_as_few_since_each_waits_for_those_before() -> None:
+    usual = np.random.default_rng(6).exponential(JITTER_S, 4000)
+    lag_s = np.full(4000, 0.09)
+    dense, sparse = (start_by_phase(lag_s, lateness_s=usual, spacing_s=spacing_s) for spacing_s in (0.002, 0.2))
+
+    assert dense.std_s > 10 * sparse.std_s
+
+
+def test_half_of_the_least_round_trip_bounds_what_no_offset_tells() -> None:
+    found = ping_latency(np.array([0.030, 0.058, 0.083]))
+
+    assert found.offset_bound_s == 0.015
+    assert found.one_way_mean_s == pytest.approx(0.057 / 2)
+    assert found.round_trips.count == 3

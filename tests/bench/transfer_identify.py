@@ -1,0 +1,108 @@
+"""43 sine runs from CSV files to a transfer function, against reading the files with pandas and the thesis' loop.
+
+The files are those of a series as the thesis recorded it: five of the load cell, one of crossings a run. All three
+contestants read the same files in the same way; the thesis' loop is `transfer_thesis`, a transcription of C.2.5.
+"""
+
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from cfid.analysis.sine_runs import RecordedSine, align, thrust_of
+from cfid.analysis.sine_runs_reports import Reports, SinePlan
+from cfid.analysis.transfer import corrected_aic, fit_orders, measure
+from cfid.analysis.transfer_models import EQ_3_15
+from cfid.analysis.transfer_thesis import fit_thesis
+from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+
+PERIODS = [*range(16), *range(20, 101, 5), *range(110, 191, 10), 500]
+FILES = 5
+ROUNDS = 5
+CELL_COLUMNS = ["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
+
+
+def write(folder: Path, rate_hz: float) -> list[tuple[SimulatedSine, int]]:
+    truth = LinearTruth(static_gain_n=EQ_3_15.static_gain_n, time_constant_s=EQ_3_15.lags_s[0], vibration_n=0.0386)
+    rng = np.random.default_rng(43)
+    runs = simulate_sines(truth, periods=PERIODS, samples=4000, rng=rng, bench=Bench(rate_hz=rate_hz))
+    files = [len(PERIODS) * number // FILES for number in range(FILES + 1)]
+    for number in range(FILES):
+        cell = [np.column_stack([run.time_s, run.counts]) for run in runs[files[number] : files[number + 1]]]
+        frame = pd.DataFrame(np.vstack(cell), columns=CELL_COLUMNS).astype(dict.fromkeys(CELL_COLUMNS[1:], np.int64))
+        frame.to_csv(folder / f"cell_{number}.csv", index=False, float_format="%.6f")
+    for place, run in enumerate(runs):
+        rows = np.column_stack([run.report_host_s, run.report_command, run.report_sample, run.report_vehicle_us])
+        frame = pd.DataFrame(rows, columns=["t", "thrust_rec", "sample", "vehicle_us"])
+        frame.to_csv(folder / f"crossings_{place}.csv", index=False, float_format="%.6f")
+    number_of = np.searchsorted(files, np.arange(len(runs)), side="right") - 1
+    return [(run, int(number)) for run, number in zip(runs, number_of, strict=True)]
+
+
+def read(folder: Path) -> tuple[list[pd.DataFrame], list[pd.DataFrame]]:
+    cells = [pd.read_csv(folder / f"cell_{number}.csv") for number in range(FILES)]
+    return cells, [pd.read_csv(folder / f"crossings_{place}.csv") for place in range(len(PERIODS))]
+
+
+def recorded(folder: Path, index: list[tuple[SimulatedSine, int]], sign: int = 1) -> list[RecordedSine]:
+    cells, crossings = read(folder)
+    records = []
+    for cell in cells:
+        torque_nm = cell[["Tx", "Ty", "Tz"]].to_numpy() / 1e6
+        records.append((cell["t"].to_numpy(), sign * thrust_of("Ty", torque_nm, torque_nm, arm_m=ARM_M)))
+    runs = []
+    for (run, number), rows in zip(index, crossings, strict=True):
+        plan = SinePlan(name=f"l = {run.periods}", periods=run.periods, samples=4000, amplitude=20000)
+        reports = Reports(*rows.to_numpy(dtype=np.float64).T)
+        time_s, force_n = records[number]
+        runs.append(RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=force_n))
+    return runs
+
+
+def identify(folder: Path, index: list[tuple[SimulatedSine, int]]) -> tuple[float, float]:
+    measured, _ = measure("1", align(recorded(folder, index)))
+    fits = fit_orders([measured])
+    corrected_aic(fits)
+    fit = fits["first+delay"]
+    return fit.dynamics.static_gain_n, fit.time_constant_s
+
+
+def as_thesis(folder: Path, index: list[tuple[SimulatedSine, int]]) -> tuple[float, float]:
+    fit = fit_thesis(recorded(folder, index, sign=-1))
+    return fit.static_gain_n, fit.time_constant_s or 0.0
+
+
+def main() -> None:
+    rate_hz = float(sys.argv[1]) if len(sys.argv) > 1 else 1000.0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        index = write(folder, rate_hz)
+        size = sum(file.stat().st_size for file in folder.iterdir())
+        print(f"{len(index)} runs at {rate_hz:.0f} Hz, {size / 1e6:.0f} MB")
+        contestants: dict[str, Callable[[], object]] = {
+            "read with pandas": lambda: read(folder),
+            "identify": lambda: identify(folder, index),
+            "thesis' loop": lambda: as_thesis(folder, index),
+        }
+        seconds: dict[str, list[float]] = {what: [] for what in contestants}
+        for _ in range(ROUNDS):
+            for what, run in contestants.items():
+                begin = time.perf_counter()
+                run()
+                seconds[what].append(time.perf_counter() - begin)
+        for what, taken in seconds.items():
+            ratio = statistics.median(own / read for own, read in zip(taken, seconds["read with pandas"], strict=True))
+            print(f"{what:<20}{statistics.median(taken):8.3f} s   {ratio:5.2f} times reading")
+        for what, (gain, lag_s) in (("identify", identify(folder, index)), ("thesis' loop", as_thesis(folder, index))):
+            gain_off, lag_off = gain / EQ_3_15.static_gain_n - 1, lag_s / EQ_3_15.lags_s[0] - 1
+            print(f"{what:<20}gain {100 * gain_off:+.2f} %   time constant {100 * lag_off:+.2f} %")
+    print("goal: identify within 2 times reading")
+
+
+if __name__ == "__main__":
+    main()
