@@ -1,0 +1,297 @@
+"""Lines in a vibration: a spectrum that shows them, evidence for combs of them, and their frequencies by least squares.
+
+Knows no rotors: what turns at these frequencies, and which lines it makes, is the business of `rotor_speed`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import next_fast_len
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
+
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+
+_PADDING = 4  # bins per resolution: a line between two of them looks 0.1 dB weaker
+_FLOOR_BINS = 41  # of the resolution, over which the noise is taken for flat
+_HIGHEST = 0.45  # of the sampling rate, up to which lines are looked for
+_LOBE = 2.0  # resolutions to either side that a line fills in a Hann window
+_CANDIDATES = 8  # per resolution of the lowest line
+_LIKELY, _MAYBE = 0.999, 0.5  # that an expected line shows, and any other
+_QUARTER = 1 / 16  # in power
+_PLENTY = 30.0  # evidence from which on more of it counts less: no line is as pure as its model
+_NOISE_BINS = 20  # to either side of a line, over which its noise is averaged
+_LOST_BINS = 1.5  # that the amplitude, phase and frequency of a line take from the noise around it
+_IRREGULAR = 0.05  # of the sampling interval
+_MAX_STEPS = 40
+_CONVERGED = 1e-6  # squared length of a step in standard deviations
+_TINY = np.finfo(float).tiny
+
+
+def even_times(time_s: Array) -> tuple[Array, float, float]:
+    """Return times (n,) about zero that a phase can be trusted to, their interval, and how far the given ones jitter.
+
+    Stamps of a clock that counts samples are kept, gaps included. Stamps of arrivals jitter far more than the
+    sampling does: then the samples are taken as evenly spaced.
+    """
+    time = time_s - (time_s[0] + time_s[-1]) / 2
+    place = np.linspace(-0.5, 0.5, len(time)) * (len(time) - 1)
+    intervals = np.diff(time)
+    interval_s = float(np.median(intervals))
+    if np.median(np.abs(intervals - interval_s)) < _IRREGULAR * interval_s:
+        return time, interval_s, 0.0
+    interval_s = float(place @ time) / float(place @ place)
+    return np.asarray(interval_s * place), interval_s, float(np.std(time - interval_s * place))
+
+
+class Spectrum(NamedTuple):
+    """Amplitudes of lines (m, c) in the signal's unit at frequencies (m,), and the noise floor (m, c) beneath.
+
+    Both are root mean squares over as many windows as fit into the record side by side, each `length_s` long.
+    """
+
+    frequency_hz: Array
+    amplitude: Array
+    floor: Array
+    windows: float
+    length_s: float
+
+    @property
+    def strength(self) -> Array:
+        """Power over the noise's, summed over the c channels (m,): c where there is no line."""
+        return np.asarray(np.sum((self.amplitude / self.floor) ** 2, axis=1))
+
+    def lines_hz(self, *, evidence: float) -> Array:
+        """Return where lines stand that have so much evidence, each the highest within a lobe."""
+        strength, channels = self.strength, self.amplitude.shape[1]
+        power = np.maximum(strength / channels, 1.0)
+        clear = max(self.windows, 1.0) * channels * (power - 1 - np.log(power)) > evidence
+        highest = strength == maximum_filter1d(strength, round(2 * _LOBE * _PADDING) + 1)
+        return np.asarray(self.frequency_hz[clear & highest])
+
+
+def spectrum(*, signal: Array, interval_s: float, length_s: float = 1.0) -> Spectrum:
+    """Return the spectrum of channels (n, c) in Hann windows of `length_s` that overlap by half (figure 3.4).
+
+    A line of amplitude A shows as A. Each window is freed from its mean and slope; a record shorter than a window is
+    one window. The floor is a running median over frequency, which lines hardly lift.
+    """
+    length = round(min(length_s / interval_s, len(signal)))
+    size = next_fast_len(_PADDING * length, real=True)
+    starts = range(0, len(signal) - length + 1, max(length // 2, 1))
+    power = np.mean([_power(signal[start : start + length], size) for start in starts], axis=0)
+    windows = len(signal) / length
+    median = median_filter(power[::_PADDING], size=(_FLOOR_BINS, 1), mode="reflect")
+    mean = median / (1 - 1 / (9 * windows)) ** 3  # Wilson and Hilferty's median of a gamma distribution
+    floor = np.maximum(np.repeat(mean, _PADDING, axis=0)[: len(power)], 1e-24 * power.max() + _TINY)
+    frequency = np.arange(len(power)) / (size * interval_s)
+    return Spectrum(frequency, np.sqrt(power), np.sqrt(floor), windows, length * interval_s)
+
+
+def _power(frame: Array, size: int) -> Array:
+    place = np.linspace(-1, 1, len(frame))[:, np.newaxis]
+    level = frame - frame.mean(axis=0)
+    window = np.hanning(len(frame) + 2)[1:-1, np.newaxis]
+    flat = level - place * (place * level).sum(axis=0) / (place**2).sum()
+    return np.asarray(np.abs(2 / window.sum() * np.fft.rfft(window * flat, size, axis=0)) ** 2)
+
+
+class Comb(NamedTuple):
+    """Lines at multiples of one frequency, and the evidence for them.
+
+    In noise alone the strength of c channels is a sum of c exponential variables; a line makes it larger by an
+    unknown factor. Evidence is the logarithm of that line's likelihood over the noise's. A line that is `expected`
+    is likely to be a quarter as high as the highest, or higher; that it is missing is unlikely, not impossible.
+    """
+
+    harmonics: tuple[int, ...]
+    expected: tuple[int, ...]
+
+    def candidates(self, seen: Spectrum, between_rad_per_s: tuple[float, float]) -> Array:
+        """Return angular frequencies (g,) that sampling can tell, dense enough to miss no line in a spectrum."""
+        low, high = between_rad_per_s
+        highest = 4 * math.pi * _HIGHEST * seen.frequency_hz[-1]
+        if low >= min(high, highest):
+            raise FitError(f"no speed from {low:.0f} to {high:.0f} rad/s is told by samples that tell {highest:.0f}.")
+        return np.arange(low, min(high, highest), 2 * math.pi / (_CANDIDATES * seen.length_s))
+
+    def lines(self, seen: Spectrum, rad_per_s: Array) -> Array:
+        """Return the evidence for each line of each candidate (h, g)."""
+        channels, highest_hz = seen.amplitude.shape[1], 2 * _HIGHEST * seen.frequency_hz[-1]
+        line_hz = np.outer(self.harmonics, rad_per_s) / (2 * math.pi)
+        told = line_hz <= highest_hz
+        place = np.rint(np.minimum(line_hz, highest_hz) / seen.frequency_hz[1]).astype(int)
+        power = seen.strength[place] / channels
+        size = np.where(told, np.maximum(power - 1, 0.0), 0.0)
+        size = np.maximum(size, np.where(self._expected, _QUARTER * size.max(axis=0), 0.0))
+        evidence = max(seen.windows, 1.0) * channels * (power * size / (1 + size) - np.log1p(size))
+        return np.where(told, evidence, 0.0)
+
+    def score(self, lines: Array) -> Array:
+        """Return the evidence for each candidate (g,) in its lines (h, g), at most half of it in unexpected ones."""
+        likely = np.where(self._expected, _LIKELY, _MAYBE)
+        told = np.logaddexp(np.log1p(-likely), np.log(likely) + lines)
+        told = np.where(told > 0, _PLENTY * np.log1p(told / _PLENTY), told)
+        expected = np.sum(told, axis=0, where=self._expected)
+        return np.asarray(expected + np.clip(told.sum(axis=0) - expected, None, np.maximum(expected, 0.0)))
+
+    @property
+    def _expected(self) -> npt.NDArray[np.bool_]:
+        return np.isin(self.harmonics, self.expected)[:, np.newaxis]
+
+
+class Family(NamedTuple):
+    """Lines at multiples of one angular frequency."""
+
+    rad_per_s: float
+    harmonics: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineFit:
+    """Families of lines with their fitted frequencies at time zero, and the drift they share, over the frequency.
+
+    `covariance` (p + 1, p + 1) belongs to the p angular frequencies and the drift. `amplitude` holds per family the
+    complex amplitudes (h, c) at time zero, `residual` (n, c) what is left, `weight` (c,) one over the noise' power
+    per sample near the first family's lines.
+    """
+
+    families: tuple[Family, ...]
+    drift_per_s: float
+    covariance: Array
+    amplitude: tuple[Complex, ...]
+    residual: Array
+    weight: Array
+
+
+def fit_lines(
+    *,
+    time_s: Array,
+    signal: Array,
+    families: Sequence[Family],
+    drift_per_s: float = 0.0,
+    drifting: bool = True,
+    first_s: float = math.inf,
+) -> LineFit:
+    """Fit the frequencies of all families to channels (n, c) at times (n,) about zero, by least squares.
+
+    The signal is a straight line per channel and, per spectral line, a phase and an amplitude per channel: linear, so
+    that each step of the search solves for them [GP]. All families run on the time t + drift t^2 / 2. The start has to
+    lie within half a resolution (1 / length) of the truth at the highest harmonic; what is longer than `first_s` starts
+    with a fit of its middle half. The covariance is that of least squares in the noise found around the lines,
+    whatever its colour: in white noise, Cramer and Rao's.
+    """
+    if time_s[-1] - time_s[0] > first_s:
+        middle = np.abs(time_s) < time_s[-1] / 2
+        time, part = time_s[middle], signal[middle]
+        rough = fit_lines(time_s=time, signal=part, families=families, drifting=drifting, first_s=first_s)
+        families, drift_per_s = rough.families, rough.drift_per_s
+    search = _Search(time_s, signal, tuple(families), drifting)
+    point = search.at(np.array([family.rad_per_s for family in families] + [drift_per_s]))
+    point = search.descend(point, 1 / (np.mean(point.residual**2, axis=0) + 1e-24 * np.mean(signal**2) + _TINY))
+    point = search.descend(point, search.noise(point)[1])
+    covariance, weight = search.noise(point)
+    *found, drift = point.parameters.tolist()
+    return LineFit(
+        families=tuple(family._replace(rad_per_s=value) for family, value in zip(families, found, strict=True)),
+        drift_per_s=drift,
+        covariance=covariance,
+        amplitude=point.amplitude,
+        residual=point.residual,
+        weight=weight,
+    )
+
+
+def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tuple[Array, Array]:
+    """Return by how much the frequency departs from a fit's in parts of the record, and with what deviations."""
+    departures, stds = [], []
+    for part in np.array_split(np.arange(len(time_s)), parts):
+        middle_s = (time_s[part[0]] + time_s[part[-1]]) / 2
+        here = fit.families[0]._replace(rad_per_s=fit.families[0].rad_per_s * (1 + fit.drift_per_s * middle_s))
+        own = fit_lines(time_s=time_s[part] - middle_s, signal=signal[part], families=[here], drifting=False)
+        departures.append(own.families[0].rad_per_s - here.rad_per_s)
+        stds.append(math.sqrt(own.covariance[0, 0]))
+    return np.array(departures), np.array(stds)
+
+
+class _Point(NamedTuple):
+    """A place in the search: what the best amplitudes leave over, and how it changes with the parameters."""
+
+    parameters: Array
+    amplitude: tuple[Complex, ...]
+    residual: Array
+    tangent: Array  # (p + 1, n, c), the part that amplitudes cannot make up for
+
+
+class _Search:
+    def __init__(self, time_s: Array, signal: Array, families: tuple[Family, ...], drifting: bool) -> None:
+        self._time, self._signal, self._families = time_s, signal, families
+        self._free = np.arange(len(families) + drifting)
+
+    def at(self, parameters: Array) -> _Point:
+        time = self._time
+        clock = time + parameters[-1] / 2 * time**2
+        columns = [np.ones(len(time)), time]
+        for family, speed in zip(self._families, parameters, strict=False):
+            waves = np.exp(1j * speed * np.outer(family.harmonics, clock))
+            columns += [*waves.real, *waves.imag]
+        design = np.stack(columns, axis=1)
+        inverse = np.linalg.pinv(design.T @ design, hermitian=True, rcond=1e-13)
+        solved = inverse @ (design.T @ self._signal)
+        amplitude, tangent, begin = [], np.zeros((len(parameters), *self._signal.shape)), 2
+        for k, family in enumerate(self._families):
+            lines = len(family.harmonics)
+            place = slice(begin, begin + 2 * lines)
+            cos, sin = solved[place][:lines], solved[place][lines:]
+            times = np.array(family.harmonics)[:, np.newaxis]
+            by_angle = design[:, place] @ np.vstack([times * sin, -times * cos])
+            tangent[k] = clock[:, np.newaxis] * by_angle
+            tangent[-1] += (parameters[k] / 2 * time**2)[:, np.newaxis] * by_angle
+            amplitude.append(cos - 1j * sin)
+            begin = place.stop
+        tangent -= design @ (inverse @ (design.T @ tangent))
+        return _Point(parameters, tuple(amplitude), self._signal - design @ solved, tangent)
+
+    def descend(self, point: _Point, weight: Array) -> _Point:
+        """Go down to the least weighted residual, in Levenberg and Marquardt's steps."""
+        damping, loss = 0.0, weight @ np.sum(point.residual**2, axis=0)
+        for _ in range(_MAX_STEPS):
+            tangent = (point.tangent[self._free] * np.sqrt(weight)).reshape(len(self._free), -1)
+            scale = np.sqrt(np.sum(tangent**2, axis=1)) + _TINY
+            tangent /= scale[:, np.newaxis]
+            normal, slope = tangent @ tangent.T, tangent @ (point.residual * np.sqrt(weight)).ravel()
+            step = np.linalg.lstsq(normal + damping * np.eye(len(scale)), slope, rcond=1e-12)[0]
+            parameters = point.parameters.copy()
+            parameters[self._free] += step / scale
+            trial = self.at(parameters)
+            trial_loss = weight @ np.sum(trial.residual**2, axis=0)
+            if trial_loss <= loss:
+                point, loss, damping = trial, trial_loss, damping / 10 if damping > 1e-3 else 0.0
+            else:
+                damping = max(10 * damping, 1e-3)
+            if step @ normal @ step < _CONVERGED:
+                break
+        return point
+
+    def noise(self, point: _Point) -> tuple[Array, Array]:
+        """Return the parameters' covariance and the weights (c,), from the residual's spectrum around the lines."""
+        count, tangent = len(self._time), point.tangent[self._free]
+        size = next_fast_len(count, real=True)
+        power = np.abs(np.fft.rfft(point.residual, size, axis=0)) ** 2 / count
+        width = 2 * min(_NOISE_BINS, size // 16) + 1
+        lost = _LOST_BINS * len(self._families)
+        power = uniform_filter1d(power, width, axis=0, mode="reflect") * width / max(width - lost, 1.0)
+        waves = np.fft.rfft(tangent, size, axis=1)
+        information = np.einsum("pnc,qnc->cpq", tangent, tangent)
+        spread = 2 / size * np.einsum("pfc,qfc,fc->cpq", waves.conj(), waves, power).real
+        weight = information[:, 0, 0] / (spread[:, 0, 0] + _TINY)
+        inverse = np.linalg.pinv(np.einsum("c,cpq->pq", weight, information), hermitian=True)
+        covariance = np.zeros((len(point.parameters),) * 2)
+        covariance[np.ix_(self._free, self._free)] = inverse @ np.einsum("c,cpq->pq", weight**2, spread) @ inverse
+        return covariance, weight

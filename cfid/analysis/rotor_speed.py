@@ -1,0 +1,299 @@
+"""Rotor speed from the vibration a load cell feels, no tachometer needed (figure 3.4 of the thesis).
+
+A rotor shakes the cell at its own frequency (unbalance), at blade pass and at further harmonics, in every channel.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import chdtrc
+
+from cfid.analysis.rotor_lines import Comb, Family, LineFit, even_times, fit_lines, fit_parts, spectrum
+from cfid.analysis.uncertainty import widened
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+PLAUSIBLE_RAD_PER_S = (200.0, 5000.0)  # of rotors on a vehicle of some ten grams
+FRAME_S = 1.0  # in which a speed that drifts by 0.5 % in ten seconds still makes one line
+_FEWEST = 64
+_HEARD = 20.0  # evidence that rules out noise, over thousands of speeds tried
+_SURE = 5.0  # log odds against another octave
+_LINE = 8.0  # evidence of a line worth fitting
+_HUMS = 1e-3  # of its frequency, within which the mains keeps it
+_OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
+_SAME = 0.02  # part of a speed within which another is the same
+_CHANCE = 1e-6
+_UNSTEADY = 0.05  # of the speed, over the window
+_PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
+_SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
+_ASIDE = 0.2  # of the speed to either side, where further rotors are looked for
+_TOLD = 5.0  # standard deviations between speeds
+_BENT = 0.1  # of a change of speed within a window, by which a straight line may miss its mean
+
+
+class Rotor(NamedTuple):
+    """A rotor's mean speed over the window, how that drifts, and the lines (h,) it makes in the channels Fx to Tz.
+
+    Channel c moves as the sum of amplitude[h, c] cos(harmonics[h] angle + phase_rad[h, c]), the angle 0 mid window.
+    """
+
+    speed_rad_per_s: float
+    std_rad_per_s: float
+    drift_rad_per_s2: float
+    harmonics: tuple[int, ...]
+    amplitude: Array
+    phase_rad: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotorSpeed:
+    """The rotors heard in a window, by rising speed, and the mean of their speeds.
+
+    Fewer rotors than asked for are not `resolved`: the mean's deviation then allows for those that hide in one
+    line. `octave_margin` is the log odds of this speed against its half, its double or another simple multiple.
+    `wander_rad_per_s` is how far the speed strays from a straight line between parts of the window, 0 where noise
+    explains that. `warnings` are to be said; `doubts` are reasons not to believe the speed.
+    """
+
+    speed_rad_per_s: float
+    std_rad_per_s: float
+    rotors: tuple[Rotor, ...]
+    resolved: bool
+    octave_margin: float
+    wander_rad_per_s: float
+    warnings: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def believed(self) -> bool:
+        """Whether lines of a rotor stand clear of the noise and are read in the right octave."""
+        return not self.doubts
+
+
+class SpeedRidge(NamedTuple):
+    """A rotor's speed at times (f,), the middles of windows; NaN where none is heard, that is without evidence."""
+
+    time_s: Array
+    speed_rad_per_s: Array
+    std_rad_per_s: Array
+    evidence: Array
+
+
+def rotor_speed(
+    *,
+    time_s: Array,
+    wrench: Array,
+    expected_rad_per_s: tuple[float, float] | None = None,
+    blades: int = 2,
+    rotors: int = 1,
+    mains_hz: float | None = None,
+    rest_wrench: Array | None = None,
+) -> RotorSpeed:
+    """Return the speed of the rotors that shake a load cell in one steady window.
+
+    `time_s` (n,), `wrench` (n, 6) in any unit per channel. `expected_rad_per_s` bounds the search. Where several
+    `rotors` run at nearly one speed they are told apart as far as the window allows. Lines at multiples of
+    `mains_hz` and those in `rest_wrench` (k, 6), sampled alike with the rotors at rest, are not taken for a rotor's.
+
+    The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
+    over ever longer parts of the window. The deviation is Cramer and Rao's bound in the noise found around the lines
+    or, where the speed wanders by more, its scatter between parts of the window; the samples' clock counts as true.
+
+    Raises FitError when the window is too short, or sampled too slowly for any rotor.
+    """
+    if len(time_s) < _FEWEST:
+        raise FitError(f"a window of {len(time_s)} samples tells no rotor speed: it takes {_FEWEST} or more.")
+    time, interval_s, jitter_s = even_times(time_s)
+    clean = _without_hum(time, wrench, interval_s, mains_hz, rest_wrench)
+    found = _search(clean, interval_s, _comb(blades), expected_rad_per_s or PLAUSIBLE_RAD_PER_S)
+    if found.doubts and clean is not wrench:
+        found.doubts.append("lines on hum, or there at rest too, were taken off: the rotor's may be among them.")
+    fit = fit_lines(time_s=time, signal=clean, families=[found.family], first_s=FRAME_S)
+    result = _result(time, clean, _with_more(time, clean, fit, rotors), found, rotors)
+    jitter = f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced."
+    return replace(result, warnings=(jitter, *result.warnings)) if jitter_s else result
+
+
+def speed_ridge(
+    *,
+    time_s: Array,
+    wrench: Array,
+    window_s: float,
+    step_s: float,
+    expected_rad_per_s: tuple[float, float] | None = None,
+    blades: int = 2,
+    largest_rate_rad_per_s2: float = 4e4,
+) -> SpeedRidge:
+    """Return a rotor's speed over time, through steps and ramps, in windows of `window_s` every `step_s`.
+
+    `time_s` (n,) and `wrench` (n, 6) as for `rotor_speed`. Of all courses that change no faster than
+    `largest_rate_rad_per_s2` the one with the most evidence is found by dynamic programming [Vit]; each window then
+    gives its speed by least squares, with a drift of its own. Such a speed is a mean over the window, weighted with
+    a parabola. Windows that overlap share their noise.
+    """
+    time, interval_s, _ = even_times(time_s)
+    length = round(window_s / interval_s)
+    frames = [slice(begin, begin + length) for begin in range(0, len(time) - length + 1, round(step_s / interval_s))]
+    if length < _FEWEST or len(frames) < 2:
+        raise FitError(f"{len(frames)} windows of {length} samples: it takes two or more, of {_FEWEST} or more.")
+    look, comb = partial(spectrum, interval_s=interval_s, length_s=window_s), _comb(blades)
+    grid = comb.candidates(look(signal=wrench[:length]), expected_rad_per_s or PLAUSIBLE_RAD_PER_S)
+    lines = [comb.lines(look(signal=wrench[frame]), grid) for frame in frames]
+    score = np.array([comb.score(line) for line in lines])
+    path = _path(score, reach=max(int(largest_rate_rad_per_s2 * step_s / (grid[1] - grid[0])), 1))
+    drift_per_s = np.gradient(grid[path], step_s) / grid[path]
+    speed, std = np.full((2, len(frames)), math.nan)
+    for k, (frame, best) in enumerate(zip(frames, path, strict=True)):
+        if score[k, best] > _HEARD:
+            family = Family(grid[best], _shown(comb, lines[k][:, best]))
+            own = time[frame] - (time[frame][0] + time[frame][-1]) / 2
+            fit = fit_lines(time_s=own, signal=wrench[frame], families=[family], drift_per_s=drift_per_s[k])
+            if abs(fit.families[0].rad_per_s - grid[best]) * window_s * max(family.harmonics) < math.pi:
+                speed[k], std[k] = fit.families[0].rad_per_s, math.sqrt(fit.covariance[0, 0])
+    change = np.gradient(np.where(np.isnan(speed), grid[path], speed), step_s) * window_s
+    middles = np.array([(time_s[frame][0] + time_s[frame][-1]) / 2 for frame in frames])
+    return SpeedRidge(middles, speed, np.hypot(std, _BENT * change), score[np.arange(len(path)), path])
+
+
+def _path(score: Array, reach: int) -> npt.NDArray[np.intp]:
+    """Return the candidates (f,) of the course with most evidence (f, g), that moves by `reach` a frame at most."""
+    hurry = np.log1p(np.arange(-reach, reach + 1.0) ** 2)
+    best, came = score[0], []
+    for here in score[1:]:
+        moves = sliding_window_view(np.pad(best, reach, constant_values=-math.inf), 2 * reach + 1) - hurry
+        came.append(moves.argmax(axis=1) + np.arange(len(best)) - reach)
+        best = here + moves.max(axis=1)
+    path = [int(best.argmax())]
+    for step in reversed(came):
+        path.append(int(step[path[-1]]))
+    return np.array(path[::-1])
+
+
+class _Found(NamedTuple):
+    family: Family
+    margin: float
+    doubts: list[str]
+
+
+def _comb(blades: int) -> Comb:
+    """Return what a rotor shows: its line and blade pass for certain, up to twice blade pass others perhaps."""
+    return Comb(tuple(range(1, 2 * blades + 1)), (1, blades))
+
+
+def _without_hum(time: Array, wrench: Array, interval_s: float, mains_hz: float | None, rest: Array | None) -> Array:
+    """Take off the lines of a window that stand where the mains or the window at rest has some."""
+    seen = spectrum(signal=wrench, interval_s=interval_s)
+    known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
+    if rest is not None:
+        known += list(spectrum(signal=rest, interval_s=interval_s).lines_hz(evidence=_HEARD))
+    there = seen.lines_hz(evidence=_HEARD)
+    off_hz = np.abs(np.subtract.outer(there, known)).min(axis=1, initial=math.inf)
+    hum = [Family(2 * math.pi * hz, (1,)) for hz in there[off_hz < _HUMS * there + 0.5 / seen.length_s]]
+    if not hum:
+        return wrench
+    return fit_lines(time_s=time, signal=wrench, families=hum, drifting=False, first_s=FRAME_S).residual
+
+
+def _shown(comb: Comb, lines: Array) -> tuple[int, ...]:
+    """Return which lines of a candidate (h,) are worth fitting: the highest, and all that are clear."""
+    return tuple(h for h, line in zip(comb.harmonics, lines, strict=True) if line >= min(_LINE, lines.max()))
+
+
+def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, float]) -> _Found:
+    """Find the best candidate in the whole window, and its place in the middle, where the fit begins."""
+    seen = spectrum(signal=wrench, interval_s=interval_s)
+    grid = comb.candidates(seen, between)
+    multiples = grid[np.argmax(comb.score(comb.lines(seen, grid)))] * _OCTAVES
+    multiples = multiples[(grid[0] <= multiples) & (multiples <= grid[-1])]
+    lines = comb.lines(seen, multiples)
+    score = comb.score(lines)
+    best, *rivals = np.argsort(score)[::-1]
+    margin = float(score[best] - score[rivals[0]]) if rivals else math.inf
+    doubts: list[str] = []
+    if score[best] < _HEARD:
+        doubts.append(f"no rotor is heard: the evidence is {score[best]:.0f} where {_HEARD:.0f} is needed.")
+    elif margin < _SURE:
+        other, one = multiples[[rivals[0], best]]
+        doubts.append(f"the lines fit {other:.0f} rad/s as well as {one:.0f}: say what speed is expected.")
+    length = round(len(wrench) / seen.windows)
+    centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
+    around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
+    start = around[np.argmax(comb.score(comb.lines(centre, around)))]
+    return _Found(Family(float(start), _shown(comb, lines[:, best])), margin, doubts)
+
+
+def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
+    """Add rotors up to the number asked for, while the residual falls by more than noise would let it."""
+    freedom = 1 + 2 * len(fit.families[0].harmonics) * wrench.shape[1]
+    for _ in range(1, rotors):
+        starts = _one_more(time, fit)
+        trials = [fit_lines(time_s=time, signal=wrench, families=s, drift_per_s=fit.drift_per_s) for s in starts]
+        best = min(trials, key=lambda trial: fit.weight @ np.sum(trial.residual**2, axis=0))
+        gain = best.weight @ np.sum(fit.residual**2 - best.residual**2, axis=0)
+        if chdtrc(freedom, gain) > _CHANCE or not _told_apart(best):
+            break
+        fit = best
+    return fit
+
+
+def _told_apart(fit: LineFit) -> bool:
+    speed = np.array([family.rad_per_s for family in fit.families])
+    gaps = np.diff(np.eye(len(fit.covariance))[np.argsort(speed)], axis=0)
+    return bool(np.all(gaps[:, :-1] @ speed > _TOLD * np.sqrt(np.diag(gaps @ fit.covariance @ gaps.T))))
+
+
+def _one_more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
+    """Begin with a rotor where the residual has its lines, or with two in the place of one."""
+    span_s, first = float(time[-1] - time[0]), fit.families[0]
+    left = spectrum(signal=fit.residual, interval_s=span_s / (len(time) - 1), length_s=math.inf)
+    comb = Comb(first.harmonics, ())
+    grid = comb.candidates(left, (first.rad_per_s * (1 - _ASIDE), first.rad_per_s * (1 + _ASIDE)))
+    yield (first._replace(rad_per_s=grid[np.argmax(comb.score(comb.lines(left, grid)))]), *fit.families)
+    for k, family in enumerate(fit.families):
+        for split in _SPLITS:
+            aside = math.pi * split / (span_s * max(first.harmonics))
+            pair = [family._replace(rad_per_s=family.rad_per_s + way * aside) for way in (-1, 1)]
+            yield (*fit.families[:k], *pair, *fit.families[k + 1 :])
+
+
+def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int) -> RotorSpeed:
+    rotors = [_rotor(fit, k) for k in range(len(fit.families))]
+    count, span_s, wander = len(rotors), float(time[-1] - time[0]), 0.0
+    speed = float(np.mean([rotor.speed_rad_per_s for rotor in rotors]))
+    std = math.sqrt(fit.covariance[:count, :count].sum()) / count
+    warnings, doubts = [], list(found.doubts)
+    parts = min(int(speed * span_s / (2 * math.pi * _TURNS)), _PARTS)
+    if count < asked:
+        hidden = 2 * math.pi / (span_s * max(rotors[0].harmonics))
+        std = math.hypot(std, hidden / 6)  # how far apart rotors may be, and their shares of the line, are uniform
+        warnings.append(f"{count} of {asked} rotors are told apart: others are within {hidden:.2g} rad/s of them.")
+    elif count == 1 and parts >= _FEWEST_PARTS:
+        departure, parts_std = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
+        if chdtrc(parts - 2, np.sum((departure / parts_std) ** 2)) < _CHANCE:
+            wander = float(np.std(departure, ddof=2))
+            speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
+            warnings.append(f"the speed wanders by {wander:.2g} rad/s within the window, more than noise explains.")
+    if abs(fit.drift_per_s) * span_s > _UNSTEADY:
+        doubts.append(f"the speed changes by {100 * abs(fit.drift_per_s) * span_s:.0f} % within the window.")
+    return RotorSpeed(
+        speed_rad_per_s=speed,
+        std_rad_per_s=std,
+        rotors=tuple(sorted(rotors, key=lambda rotor: rotor.speed_rad_per_s)),
+        resolved=count == asked,
+        octave_margin=found.margin,
+        wander_rad_per_s=wander,
+        warnings=tuple(warnings),
+        doubts=tuple(doubts),
+    )
+
+
+def _rotor(fit: LineFit, k: int) -> Rotor:
+    speed, lines, std = fit.families[k].rad_per_s, fit.amplitude[k], math.sqrt(fit.covariance[k, k])
+    return Rotor(speed, std, fit.drift_per_s * speed, fit.families[k].harmonics, np.abs(lines), np.angle(lines))
