@@ -13,7 +13,7 @@ _BINS = 12
 class RoundTrips(NamedTuple):
     """How long n answers took, in seconds; the deviation is that of a single one, with n - 1."""
 
-    count: int
+    answers: int
     mean_s: float
     std_s: float
     mean_std_s: float

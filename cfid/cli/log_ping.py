@@ -77,7 +77,7 @@ def found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
     ]
     return parameters, [
         f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}",
-        f"{(run.header.label.note or '-')[:28]:<28} {trips.count:8d} {1e3 * trips.mean_s:14.4f} "
+        f"{(run.header.label.note or '-')[:28]:<28} {trips.answers:8d} {1e3 * trips.mean_s:14.4f} "
         f"{1e3 * trips.std_s:10.4f} {1e3 * trips.least_s:11.4f}",
         *drawn,
     ]
