@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
 from scipy.fft import prev_fast_len
 from scipy.special import fdtri
@@ -136,8 +137,10 @@ def amplitude_spectrum(value: Array, *, rate_hz: float) -> tuple[Array, Array]:
 
 def cosine_taper(count: int, *, share: float) -> Array:
     """Return weights (count,) of sum 1 that rise and fall as a cosine over `share` of them [Har]: 1 is Hann's."""
-    from_end = np.minimum(np.arange(count) + 0.5, count - 0.5 - np.arange(count))
-    weights = np.sin(np.pi / 2 * np.minimum(from_end / max(share * count / 2, 0.5), 1.0)) ** 2
+    length = math.ceil(share * count / 2)
+    weights = np.ones(count)
+    weights[:length] = np.sin(np.pi / (share * count) * (np.arange(length) + 0.5)) ** 2
+    weights[count - length :] = weights[length - 1 :: -1]
     return np.asarray(weights / weights.sum())
 
 
@@ -253,8 +256,8 @@ def slowed(time_s: Array, value: Array, *, rate_hz: float) -> Slow:
     half = max(round(SMOOTHED_S * rate_hz / 2), 0)
     weights = cosine_taper(2 * half + 1, share=1.0)
     every = max(round(rate_hz / _SMOOTH_HZ), 1)
-    smooth = np.convolve(np.pad(value, half, mode="edge"), weights, mode="valid")
-    return Slow(time_s[::every], smooth[::every])
+    around = sliding_window_view(np.pad(value, half, mode="edge"), len(weights))[::every]
+    return Slow(time_s[::every], around @ weights)
 
 
 def find_spikes(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
@@ -282,7 +285,7 @@ def _too_far(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
     line is sampled at a simple fraction of its period. Of the blocks next to it the widest counts. Median and width
     are those of a draw of the block.
     """
-    count, blocks = value.shape[-1], value.shape[-1] // length
+    blocks = value.shape[-1] // length
     cut = value[:, : blocks * length].reshape(len(value), blocks, length)
     drawn = np.sort(cut[..., np.random.default_rng(0).permutation(length)[:_DRAWN]], axis=-1)
     low, middle, high = (round(part * (drawn.shape[-1] - 1)) for part in (0.05, 0.5, 0.95))
@@ -290,9 +293,7 @@ def _too_far(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
     width = np.pad((drawn[..., high] - drawn[..., low]) / 2, ((0, 0), (1, 1)), mode="edge")
     limit = _WILD * np.maximum(np.maximum(width[:, :-2], width[:, 2:]), width[:, 1:-1])
     row, block = np.nonzero((cut.max(axis=-1) > centre + limit) | (cut.min(axis=-1) < centre - limit))
-    row = np.append(row, np.arange(len(value)))  # and what is left over after the last block, judged like that
-    place = np.append(block, np.full(len(value), blocks))[:, np.newaxis] * length + np.arange(length)
-    block = np.append(block, np.full(len(value), blocks - 1))
-    apart = np.abs(value[row[:, np.newaxis], np.minimum(place, count - 1)] - centre[row, block, np.newaxis])
-    which, at = np.nonzero((apart > limit[row, block, np.newaxis]) & (place < count))
-    return row[which], place[which, at], limit[row, block][which]
+    which, at = np.nonzero(np.abs(cut[row, block] - centre[row, block, np.newaxis]) > limit[row, block, np.newaxis])
+    last, over = np.nonzero(np.abs(value[:, blocks * length :] - centre[:, -1:]) > limit[:, -1:])
+    places = np.append(block[which] * length + at, blocks * length + over)
+    return np.append(row[which], last), places, np.append(limit[row, block][which], limit[last, -1])

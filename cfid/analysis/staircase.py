@@ -238,7 +238,8 @@ def _rests(record: StandSignals, bounds: Sequence[Window], *, wave: float) -> li
 
 def _averaged(record: StandSignals, stretch: Stretch) -> Level:
     first, last = np.searchsorted(record.time_s, stretch[:2])
-    value = block_means(record.value[:, first:last], length=record.held)
+    value = record.value[:, first:last]
+    value = value if record.held == 1 else block_means(value, length=record.held)
     if value.shape[1] < _FEWEST_AT_REST:
         raise DataError(f"fewer than two readings from {stretch.begin_s:.4g} to {stretch.end_s:.4g} s: no mean.")
     mean, std, slope, samples = quiet_mean(value, rate_hz=record.rate_hz / record.held)
@@ -292,8 +293,5 @@ def _command(interval: Interval) -> tuple[int | None, tuple[int, ...]]:
     """Return the one command of the motors that run, and which these are."""
     running = {motor: command for motor, command in enumerate(interval.commands or (), start=1) if command}
     if len(set(running.values())) > 1:
-        raise DataError(
-            f"at {interval.begin_s:.4g} s the motors have different commands, {interval.commands}: a staircase gives "
-            "one to all that run."
-        )
+        raise DataError(f"at {interval.begin_s:.4g} s motors have different commands, {interval.commands}: not a step.")
     return next(iter(running.values()), None), tuple(running)

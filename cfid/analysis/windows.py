@@ -25,7 +25,7 @@ Four = tuple[int, int, int, int]
 
 LAGS = 5  # after which 0.7 % of a step is left
 
-_FEWEST, _SHORTEST_S = 64, 0.5
+_FEWEST, _SHORTEST_S = 64, 1.0
 _THINNED_HZ, _SCREENED_S = 1000.0, 0.2  # the latter for spikes, at once
 _FAMILIES: tuple[Family, ...] = ("netft", "axia")
 _BESIDE_S = 0.25  # a change is seen between means this long
@@ -37,7 +37,7 @@ _EARLY_S, _LATE_S = 0.1, 0.6  # an onset around a stamped command
 _STEP_S, _LEAST_LAG_S = 0.04, 0.01
 _EXPLAINED, _FEWEST_SEEN = 0.9, 10
 _LOOK_S, _USUAL_LAG_S = 2.0, 0.1
-_FEWEST_BLOCKS, _MOST_BLOCKS = 3, 16
+_FEWEST_BLOCKS, _MOST_BLOCKS = 3, 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,9 +90,11 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
     _check(time_s, channels, status)
     rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
     rows = np.ascontiguousarray(channels.T, np.float64)
-    row, place, instead = find_spikes(rows, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
     block = max(round(rate_hz / _THINNED_HZ), 1)
     time_s, value = block_means(time_s, length=block), block_means(rows, length=block)
+    if not np.isfinite(value).all():
+        raise DataError("the record has samples that are no numbers: cut those lines.")
+    row, place, instead = find_spikes(rows, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
     whole = place < value.shape[1] * block
     wrong = (instead - rows[row, place]) / block
     np.add.at(value, (row[whole], place[whole] // block), wrong[whole])
@@ -111,10 +113,8 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
 def _check(time_s: Array, channels: Array, status: Words | None) -> None:
     if len(time_s) != len(channels):
         raise DataError(f"{len(time_s)} times belong to {len(channels)} samples: they should be as many.")
-    if not (np.isfinite(time_s).all() and np.isfinite(channels).all()):
-        raise DataError("the record has times or samples that are no numbers: cut those lines.")
-    if (falls := np.diff(time_s) < 0).any():
-        raise DataError(f"the times fall after sample {np.argmax(falls) + 1}: out of order, or two records in one.")
+    if not (rises := np.diff(time_s) >= 0).all():
+        raise DataError(f"after sample {np.argmin(rises) + 1} the times do not rise: out of order, or two in one.")
     if len(time_s) < _FEWEST or np.ptp(time_s) < _SHORTEST_S:
         raise DataError(f"the record is too short: {len(time_s)} samples, where {_SHORTEST_S} s are the least.")
     if status is not None and status.any():
@@ -165,14 +165,14 @@ def changes_seen(slow: Slow) -> list[Interval]:
     step_s = (slow.time_s[-1] - slow.time_s[0]) / (len(slow.time_s) - 1)
     beside, gap = max(round(_BESIDE_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
     steps = median_filter(slow.value, size=4 * gap + 1, mode="nearest")  # what is left where a spike was is none
-    total = np.concatenate([[0.0], np.cumsum(np.pad(steps, beside + gap, mode="edge"))])
+    total = np.concatenate([[0.0], np.cumsum(steps)])
     mean = (total[beside:] - total[:-beside]) / beside
-    before, after = mean[: len(slow.value)], mean[-len(slow.value) :]
+    before, after = mean[: -beside - 2 * gap], mean[beside + 2 * gap :]
     change, noise, span = np.abs(after - before), _noise(slow, beside, 2 * gap - 1), np.ptp(before)
     least = np.maximum(_OF_LEVEL * np.abs(before - before[0]), max(_SURE * noise, _OF_RANGE * span))
-    peaks, shape = find_peaks(change, height=least, prominence=0, distance=beside)
+    peaks, shape = find_peaks(change, height=least, prominence=_SURE * noise, distance=beside)
     peaks = peaks[shape["prominences"] > _OWN_PEAK * change[peaks]]
-    times = [float(slow.time_s[0]), *slow.time_s[peaks].tolist(), float(slow.time_s[-1])]
+    times = [float(slow.time_s[0]), *slow.time_s[peaks + beside + gap].tolist(), float(slow.time_s[-1])]
     levels = [level(slow, begin, end) for begin, end in pairwise(times)]
     rests = _rests(levels, near=max(_SURE / 2 * noise, _REST_OF_RANGE * span))
     return [Interval(begin, end, rest) for (begin, end), rest in zip(pairwise(times), rests, strict=True)]
@@ -215,7 +215,7 @@ def onsets(slow: Slow, intervals: Sequence[Interval], *, rest: float, lag_s: flo
     noise, or one that is shorter than its onset), the others' median lag stands for its own, and after a command
     their median delay.
     """
-    levels = [level(slow, interval.begin_s, interval.end_s) - rest for interval in intervals]
+    levels = [0.0 if each.rest else level(slow, each.begin_s, each.end_s) - rest for each in intervals]
     steps = list(zip(intervals[:-1], intervals[1:], map(_share, levels[:-1], levels[1:]), strict=True))
     found = [_onset(slow, *step, lag_s=lag_s) for step in steps]
     pairs = list(zip(intervals[1:], found, strict=True))
@@ -245,7 +245,7 @@ def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, la
     times = np.arange(from_s, begin_s + min(late_s, length_s / 2), _STEP_S)
     lags = np.geomspace(_LEAST_LAG_S, max(length_s / 2, 2 * _LEAST_LAG_S), 8) if lag_s is None else np.array([lag_s])
     best = Onset(begin_s, lag_s or _USUAL_LAG_S, 0.0)
-    for finer in (None, 1.0, 0.3, 0.1):
+    for finer in (None, 1.0, 1.0, 0.3, 0.1):
         if finer is not None:
             near = finer * np.linspace(-1, 1, 5)
             times, lags = best.time_s + _STEP_S * near, best.lag_s * 1.8**near if lag_s is None else lags
@@ -272,10 +272,10 @@ def steady_stretch(
 ) -> Stretch:
     """Return the longest steady stretch in a window of a slow thrust whose samples repeat for `hold_s`.
 
-    Steady is what would change by at most `drift` over the whole window, and moves about that line by at most
-    `wave` or is white by von Neumann's ratio [vN]. The whole window may also change by what its noise feigns; a
-    part of it has to be sure, and a quarter of it at least. A window shorter than three readings, or blocks of 50
-    ms, is none, unless `fewest` says that it be taken as it is.
+    Steady is what would change by at most `drift` over the whole window, and moves about that line by at most `wave`.
+    The whole window may also change by what its noise feigns, and move if von Neumann's ratio [vN] calls that white;
+    a part of it has to be sure, and a quarter of it at least. A window shorter than three readings, or blocks of
+    50 ms, is none, unless `fewest` says that it be taken as it is.
     """
     from_s, to_s = window
     block_s = max(SMOOTHED_S, hold_s, (to_s - from_s) / _MOST_BLOCKS)
@@ -289,7 +289,7 @@ def steady_stretch(
     whole = runs.size == count
     change, doubt = np.abs(runs.slope) * count, runs.slope_std * count
     flat = np.where(whole, (change <= drift) | (change <= 3 * doubt), change + 2 * doubt <= drift)
-    steady = flat & ((runs.wave <= wave) | (runs.alike <= 3)) & (4 * runs.size >= count)
+    steady = flat & ((runs.wave <= wave) | whole & (runs.alike <= 3)) & (4 * runs.size >= count)
     if not steady.any():
         much = f"changes by {change[whole][0]:.2g} in {to_s - from_s:.2g} s, {runs.wave[whole][0]:.2g} about a line"
         return Stretch(from_s, to_s, f"{LAGS} time constants after its onset it still {much}")

@@ -1,0 +1,231 @@
+"""From a thrust to its intervals, onsets and steady stretches."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cfid.analysis.signals import Slow
+from cfid.analysis.windows import Stretch, changes_seen, commanded_intervals, level, onsets, prepared, steady_stretch
+from cfid.errors import DataError
+
+Array = npt.NDArray[np.float64]
+
+TIME_S = np.arange(0, 12, 0.01)
+STILL = [0, 0, 0, 0]
+
+
+def noise(seed: int = 1) -> Array:
+    """White noise as smoothing to 20 Hz leaves it, of deviation one."""
+    white = np.random.default_rng(seed).standard_normal(len(TIME_S) + 4)
+    return np.convolve(white, np.ones(5) / np.sqrt(5), mode="valid")
+
+
+def response(begin_s: float, *, lag_s: float) -> Array:
+    """The thrust of rotors that start from standstill."""
+    gone = -np.expm1(-np.maximum(TIME_S - begin_s, 0) / lag_s)
+    return np.asarray(gone**2)
+
+
+def begins(slow: Slow) -> list[float]:
+    return [interval.begin_s for interval in changes_seen(slow)[1:]]
+
+
+def test_repeated_commands_are_one_interval_and_the_motors_stand_before_the_first() -> None:
+    times = np.array([2.0, 2.5, 3.0, 7.0])
+    log = np.array([[5000, 0, 5000, 0], [5000, 0, 5000, 0], [9000, 0, 0, 0], STILL], float)
+
+    found = commanded_intervals(times, log, begin_s=0.0, end_s=10.0)
+    assert [(each.begin_s, each.end_s, each.rest) for each in found] == [
+        (0.0, 2.0, True),
+        (2.0, 3.0, False),
+        (3.0, 7.0, False),
+        (7.0, 10.0, True),
+    ]
+    assert found[1].commands == (5000, 0, 5000, 0)
+
+
+@given(cut=st.floats(0.1, 9.9))
+def test_intervals_are_those_within_the_record(cut: float) -> None:
+    times = np.array([2.0, 3.0, 7.0])
+    log = np.array([[5000] * 4, [9000] * 4, STILL], float)
+
+    found = commanded_intervals(times, log, begin_s=cut, end_s=10.0)
+    assert found[0].begin_s == cut
+    assert [each.end_s for each in found] == [time for time in (2.0, 3.0, 7.0) if time > cut] + [10.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "log", "said"),
+    [
+        ([1.0, 2.0], [STILL], "as many rows of four"),
+        ([2.0, 1.0], [STILL, STILL], "do not rise"),
+        ([1.0, 2.0], [STILL, [0, 0, -1, 0]], "below zero"),
+        ([1.0, 2.0], [STILL, [0, 0, np.nan, 0]], "no numbers"),
+    ],
+)
+def test_a_log_that_is_none_is_refused(times: list[float], log: list[list[float]], said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        commanded_intervals(np.array(times), np.array(log, float), begin_s=0.0, end_s=5.0)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 300.0])
+def test_steps_are_seen_whatever_the_unit_and_the_bias(scale: float) -> None:
+    steps = response(3, lag_s=0.06) + response(6, lag_s=0.06) - 2 * response(9, lag_s=0.06)
+
+    assert begins(Slow(TIME_S, scale * (steps + 0.02 * noise() - 40))) == pytest.approx([3.1, 6.1, 9.1], abs=0.08)
+
+
+def test_what_comes_back_to_the_level_of_the_beginning_is_a_rest() -> None:
+    steps = response(3, lag_s=0.06) + response(5, lag_s=0.06) - 2 * response(7, lag_s=0.06) + response(9, lag_s=0.06)
+
+    assert [each.rest for each in changes_seen(Slow(TIME_S, steps + 0.01 * noise()))] == [
+        True,
+        False,
+        False,
+        True,
+        False,
+    ]
+
+
+def test_a_record_ends_at_rest_though_the_load_cell_drifted() -> None:
+    step = response(3, lag_s=0.06) - response(9, lag_s=0.06)
+
+    found = changes_seen(Slow(TIME_S, step + 0.006 * TIME_S))
+    assert [each.rest for each in found] == [True, False, True]
+
+
+def test_a_second_level_at_the_end_is_no_rest() -> None:
+    steps = response(3, lag_s=0.06) - 0.8 * response(9, lag_s=0.06)
+
+    assert [each.rest for each in changes_seen(Slow(TIME_S, steps))] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    "slow_change",
+    [
+        lambda: 0.03 * noise(),
+        lambda: 0.1 * TIME_S + 0.02 * noise(),
+        lambda: np.sin(TIME_S / 4) + 0.01 * noise(),
+    ],
+)
+def test_noise_ramps_and_slow_waves_are_no_changes(slow_change: Callable[[], Array]) -> None:
+    assert begins(Slow(TIME_S, slow_change())) == []
+
+
+def test_a_sagging_battery_adds_no_change_to_the_one_step() -> None:
+    sagging = response(2, lag_s=0.06) * (1 - 0.02 * (TIME_S - 2)) - (TIME_S > 10) * 0.84
+
+    assert begins(Slow(TIME_S, sagging + 0.002 * noise())) == pytest.approx([2.1, 10.0], abs=0.1)
+
+
+@pytest.mark.parametrize("lag_s", [0.03, 0.06, 0.2])
+@pytest.mark.parametrize("commanded", [True, False])
+def test_onset_and_lag_are_found(lag_s: float, commanded: bool) -> None:
+    slow = Slow(TIME_S, 1.4 + 0.3 * response(4.03, lag_s=lag_s) + 0.004 * noise())
+    log = np.array([STILL, [30000, 0, 30000, 0]], float)
+    logged = commanded_intervals(np.array([0.0, 4.0]), log, begin_s=0.0, end_s=12.0)
+
+    (found,) = onsets(slow, logged if commanded else changes_seen(slow), rest=1.4)
+    assert found.time_s == pytest.approx(4.03, abs=0.01 + 0.1 * lag_s)
+    assert found.lag_s == pytest.approx(lag_s, rel=0.15)
+
+
+def test_a_step_in_the_noise_takes_delay_and_lag_of_the_others() -> None:
+    steps = response(2.1, lag_s=0.08) + response(4.1, lag_s=0.08) + 0.01 * response(6.1, lag_s=0.5)
+    log = np.array([STILL, [5000] * 4, [9000] * 4, [9100] * 4], float)
+    logged = commanded_intervals(np.array([0.0, 2.0, 4.0, 6.0]), log, begin_s=0.0, end_s=12.0)
+
+    first, second, weak = onsets(Slow(TIME_S, steps + 0.02 * noise()), logged, rest=0.0)
+    assert weak.time_s - 6.0 == pytest.approx((first.time_s - 2.0 + second.time_s - 4.0) / 2)
+    assert weak.lag_s == pytest.approx((first.lag_s + second.lag_s) / 2)
+
+
+def test_a_given_lag_is_kept() -> None:
+    slow = Slow(TIME_S, response(4, lag_s=0.06))
+
+    assert [each.lag_s for each in onsets(slow, changes_seen(slow), rest=0.0, lag_s=0.11)] == [0.11]
+
+
+def steady(value: Array, *, drift: float = 0.05, wave: float = 0.005, hold_s: float = 0.01) -> Stretch:
+    return steady_stretch(Slow(TIME_S, value), (2.0, 10.0), drift=drift, wave=wave, hold_s=hold_s)
+
+
+def test_a_steady_window_is_kept_whole() -> None:
+    assert steady(1 + 0.01 * noise()) == Stretch(2.0, 10.0)
+
+
+def test_a_slope_that_is_allowed_remains() -> None:
+    found = steady(1 + 0.005 * TIME_S)
+
+    assert (found.begin_s, found.end_s) == pytest.approx((2.0, 10.0), abs=0.02)
+    assert found.reason == ""
+
+
+def test_the_unsteady_beginning_of_a_window_is_cut_off() -> None:
+    found = steady(1 - np.exp(-(TIME_S - 2) / 0.8) + 0.001 * noise())
+
+    assert found.reason == ""
+    assert 4.0 <= found.begin_s <= 6.5
+    assert found.end_s == 10.0
+
+
+def test_the_disturbed_end_of_a_window_is_cut_off() -> None:
+    found = steady(1 + 0.2 * (TIME_S > 8.2) + 0.001 * noise())
+
+    assert found.reason == ""
+    assert found.begin_s == pytest.approx(2.0, abs=0.02)
+    assert 7.4 <= found.end_s <= 8.3
+
+
+def test_a_ramp_is_never_steady_and_the_reason_tells_its_change() -> None:
+    found = steady(1 + 0.05 * TIME_S + 0.005 * noise())
+
+    assert "still changes by 0.4 in 8 s" in found.reason
+
+
+def test_a_wave_about_a_line_is_not_steady_but_noise_as_large_is() -> None:
+    wave = 0.02 * np.sin(2 * np.pi * TIME_S / 3)
+
+    assert "about a line" in steady(1 + wave).reason
+    assert steady(1 + 0.05 * noise()).reason == ""
+
+
+def test_a_window_shorter_than_three_readings_is_none() -> None:
+    constant = Slow(TIME_S, np.ones_like(TIME_S))
+
+    found = steady_stretch(constant, (2.0, 2.4), drift=1, wave=1, hold_s=0.2)
+    assert found.reason == "only 0.4 s of it are left after 5 time constants"
+    assert steady_stretch(constant, (2.0, 2.4), drift=1, wave=1, hold_s=0.1).reason == ""
+
+
+def test_a_window_that_ends_before_it_begins_is_none() -> None:
+    found = steady_stretch(Slow(TIME_S, np.ones_like(TIME_S)), (3.0, 2.0), drift=1, wave=1, hold_s=0.01)
+
+    assert found.reason.startswith("only 0 s")
+    assert found.end_s >= found.begin_s
+
+
+def test_the_level_of_an_interval_shorter_than_a_sample_is_that_of_the_next() -> None:
+    assert level(Slow(TIME_S, TIME_S), 3.001, 3.002) == pytest.approx(3.01, abs=0.011)
+
+
+def test_preparing_takes_spikes_off_and_thins_to_a_kilohertz() -> None:
+    time_s = np.arange(14000) / 7000
+    channels = np.random.default_rng(1).standard_normal((14000, 3))
+    clean = prepared(time_s, channels, status=None, thrust=2)
+    channels[[3000, 9001, 13999 - 5], [0, 2, 1]] = 500.0
+
+    found = prepared(time_s, channels, status=None, thrust=2)
+    assert found.rate_hz == pytest.approx(1000)
+    assert (clean.spikes, found.spikes, found.block, found.held) == (0, 3, 7, 1)
+    np.testing.assert_allclose(found.value, clean.value, atol=0.8)
+
+
+def test_a_reading_that_repeats_is_counted_once() -> None:
+    readings = np.repeat(np.random.default_rng(1).standard_normal(50), 10)
+
+    assert prepared(np.arange(500) / 100, readings[:, np.newaxis], status=None, thrust=0).held == 10
