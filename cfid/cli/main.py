@@ -13,6 +13,7 @@ from cfid.cli.fit_inertia import inertia
 from cfid.cli.fit_motors import speed as fit_speed
 from cfid.cli.fit_motors import thrust as fit_thrust
 from cfid.cli.fit_motors import torque as fit_torque
+from cfid.cli.fit_rotor import rotor
 from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
 from cfid.cli.log import encoder, loadcell
@@ -65,6 +66,7 @@ fit.command()(testbody)
 fit.command("thrust")(fit_thrust)
 fit.command("speed")(fit_speed)
 fit.command("torque")(fit_torque)
+fit.command()(rotor)
 
 
 def _print_version(wanted: bool) -> None:

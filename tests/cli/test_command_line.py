@@ -35,6 +35,7 @@ COMMANDS = [
     ("fit", "thrust"),
     ("fit", "speed"),
     ("fit", "torque"),
+    ("fit", "rotor"),
 ]
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib")
 

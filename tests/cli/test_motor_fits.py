@@ -167,6 +167,24 @@ def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_
     assert "settles" in ramp.stderr
 
 
+def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
+    steps = (10000, 30000, 60000)
+    run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0), steps=steps)
+    content = found(cfid, "fit", "rotor", run.folder, "--campaign", campaign)
+    speeds = content["parameters"]["rotor.speed_rad_s"]
+    truth = TRUTH.steady_rad_per_s(np.array(steps, dtype=float), volts=TRUTH.nominal_v)
+
+    assert speeds["value"] == pytest.approx(truth, rel=1e-3)
+    assert all(abs(v - t) < 5 * s for v, t, s in zip(speeds["value"], truth, speeds["std"], strict=True))
+    assert [row["cmd"] for row in content["parameters"]["rotor.windows"]["value"]] == list(steps)
+
+
+def test_a_window_by_hand_is_listened_to(cfid: Cfid, tmp_path: Path) -> None:
+    path = write_thesis_file(tmp_path / "30000.csv", climbed([30000], motors=(1,), hold_s=3.0, rate_hz=3500.0))
+    only = found(cfid, "fit", "rotor", path, "--from", 2, "--to", 3.5)["parameters"]["rotor.speed_rad_s"]
+    assert only["value"] == pytest.approx(float(TRUTH.idle_rad_per_s + 30000 * TRUTH.rad_per_s_per_command), rel=1e-3)
+
+
 # What is wrong with the input
 
 
