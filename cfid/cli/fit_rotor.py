@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _ROTOR = "Rotor"
 _BELIEVED = 0.02  # of the tachometer's speed, from where vibration contradicts it
+_SCREENED_S, _FEWEST = 0.2, 16  # for spikes, at once
 _RPM_TO_RAD_S = 0.10471975511965977  # 2 pi/60
 
 
@@ -83,7 +84,7 @@ def _heard(
     from cfid.flight import COMMANDS, begin_s, holds, read_commands
     from cfid.wrench import LOADCELL
 
-    channels = np.column_stack([record.force_n, record.torque_nm])
+    channels = _without_spikes(np.column_stack([record.force_n, record.torque_nm]), record.time_s)
 
     def listen(begin_s: float, end_s: float, rotors: int) -> "RotorSpeed":
         first, last = np.searchsorted(record.time_s, (begin_s, end_s))
@@ -118,6 +119,16 @@ def _heard(
         )
         for point in found.steady()
     ], sources
+
+
+def _without_spikes(channels: Any, time_s: Any) -> Any:
+    """Return channels (n, 6) with what should stand in place of single wild samples: one drowns a rotor's lines."""
+    from cfid.analysis.signals import find_spikes
+
+    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    row, place, instead = find_spikes(channels.T, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
+    channels[place, row] = instead
+    return channels
 
 
 def _tachometer(run: "Run", point: Any) -> float | None:

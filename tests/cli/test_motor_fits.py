@@ -169,7 +169,7 @@ def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_
 
 def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 30000, 60000)
-    run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0), steps=steps)
+    run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0, hold_s=4.0), steps=steps)
     content = found(cfid, "fit", "rotor", run.folder, "--campaign", campaign)
     speeds = content["parameters"]["rotor.speed_rad_s"]
     truth = TRUTH.steady_rad_per_s(np.array(steps, dtype=float), volts=TRUTH.nominal_v)
