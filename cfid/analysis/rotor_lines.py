@@ -26,11 +26,10 @@ _CANDIDATES = 8  # per resolution of the lowest line
 _LIKELY, _MAYBE = 0.999, 0.5  # that an expected line shows, and any other
 _QUARTER = 1 / 16  # in power
 _PLENTY = 30.0  # evidence from which on more of it counts less: no line is as pure as its model
-_NOISE_BINS = 20  # to either side of a line, over which its noise is averaged
-_LOST_BINS = 1.5  # that the amplitude, phase and frequency of a line take from the noise around it
+_NOISE_BINS, _LOST_BINS = 20, 1.5  # to either side of a line that tell its noise; what a line's fit takes of them
 _IRREGULAR = 0.05  # of the sampling interval
-_MAX_STEPS = 40
-_CONVERGED = 1e-6  # squared length of a step in standard deviations
+_NEAR = 0.02  # of its frequency, within which a line is looked for again
+_MAX_STEPS, _CONVERGED = 40, 1e-6  # the latter the squared length of a step in standard deviations
 _TINY = np.finfo(float).tiny
 
 
@@ -40,9 +39,8 @@ def even_times(time_s: Array) -> tuple[Array, float, float]:
     Stamps of a clock that counts samples are kept, gaps included. Stamps of arrivals jitter far more than the
     sampling does: then the samples are taken as evenly spaced.
     """
-    time = time_s - (time_s[0] + time_s[-1]) / 2
+    time, intervals = time_s - (time_s[0] + time_s[-1]) / 2, np.diff(time_s)
     place = np.linspace(-0.5, 0.5, len(time)) * (len(time) - 1)
-    intervals = np.diff(time)
     interval_s = float(np.median(intervals))
     if np.median(np.abs(intervals - interval_s)) < _IRREGULAR * interval_s:
         return time, interval_s, 0.0
@@ -183,9 +181,9 @@ def fit_lines(
 
     The signal is a straight line per channel and, per spectral line, a phase and an amplitude per channel: linear, so
     that each step of the search solves for them [GP]. All families run on the time t + drift t^2 / 2. The start has to
-    lie within half a resolution (1 / length) of the truth at the highest harmonic; what is longer than `first_s` starts
-    with a fit of its middle half. The covariance is that of least squares in the noise found around the lines,
-    whatever its colour: in white noise, Cramer and Rao's.
+    lie within half a resolution (1 / length) of the truth at the highest harmonic; a record longer than `first_s`
+    starts with its middle half. The covariance is that of least squares in the noise found around the lines, whatever
+    its colour: in white noise, Cramer and Rao's.
     """
     if time_s[-1] - time_s[0] > first_s:
         middle = np.abs(time_s) < time_s[-1] / 2
@@ -210,12 +208,16 @@ def fit_lines(
 
 def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tuple[Array, Array]:
     """Return by how much the frequency departs from a fit's in parts of the record, and with what deviations."""
-    departures, stds = [], []
+    first, departures, stds = fit.families[0], [], []
+    comb = Comb(first.harmonics, first.harmonics)
     for part in np.array_split(np.arange(len(time_s)), parts):
         middle_s = (time_s[part[0]] + time_s[part[-1]]) / 2
-        here = fit.families[0]._replace(rad_per_s=fit.families[0].rad_per_s * (1 + fit.drift_per_s * middle_s))
-        own = fit_lines(time_s=time_s[part] - middle_s, signal=signal[part], families=[here], drifting=False)
-        departures.append(own.families[0].rad_per_s - here.rad_per_s)
+        here = first.rad_per_s * (1 + fit.drift_per_s * middle_s)
+        seen = spectrum(signal=signal[part], interval_s=float(np.median(np.diff(time_s[part]))))
+        grid = comb.candidates(seen, (here * (1 - _NEAR), here * (1 + _NEAR)))
+        start = first._replace(rad_per_s=float(grid[np.argmax(comb.score(comb.lines(seen, grid)))]))
+        own = fit_lines(time_s=time_s[part] - middle_s, signal=signal[part], families=[start], drifting=False)
+        departures.append(own.families[0].rad_per_s - here)
         stds.append(math.sqrt(own.covariance[0, 0]))
     return np.array(departures), np.array(stds)
 

@@ -29,8 +29,7 @@ _LINE = 8.0  # evidence of a line worth fitting
 _HUMS = 1e-3  # of its frequency, within which the mains keeps it
 _OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
 _SAME = 0.02  # part of a speed within which another is the same
-_CHANCE = 1e-6
-_UNSTEADY = 0.05  # of the speed, over the window
+_CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the window
 _PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
 _SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
 _ASIDE = 0.2  # of the speed to either side, where further rotors are looked for
@@ -117,8 +116,8 @@ def rotor_speed(
         found.doubts.append("lines on hum, or there at rest too, were taken off: the rotor's may be among them.")
     fit = fit_lines(time_s=time, signal=clean, families=[found.family], first_s=FRAME_S)
     result = _result(time, clean, _with_more(time, clean, fit, rotors), found, rotors)
-    jitter = f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced."
-    return replace(result, warnings=(jitter, *result.warnings)) if jitter_s else result
+    said = (f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced.",) if jitter_s else ()
+    return replace(result, warnings=said + result.warnings)
 
 
 def speed_ridge(
@@ -279,6 +278,7 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int)
         if chdtrc(parts - 2, np.sum((departure / parts_std) ** 2)) < _CHANCE:
             wander = float(np.std(departure, ddof=2))
             speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
+            rotors = [rotors[0]._replace(speed_rad_per_s=speed, std_rad_per_s=std)]
             warnings.append(f"the speed wanders by {wander:.2g} rad/s within the window, more than noise explains.")
     if abs(fit.drift_per_s) * span_s > _UNSTEADY:
         doubts.append(f"the speed changes by {100 * abs(fit.drift_per_s) * span_s:.0f} % within the window.")
