@@ -85,7 +85,8 @@ def reduce_runs(
     standing = [run for run in runs if run.windy and run.standing]
     windy = [run for run in runs if run.windy and not run.standing]
     references = _references([run for run in runs if not run.windy], yaw_rad=yaw_rad)
-    _check_complete(windy, references)
+    _check_angles(runs)
+    _check_references(windy, references)
     experiments, notes = _experiments(windy, references, azimuth_rad=azimuth_rad, yaw_rad=yaw_rad, markers=markers)
     if standing:
         notes = (*notes, f"{len(standing)} run(s) in wind with standing rotors hold no drag of rotors: not used.")
@@ -156,6 +157,8 @@ def _relative_spread(spread: Array) -> tuple[Array, tuple[str, ...]]:
 
 def _check(runs: Sequence[WindRun]) -> None:
     for run in runs:
+        if math.isnan(run.min_mps) or math.isnan(run.max_mps):
+            raise DataError(f"{run.name}: no wind speed: say its lowest and highest reading, 0 and 0 for a reference.")
         if not 0 <= run.min_mps <= run.max_mps < math.inf:
             raise DataError(
                 f"{run.name}: wind between {run.min_mps:g} and {run.max_mps:g} m/s: give the lowest reading, then the "
@@ -172,13 +175,27 @@ def _check(runs: Sequence[WindRun]) -> None:
             )
 
 
-def _check_complete(windy: Sequence[WindRun], references: Mapping[int, _Reference]) -> None:
+def _check_angles(runs: Sequence[WindRun]) -> None:
+    """Refuse an angle that has no wind at all: wind that was not typed would make references of its runs.
+
+    Angle 0 is what an empty field may have been filled with.
+    """
+    for angle in sorted({run.angle_deg for run in runs if run.angle_deg and math.isfinite(run.angle_deg)}):
+        there = [run for run in runs if run.angle_deg == angle]
+        if not any(run.windy for run in there):
+            raise DataError(
+                f"{len(there)} run(s) at {angle:g} degrees, none with wind ({there[0].name}): give their wind speeds, "
+                "or no angle where they are references."
+            )
+
+
+def _check_references(windy: Sequence[WindRun], references: Mapping[int, _Reference]) -> None:
     if not windy:
         raise DataError("no run has both wind and turning rotors: without them there is no drag to identify.")
     lacking = sorted({run.command for run in windy} - set(references))
     if lacking:
-        runs = sum(run.command in lacking for run in windy)
+        needing = sum(run.command in lacking for run in windy)
         raise DataError(
-            f"no run without wind at command {', '.join(map(str, lacking))}: {runs} run(s) in wind need it, as its "
+            f"no run without wind at command {', '.join(map(str, lacking))}: {needing} run(s) in wind need it, as its "
             "thrust is subtracted from theirs. Record it with wind 0,0."
         )

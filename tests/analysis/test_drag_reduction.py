@@ -122,9 +122,24 @@ def test_a_wind_without_an_angle_is_named(runs: list[WindRun]) -> None:
             reduce_runs(without)
 
 
+def test_an_angle_without_wind_is_named_and_not_taken_for_references(runs: list[WindRun]) -> None:
+    calm = [replace(run, min_mps=0.0, max_mps=0.0) if run.angle_deg == 48.4 else run for run in runs]
+
+    with pytest.raises(DataError, match=r"35 run\(s\) at 48.4 degrees, none with wind \(run 42\): give their wind"):
+        reduce_runs(calm)
+
+
+@pytest.mark.parametrize("angle", [None, 0.0, math.nan])
+def test_references_may_have_any_angle_that_stands_for_none(runs: list[WindRun], angle: float | None) -> None:
+    lateral = [run if run.windy else replace(run, angle_deg=angle) for run in runs if run.angle_deg != 0]
+
+    assert reduce_runs(lateral).experiments.settings == 10
+
+
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
+        ({"min_mps": math.nan, "max_mps": math.nan}, "no wind speed: say its lowest and highest reading"),
         ({"min_mps": 3.0, "max_mps": 2.0}, "wind between 3 and 2 m/s"),
         ({"min_mps": -1.0}, "none below zero"),
         ({"shown_rpm": 0.0}, "a tachometer reading of 0 rpm at command 30000"),
