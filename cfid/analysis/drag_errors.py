@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 
 from cfid.analysis.drag_experiments import DragExperiments
 from cfid.analysis.drag_models import DragModel
+from cfid.errors import FitError
 
 Array = npt.NDArray[np.float64]
 
@@ -45,10 +46,14 @@ class Shared(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """The stated noise of forces, flattened (3n,): own deviations, what references share, the least scale believed."""
+    """The stated noise of forces, flattened (3n,): own deviations, what references share, the least scale believed.
+
+    Where it is not `known`, both are weights, and the scale comes from the residuals alone.
+    """
 
     own: Array
     reference: Array  # (3n, k)
+    known: bool
     least: float
 
     def standardised(self, values: Array) -> Array:
@@ -87,6 +92,7 @@ def noise_of(experiments: DragExperiments) -> Noise:
     return Noise(
         own=experiments.force_std_n.reshape(-1),
         reference=np.kron(same, np.eye(3)) * experiments.reference_std_n.reshape(-1, 1),
+        known=experiments.noise_known,
         least=1.0 if experiments.noise_known else rounding,
     )
 
@@ -107,11 +113,14 @@ def wind_columns(experiments: DragExperiments, model: DragModel, coefficients: A
 
 
 def errors_of(noise: Noise, residual: Array, wind: Array, rows: Array) -> Errors:
-    """Return the errors of forces with residuals (3n,), columns of the wind (3n, k), fitted by rows (3n, q)."""
+    """Return the errors of forces with residuals (3n,), columns of the wind (3n, k), fitted by rows (3n, q).
+
+    Raises FitError when nobody stated the noise, and no residual is left to tell it by.
+    """
     left, share, taken = (noise.standardised(values) for values in (residual, wind, rows))
     vertical = np.tile(_VERTICAL, len(left) // 3)
     lateral_scale, vertical_scale = (
-        _noise_scale(left[axes], share[axes], unknowns=int(np.any(taken[axes], axis=0).sum()), least=noise.least)
+        _noise_scale(left[axes], share[axes], unknowns=int(np.any(taken[axes], axis=0).sum()), noise=noise)
         for axes in (~vertical, vertical)
     )
     scale = lateral_scale, vertical_scale
@@ -119,12 +128,16 @@ def errors_of(noise: Noise, residual: Array, wind: Array, rows: Array) -> Errors
     return Errors(noise=noise, scale=scale, wind=wind, beside_noise=beside_noise)
 
 
-def _noise_scale(residual: Array, columns: Array, *, unknowns: int, least: float) -> float:
-    """Return tau, at least `least`, with which residuals (m,) have the chi-squared that they should [MP].
+def _noise_scale(residual: Array, columns: Array, *, unknowns: int, noise: Noise) -> float:
+    """Return tau with which residuals (m,) have the chi-squared that they should [MP].
 
     Residuals and shared columns (m, k) are in units of the stated noise; so many unknowns were fitted to them.
     """
-    freedom = len(residual) - unknowns
+    freedom, least = len(residual) - unknowns, noise.least
+    if freedom < 1 and not noise.known:
+        raise FitError(
+            f"{len(residual)} forces leave none over beside {unknowns} unknowns to tell their noise by: record more."
+        )
     shared = Shared.spanned_by(columns)
     along = (shared.direction.T @ residual) ** 2
     beside = max(float(residual @ residual - along.sum()), 0.0)

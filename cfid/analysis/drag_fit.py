@@ -156,6 +156,8 @@ def _rows(experiments: DragExperiments, model: DragModel, *, intercepts: bool, p
 
 def _check(rows: Array, experiments: DragExperiments, model: DragModel) -> float:
     """Return the condition number of rows (3n, q) with columns of equal length; refuse what cannot be told."""
+    if not np.any(experiments.force_n):
+        raise FitError("all forces are zero: there is nothing to fit. Look at the recordings' windows.")
     length = np.linalg.norm(rows, axis=0)
     singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0), compute_uv=False)
     rank, unknowns = int(np.count_nonzero(singular > _DEPENDENT * singular[0])), rows.shape[1]

@@ -12,7 +12,7 @@ Indices = npt.NDArray[np.intp]
 _LATERAL_AND_VERTICAL = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # x and y share a coefficient, z has its own
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DragModel:
     """f (n, 3) = rows(velocity (n, 3), speed sum (n,)) (n, 3, p) @ coefficients (p,), all SI, body frame.
 

@@ -99,6 +99,22 @@ def test_intercepts_beside_the_bodys_own_drag_are_refused_as_it_is_the_same_thro
         fit_drag(exact(SIMPLE_AIR), SIMPLE, intercepts=True, parasitic=True)
 
 
+def test_forces_that_leave_no_residual_tell_no_noise() -> None:
+    few = exact(COMPLEX_AIR, WINDS[5:9])
+    some = few.at(np.arange(24) % 4 == 0)
+
+    with pytest.raises(FitError, match="6 forces leave none over beside 6 unknowns to tell their noise by"):
+        fit_drag(some, COMPLEX)
+    assert fit_drag(some, SIMPLE).freedom == 16
+
+
+def test_a_recording_of_nothing_is_refused() -> None:
+    experiments = exact(SIMPLE_AIR)
+
+    with pytest.raises(FitError, match="all forces are zero"):
+        fit_drag(replace(experiments, force_n=0 * experiments.force_n), SIMPLE)
+
+
 def test_what_was_not_asked_for_is_not_there() -> None:
     fit = fit_drag(exact(SIMPLE_AIR), SIMPLE)
 
