@@ -9,7 +9,11 @@ from cfid.cli.options import ReadingOptions
 from cfid.errors import CfidError, DataError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cfid.analysis.staircase import Point
     from cfid.stand_table import StandTable
+    from cfid.table import Array
 
 
 def of_table(path: Path, stand: StandOptions, reading: ReadingOptions, workplace: Workplace) -> Evidence:
@@ -62,15 +66,11 @@ def _of_record(table: "StandTable") -> Evidence:
     assert table.time_s is not None
     if table.thrust_n is None:
         raise DataError(f"{table.path}: a record over time without a thrust cannot be reduced.")
-    speed = table.square_mean_speed_rad_s
-    there = {"thrust": table.thrust_n, "speed": speed, "vbat": table.vbat_v}
-    names = [name for name, column in there.items() if column is not None]
-    channels = np.column_stack([column for column in there.values() if column is not None])
     changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
     try:
         found = reduce_staircase(
             time_s=table.time_s,
-            channels=channels,
+            channels=table.thrust_n[:, np.newaxis],
             command_time_s=table.time_s[changes],
             commands=np.repeat(table.command[changes, np.newaxis], 4, axis=1),
             thrust=0,
@@ -79,17 +79,14 @@ def _of_record(table: "StandTable") -> Evidence:
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
     mean, std = (np.array([getattr(point, name) for point in settled]) for name in ("mean", "std_of_mean"))
-    shown = mean + np.array([point.tare for point in settled])  # of a speed and a voltage nothing is to be taken off
-    place = names.index("speed") if speed is not None else None
-    volts = None if table.vbat_v is None else shown[:, names.index("vbat")]
+    speed, volts = (_beside(table, column, settled) for column in (table.square_mean_speed_rad_s, table.vbat_v))
     unsettled = [point for point in found.points if not point.settled]
     return Evidence(
         points=MotorPoints(
             command=np.array([float(point.command or 0) for point in settled]),
             thrust_n=mean[:, 0],
             thrust_std_n=std[:, 0],
-            speed_rad_s=None if place is None else shown[:, place],
-            speed_std_rad_s=None if place is None else std[:, place],
+            speed_rad_s=speed,
         ),
         vbat_v=volts,
         lines=tuple(line_of(point, table.path.name) for point in found.points),
@@ -102,3 +99,17 @@ def _of_record(table: "StandTable") -> Evidence:
         reduced=(Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found),),
         paths=(table.path,),
     )
+
+
+def _beside(table: "StandTable", column: "Array | None", settled: "Sequence[Point]") -> "Array | None":
+    """Return the means of a column (n,) over the windows, as much earlier as the stand's thrust follows its motors."""
+    import numpy as np
+
+    if column is None or table.time_s is None:
+        return None
+    means = []
+    for point in settled:
+        late_s = point.delay_s or 0.0
+        first, last = np.searchsorted(table.time_s, (point.begin_s - late_s, point.end_s - late_s))
+        means.append(column[first : max(last, first + 1)].mean())
+    return np.array(means)

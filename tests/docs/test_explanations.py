@@ -36,6 +36,6 @@ def test_every_link_leads_somewhere(page: Path) -> None:
 def test_every_label_in_the_code_is_in_the_literature_list() -> None:
     listed = set(re.findall(r"^\| (\[\w+\]) \|", (ROOT / "docs/explanation/literature.md").read_text(), re.MULTILINE))
     docstrings = "".join(path.read_text() for path in (ROOT / "cfid").rglob("*.py"))
-    used = set(re.findall(r"(?:^|[ (])(\[(?:[A-Z]{2,4}|[A-Z][a-z]{2})\])", docstrings, re.MULTILINE))
+    used = set(re.findall(r"(?:^|[ (])(\[(?:[A-Z]{2,4}|[A-Z][a-z]{2}|vN)\])", docstrings, re.MULTILINE))
 
     assert used == listed
