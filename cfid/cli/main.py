@@ -8,6 +8,7 @@ import typer
 from cfid import __version__
 from cfid.cli.campaign import new, runs
 from cfid.cli.demo import demo
+from cfid.cli.fit_dynamics import dynamics
 from cfid.cli.fit_friction import friction
 from cfid.cli.fit_inertia import inertia
 from cfid.cli.fit_motors import speed as fit_speed
@@ -67,6 +68,7 @@ fit.command("thrust")(fit_thrust)
 fit.command("speed")(fit_speed)
 fit.command("torque")(fit_torque)
 fit.command()(rotor)
+fit.command()(dynamics)
 
 
 def _print_version(wanted: bool) -> None:

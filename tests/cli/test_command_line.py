@@ -36,6 +36,7 @@ COMMANDS = [
     ("fit", "speed"),
     ("fit", "torque"),
     ("fit", "rotor"),
+    ("fit", "dynamics"),
 ]
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib")
 

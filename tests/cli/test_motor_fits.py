@@ -185,6 +185,18 @@ def test_a_window_by_hand_is_listened_to(cfid: Cfid, tmp_path: Path) -> None:
     assert only["value"] == pytest.approx(float(TRUTH.idle_rad_per_s + 30000 * TRUTH.rad_per_s_per_command), rel=1e-3)
 
 
+@pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
+def test_public_steps_have_their_known_time_constants(cfid: Cfid) -> None:
+    content = found(cfid, "fit", "dynamics", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
+    rows = content["parameters"]["dynamics.time_constant_s"]["value"]
+    tau_s = {(row["cmd_from"], row["cmd_to"]): row["time_constant_s"] for row in rows}
+
+    assert tau_s[15000, 20000] == pytest.approx(0.178, rel=0.1)
+    assert tau_s[40000, 45000] == pytest.approx(0.087, rel=0.1)
+    assert tau_s[10000, 5000] == pytest.approx(0.403, rel=0.1)
+    assert len(content["parameters"]["dynamics.rising"]["value"]) == 2
+
+
 # What is wrong with the input
 
 
