@@ -133,9 +133,9 @@ def fit_rotor_model(
 
         dw/dt = k1 (c - w) + k2 (c^2 - w^2),
 
-    k = `rising` where c > w and `falling` elsewhere: `rotor_dyn_coef` of drone-models and crazyflow [DM], there in RPM.
-    Free are these four, none below zero, so that every speed is stable; a delay; and where each step begins and
-    leads. Arguments and errors are those of `fit_steps`.
+    k = `rising` where c > w and `falling` elsewhere: in this order the `rotor_dyn_coef` of utiasDSL's drone-models
+    (first_principles) and crazyflow, where speeds are in RPM and k2 is 2 pi / 60 of ours. Free are these four, none
+    below zero, so that every speed is stable; a delay; and where each step begins and leads. See `fit_steps`.
     """
     data = _Data(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
     lags = [_fit_step(data, part) for part in data.parts]

@@ -180,10 +180,10 @@ def fit_lines(
     """Fit the frequencies of all families to channels (n, c) at times (n,) about zero, by least squares.
 
     The signal is a straight line per channel and, per spectral line, a phase and an amplitude per channel: linear, so
-    that each step of the search solves for them [GP]. All families run on the time t + drift t^2 / 2. The start has to
-    lie within half a resolution (1 / length) of the truth at the highest harmonic; a record longer than `first_s`
-    starts with its middle half. The covariance is that of least squares in the noise found around the lines, whatever
-    its colour: in white noise, Cramer and Rao's.
+    each step of the search solves for them (Golub, Pereyra 1973). All families run on the time t + drift t^2 / 2. The
+    start has to lie within half a resolution (1 / length) of the truth at the highest harmonic; a record longer than
+    `first_s` starts with its middle half. The covariance is that of least squares in the noise found around the lines,
+    whatever its colour: in white noise, Cramer and Rao's.
     """
     if time_s[-1] - time_s[0] > first_s:
         middle = np.abs(time_s) < time_s[-1] / 2

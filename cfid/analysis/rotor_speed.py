@@ -133,9 +133,9 @@ def speed_ridge(
     """Return a rotor's speed over time, through steps and ramps, in windows of `window_s` every `step_s`.
 
     `time_s` (n,) and `wrench` (n, 6) as for `rotor_speed`. Of all courses that change no faster than
-    `largest_rate_rad_per_s2` the one with the most evidence is found by dynamic programming [Vit]; each window then
-    gives its speed by least squares, with a drift of its own. Such a speed is a mean over the window, weighted with
-    a parabola. Windows that overlap share their noise.
+    `largest_rate_rad_per_s2` the one with the most evidence is found by dynamic programming (Viterbi); each window then
+    gives its speed by least squares, with a drift of its own: a mean over the window, weighted with a parabola. Windows
+    longer than a rotor's time constant blur its steps; those that overlap share their noise.
     """
     time, interval_s, _ = even_times(time_s)
     length = round(window_s / interval_s)
