@@ -134,4 +134,4 @@ def test_half_of_the_least_round_trip_bounds_what_no_offset_tells() -> None:
 
     assert found.offset_bound_s == 0.015
     assert found.one_way_mean_s == pytest.approx(0.057 / 2)
-    assert found.round_trips.count == 3
+    assert found.round_trips.answers == 3
