@@ -2,7 +2,8 @@
 
 A sine and a cosine are fitted to the force at the frequency that is known, beside a constant, a drift and the two
 harmonics that a plant with a bend makes. Noise of a load cell under rotors is lines and drift, not white: its level
-is taken from what is left over at frequencies nearby.
+is taken from what is left over at frequencies nearby. Noise that grows steeply towards zero frequency is more than
+that for the slowest sines; chi-squared of a fit tells.
 """
 
 import math

@@ -20,8 +20,7 @@ Complex = npt.NDArray[np.complex128]
 
 _PADDING = 4  # bins per resolution: a line between two of them looks 0.1 dB weaker
 _FLOOR_BINS = 41  # of the resolution, over which the noise is taken for flat
-_HIGHEST = 0.45  # of the sampling rate, up to which lines are looked for
-_LOBE = 2.0  # resolutions to either side that a line fills in a Hann window
+_HIGHEST, _LOBE = 0.45, 2.0  # of the sampling rate, up to which lines are looked for; resolutions that one fills aside
 _CANDIDATES = 8  # per resolution of the lowest line
 _LIKELY, _MAYBE = 0.999, 0.5  # that an expected line shows, and any other
 _QUARTER = 1 / 16  # in power
@@ -30,7 +29,7 @@ _NOISE_BINS, _LOST_BINS = 20, 1.5  # to either side of a line that tell its nois
 _IRREGULAR = 0.05  # of the sampling interval
 _NEAR = 0.02  # of its frequency, within which a line is looked for again
 _MAX_STEPS, _CONVERGED = 40, 1e-6  # the latter the squared length of a step in standard deviations
-_TINY = np.finfo(float).tiny
+_ROUNDING, _TINY = 1e-24, np.finfo(float).tiny  # of a power
 
 
 def even_times(time_s: Array) -> tuple[Array, float, float]:
@@ -87,7 +86,7 @@ def spectrum(*, signal: Array, interval_s: float, length_s: float = 1.0) -> Spec
     windows = len(signal) / length
     median = median_filter(power[::_PADDING], size=(_FLOOR_BINS, 1), mode="reflect")
     mean = median / (1 - 1 / (9 * windows)) ** 3  # Wilson and Hilferty's median of a gamma distribution
-    floor = np.maximum(np.repeat(mean, _PADDING, axis=0)[: len(power)], 1e-24 * power.max() + _TINY)
+    floor = np.maximum(np.repeat(mean, _PADDING, axis=0)[: len(power)], _ROUNDING * power.max(axis=0) + _TINY)
     frequency = np.arange(len(power)) / (size * interval_s)
     return Spectrum(frequency, np.sqrt(power), np.sqrt(floor), windows, length * interval_s)
 
@@ -192,7 +191,7 @@ def fit_lines(
         families, drift_per_s = rough.families, rough.drift_per_s
     search = _Search(time_s, signal, tuple(families), drifting)
     point = search.at(np.array([family.rad_per_s for family in families] + [drift_per_s]))
-    point = search.descend(point, 1 / (np.mean(point.residual**2, axis=0) + 1e-24 * np.mean(signal**2) + _TINY))
+    point = search.descend(point, 1 / (np.mean(point.residual**2, axis=0) + search.rounding))
     point = search.descend(point, search.noise(point)[1])
     covariance, weight = search.noise(point)
     *found, drift = point.parameters.tolist()
@@ -235,6 +234,7 @@ class _Search:
     def __init__(self, time_s: Array, signal: Array, families: tuple[Family, ...], drifting: bool) -> None:
         self._time, self._signal, self._families = time_s, signal, families
         self._free = np.arange(len(families) + drifting)
+        self.rounding = _ROUNDING * np.mean(signal**2, axis=0) + _TINY
 
     def at(self, parameters: Array) -> _Point:
         time = self._time
@@ -285,7 +285,7 @@ class _Search:
         """Return the parameters' covariance and the weights (c,), from the residual's spectrum around the lines."""
         count, tangent = len(self._time), point.tangent[self._free]
         size = next_fast_len(count, real=True)
-        power = np.abs(np.fft.rfft(point.residual, size, axis=0)) ** 2 / count
+        power = np.abs(np.fft.rfft(point.residual, size, axis=0)) ** 2 / count + self.rounding
         width = 2 * min(_NOISE_BINS, size // 16) + 1
         lost = _LOST_BINS * len(self._families)
         power = uniform_filter1d(power, width, axis=0, mode="reflect") * width / max(width - lost, 1.0)

@@ -23,16 +23,14 @@ Array = npt.NDArray[np.float64]
 PLAUSIBLE_RAD_PER_S = (200.0, 5000.0)  # of rotors on a vehicle of some ten grams
 FRAME_S = 1.0  # in which a speed that drifts by 0.5 % in ten seconds still makes one line
 _FEWEST = 64
-_HEARD = 20.0  # evidence that rules out noise, over thousands of speeds tried
+_HEARD, _LINE = 20.0, 8.0  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
 _SURE = 5.0  # log odds against another octave
-_LINE = 8.0  # evidence of a line worth fitting
-_HUMS = 1e-3  # of its frequency, within which the mains keeps it
+_HUMS, _BESIDE = 1e-3, 3.0  # of its frequency, that hum keeps to; resolutions within which it spoils a line
 _OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
-_SAME = 0.02  # part of a speed within which another is the same
+_SAME, _ASIDE = 0.02, 0.2  # of a speed, within which another is the same, and within which others are looked for
 _CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the window
 _PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
 _SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
-_ASIDE = 0.2  # of the speed to either side, where further rotors are looked for
 _TOLD = 5.0  # standard deviations between speeds
 _BENT = 0.1  # of a change of speed within a window, by which a straight line may miss its mean
 
@@ -110,11 +108,14 @@ def rotor_speed(
     if len(time_s) < _FEWEST:
         raise FitError(f"a window of {len(time_s)} samples tells no rotor speed: it takes {_FEWEST} or more.")
     time, interval_s, jitter_s = even_times(time_s)
-    clean = _without_hum(time, wrench, interval_s, mains_hz, rest_wrench)
+    clean, hum_hz = _without_hum(time, wrench, mains_hz, rest_wrench)
     found = _search(clean, interval_s, _comb(blades), expected_rad_per_s or PLAUSIBLE_RAD_PER_S)
-    if found.doubts and clean is not wrench:
+    own_hz = {h: h * found.family.rad_per_s / (2 * math.pi) for h in found.family.harmonics}
+    apart = tuple(h for h in own_hz if all(abs(own_hz[h] - hz) * (time[-1] - time[0]) > _BESIDE for hz in hum_hz))
+    if hum_hz and (found.doubts or not apart):
         found.doubts.append("lines on hum, or there at rest too, were taken off: the rotor's may be among them.")
-    fit = fit_lines(time_s=time, signal=clean, families=[found.family], first_s=FRAME_S)
+    family = found.family._replace(harmonics=apart or found.family.harmonics)
+    fit = fit_lines(time_s=time, signal=clean, families=[family], first_s=FRAME_S)
     result = _result(time, clean, _with_more(time, clean, fit, rotors), found, rotors)
     said = (f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced.",) if jitter_s else ()
     return replace(result, warnings=said + result.warnings)
@@ -186,8 +187,9 @@ def _comb(blades: int) -> Comb:
     return Comb(tuple(range(1, 2 * blades + 1)), (1, blades))
 
 
-def _without_hum(time: Array, wrench: Array, interval_s: float, mains_hz: float | None, rest: Array | None) -> Array:
+def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array | None) -> tuple[Array, list[float]]:
     """Take off the lines of a window that stand where the mains or the window at rest has some."""
+    interval_s = float(np.median(np.diff(time)))
     seen = spectrum(signal=wrench, interval_s=interval_s)
     known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
     if rest is not None:
@@ -196,8 +198,9 @@ def _without_hum(time: Array, wrench: Array, interval_s: float, mains_hz: float 
     off_hz = np.abs(np.subtract.outer(there, known)).min(axis=1, initial=math.inf)
     hum = [Family(2 * math.pi * hz, (1,)) for hz in there[off_hz < _HUMS * there + 0.5 / seen.length_s]]
     if not hum:
-        return wrench
-    return fit_lines(time_s=time, signal=wrench, families=hum, drifting=False, first_s=FRAME_S).residual
+        return wrench, []
+    fit = fit_lines(time_s=time, signal=wrench, families=hum, drifting=False, first_s=FRAME_S)
+    return fit.residual, [family.rad_per_s / (2 * math.pi) for family in fit.families]
 
 
 def _shown(comb: Comb, lines: Array) -> tuple[int, ...]:
@@ -232,8 +235,9 @@ def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit
     """Add rotors up to the number asked for, while the residual falls by more than noise would let it."""
     freedom = 1 + 2 * len(fit.families[0].harmonics) * wrench.shape[1]
     for _ in range(1, rotors):
-        starts = _one_more(time, fit)
-        trials = [fit_lines(time_s=time, signal=wrench, families=s, drift_per_s=fit.drift_per_s) for s in starts]
+        trials = [
+            fit_lines(time_s=time, signal=wrench, families=f, drift_per_s=fit.drift_per_s) for f in _more(time, fit)
+        ]
         best = min(trials, key=lambda trial: fit.weight @ np.sum(trial.residual**2, axis=0))
         gain = best.weight @ np.sum(fit.residual**2 - best.residual**2, axis=0)
         if chdtrc(freedom, gain) > _CHANCE or not _told_apart(best):
@@ -248,11 +252,11 @@ def _told_apart(fit: LineFit) -> bool:
     return bool(np.all(gaps[:, :-1] @ speed > _TOLD * np.sqrt(np.diag(gaps @ fit.covariance @ gaps.T))))
 
 
-def _one_more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
+def _more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
     """Begin with a rotor where the residual has its lines, or with two in the place of one."""
     span_s, first = float(time[-1] - time[0]), fit.families[0]
     left = spectrum(signal=fit.residual, interval_s=span_s / (len(time) - 1), length_s=math.inf)
-    comb = Comb(first.harmonics, ())
+    comb = Comb(first.harmonics, first.harmonics)
     grid = comb.candidates(left, (first.rad_per_s * (1 - _ASIDE), first.rad_per_s * (1 + _ASIDE)))
     yield (first._replace(rad_per_s=grid[np.argmax(comb.score(comb.lines(left, grid)))]), *fit.families)
     for k, family in enumerate(fit.families):

@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Form = Literal["hold", "thesis"]
 
-_ALIKE = 1e-6  # lags closer than this are moved apart: their sum of exponentials is the same
+_ALIKE = 1e-4  # lags closer than this are moved apart: their sum of exponentials is the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,8 @@ class Dynamics:
 
     def _apart(self) -> tuple[float, ...]:
         if len(self.lags_s) > 1 and abs(self.lags_s[0] / self.lags_s[1] - 1) < _ALIKE:
-            return (self.lags_s[0] * (1 + _ALIKE), *self.lags_s[1:])
+            middle_s = (self.lags_s[0] + self.lags_s[1]) / 2
+            return middle_s * (1 + _ALIKE / 2), middle_s * (1 - _ALIKE / 2)
         return self.lags_s
 
     def _parts(self) -> tuple[float, list[float]]:

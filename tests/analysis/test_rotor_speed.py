@@ -1,0 +1,267 @@
+"""Rotor speed from simulated vibration: right at every command, in the right octave, and honest when it cannot be."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.rotor_lines import spectrum
+from cfid.analysis.rotor_speed import RotorSpeed, rotor_speed
+from cfid.errors import FitError
+from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.rotors import Rotors, RotorTruth
+
+Array = npt.NDArray[np.float64]
+
+HZ = 7000
+OPPOSITE = (1, 0, 1, 0)
+UNBALANCE, BLADE_PASS = RotorTruth().unbalance, RotorTruth().blade_pass
+SPREAD = np.array([1, 0.5, 1, 0.01, 0.01, 0.005])  # of hum over the channels
+
+
+def window(
+    commands: tuple[float, ...], *, seconds: float = 2.0, seed: int = 1, truth: RotorTruth | None = None
+) -> tuple[Array, Array, Array]:
+    """Return times, what the load cell shows in N and Nm, and the speeds of the four motors, long after the start."""
+    rng = np.random.default_rng(seed)
+    rotors, command = Rotors(truth or RotorTruth(), rng), np.array(commands)
+    rotors.advance(np.array([0.0]), command)
+    time_s = 5 + np.arange(round(seconds * HZ)) / HZ
+    counts, _ = LoadCell(LoadCellTruth(), rng).read(time_s, rotors.advance(time_s, command))
+    return time_s, counts / LoadCellTruth().counts_per_unit, rotors.speed_rad_per_s
+
+
+def lines(*, unbalance: float, blade_pass: float) -> RotorTruth:
+    """Return rotors with so many times the usual lines."""
+    return RotorTruth(
+        unbalance=tuple(unbalance * part for part in UNBALANCE),
+        blade_pass=tuple(blade_pass * part for part in BLADE_PASS),
+    )
+
+
+def hum(time_s: Array, *, size_n: float = 0.03) -> Array:
+    """Return lines at 50.013 Hz, its double and six times it in all channels, phases as they come."""
+    phase = np.random.default_rng(7).uniform(0, 2 * math.pi, (3, 6))
+    waves = [np.cos(2 * math.pi * 50.013 * m * time_s[:, None] + phase[k]) for k, m in enumerate((1, 2, 6))]
+    return np.asarray(size_n * SPREAD * sum(waves))
+
+
+def noise(count: int, seed: int = 3) -> Array:
+    return np.array(LoadCellTruth().noise_std) * np.random.default_rng(seed).standard_normal((count, 6))
+
+
+@pytest.mark.parametrize("command", [*range(4000, 64001, 6000), 33333])
+def test_the_speed_is_right_within_a_tenth_of_a_percent_at_every_command(command: int) -> None:
+    for seed in range(2):
+        time_s, wrench, truth = window(tuple(command * on for on in OPPOSITE), seed=seed)
+        found = rotor_speed(time_s=time_s, wrench=wrench)
+
+        assert found.believed, found.doubts
+        assert found.speed_rad_per_s == pytest.approx(truth[0], rel=1e-3)
+        assert abs(found.speed_rad_per_s - truth[0]) < 4 * found.std_rad_per_s
+        assert found.std_rad_per_s < 2e-4 * truth[0]
+
+
+def test_the_vibration_is_larger_than_the_thrust() -> None:
+    _, wrench, truth = window((20000, 0, 0, 0))
+    thrust_n = RotorTruth().thrust_ns2_per_rad2 * truth[0] ** 2
+
+    assert np.std(wrench[:, 2]) * math.sqrt(2) > thrust_n
+
+
+def test_lines_come_back_with_their_amplitudes_and_phases() -> None:
+    time = np.arange(HZ) / HZ - 0.4
+    amplitude, phase = np.array([[0.02, 0.01], [0.03, 0.05]]), np.array([[0.3, -2.0], [1.0, 3.0]])
+    angle = 1500.0 * (time - (time[0] + time[-1]) / 2)
+    wave = sum(amplitude[k] * np.cos((k + 1) * angle[:, None] + phase[k]) for k in range(2))
+    (rotor,) = rotor_speed(time_s=time, wrench=wave + 1e-3 * noise(HZ)[:, [0, 0]]).rotors
+
+    assert rotor.harmonics == (1, 2)
+    np.testing.assert_allclose(rotor.amplitude, amplitude, rtol=1e-3)
+    np.testing.assert_allclose(rotor.phase_rad, phase, atol=1e-3)
+
+
+def test_blade_pass_sixteen_times_the_rotor_line_is_no_octave() -> None:
+    for command in (6000, 30000, 60000):
+        time_s, wrench, truth = window((command, 0, 0, 0), truth=lines(unbalance=0.25, blade_pass=4))
+        found = rotor_speed(time_s=time_s, wrench=wrench)
+
+        assert found.believed
+        assert found.speed_rad_per_s == pytest.approx(truth[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("truth", [lines(unbalance=0, blade_pass=1), lines(unbalance=1, blade_pass=0)])
+def test_one_line_alone_may_be_rotor_or_blade_pass_and_only_an_expectation_decides(truth: RotorTruth) -> None:
+    time_s, wrench, speeds = window((30000, 0, 0, 0), truth=truth)
+    alone = rotor_speed(time_s=time_s, wrench=wrench)
+    guided = rotor_speed(time_s=time_s, wrench=wrench, expected_rad_per_s=(1300, 2000))
+
+    assert "say what speed is expected" in " ".join(alone.doubts)
+    assert guided.believed
+    assert guided.speed_rad_per_s == pytest.approx(speeds[0], rel=1e-4)
+
+
+def test_three_blades_are_told_by_their_number() -> None:
+    time = np.arange(2 * HZ) / HZ
+    wave = 0.01 * np.cos(900.0 * time)[:, None] + 0.03 * np.cos(2700.0 * time + 1)[:, None]
+    found = rotor_speed(time_s=time, wrench=wave * SPREAD + noise(len(time)), blades=3)
+
+    assert found.believed
+    assert found.speed_rad_per_s == pytest.approx(900.0, rel=1e-4)
+    assert found.rotors[0].harmonics == (1, 3)
+
+
+def speeds(found: RotorSpeed) -> Array:
+    return np.array([rotor.speed_rad_per_s for rotor in found.rotors])
+
+
+@pytest.mark.parametrize("apart", [0.5, 3.0, 60.0])
+def test_two_motors_half_a_resolution_apart_and_more_are_told_apart(apart: float) -> None:
+    command = 2 * math.pi * apart / (2.0 * RotorTruth().rad_per_s_per_command)
+    time_s, wrench, truth = window((30000, 0, 30000 + command, 0))
+    found = rotor_speed(time_s=time_s, wrench=wrench, rotors=2)
+
+    assert found.resolved
+    deviation = np.array([rotor.std_rad_per_s for rotor in found.rotors])
+    np.testing.assert_array_less(np.abs(speeds(found) - truth[[0, 2]]), 4 * deviation)
+    assert np.max(deviation) < 0.1
+    assert found.speed_rad_per_s == pytest.approx(truth[[0, 2]].mean(), abs=4 * found.std_rad_per_s)
+
+
+def test_two_motors_at_one_speed_are_not_resolved_and_their_mean_allows_for_it() -> None:
+    time_s, wrench, truth = window((30000, 0, 30000, 0))
+    found = rotor_speed(time_s=time_s, wrench=wrench, rotors=2)
+    single = rotor_speed(time_s=time_s, wrench=wrench)
+
+    assert not found.resolved
+    assert "1 of 2 rotors" in " ".join(found.warnings)
+    assert found.speed_rad_per_s == pytest.approx(truth[0], rel=1e-4)
+    assert single.std_rad_per_s < 0.05 * found.std_rad_per_s < 1e-3 * truth[0]
+
+
+def test_a_second_rotor_is_not_imagined() -> None:
+    for seed in range(3):
+        time_s, wrench, _ = window((12000, 0, 0, 0), seconds=1, seed=seed)
+        assert len(rotor_speed(time_s=time_s, wrench=wrench, rotors=2).rotors) == 1
+
+
+@pytest.mark.parametrize("command", [6000, 30000])  # 99.6 and 255.5 Hz
+def test_hum_is_left_out_when_told_or_shown(command: int) -> None:
+    time_s, wrench, truth = window((command, 0, 0, 0))
+    rest_s = np.arange(HZ) / HZ - 1.7
+    misled = rotor_speed(time_s=time_s, wrench=wrench + hum(time_s))
+    told = rotor_speed(time_s=time_s, wrench=wrench + hum(time_s), mains_hz=50)
+    shown = rotor_speed(time_s=time_s, wrench=wrench + hum(time_s), rest_wrench=hum(rest_s) + noise(HZ))
+
+    assert misled.speed_rad_per_s != pytest.approx(truth[0], rel=1e-2)
+    for found in (told, shown):
+        assert found.believed, found.doubts
+        assert found.speed_rad_per_s == pytest.approx(truth[0], abs=4 * found.std_rad_per_s)
+
+
+def test_a_rotor_on_a_multiple_of_the_mains_is_doubted_unless_rest_shows_what_is_hum() -> None:
+    command = (2 * math.pi * 450.1 - 381) / 0.0408
+    time_s, wrench, truth = window((command, 0, 0, 0))
+    told = rotor_speed(time_s=time_s, wrench=wrench + hum(time_s), mains_hz=50)
+    rest = hum(np.arange(HZ) / HZ) + noise(HZ)
+    shown = rotor_speed(time_s=time_s, wrench=wrench + hum(time_s), rest_wrench=rest)
+
+    assert "taken off" in " ".join(told.doubts)
+    assert shown.believed
+    assert shown.speed_rad_per_s == pytest.approx(truth[0], abs=4 * shown.std_rad_per_s)
+
+
+def test_noise_alone_is_no_rotor() -> None:
+    for seed in range(8):
+        found = rotor_speed(time_s=np.arange(HZ) / HZ, wrench=noise(HZ, seed))
+        assert "no rotor is heard" in " ".join(found.doubts)
+
+
+def rotating(angle: Array, *, size_n: float = 0.03) -> Array:
+    return size_n * SPREAD * (np.cos(angle + 0.4) + 0.6 * np.cos(2 * angle - 1))[:, None] + noise(len(angle))
+
+
+def test_a_sagging_battery_leaves_the_mean_speed_right() -> None:
+    time = np.arange(8 * HZ) / HZ
+    middle = time - (time[0] + time[-1]) / 2
+    found = rotor_speed(time_s=time, wrench=rotating(1800 * middle - 1.5 * middle**2 / 2))
+
+    assert found.believed
+    assert found.speed_rad_per_s == pytest.approx(1800, abs=4 * found.std_rad_per_s)
+    assert found.rotors[0].drift_rad_per_s2 == pytest.approx(-1.5, rel=1e-3)
+
+
+def test_a_speed_that_wanders_is_averaged_with_a_deviation_to_match() -> None:
+    rng = np.random.default_rng(2)
+    speed = 1800 + 20 * np.interp(np.arange(3 * HZ), np.arange(0, 4 * HZ, HZ // 8), rng.standard_normal(32))
+    found = rotor_speed(time_s=np.arange(3 * HZ) / HZ, wrench=rotating(np.cumsum(speed) / HZ))
+
+    assert found.believed
+    assert 5 < found.wander_rad_per_s < 40
+    assert found.speed_rad_per_s == pytest.approx(speed.mean(), abs=3 * found.std_rad_per_s)
+    assert found.std_rad_per_s < 0.01 * 1800
+
+
+def test_a_speed_that_is_still_changing_is_doubted() -> None:
+    time = np.arange(HZ) / HZ - 0.5
+    found = rotor_speed(time_s=time, wrench=rotating(1500 * time + 150 * time**2 / 2))
+
+    assert not found.believed
+    assert found.speed_rad_per_s == pytest.approx(1500, rel=1e-2)
+
+
+def test_gaps_that_the_stamps_show_do_no_harm() -> None:
+    time_s, wrench, truth = window((30000, 0, 0, 0))
+    there = np.ones(len(time_s), bool)
+    there[4000:4100] = there[9000:9700] = False
+    found = rotor_speed(time_s=time_s[there], wrench=wrench[there])
+
+    assert found.believed
+    assert found.speed_rad_per_s == pytest.approx(truth[0], abs=4 * found.std_rad_per_s)
+
+
+def test_stamps_of_arrivals_are_evened_out_and_that_is_said() -> None:
+    time_s, wrench, truth = window((30000, 0, 0, 0))
+    arrived_s = np.sort(time_s + np.random.default_rng(1).exponential(1e-3, len(time_s)))
+    found = rotor_speed(time_s=arrived_s, wrench=wrench)
+
+    assert "jitter by" in found.warnings[0]
+    assert found.speed_rad_per_s == pytest.approx(truth[0], rel=1e-3)
+
+
+def test_a_dead_channel_changes_nothing() -> None:
+    time_s, wrench, truth = window((30000, 0, 0, 0))
+    wrench[:, 3] = 0.125
+    found = rotor_speed(time_s=time_s, wrench=wrench)
+
+    assert found.believed
+    assert found.speed_rad_per_s == pytest.approx(truth[0], abs=4 * found.std_rad_per_s)
+
+
+def test_the_channels_units_do_not_matter() -> None:
+    time_s, wrench, _ = window((30000, 0, 0, 0))
+    one = rotor_speed(time_s=time_s, wrench=wrench)
+    other = rotor_speed(time_s=time_s, wrench=wrench * np.array([1e6, 1e6, 1, 1e-3, 1e6, 10]))
+
+    assert other.speed_rad_per_s == pytest.approx(one.speed_rad_per_s, abs=0.01 * one.std_rad_per_s)
+    assert other.std_rad_per_s == pytest.approx(one.std_rad_per_s, rel=1e-3)
+
+
+def test_too_short_a_window_and_too_slow_a_sampling_are_refused() -> None:
+    with pytest.raises(FitError, match="63 samples"):
+        rotor_speed(time_s=np.arange(63) / HZ, wrench=noise(63))
+    with pytest.raises(FitError, match="no speed from 200"):
+        rotor_speed(time_s=np.arange(500) / 50, wrench=noise(500))
+
+
+def test_the_spectrum_shows_a_line_with_its_amplitude_above_the_noise() -> None:
+    time = np.arange(3 * HZ) / HZ
+    wave = np.array([0.02, 0, 0.05, 0, 0, 0]) * np.cos(2 * math.pi * 255.5 * time)[:, None]
+    seen = spectrum(signal=wave + noise(len(time)), interval_s=1 / HZ)
+    at = int(np.argmax(seen.amplitude[:, 0]))
+
+    assert seen.frequency_hz[at] == pytest.approx(255.5, abs=0.2)
+    assert seen.amplitude[at, [0, 2]] == pytest.approx([0.02, 0.05], rel=0.02)
+    expected = np.array(LoadCellTruth().noise_std) * 2 * math.sqrt(1.5 / HZ)
+    np.testing.assert_allclose(np.median(seen.floor, axis=0), expected, rtol=0.1)
