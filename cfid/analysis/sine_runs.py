@@ -151,7 +151,7 @@ def _by_vehicle(matched: Sequence[Matched]) -> tuple[list[_Synchronised], tuple[
     lines = []
     for number in range(numbers[-1] + 1):
         places = np.flatnonzero(numbers == number)
-        used = [_line_rows(matched[order[place]]) for place in places]
+        used = [_line_rows(matched[order[place]], alone=len(places) == 1) for place in places]
         host = np.concatenate([host_s[place][rows] for place, rows in zip(places, used, strict=True)])
         device = np.concatenate([device_s[place][rows] for place, rows in zip(places, used, strict=True)])
         lines.append(clock_line(unwrapped_s(device, host), host))
@@ -161,10 +161,12 @@ def _by_vehicle(matched: Sequence[Matched]) -> tuple[list[_Synchronised], tuple[
     return [found[place] for place in range(len(matched))], tuple(lines)
 
 
-def _line_rows(reports: Matched) -> npt.NDArray[np.intp]:
-    """Return the reports that a line is laid under: those that seldom wait for others, if they are enough."""
+def _line_rows(reports: Matched, *, alone: bool) -> npt.NDArray[np.intp]:
+    """Return the reports that a line is laid under: those that seldom wait for others; of a dense run alone, some."""
     rows = np.flatnonzero(_waits_for_none(reports, SAMPLE_S, apart_s=_NEAR_S))
-    return rows if len(rows) > 1 else np.array([0, len(reports.sample) - 1])
+    if len(rows) > 2 or not alone:
+        return rows
+    return np.flatnonzero(np.diff(np.floor(reports.sample * SAMPLE_S / _NEAR_S), prepend=-1) > 0)
 
 
 def _on_line(line: ClockLine, sample: Array, device_s: Array, host_s: Array) -> _Synchronised:
@@ -182,7 +184,7 @@ def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
     sample_s = _common_sample_s(matched)
     lags = [reports.host_s - reports.sample * sample_s for reports in matched]
     free = [lag[_waits_for_none(reports, sample_s)] for reports, lag in zip(matched, lags, strict=True)]
-    usual = _usual_lateness(free)
+    usual = _usual_lateness(free if sum(map(len, free)) > _FEWEST_USUAL else lags)
     starts = [
         start_by_phase(lag, lateness_s=usual, spacing_s=_spacing_s(reports, sample_s))
         for reports, lag in zip(matched, lags, strict=True)
@@ -204,7 +206,7 @@ def _common_sample_s(matched: Sequence[Matched]) -> float:
     """Weigh what the runs tell of the sampling time, together with what the firmware promises."""
     rates, weights = [1.0], [_LOOP_STD**-2]
     for reports in matched:
-        rows = _line_rows(reports)
+        rows = _line_rows(reports, alone=False)
         if len(rows) > 3:
             line = clock_line(reports.sample[rows] * SAMPLE_S, reports.host_s[rows])
             rates.append(line.rate)

@@ -13,7 +13,7 @@ from cfid.sim.crazyflie_modules import PING, SINE
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
 from cfid.wire import app
-from tests.analysis.sine_recordings import exact, log_spaced, recorded, simulated
+from tests.analysis.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
 
 PERIODS = (1, 3, 8, 25, 60, 100)
 LEAST_LATENCY_S = 0.012
@@ -130,6 +130,21 @@ def test_a_vehicle_restarted_between_runs_makes_two_clocks() -> None:
 
     assert len(series.lines) == 2
     assert [set(run.shared_s) for run in series.runs[2:4]] == [{"offset 0", "rate 0"}, {"offset 1", "rate 1"}]
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("periods", [1, 30, 100, 400])
+def test_a_run_alone_is_aligned_too_and_says_how_well(periods: int, stamped: bool) -> None:
+    errors, stated = [], []
+    for seed in range(12):
+        run = simulated((periods,), seed=seed)[0]
+        found = align(recorded([run], stamped=stamped)).runs[0]
+        true_s = 1.75e9 + run.report_vehicle_us[0] / 1e6 / USUAL.vehicle_clock
+        errors.append(found.start_s - true_s - LEAST_LATENCY_S)
+        stated.append(np.hypot(found.start_std_s, np.linalg.norm(list(found.shared_s.values()))))
+
+    assert np.median(np.abs(errors)) < 3 * np.median(stated) + 1e-4
+    assert np.median(stated) < 0.05
 
 
 def test_runs_may_share_one_load_cell_file() -> None:
