@@ -119,11 +119,6 @@ def respond_all(
     return responses, said
 
 
-def frequencies(responses: Sequence[Response]) -> Array:
-    """Return the frequencies (n,) in rad/s."""
-    return np.array([response.frequency_rad_s for response in responses])
-
-
 def _window(run: SineRun, settle_s: float, form: Form) -> tuple[Array, Array]:
     """Return times and force between the transient and the end."""
     end_s = run.duration_s - END_S
