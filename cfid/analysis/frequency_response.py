@@ -7,7 +7,7 @@ that for the slowest sines; chi-squared of a fit tells.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ from cfid.analysis.transfer_models import Form
 from cfid.errors import DataError, FitError
 
 Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 SETTLE_S = 1.0  # N_T of the thesis' first series, in seconds
 CUTOFF_HZ = 12.5  # the thesis leaves out what is faster, in both series
