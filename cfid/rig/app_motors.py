@@ -59,13 +59,18 @@ class AppMotors:
         self._commands, self._settled_at = commands, self._number
         return sent_s[0] if sent_s else float(self._vehicle.loop.seconds())
 
+    async def be_ready(self, request: app.SineRequest) -> None:
+        """Wait until the app hears keep-alives and an earlier sine has said its last word."""
+        self._limits.check_sine(request)
+        await self._be_heard()
+        await self._let_sine_end()
+
     async def play(self, request: app.SineRequest) -> None:
         """Start a sine; its crossings and its end are for `Crossings` to hear."""
         self._limits.check_sine(request)
         packet = Packet(self._ports.sine, SineChannel.START, app.encode_sine(request))
         self._commands = None
         await self._be_heard()
-        await self._let_sine_end()
 
         async def started() -> int | None:
             answer = await self._vehicle.ask(packet, app.decode_sine_answer, channel=SineChannel.ANSWER)

@@ -38,7 +38,8 @@ class Crossings:
         self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
         self._end: Done | None = None
-        self._running = False
+        self._running = self._asked = False
+        self._played_s = 0.0
         vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._hear_crossing)
         vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._hear_done)
 
@@ -57,9 +58,12 @@ class Crossings:
         """Play a sine to its end. Raises DeviceError when it does not begin, does not end, or is cut short."""
         if not self._running:
             raise DeviceError(STOPPED)
-        self._done, self._samples = Deferred(), request.samples
+        await self._player.be_ready(request)
+        lasts_s = request.samples / app.SAMPLES_PER_S
+        self._asked, self._done, self._samples = True, Deferred(), request.samples
+        self._played_s = self._loop.seconds() + lasts_s
         await self._player.play(request)
-        longest_s = request.samples / app.SAMPLES_PER_S + _REST_S
+        longest_s = lasts_s + _REST_S
         silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample came")
         late = self._loop.callLater(1.1 * longest_s + _MARGIN_S, self._complain, "no word of its end came")
         try:
@@ -104,6 +108,8 @@ class Crossings:
             self._done.errback(DeviceError(f"{self._vehicle.uri}: the sine did not run: {what}."))
 
     def _hear_crossing(self, payload: bytes, arrived_s: float) -> None:
+        if not self._asked:  # an earlier sine's
+            return
         crossing = app.decode_crossing(payload)
         if crossing is None or (crossing.sample is not None) != self._stamped:
             self._rejected += 1
@@ -115,6 +121,8 @@ class Crossings:
             self._next_report += 1
 
     def _hear_done(self, payload: bytes, arrived_s: float) -> None:
+        if not self._asked or (not self._stamped and arrived_s < self._played_s):  # an earlier sine's
+            return
         done = app.decode_done(payload)
         if done is None:
             self._rejected += 1

@@ -51,6 +51,9 @@ class SinePlayer(Motors, Protocol):
     def playing(self) -> bool:
         """Whether the vehicle said lately that it plays."""
 
+    async def be_ready(self, request: SineRequest) -> None:
+        """Wait for an earlier sine's last word. Raises ConfigError beyond the limits, DeviceError for another's."""
+
     async def play(self, request: SineRequest) -> None:
         """Let it begin. Raises ConfigError beyond the limits, DeviceError when the vehicle refuses."""
 

@@ -41,6 +41,10 @@ class ThesisMotors:
         self._commands = commands
         return float(self._vehicle.loop.seconds())
 
+    async def be_ready(self, request: app.SineRequest) -> None:
+        """Do no more than look at the request: these modules do not say what they play."""
+        self._limits.check_sine(request)
+
     async def play(self, request: app.SineRequest) -> None:
         """Start a sine."""
         self._limits.check_sine(request)

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DeviceError
+from cfid.rig.loop import Ending
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
 from cfid.rig.procedures import Staircase, climb, hold, ping_often, play_sine
 from cfid.run import Run
@@ -312,6 +313,24 @@ def test_a_stop_that_needs_several_tries_is_tried_again(tmp_path: Path) -> None:
     )
     assert failure is None
     assert not any(flight.motors[-1][1])
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 0.3, 0.6, 0.9])
+def test_the_last_word_of_an_interrupted_sine_is_not_taken_for_that_of_the_next(tmp_path: Path, pause_s: float) -> None:
+    flight = Flight(tmp_path)
+
+    def play(there: Any) -> Any:
+        return play_sine(sine(5, 500), there["crossings"], before_s=0.1, loop=flight.clock, tell=silent)
+
+    flight.clock.callLater(0.5, flight.ending.ask, "SIGTERM")
+    first, _ = flight.record([flight.crossings()], play)
+    flight.turn(for_s=pause_s)
+    flight.ending = Ending(flight.clock)
+    second, failure = flight.record([flight.crossings()], play)
+
+    assert rows(first, "crossings")["sample"].max() < 500
+    assert failure is None
+    assert rows(second, "crossings")["sample"].tolist() == [*crossings_of(commanded(sine(5, 500), 5)), 500]
 
 
 def test_the_modules_of_2015_cannot_be_stopped_in_a_sine_and_that_is_told(tmp_path: Path) -> None:
