@@ -235,21 +235,17 @@ def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit
     """Add rotors up to the number asked for, while the residual falls by more than noise would let it."""
     freedom = 1 + 2 * len(fit.families[0].harmonics) * wrench.shape[1]
     for _ in range(1, rotors):
-        trials = [
-            fit_lines(time_s=time, signal=wrench, families=f, drift_per_s=fit.drift_per_s) for f in _more(time, fit)
-        ]
+        starts = _more(time, fit)
+        trials = [fit_lines(time_s=time, signal=wrench, families=s, drift_per_s=fit.drift_per_s) for s in starts]
         best = min(trials, key=lambda trial: fit.weight @ np.sum(trial.residual**2, axis=0))
         gain = best.weight @ np.sum(fit.residual**2 - best.residual**2, axis=0)
-        if chdtrc(freedom, gain) > _CHANCE or not _told_apart(best):
+        speed = np.array([family.rad_per_s for family in best.families])
+        gaps = np.diff(np.eye(len(speed) + 1)[np.argsort(speed)], axis=0)  # between neighbours; the drift has none
+        told = gaps[:, :-1] @ speed > _TOLD * np.sqrt(np.diag(gaps @ best.covariance @ gaps.T))
+        if chdtrc(freedom, gain) > _CHANCE or not told.all():
             break
         fit = best
     return fit
-
-
-def _told_apart(fit: LineFit) -> bool:
-    speed = np.array([family.rad_per_s for family in fit.families])
-    gaps = np.diff(np.eye(len(fit.covariance))[np.argsort(speed)], axis=0)
-    return bool(np.all(gaps[:, :-1] @ speed > _TOLD * np.sqrt(np.diag(gaps @ fit.covariance @ gaps.T))))
 
 
 def _more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
