@@ -22,7 +22,7 @@ def as_it_is(wrench: Array, rng: np.random.Generator) -> Array:
 
 
 def with_red_noise(wrench: Array, rng: np.random.Generator) -> Array:
-    return wrench + np.asarray(lfilter([1], [1, -0.8], NOISE * rng.standard_normal(wrench.shape), axis=0))
+    return np.asarray(wrench + lfilter([1], [1, -0.8], NOISE * rng.standard_normal(wrench.shape), axis=0))
 
 
 def with_a_resonance(wrench: Array, rng: np.random.Generator) -> Array:
