@@ -2,13 +2,15 @@
 
 import http.client
 import socket
+import time
 
 from cfid.campaign import LoadCellBox
 from cfid.errors import DeviceError
-from cfid.wire import netft
+from cfid.wire import netft, rdt
 
 _TIME_OUT_S = 3.0
 _LONGEST_PAGE = 1 << 18
+_BIAS_TRIES, _BIAS_TAKES_S = 3, 0.1
 _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
 
 
@@ -64,6 +66,26 @@ def set_rate(box: LoadCellBox, *, buffered: bool) -> netft.Settings:
             f"in rig.toml to such a rate, {after.rate_hz} for instance."
         )
     return after
+
+
+def take_bias(box: LoadCellBox) -> bool:
+    """Let the box take the present load as zero; return whether its settings show another bias than before.
+
+    The request is not answered, and ends a stream: only whoever holds the box may do this. Raises DeviceError when
+    the box is out of reach.
+    """
+    before = read_settings(box).bias
+    request = rdt.encode_request(rdt.Request(rdt.Command.BIAS))
+    for _ in range(_BIAS_TRIES):
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.sendto(request, (box.address, box.rdt_port))
+        except OSError as error:
+            raise DeviceError(f"{box.address} UDP {box.rdt_port}: {_reason(error)}.") from None
+        time.sleep(_BIAS_TAKES_S)
+        if read_settings(box).bias != before:
+            return True
+    return False
 
 
 def buffer_size(rate_hz: float) -> int:

@@ -64,22 +64,106 @@ class Readings:
         return {}
 
 
-class _Reader(Protocol):
-    rejected: int
-
-
-class _Listener:
-    """What tachometer and scales have in common: a port on which readings come by themselves, several a second."""
+class Speech(Protocol):
+    """What an instrument sends by itself, several times a second, and how it is read."""
 
     name: str
-    columns: tuple[str, ...]
-    _reader: _Reader
 
-    def __init__(self, port: str, *, listen: Listen, loop: Any, clock: HostClock) -> None:
-        """Take a port, and what opens it; nothing is opened yet."""
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of its rows, the time first."""
+
+    @property
+    def rejected(self) -> int:
+        """How much of what came was no reading."""
+
+    def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
+        """Take bytes, and return the values of rows without their time."""
+
+    def explain(self) -> str:
+        """Return what it may be when bytes come and no row."""
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return what run.toml says at the end."""
+
+
+class Ut372Speech:
+    """A UT372's. Rows are turns a minute as they are measured: no counts, no held numbers, no largest, least or mean.
+
+    A row's time is when its last byte came, a tenth of a second after the first.
+    """
+
+    name = "tachometer"
+    columns = ("t", "rpm")
+
+    def __init__(self) -> None:
+        """Have read nothing."""
+        self._reader = ut372.Ut372Reader()
+        self._set_aside = 0
+        self._shows_else = False
+
+    @property
+    def rejected(self) -> int:
+        """How many packets were none."""
+        return self._reader.rejected
+
+    def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
+        """Return speeds, and set everything else aside."""
+        for reading in self._reader.feed(data):
+            self._shows_else = reading.counted or reading.held or reading.statistic
+            self._set_aside += self._shows_else
+            if not self._shows_else:
+                yield (reading.number,)
+
+    def explain(self) -> str:
+        """Return which keys to press."""
+        if self._shows_else:
+            return "COUNT, HOLD, MAX, MIN or AVE is lit. Press its keys until only RPM is."
+        return f"its set-up is open, the port does not run at {ut372.BAUD} baud, or it is another device."
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return how many packets were none, and how many showed something else than a speed now."""
+        return {"rejected": self.rejected, "set_aside": self._set_aside}
+
+
+class ScalesSpeech:
+    """That of scales on a serial port; `stable` is 1 or 0, and -1 where they do not say it."""
+
+    name = "scales"
+    columns = ("t", "grams", "stable")
+
+    def __init__(self) -> None:
+        """Have read nothing."""
+        self._reader = ScalesReader()
+
+    @property
+    def rejected(self) -> int:
+        """How many lines were none."""
+        return self._reader.rejected
+
+    def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
+        """Return weights."""
+        for grams, stable in self._reader.feed(data):
+            yield grams, -1 if stable is None else int(stable)
+
+    def explain(self) -> str:
+        """Return what may be set otherwise."""
+        return "overload, another speed, frame (8N1) or unit (g, kg, mg, lb, oz) than expected, or another device."
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return how many lines were none."""
+        return {"rejected": self.rejected}
+
+
+class HandHeld:
+    """An instrument on a port of its own, on which readings come by themselves."""
+
+    def __init__(self, port: str, speech: Speech, *, listen: Listen, loop: Any, clock: HostClock) -> None:
+        """Take a port and what opens it, `ut372_ports` or `serial_ports`; nothing is opened yet."""
+        self.name, self.columns = speech.name, speech.columns
         self.latest: tuple[float, float] | None = None  # the last value, and when it came on the monotonic clock
-        self._where, self._listen, self._loop = port, listen, loop
-        self._rows = _Rows(len(self.columns), clock)
+        self._where, self._speech, self._listen, self._loop = port, speech, listen, loop
+        self._rows = _Rows(len(speech.columns), clock)
         self._port: Port | None = None
         self._heard_s = 0.0
         self._unread_bytes = self._counted = 0
@@ -96,7 +180,7 @@ class _Listener:
         now_s = self._loop.seconds()
         self._unread_bytes += len(data)
         self._last_bytes = (self._last_bytes + data)[-_SHOWN_BYTES:]
-        for values in self._read(data):
+        for values in self._speech.read(data):
             self._rows.add(now_s, *values)
             self.latest = values[0], now_s
             self._heard_s, self._unread_bytes = now_s, 0
@@ -110,7 +194,7 @@ class _Listener:
         block = self._rows.take()
         if not len(block.columns[0]) and not self._stopped:
             self._watch()
-        before, self._counted = self._counted, self._reader.rejected
+        before, self._counted = self._counted, self._speech.rejected
         return block._replace(lost=self._counted - before)
 
     async def stop(self) -> None:
@@ -126,13 +210,7 @@ class _Listener:
 
     def facts(self) -> Mapping[str, Any]:
         """Return how much of what came was no reading."""
-        return {"rejected": self._reader.rejected}
-
-    def _read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        raise NotImplementedError  # the values of rows, without their time
-
-    def _explanation(self) -> str:
-        raise NotImplementedError  # what it may be when bytes come and no row
+        return self._speech.facts()
 
     def _watch(self) -> None:
         silent_s = self._loop.seconds() - self._heard_s
@@ -141,59 +219,5 @@ class _Listener:
         if silent_s >= _SILENT_S:
             unread = f"{self._unread_bytes} bytes without a reading, {self._last_bytes!r} the last: "
             nothing = "nothing: not switched on, not set to send all the time, or not on this port."
-            sent = unread + self._explanation() if self._unread_bytes else nothing
+            sent = unread + self._speech.explain() if self._unread_bytes else nothing
             raise DeviceError(f"{self._where}: in {silent_s:.0f} s the {self.name} sent {sent}")
-
-
-class Tachometer(_Listener):
-    """A UT372. Rows are turns a minute as they are measured: no counts, no held numbers, no largest, least or mean.
-
-    `t` is when the last byte came, a tenth of a second after the first.
-    """
-
-    name = "tachometer"
-    columns = ("t", "rpm")
-    _reader: ut372.Ut372Reader
-
-    def __init__(self, port: str, *, listen: Listen, loop: Any, clock: HostClock) -> None:
-        """Take a port, and what opens it: `ut372_ports`."""
-        super().__init__(port, listen=listen, loop=loop, clock=clock)
-        self._reader = ut372.Ut372Reader()
-        self._set_aside = 0
-        self._shows_else = False
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return how many packets were none, and how many showed something else than a speed now."""
-        return {**super().facts(), "set_aside": self._set_aside}
-
-    def _read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        for reading in self._reader.feed(data):
-            self._shows_else = reading.counted or reading.held or reading.statistic
-            self._set_aside += self._shows_else
-            if not self._shows_else:
-                yield (reading.number,)
-
-    def _explanation(self) -> str:
-        if self._shows_else:
-            return "COUNT, HOLD, MAX, MIN or AVE is lit. Press its keys until only RPM is."
-        return f"its set-up is open, the port does not run at {ut372.BAUD} baud, or it is another device."
-
-
-class Scales(_Listener):
-    """Scales on a serial port, which send all the time; `stable` is 1 or 0, and -1 where they do not say it."""
-
-    name = "scales"
-    columns = ("t", "grams", "stable")
-    _reader: ScalesReader
-
-    def __init__(self, port: str, *, listen: Listen, loop: Any, clock: HostClock) -> None:
-        """Take a port, and what opens it: `serial_ports`."""
-        super().__init__(port, listen=listen, loop=loop, clock=clock)
-        self._reader = ScalesReader()
-
-    def _read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        for grams, stable in self._reader.feed(data):
-            yield grams, -1 if stable is None else int(stable)
-
-    def _explanation(self) -> str:
-        return "overload, another speed, frame (8N1) or unit (g, kg, mg, lb, oz) than expected, or another device."

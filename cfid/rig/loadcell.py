@@ -61,17 +61,15 @@ class LoadCell:
         clock: HostClock,
         say: Say,
         buffered: bool = True,
-        bias: bool = False,
         patient: bool = True,
     ) -> None:
-        """Take the box' settings as read, an open port with its inbox, and whether to bias the box first.
+        """Take the box' settings as read, and an open port with its inbox.
 
         One that is not `patient` waits for no stream that breaks off: beside motors nothing is worth waiting for.
         """
         self._settings, self._inbox, self._port, self._where = settings, inbox, port, where
         self._loop, self._clock, self._say = loop, clock, say
         self._command = rdt.Command.BUFFERED if buffered else rdt.Command.REAL_TIME
-        self._bias = bias
         self._patient = patient
         self._given_up = False
         self._order = RecordOrder()
@@ -89,15 +87,13 @@ class LoadCell:
         self._broken_s = max(_BROKEN_S, 4 * self._datagram_s)
 
     def start(self) -> None:
-        """Ask for the stream; with a bias first if that was wished, since each request replaces the one before."""
+        """Ask for the stream."""
         if self._port.buffer_bytes < RECEIVE_BUFFER_BYTES:
             self._say(
                 f"the system caps the receive buffer at {self._port.buffer_bytes >> 10} KiB where "
                 f"{RECEIVE_BUFFER_BYTES >> 10} are wanted: a busy computer may lose samples. "
                 f"`sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}` allows them."
             )
-        if self._bias:
-            self._port.send(rdt.encode_request(rdt.Request(rdt.Command.BIAS)))
         self._streaming = True
         self._heard_s = self._loop.seconds()
         self._ask()

@@ -113,6 +113,8 @@ def ready_loadcell(
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where, holder="cfid log"))
+    if bias and not loadcell_box.take_bias(setting):
+        say(f"{where}: the box' page shows the bias it had before. Look whether the load reads zero now.")
     settings = loadcell_box.set_rate(setting, buffered=buffered)
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
@@ -128,7 +130,6 @@ def ready_loadcell(
             clock=clock,
             say=say,
             buffered=buffered,
-            bias=bias,
             patient=patient,
         )
 

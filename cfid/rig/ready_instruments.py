@@ -1,7 +1,7 @@
 """Hand-held instruments as devices of a run."""
 
 from cfid.rig.clock import HostClock
-from cfid.rig.hand_held import Readings, Scales, Tachometer
+from cfid.rig.hand_held import HandHeld, Readings, ScalesSpeech, Ut372Speech
 from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
 from cfid.rig.log import Device, Open
 from cfid.rig.loop import Loop
@@ -14,18 +14,18 @@ def ready_tachometer(port: str | None) -> Device:
     where = port or find_ut372()
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
-        return Tachometer(where, listen=ut372_ports(loop), loop=loop, clock=clock)
+        return HandHeld(where, Ut372Speech(), listen=ut372_ports(loop), loop=loop, clock=clock)
 
-    return _device("tachometer.csv", Tachometer.columns, opened, port=where)
+    return _device("tachometer.csv", Ut372Speech.columns, opened, port=where)
 
 
 def ready_scales(port: str, *, baud: int) -> Device:
     """Return scales on a serial port."""
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
-        return Scales(port, listen=serial_ports(loop, baud=baud), loop=loop, clock=clock)
+        return HandHeld(port, ScalesSpeech(), listen=serial_ports(loop, baud=baud), loop=loop, clock=clock)
 
-    return _device("scales.csv", Scales.columns, opened, port=port, baud=baud)
+    return _device("scales.csv", ScalesSpeech.columns, opened, port=port, baud=baud)
 
 
 def typed_readings(value: str) -> Device:

@@ -14,8 +14,8 @@ class LoadCellFaults:
     Every n-th datagram is dropped, doubled, swapped with the next, or corrupted (cut short and one bit flipped
     in turns). `silent`: no UDP. `restart`: the box loses power. `second_client`: somebody else takes the
     stream. `slow_s` delays HTTP and TCP. `udp_blocked`: a firewall lets requests pass and no record. `status`
-    is shown from `status_after_s` on; 0x41 resets its latch. `refuse_settings`: comm.cgi is answered and
-    changes nothing. `saturate`: Fz is loaded beyond its range.
+    is shown from `status_after_s` on; 0x41 resets its latch. `refuse_settings`: comm.cgi is answered, and
+    changes nothing, nor does a bias. `saturate`: Fz is loaded beyond its range.
     """
 
     drop_every: int = 0

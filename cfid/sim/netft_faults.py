@@ -7,8 +7,9 @@ import numpy as np
 
 from cfid.sim.faults import LoadCellFaults, within
 from cfid.sim.netft import Address, NetFTBox
-from cfid.wire.rdt import RECORD_BYTES, Command, Request, encode_request
+from cfid.wire.rdt import RECORD_BYTES, Command, Request, decode_request, encode_request
 
+_BIAS = Request(Command.BIAS)
 _OTHER_CLIENT: Address = ("192.0.2.1", 49152)  # of the network that is reserved for examples
 
 Datagram = tuple[bytes, Address]
@@ -64,7 +65,8 @@ class FaultyNetFT:
 
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
         """Hear an RDT request."""
-        if self.alive(now_s):
+        refused = self.faults.refuse_settings and decode_request(datagram) == _BIAS
+        if self.alive(now_s) and not refused:
             self._held = None
             self.box.request(datagram, client, now_s)
 

@@ -16,7 +16,7 @@ import pytest
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.encoder import Receiver
-from cfid.rig.hand_held import Readings, Scales, Tachometer
+from cfid.rig.hand_held import HandHeld, Readings, ScalesSpeech, Ut372Speech
 from cfid.rig.listening import HidrawEar, Listen, Port, find_ut372, serial_ports, ut372_ports
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.recorder import Block, Instrument, sleep
@@ -57,14 +57,14 @@ class Cable:
         self.closed += 1
 
 
-def tachometer(session: Session) -> tuple[Tachometer, Cable]:
+def tachometer(session: Session) -> tuple[HandHeld, Cable]:
     cable = Cable()
-    return Tachometer("port", listen=cable.listen, loop=session.clock, clock=session.host), cable
+    return HandHeld("port", Ut372Speech(), listen=cable.listen, loop=session.clock, clock=session.host), cable
 
 
-def scales(session: Session) -> tuple[Scales, Cable]:
+def scales(session: Session) -> tuple[HandHeld, Cable]:
     cable = Cable()
-    return Scales("port", listen=cable.listen, loop=session.clock, clock=session.host), cable
+    return HandHeld("port", ScalesSpeech(), listen=cable.listen, loop=session.clock, clock=session.host), cable
 
 
 def every(period_s: float, act: Callable[[], None], *, until_s: float = math.inf) -> Callable[[float], None]:
@@ -258,11 +258,11 @@ def pty() -> Iterator[Pty]:
 
 
 def listened(
-    make: Callable[[Loop], Tachometer | Scales], acts: list[Callable[[], None]], *, step_s: float = 0.25
-) -> tuple[list[Block], Tachometer | Scales]:
+    make: Callable[[Loop], HandHeld], acts: list[Callable[[], None]], *, step_s: float = 0.25
+) -> tuple[list[Block], HandHeld]:
     """Start an instrument in a real loop, take after each act, and close it twice."""
 
-    async def main(loop: Loop, ending: Ending) -> tuple[list[Block], Tachometer | Scales]:
+    async def main(loop: Loop, ending: Ending) -> tuple[list[Block], HandHeld]:
         instrument = make(loop)
         blocks = []
         instrument.start()
@@ -280,8 +280,8 @@ def listened(
     return run_until_done(main)
 
 
-def on(port: str, listen: Callable[[Loop], Listen] = ut372_ports) -> Callable[[Loop], Tachometer]:
-    return lambda loop: Tachometer(port, listen=listen(loop), loop=loop, clock=HostClock.now())
+def on(port: str, listen: Callable[[Loop], Listen] = ut372_ports) -> Callable[[Loop], HandHeld]:
+    return lambda loop: HandHeld(port, Ut372Speech(), listen=listen(loop), loop=loop, clock=HostClock.now())
 
 
 def test_packets_on_a_serial_port_are_readings_in_unix_time(pty: Pty) -> None:
@@ -315,7 +315,7 @@ def test_ports_run_at_their_instruments_speed(pty: Pty, listen: Callable[[Loop],
 
 def test_lines_on_a_serial_port_are_weights(pty: Pty) -> None:
     (block, *_), instrument = listened(
-        lambda loop: Scales(pty.path, listen=serial_ports(loop), loop=loop, clock=HostClock.now()),
+        lambda loop: HandHeld(pty.path, ScalesSpeech(), listen=serial_ports(loop), loop=loop, clock=HostClock.now()),
         [lambda: pty.send(b"0.5 g\r\n" + LINE + b"US,NT,-  12.3 g\r\n")],
     )
     assert [column.tolist() for column in block.columns[1:]] == [[1230.0, -12.3], [1, 0]]
