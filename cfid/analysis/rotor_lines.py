@@ -6,6 +6,8 @@ Knows no rotors: what turns at these frequencies, and which lines it makes, is t
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -191,7 +193,7 @@ def fit_lines(
         families, drift_per_s = rough.families, rough.drift_per_s
     search = _Search(time_s, signal, tuple(families), drifting)
     point = search.at(np.array([family.rad_per_s for family in families] + [drift_per_s]))
-    point = search.descend(point, 1 / (np.mean(point.residual**2, axis=0) + search.rounding))
+    point = search.descend(point, 1 / (np.mean(point.residual**2, axis=1) + search.rounding))
     point = search.descend(point, search.noise(point)[1])
     covariance, weight = search.noise(point)
     *found, drift = point.parameters.tolist()
@@ -200,7 +202,7 @@ def fit_lines(
         drift_per_s=drift,
         covariance=covariance,
         amplitude=point.amplitude,
-        residual=point.residual,
+        residual=point.residual.T,
         weight=weight,
     )
 
@@ -226,53 +228,59 @@ class _Point(NamedTuple):
 
     parameters: Array
     amplitude: tuple[Complex, ...]
-    residual: Array
-    tangent: Array  # (p + 1, n, c), the part that amplitudes cannot make up for
+    residual: Array  # (c, n)
+    tangent: Array  # (p + 1, c, n), the part that amplitudes cannot make up for
 
 
 class _Search:
+    """Least squares over channels (c, n) by rows: samples lie side by side, which is several times as fast."""
+
     def __init__(self, time_s: Array, signal: Array, families: tuple[Family, ...], drifting: bool) -> None:
-        self._time, self._signal, self._families = time_s, signal, families
+        self._time, self._signal, self._families = time_s, np.ascontiguousarray(signal.T), families
         self._free = np.arange(len(families) + drifting)
-        self.rounding = _ROUNDING * np.mean(signal**2, axis=0) + _TINY
+        self.rounding = _ROUNDING * np.mean(self._signal**2, axis=1) + _TINY
 
     def at(self, parameters: Array) -> _Point:
-        time = self._time
+        time, channels = self._time, len(self._signal)
         clock = time + parameters[-1] / 2 * time**2
-        columns = [np.ones(len(time)), time]
+        rows = [np.ones(len(time)), time]
         for family, speed in zip(self._families, parameters, strict=False):
-            waves = np.exp(1j * speed * np.outer(family.harmonics, clock))
-            columns += [*waves.real, *waves.imag]
-        design = np.stack(columns, axis=1)
-        inverse = np.linalg.pinv(design.T @ design, hermitian=True, rcond=1e-13)
-        solved = inverse @ (design.T @ self._signal)
+            waves = _waves(speed * clock, family.harmonics)
+            rows += [*waves.real, *waves.imag]
+        design = np.array(rows)
+        inverse = np.linalg.pinv(design @ design.T, hermitian=True, rcond=1e-13)
+        solved = (self._signal @ design.T) @ inverse
         amplitude, tangent, begin = [], np.zeros((len(parameters), *self._signal.shape)), 2
         for k, family in enumerate(self._families):
             lines = len(family.harmonics)
             place = slice(begin, begin + 2 * lines)
-            cos, sin = solved[place][:lines], solved[place][lines:]
-            times = np.array(family.harmonics)[:, np.newaxis]
-            by_angle = design[:, place] @ np.vstack([times * sin, -times * cos])
-            tangent[k] = clock[:, np.newaxis] * by_angle
-            tangent[-1] += (parameters[k] / 2 * time**2)[:, np.newaxis] * by_angle
-            amplitude.append(cos - 1j * sin)
+            cos, sin = solved[:, place][:, :lines], solved[:, place][:, lines:]
+            times = np.array(family.harmonics)
+            by_angle = np.hstack([times * sin, -times * cos]) @ design[place]
+            tangent[k] = clock * by_angle
+            tangent[-1] += parameters[k] / 2 * time**2 * by_angle
+            amplitude.append((cos - 1j * sin).T)
             begin = place.stop
-        tangent -= design @ (inverse @ (design.T @ tangent))
-        return _Point(parameters, tuple(amplitude), self._signal - design @ solved, tangent)
+        flat = tangent.reshape(-1, len(time))
+        flat -= (flat @ design.T) @ inverse @ design
+        return _Point(
+            parameters, tuple(amplitude), self._signal - solved @ design, flat.reshape(-1, channels, len(time))
+        )
 
     def descend(self, point: _Point, weight: Array) -> _Point:
         """Go down to the least weighted residual, in Levenberg and Marquardt's steps."""
-        damping, loss = 0.0, weight @ np.sum(point.residual**2, axis=0)
+        root = np.sqrt(weight)[:, np.newaxis]
+        damping, loss = 0.0, weight @ np.sum(point.residual**2, axis=1)
         for _ in range(_MAX_STEPS):
-            tangent = (point.tangent[self._free] * np.sqrt(weight)).reshape(len(self._free), -1)
+            tangent = (point.tangent[self._free] * root).reshape(len(self._free), -1)
             scale = np.sqrt(np.sum(tangent**2, axis=1)) + _TINY
             tangent /= scale[:, np.newaxis]
-            normal, slope = tangent @ tangent.T, tangent @ (point.residual * np.sqrt(weight)).ravel()
+            normal, slope = tangent @ tangent.T, tangent @ (point.residual * root).ravel()
             step = np.linalg.lstsq(normal + damping * np.eye(len(scale)), slope, rcond=1e-12)[0]
             parameters = point.parameters.copy()
             parameters[self._free] += step / scale
             trial = self.at(parameters)
-            trial_loss = weight @ np.sum(trial.residual**2, axis=0)
+            trial_loss = weight @ np.sum(trial.residual**2, axis=1)
             if trial_loss <= loss:
                 point, loss, damping = trial, trial_loss, damping / 10 if damping > 1e-3 else 0.0
             else:
@@ -285,15 +293,22 @@ class _Search:
         """Return the parameters' covariance and the weights (c,), from the residual's spectrum around the lines."""
         count, tangent = len(self._time), point.tangent[self._free]
         size = next_fast_len(count, real=True)
-        power = np.abs(np.fft.rfft(point.residual, size, axis=0)) ** 2 / count + self.rounding
+        power = np.abs(np.fft.rfft(point.residual, size)) ** 2 / count + self.rounding[:, np.newaxis]
         width = 2 * min(_NOISE_BINS, size // 16) + 1
         lost = _LOST_BINS * len(self._families)
-        power = uniform_filter1d(power, width, axis=0, mode="reflect") * width / max(width - lost, 1.0)
-        waves = np.fft.rfft(tangent, size, axis=1)
-        information = np.einsum("pnc,qnc->cpq", tangent, tangent)
-        spread = 2 / size * np.einsum("pfc,qfc,fc->cpq", waves.conj(), waves, power).real
+        power = uniform_filter1d(power, width, mode="reflect") * width / max(width - lost, 1.0)
+        waves = np.fft.rfft(tangent, size)
+        information = np.einsum("pcn,qcn->cpq", tangent, tangent)
+        spread = 2 / size * np.einsum("pcf,qcf,cf->cpq", waves.conj(), waves, power).real
         weight = information[:, 0, 0] / (spread[:, 0, 0] + _TINY)
         inverse = np.linalg.pinv(np.einsum("c,cpq->pq", weight, information), hermitian=True)
         covariance = np.zeros((len(point.parameters),) * 2)
         covariance[np.ix_(self._free, self._free)] = inverse @ np.einsum("c,cpq->pq", weight**2, spread) @ inverse
         return covariance, weight
+
+
+def _waves(angle_rad: Array, harmonics: Sequence[int]) -> Complex:
+    """Return exp(i h angle) (h, n), by powers of the first: one sine for all of them."""
+    first = np.cos(angle_rad) + 1j * np.sin(angle_rad)
+    powers = list(accumulate([first] * max(harmonics), mul))
+    return np.array([powers[h - 1] for h in harmonics])
