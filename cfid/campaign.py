@@ -236,6 +236,11 @@ class Campaign(BaseModel):
         """Where fits leave what they found."""
         return self.folder / "parameters.toml"
 
+    @property
+    def fits_folder(self) -> Path:
+        """Where each fit stays as it was delivered."""
+        return self.folder / "fits"
+
 
 def load_rig(path: Path) -> Rig:
     """Read a rig.toml.

@@ -46,7 +46,7 @@ def deliver(outcome: Outcome, delivery: Delivery, campaign: "Campaign | None") -
     given = not outcome.doubts or delivery.force
     drawn = _draw(outcome, delivery)
     if given and campaign is not None and outcome.parameters:
-        _keep(outcome, campaign)
+        _keep(outcome, campaign, drawn)
     if delivery.json:
         typer.echo(_as_json(outcome, given))
     else:
@@ -73,10 +73,11 @@ def _as_json(outcome: Outcome, given: bool) -> str:
     return json.dumps(plain(content), indent=2, allow_nan=False)
 
 
-def _keep(outcome: Outcome, campaign: "Campaign") -> None:
+def _keep(outcome: Outcome, campaign: "Campaign", drawn: Sequence[Path]) -> None:
     from datetime import UTC, datetime
 
-    from cfid.parameters import Section, Source, store_section
+    from cfid.fits import Fit, keep_fit
+    from cfid.parameters import Section, Source, plain, store_section
 
     section = Section(
         method=outcome.method,
@@ -86,7 +87,19 @@ def _keep(outcome: Outcome, campaign: "Campaign") -> None:
         sources=tuple(Source(_path_in(campaign, source.path), source.sha256) for source in outcome.sources),
         parameters=outcome.parameters,
     )
-    store_section(campaign.parameters_file, outcome.section or outcome.command.removeprefix("fit "), section)
+    name = outcome.section or outcome.command.removeprefix("fit ")
+    fit = Fit(
+        name=name,
+        command=outcome.command,
+        section=section,
+        quality=plain(outcome.quality),
+        warnings=outcome.warnings,
+        doubts=outcome.doubts,
+        lines=outcome.lines,
+        figures=tuple(_path_in(campaign, str(path)) for path in drawn),
+    )
+    store_section(campaign.parameters_file, name, section)
+    keep_fit(campaign.fits_folder, fit)
 
 
 def _path_in(campaign: "Campaign", path: str) -> str:

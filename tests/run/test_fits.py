@@ -1,0 +1,75 @@
+"""Fits as they were delivered: each in a file of its own, whole, readable again."""
+
+import threading
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from cfid.errors import DataError
+from cfid.fits import Fit, keep_fit, list_fits
+from cfid.parameters import Parameter, Section, Source
+
+FIT = Fit(
+    name="inertia",
+    command="fit inertia",
+    section=Section(
+        method="default",
+        found=datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC),
+        cfid_version="0.1.0",
+        believed=True,
+        sources=(Source("runs/a/encoder.csv", "0" * 64),),
+        parameters={"inertia.matrix_kg_m2": Parameter(value=np.eye(3), std=0.1 * np.eye(3), unit="kg m^2")},
+    ),
+    quality={"rms": 0.5, "windows": [[1.0, None]]},
+    warnings=("one",),
+    figures=("figures/inertia.svg",),
+)
+
+
+def without_parameters(fit: Fit) -> Fit:
+    return replace(fit, section=replace(fit.section, parameters={}))
+
+
+def test_a_fit_comes_back_as_it_was_kept(tmp_path: Path) -> None:
+    keep_fit(tmp_path / "fits", FIT)
+    (found,) = list_fits(tmp_path / "fits")
+
+    assert isinstance(found, Fit)
+    assert found.section.parameters["inertia.matrix_kg_m2"].value == np.eye(3).tolist()
+    assert without_parameters(found) == without_parameters(FIT)
+
+
+def test_two_fits_within_a_second_stay_apart_also_from_two_processes(tmp_path: Path) -> None:
+    threads = [threading.Thread(target=keep_fit, args=(tmp_path / "fits", FIT)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert len(list_fits(tmp_path / "fits")) == 8
+
+
+def test_the_oldest_comes_first_and_one_that_is_broken_is_told(tmp_path: Path) -> None:
+    later = replace(FIT, section=replace(FIT.section, found=datetime(2026, 11, 22, tzinfo=UTC)))
+    keep_fit(tmp_path, later)
+    path = keep_fit(tmp_path, FIT)
+    keep_fit(tmp_path, FIT).write_text(path.read_text()[:100])
+    first, broken, last = list_fits(tmp_path)
+
+    assert isinstance(first, Fit)
+    assert isinstance(broken, DataError)
+    assert "not as cfid writes it" in str(broken)
+    assert isinstance(last, Fit)
+    assert last.section.found > first.section.found
+
+
+def test_a_campaign_without_fits_has_none(tmp_path: Path) -> None:
+    assert list_fits(tmp_path / "fits") == []
+
+
+def test_fits_of_the_same_files_are_one_measurement() -> None:
+    again = replace(FIT, section=replace(FIT.section, method="thesis"))
+
+    assert again.hashes == FIT.hashes
