@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.sim.battery import Battery, BatteryTruth
 from cfid.sim.rotors import Rotors, RotorTruth
@@ -39,11 +40,12 @@ class Propulsion:
         rng: np.random.Generator,
         begin_s: float,
         commands: Four = STILL,
+        drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Let all rotors stand."""
         self.battery = Battery(battery)
         self._truth = rotors
-        self._rotors = Rotors(rotors, rng)
+        self._rotors = Rotors(rotors, rng, drag_ns_per_rad=drag_ns_per_rad)
         self._rotors.advance(np.array([begin_s]), np.zeros(4))
         self._commands = commands
         self._speed = np.zeros(4)

@@ -6,6 +6,7 @@ Speed is first order, thrust and torque follow it at once; air that is set in mo
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from cfid.campaign import Number, Positive
@@ -59,11 +60,17 @@ class RotorTruth(BaseModel):
 
 
 class Rotors:
-    """Four rotors that keep their speed and angle from one call to the next."""
+    """Four rotors that keep their speed and angle from one call to the next.
 
-    def __init__(self, truth: RotorTruth, rng: np.random.Generator) -> None:
+    In wind each rad/s of their speeds' sum adds `drag_ns_per_rad` (3,) to the force.
+    """
+
+    def __init__(
+        self, truth: RotorTruth, rng: np.random.Generator, *, drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
         """Let all rotors stand; how each vibrates differs by 20 % and in its phase."""
         self._truth = truth
+        self._drag = np.append(drag_ns_per_rad, np.zeros(3))
         self._mixer = _mixer(truth, rng)
         self._speed = np.zeros(4)
         self._angle = np.zeros(4)
@@ -96,7 +103,7 @@ class Rotors:
         thrust = self._truth.thrust_ns2_per_rad2 * speed**2
         cos, sin = np.cos(angle), np.sin(angle)
         waves = (thrust, thrust * cos, thrust * sin, thrust * (cos**2 - sin**2), thrust * (2 * sin * cos))
-        return np.asarray(np.hstack(waves) @ self._mixer)
+        return np.asarray(np.hstack(waves) @ self._mixer + speed.sum(axis=1, keepdims=True) * self._drag)
 
 
 def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:

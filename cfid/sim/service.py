@@ -57,8 +57,8 @@ class SimulatedRig:
     """An encoder that watches a swing or a dropping weight, and a vehicle that is fastened to a load cell.
 
     With `weight_g` a weight drops; else the vehicle swings about the mount `axis`, or the first one there is.
-    The rotors obey `commands` until the vehicle's motors are commanded; `on_motors` hears of those, with the time.
-    Every random number comes from `seed`. Raises ConfigError for an unknown mount.
+    A wind may blow on the latter. The rotors obey `commands` until the vehicle's motors are commanded; `on_motors`
+    hears of those, with the time. Every random number comes from `seed`. Raises ConfigError for an unknown mount.
     """
 
     def __init__(
@@ -88,7 +88,15 @@ class SimulatedRig:
         self.encoder = FaultyE201(device, encoder_faults, opened_s=opened_s)
         box = NetFTBox(load_cell=LoadCell(truth.loadcell, cell_rng), plant=self._wrench_at, powered_s=opened_s)
         self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
-        self._propulsion = Propulsion(truth.rotors, truth.battery, rng=motor_rng, begin_s=opened_s, commands=commands)
+        self._body_n = np.append(truth.wind.body_n, np.zeros(3))
+        self._propulsion = Propulsion(
+            truth.rotors,
+            truth.battery,
+            rng=motor_rng,
+            begin_s=opened_s,
+            commands=commands,
+            drag_ns_per_rad=truth.wind.drag_ns_per_rad,
+        )
         link = rig.devices.crazyflie
         app_ports = AppPorts(link.thrust_port, link.sine_port, link.ping_port)
         vehicle = Crazyflie(
@@ -127,7 +135,7 @@ class SimulatedRig:
 
     def _wrench_at(self, time_s: Array) -> Array:
         self.crazyflie.advance(float(time_s[-1]))  # what it heard until then already drives its motors
-        return self._propulsion.wrench_at(time_s)
+        return np.asarray(self._propulsion.wrench_at(time_s) + self._body_n)
 
 
 def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator) -> Axis:

@@ -14,6 +14,7 @@ from cfid.sim.demo import AXIS_COULOMB_NM, AXIS_VISCOUS_NMS_PER_RAD, INERTIA_KG_
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import RotorTruth
+from cfid.sim.wind import WindTruth
 
 Matrix = tuple[Vector, Vector, Vector]
 _X, _Y, _Z = INERTIA_KG_M2.tolist()
@@ -57,6 +58,7 @@ class SimTruth(_Table):
     crazyflie: CrazyflieTruth = CrazyflieTruth()
     battery: BatteryTruth = BatteryTruth()
     radio: RadioTruth = RadioTruth()
+    wind: WindTruth = WindTruth()
 
 
 USUAL_TRUTH = SimTruth()
