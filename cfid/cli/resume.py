@@ -9,37 +9,56 @@ from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.rig.procedures import Staircase
+    from cfid.run import Run
     from cfid.table import Array
 
 _ENOUGH = 0.98  # of the time that a step is held
 
 
-def missing(folder: Path, *, kind: str) -> "Staircase":
-    """Return the staircase of a run without the steps that it held to their end, or has a typed reading of.
+def missing(folder: Path, *, kind: str, by_readings: bool = True) -> "Staircase":
+    """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
-    Raises ConfigError when the run is no staircase of this kind, or lacks nothing.
+    With `by_readings` false a step counts as done without a reading. Raises ConfigError when the run is no staircase
+    of this kind, or lacks nothing.
     """
-    from cfid.flight import COMMANDS, READINGS, read_commands, read_rows
-    from cfid.rig.procedures import Staircase
+    from cfid.flight import READINGS, read_rows
     from cfid.run import read_run
 
     run = read_run(folder)
     asked = run.header.asked
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(asked):
         raise ConfigError(f"{folder}: is no run of `cfid log {kind}` that could be resumed.")
-    before = Staircase(
-        steps=tuple(asked["steps"]), motors=tuple(asked["motors"]), hold_s=asked["hold_s"], rest_s=asked["rest_s"]
-    )
-    if READINGS in run.header.devices:
+    before = _stairs(run)
+    if by_readings and READINGS in run.header.devices:
         typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
         done = Counter(map(int, typed))
     else:
-        rows, commands = read_commands(run) if run.header.devices[COMMANDS].rows != 0 else (None, None)
-        done = Counter() if rows is None or commands is None else _held(before, rows.time_s, commands)
+        done = Counter(held_steps(run))
     left = tuple(step for step in before.steps if not _was_done(step, done))
     if run.header.state == "complete" or not any(left):
         raise ConfigError(f"{folder}: lacks nothing.")
     return replace(before, steps=left)
+
+
+def held_steps(run: "Run") -> list[int]:
+    """Return the commands of a run's staircase that were held to their end, in any order."""
+    from cfid.flight import COMMANDS, holds, read_commands
+
+    if not holds(run, COMMANDS):
+        return []
+    rows, commands = read_commands(run)
+    stairs = _stairs(run)
+    done = _held(stairs, rows.time_s, commands)
+    return [step for step in stairs.steps if _was_done(step, done)]
+
+
+def _stairs(run: "Run") -> "Staircase":
+    from cfid.rig.procedures import Staircase
+
+    asked = run.header.asked
+    return Staircase(
+        steps=tuple(asked["steps"]), motors=tuple(asked["motors"]), hold_s=asked["hold_s"], rest_s=asked["rest_s"]
+    )
 
 
 def _held(stairs: "Staircase", time_s: "Array", commands: "Array") -> Counter[int]:

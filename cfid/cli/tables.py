@@ -9,6 +9,7 @@ if TYPE_CHECKING:
 
 _DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
 _MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
 
 
 def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> None:
@@ -44,7 +45,8 @@ def _scalars(name: str, parameter: "Parameter") -> Iterator[tuple[str, Any, Any]
     if not isinstance(value, list):
         yield name, value, std
     elif len(value) == 3 and isinstance(value[0], list):
-        for entry, (i, j) in _MATRIX.items():
+        entries = _MATRIX if all(value[j][i] == value[i][j] for i, j in _MATRIX.values()) else _ALL_ENTRIES
+        for entry, (i, j) in entries.items():
             yield f"{name} {entry}", value[i][j], std[i][j] if std else None
     else:
         for i, item in enumerate(value):
