@@ -162,6 +162,14 @@ def numbers_of(table: Table, columns: Sequence[str]) -> Array:
     return values
 
 
+def seconds_of(table: Table, column: str, raw: Array, *, unit: TimeUnit | None) -> Array:
+    """Return a time column's values (n,) in seconds, on the clock that the file has them by.
+
+    Raises ConfigError when the unit that was asked for is not that of the column's name.
+    """
+    return raw * SECONDS[unit_of(table, _TIME_NAME, column, unit, "--time-unit") or "s"]
+
+
 def times_of(
     table: Table, column: str | None, raw: Array, *, unit: TimeUnit | None, rate_hz: float | None, own: bool = False
 ) -> tuple[Array, tuple[str, ...]]:

@@ -26,6 +26,7 @@ from cfid.stamps import (
     losses,
     numbers_of,
     run_at,
+    seconds_of,
     time_column,
     times_of,
     unit_of,
@@ -68,7 +69,7 @@ class WrenchRecord:
     """Forces (n, 3) and torques (n, 3) at times (n,) from the first sample on; times may repeat.
 
     `status` (n,) are the box' words, None where the file has none; `lost` samples are missing, None where nobody
-    counted.
+    counted. `begin_s` is the first sample's time by the file's own clock, None where it has none.
     """
 
     path: Path
@@ -81,6 +82,7 @@ class WrenchRecord:
     notes: tuple[str, ...]
     lost: int | None = None
     run: str | None = None
+    begin_s: float | None = None
 
     @property
     def name(self) -> str:
@@ -164,7 +166,14 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
         torque_nm=wrench[:, 3:] / scale[3:],
         status=words,
         notes=tuple(f"{path.name}: {note}" for note in said),
+        begin_s=_begin_s(table, columns[0], values, reading),
     )
+
+
+def _begin_s(table: Table, column: str, values: Array, reading: WrenchReading) -> float | None:
+    if reading.rate_hz is not None:
+        return None
+    return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
 
 
 def _columns(table: Table, reading: WrenchReading) -> list[str]:

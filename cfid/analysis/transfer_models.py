@@ -110,6 +110,29 @@ class Dynamics:
         return direct, parts
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DifferenceEquation:
+    """Any H(z) of eq. 3.10 by its coefficients in rising powers of z^-1, the denominator with its leading 1.
+
+    It says what the force is at the samples, whatever its form; in between, lines join them.
+    """
+
+    numerator: Array
+    denominator: Array
+
+    def response(self, omega_rad_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Complex:
+        """Return force at the samples over samples u[n] at frequencies (n,), in either form."""
+        return evaluate(self.numerator, self.denominator, omega_rad_s * sample_s)
+
+    def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Array:
+        """Return the force (n,) at times (n,) since sample 0, from rest; commands (N,) are followed by 0."""
+        from scipy.signal import lfilter  # slow to import, and needed for this alone
+
+        last = max(len(commands), math.ceil(float(time_s.max()) / sample_s)) + 1
+        force = lfilter(self.numerator, self.denominator, np.append(commands, np.zeros(last - len(commands))))
+        return np.asarray(np.interp(time_s, sample_s * np.arange(-1, last), np.append(0.0, force)))
+
+
 def static_gain(b0: float, a1: float) -> float:
     """Return the static gain of b0/(1 - a1 z^-1), in units of b0."""
     return b0 / (1 - a1)

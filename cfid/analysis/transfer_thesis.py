@@ -114,6 +114,19 @@ def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRS
     )
 
 
+def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFit:
+    """Solve eq. 3.14 for the responses of several series at once, each with the weights it had.
+
+    Of `settings` only A and B count. The thesis itself keeps its series apart. Raises FitError for too few responses.
+    """
+    responses = tuple(own for fit in fits for own in fit.responses)
+    weights = np.concatenate([fit.weights for fit in fits])
+    value, omega = (np.array([getattr(own, name) for own in responses]) for name in ("value", "omega_rad"))
+    numerator, denominator = least_squares(value, omega, weights, settings)
+    notes = tuple(note for fit in fits for note in fit.notes)
+    return ThesisFit(numerator=numerator, denominator=denominator, responses=responses, weights=weights, notes=notes)
+
+
 def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.settle_samples) -> ThesisResponse:
     """Return one run's estimate of the frequency response.
 

@@ -1,5 +1,6 @@
 """An identified transfer function against a run that it was not made from (figure 3.16), in time and in numbers."""
 
+import cmath
 import math
 from dataclasses import dataclass
 
@@ -8,11 +9,13 @@ import numpy.typing as npt
 
 from cfid.analysis.frequency_response import END_S, SETTLE_S, respond
 from cfid.analysis.sine_runs import SineRun
-from cfid.analysis.transfer_models import Dynamics, Form
+from cfid.analysis.transfer_models import DifferenceEquation, Dynamics, Form
 from cfid.errors import DataError
 
 Array = npt.NDArray[np.float64]
 
+BELIEVED_OFF = 0.1  # of the sine, by which simulation and measurement may differ beyond their uncertainty
+_CERTAIN = 3.0  # deviations
 SMOOTHED_HZ = 25.0  # twice what is identified, and far below any rotor's frequency
 
 _STEP_S = 0.002
@@ -25,7 +28,7 @@ class Verification:
 
     The means are left out, as a linear function has no say in them. `fit_percent` is 100 (1 - |y - yhat|/|y - mean|),
     `unfiltered_fit_percent` the same with the vibration in y. At the sine's frequency the measured force comes `late_s`
-    later than the simulated, and is `gain_ratio` times as large; one deviation of each.
+    (`late_rad` of its phase) later than the simulated, and is `gain_ratio` times as large; one deviation of each.
     """
 
     name: str
@@ -36,6 +39,8 @@ class Verification:
     unfiltered_fit_percent: float
     late_s: float
     late_std_s: float
+    late_rad: float
+    late_std_rad: float
     gain_ratio: float
     gain_ratio_std: float
 
@@ -49,19 +54,36 @@ class Verification:
         """Root of its mean square."""
         return float(np.sqrt(np.mean(self.residual_n**2)))
 
+    @property
+    def off(self) -> float:
+        """By how much of the simulated sine the measured one differs from it."""
+        return abs(self.gain_ratio * cmath.exp(-1j * self.late_rad) - 1)
+
+    @property
+    def off_std(self) -> float:
+        """One standard deviation of that, in any direction."""
+        return math.hypot(self.gain_ratio_std, self.gain_ratio * self.late_std_rad)
+
+    @property
+    def believed(self) -> bool:
+        """Whether the transfer function describes the run, as far as the run's noise lets it tell."""
+        return self.off <= BELIEVED_OFF + _CERTAIN * self.off_std
+
 
 def verify(
     run: SineRun,
-    dynamics: Dynamics,
+    dynamics: Dynamics | DifferenceEquation,
     *,
     after_quickest_s: float,
+    delay_std_s: float = 0.0,
     form: Form = "hold",
     settle_s: float = SETTLE_S,
     smoothed_hz: float = SMOOTHED_HZ,
 ) -> Verification:
     """Simulate the commands of a run (l from 1 on) through a transfer function, and compare.
 
-    `after_quickest_s` is the delay identified. Raises DataError for a run that is too short to be compared.
+    `after_quickest_s` is the delay identified, `delay_std_s` what is uncertain about it in this run. Raises DataError
+    for a run that is too short to be compared.
     """
     simulated = dynamics.simulate(run.plan.commands(), run.time_s - after_quickest_s, sample_s=run.sample_s, form=form)
     inside = (run.time_s >= settle_s) & (run.time_s <= run.duration_s - END_S)
@@ -76,6 +98,7 @@ def verify(
     model = complex(dynamics.response(omega, sample_s=run.sample_s, form=form)[0])
     ratio = response.value / (model * np.exp(-1j * omega[0] * after_quickest_s))
     size_std, phase_std = response.polar_std
+    phase_std = math.hypot(phase_std, float(omega[0]) * delay_std_s)
     return Verification(
         name=run.plan.name,
         time_s=time_s[kept],
@@ -85,6 +108,8 @@ def verify(
         unfiltered_fit_percent=_fit_percent(measured[inside], simulated[inside]),
         late_s=float(-np.angle(ratio) / omega[0]),
         late_std_s=float(phase_std / omega[0]),
+        late_rad=float(-np.angle(ratio)),
+        late_std_rad=float(phase_std),
         gain_ratio=float(abs(ratio)),
         gain_ratio_std=size_std / abs(model),
     )

@@ -15,8 +15,6 @@ from cfid.errors import FitError
 if TYPE_CHECKING:
     from cfid.run import Run
 
-_BAR = 40
-
 
 @flat
 def ping(
@@ -57,27 +55,12 @@ def found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
     """Return the round trips of a run as parameters, and as table 3.2 has them."""
     import pandas as pd
 
-    from cfid.analysis.latency import histogram, round_trips
+    from cfid.analysis.latency import round_trips
+    from cfid.cli.latency_results import HEAD, bars, trip_parameters, trip_row
 
     rtt_s = pd.read_csv(run.device_file("pings"))["rtt_s"].to_numpy()
     try:
         trips = round_trips(rtt_s)
     except FitError as error:
         return {}, [str(error)]
-    parameters = {
-        "latency.rtt_mean_s": {"value": trips.mean_s, "std": trips.mean_std_s, "unit": "s"},
-        "latency.rtt_std_s": {"value": trips.std_s, "std": None, "unit": "s"},
-        "latency.rtt_min_s": {"value": trips.least_s, "std": None, "unit": "s"},
-    }
-    bars = histogram(rtt_s)
-    widest = bars.counts.max()
-    drawn = [
-        f"{1e3 * edge_s:9.3f} ms {'█' * round(_BAR * count / widest):{_BAR}} {count}"
-        for edge_s, count in zip(bars.edges_s[:-1], bars.counts, strict=True)
-    ]
-    return parameters, [
-        f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}",
-        f"{(run.header.label.note or '-')[:28]:<28} {trips.answers:8d} {1e3 * trips.mean_s:14.4f} "
-        f"{1e3 * trips.std_s:10.4f} {1e3 * trips.least_s:11.4f}",
-        *drawn,
-    ]
+    return trip_parameters(trips), [HEAD, trip_row(run.header.label.note or "", trips), *bars(rtt_s)]

@@ -26,6 +26,9 @@ from cfid.cli.motors import console, set_motors, stop
 from cfid.cli.rig import check, sim
 from cfid.cli.show import show
 from cfid.cli.speech import fault
+from cfid.cli.tf_identify import identify
+from cfid.cli.tf_latency import latency
+from cfid.cli.tf_verify import verify
 from cfid.errors import CfidError
 
 app = typer.Typer(
@@ -37,6 +40,7 @@ app = typer.Typer(
 fit = typer.Typer(no_args_is_help=True, help="Find parameters from recordings.")
 
 rig = typer.Typer(no_args_is_help=True, help="Ask the rig's devices, or simulate them.")
+tf = typer.Typer(no_args_is_help=True, help="Find and check the transfer function of motor and rotor.")
 log = typer.Typer(no_args_is_help=True, help="Record from the rig.")
 motors = typer.Typer()
 
@@ -69,6 +73,10 @@ fit.command("speed")(fit_speed)
 fit.command("torque")(fit_torque)
 fit.command()(rotor)
 fit.command()(dynamics)
+app.add_typer(tf, name="tf")
+tf.command()(identify)
+tf.command()(verify)
+tf.command()(latency)
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,0 +1,216 @@
+"""What the words of `cfid tf identify` and `verify` stand for: sine runs of an index or of the campaign, by series."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cfid.cli.index_files import IndexRow, read_index
+from cfid.cli.inputs import Workplace, find_recording
+from cfid.cli.options import LoadCellOptions, ReadingOptions, positive
+from cfid.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from cfid.analysis.sine_runs import RecordedSine
+    from cfid.crossings import CrossingRecord
+    from cfid.parameters import Source
+    from cfid.run import Run
+    from cfid.wrench import WrenchRecord
+
+_INPUT = "What was measured"
+_COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
+_MOST_SAMPLES = 2**32 - 1
+_MOST_COMMAND = 65535
+
+Words = Annotated[list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineInputs:
+    """Where sine runs are, and what of the load cell tells their thrust."""
+
+    index: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file, a row a run: l,n,amplitude,motor,loadcell,crossings[,series]; paths relative to it.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    channel: Annotated[
+        Literal["arm", "Tx", "Ty", "Fz"],
+        typer.Option(help="Torque about the motor's own arm, about x or y, or the force.", rich_help_panel=_INPUT),
+    ] = "arm"
+    sign: Annotated[
+        Literal["auto", "+", "-"],
+        typer.Option(help="Of thrust in that channel; auto: thrust is positive.", rich_help_panel=_INPUT),
+    ] = "auto"
+    arm_mm: Annotated[float, typer.Option(help="From the load cell's axis to the motor's.", rich_help_panel=_INPUT)] = (
+        46.0
+    )
+    yaw_deg: Annotated[
+        float, typer.Option(help="How far left the vehicle is turned on the load cell.", rich_help_panel=_INPUT)
+    ] = 45.0
+    offset: Annotated[
+        float, typer.Option(min=0, max=_MOST_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+    ] = 30000.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineSet:
+    """Runs by the name of their series, in order, and what is to be said of their files."""
+
+    series: "dict[str, list[RecordedSine]]"
+    warnings: tuple[str, ...]
+    sources: "tuple[Source, ...]"
+    paths: tuple[Path, ...]
+
+    @property
+    def runs(self) -> "list[RecordedSine]":
+        """All runs."""
+        return [run for own in self.series.values() for run in own]
+
+
+@dataclass
+class _Reader:
+    """Reads files, each once, and keeps what they said."""
+
+    inputs: SineInputs
+    reading: ReadingOptions
+    scale: LoadCellOptions
+    series: "dict[str, list[RecordedSine]]" = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    sources: "list[Source]" = field(default_factory=list)
+    _cells: "dict[Path, WrenchRecord]" = field(default_factory=dict)
+    _thrusts: dict[tuple[Path, int], Any] = field(default_factory=dict)
+
+    def add_row(self, row: IndexRow) -> None:
+        """Take a run that a row of an index names."""
+        from cfid.analysis.sine_runs_reports import SinePlan
+        from cfid.crossings import read_crossings
+
+        samples = row.whole("n", 1, _MOST_SAMPLES)
+        crossings = read_crossings(row.file("crossings"), time_unit=self.reading.time_unit)
+        plan = SinePlan(
+            name=f"l = {row.fields['l']} ({crossings.path.name})",
+            periods=row.whole("l", 0, samples // 2),
+            samples=samples,
+            amplitude=row.number("amplitude"),
+            motor=row.whole("motor", 0, 4),
+            middle=self.inputs.offset,
+        )
+        self._add(row.fields.get("series", ""), plan, crossings, row.file("loadcell"))
+
+    def add_run(self, run: "Run") -> None:
+        """Take a run of `cfid log sine`."""
+        from cfid.analysis.sine_runs_reports import SinePlan
+        from cfid.crossings import CROSSINGS, read_run_crossings
+        from cfid.stamps import losses
+
+        asked = run.header.asked
+        missing = [key for key in ("l", "n", "amplitude", "motor") if not isinstance(asked.get(key), int)]
+        if missing:
+            told = f"its run.toml does not say {', '.join(missing)} of a sine"
+            raise DataError(f"{run.folder}: a run of {run.header.kind}, no sine: {told}.")
+        plan = SinePlan(
+            name=f"l = {asked['l']} ({run.folder.name})",
+            periods=asked["l"],
+            samples=asked["n"],
+            amplitude=asked["amplitude"],
+            motor=asked["motor"],
+        )
+        crossings = read_run_crossings(run)
+        said = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
+        self.warnings += [f"{run.folder.name}: {note}" for note in said]
+        self._add(str(asked.get("series", "")), plan, crossings, run.folder)
+
+    def result(self) -> SineSet:
+        """Return all that was taken. Motors' forces on all four count as one motor's."""
+        if any(run.plan.motor == 0 for own in self.series.values() for run in own):
+            self.warnings.append("all motors ran: the thrust of one is taken to be a quarter.")
+        return SineSet(
+            series=self.series,
+            warnings=_gathered(self.warnings),
+            sources=tuple(dict.fromkeys(self.sources)),
+            paths=tuple(dict.fromkeys(Path(source.path) for source in self.sources)),
+        )
+
+    def _add(self, series: str, plan: Any, crossings: "CrossingRecord", loadcell: Path) -> None:
+        from cfid.analysis.sine_runs import RecordedSine
+        from cfid.analysis.sine_runs_reports import Reports
+
+        time_s, force_n = self._thrust(loadcell, plan.motor)
+        reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
+        recorded = RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=force_n)
+        self.series.setdefault(series or f"motor{plan.motor}", []).append(recorded)
+        self.warnings += crossings.notes
+        self.sources.append(crossings.source)
+
+    def _thrust(self, path: Path, motor: int) -> tuple[Any, Any]:
+        """Return times by the host's clock and thrust (n,), with its bias, of a load cell's file or run."""
+        from cfid.analysis.sine_runs import thrust_of
+
+        if (path, motor) not in self._thrusts:
+            cell, inputs = self._cell(path), self.inputs
+            if cell.begin_s is None:
+                raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
+            arm_m = 1e-3 * positive(inputs.arm_mm, "--arm-mm")
+            thrust = thrust_of(
+                inputs.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=inputs.yaw_deg
+            )
+            self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
+        time_s, thrust = self._thrusts[path, motor]
+        return time_s, thrust
+
+    def _cell(self, path: Path) -> "WrenchRecord":
+        from cfid.wrench import read_wrench
+
+        if path not in self._cells:
+            cell = read_wrench(path, self.scale.reading(self.reading))
+            if cell.begin_s is None:
+                raise ConfigError(
+                    "--rate-hz: reports of the vehicle are tied to a load cell by its times: leave it out."
+                )
+            self._cells[path] = cell
+            self.warnings += cell.notes
+            self.sources.append(cell.source)
+        return self._cells[path]
+
+
+def _gathered(notes: Sequence[str]) -> tuple[str, ...]:
+    """Return notes, what is said of many files once."""
+    by_text: dict[str, list[str]] = {}
+    for note in dict.fromkeys(notes):
+        name, colon, text = note.partition(": ")
+        by_text.setdefault(text if colon else name, []).append(name if colon else "")
+    return tuple(
+        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {text}" if names[0] else text
+        for text, names in by_text.items()
+    )
+
+
+def read_sines(
+    words: Sequence[str], inputs: SineInputs, reading: ReadingOptions, scale: LoadCellOptions, workplace: Workplace
+) -> SineSet:
+    """Read the runs of an index and RUN folders.
+
+    Raises ConfigError when there is nothing to read, DataError that names the file.
+    """
+    from cfid.stamps import run_at
+
+    reader = _Reader(inputs, reading, scale)
+    if inputs.index is not None:
+        rows, source = read_index(inputs.index, columns=_COLUMNS, optional=("series",))
+        reader.sources.append(source)
+        for row in rows:
+            reader.add_row(row)
+    for word in words:
+        path = find_recording(word, workplace)
+        run = run_at(path)
+        if run is None:
+            raise DataError(f"{path}: no run folder; files of sines need an index: say --index FILE (see --help).")
+        reader.add_run(run)
+    if not reader.series:
+        raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
+    return reader.result()

@@ -1,0 +1,205 @@
+"""`cfid tf verify`: an identified transfer function against sine runs that it was not made from (figure 3.16)."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid.cli.inputs import Workplace, open_workplace
+from cfid.cli.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.cli.outcome import Outcome, deliver
+from cfid.cli.tf_identify import SECTION
+from cfid.cli.tf_inputs import SineInputs, SineSet, Words, read_sines
+from cfid.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cfid.analysis.sine_runs import SineRun, SineSeries
+    from cfid.analysis.transfer_models import DifferenceEquation
+    from cfid.analysis.transfer_verify import Verification
+
+_FUNCTION = "Transfer function"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FunctionOptions:
+    """A transfer function by its numbers, in place of the campaign's."""
+
+    numerator: Annotated[
+        str | None,
+        typer.Option(metavar="B0,B1,...", help="Coefficients of z^0, z^-1, ...", rich_help_panel=_FUNCTION),
+    ] = None
+    denominator: Annotated[
+        str | None,
+        typer.Option(metavar="1,A1,...", help="The same, with the leading 1.", rich_help_panel=_FUNCTION),
+    ] = None
+    delay_s: Annotated[
+        float | None,
+        typer.Option(help="Of force after stamped command; may be negative.", rich_help_panel=_FUNCTION),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Function:
+    """What is verified: coefficients, and the delay after average or, if it is known, after quickest reports."""
+
+    equation: "DifferenceEquation"
+    delay_s: float
+    after_quickest_s: float | None
+    used: frozenset[str]
+
+    def delay_in(self, series: "SineSeries") -> tuple[float, float]:
+        """Return the delay after the quickest reports of a series, and what is uncertain about it there."""
+        if self.after_quickest_s is not None:
+            return self.after_quickest_s, 0.0
+        return self.delay_s + series.mean_lateness_s, series.mean_lateness_std_s
+
+
+@flat
+def verify(
+    *,
+    runs: Words = None,
+    inputs: SineInputs,
+    function: FunctionOptions,
+    settle_s: Annotated[float, typer.Option(min=0, help="Of each run's beginning left out.")] = 1.0,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    delivery: Delivery,
+) -> None:
+    """Simulate the campaign's transfer function, or one by its numbers, against runs it was not identified from.
+
+    Example: [bold]cfid tf verify 2026-11-21_083012_sine_l12[/bold]
+    """
+    from cfid.analysis.sine_runs import align
+    from cfid.analysis.transfer_verify import verify as compare
+
+    workplace = open_workplace(rig)
+    known = _function(function, workplace)
+    sines = read_sines(runs or [], inputs, reading, scale, workplace)
+    compared: list[tuple[SineRun, Verification]] = []
+    for recorded in sines.series.values():
+        series = align(recorded, sign=inputs.sign)
+        delay_s, std_s = known.delay_in(series)
+        compared += [
+            (
+                run,
+                compare(
+                    run, known.equation, after_quickest_s=delay_s, delay_std_s=std_s, form="thesis", settle_s=settle_s
+                ),
+            )
+            for run in series.runs
+        ]
+    deliver(_outcome(compared, known, sines, workplace), delivery, workplace.campaign)
+
+
+def _function(options: FunctionOptions, workplace: Workplace) -> Function:
+    """Return the function of the options, else that of the campaign. Raises ConfigError for half of either."""
+    import numpy as np
+
+    from cfid.analysis.transfer_models import DifferenceEquation
+
+    if options.numerator is None and options.denominator is None:
+        return _of_campaign(options, workplace)
+    if options.numerator is None or options.denominator is None:
+        raise ConfigError("--numerator and --denominator belong together: give both, or none for the campaign's.")
+    over = _coefficients(options.numerator, "--numerator")
+    under = _coefficients(options.denominator, "--denominator")
+    if under[0] != 1:
+        raise ConfigError(f"--denominator {options.denominator}: should begin with its leading 1.")
+    equation = DifferenceEquation(numerator=np.array(over), denominator=np.array(under))
+    return Function(equation=equation, delay_s=options.delay_s or 0.0, after_quickest_s=None, used=frozenset())
+
+
+def _of_campaign(options: FunctionOptions, workplace: Workplace) -> Function:
+    import numpy as np
+
+    from cfid.analysis.transfer_models import DifferenceEquation
+    from cfid.parameters import load_sections
+
+    if workplace.campaign is None:
+        raise ConfigError("no campaign here that knows a transfer function: say --numerator, --denominator, --delay-s.")
+    path = workplace.campaign.parameters_file
+    section = load_sections(path).get(SECTION)
+    if section is None:
+        raise ConfigError(f"{path}: has no transfer function yet: run `cfid tf identify`, or say --numerator ...")
+    try:
+        values = {key: section.parameters[f"tf.{key}"].value for key in ("numerator", "denominator", "delay_s")}
+    except KeyError as error:
+        raise DataError(f"{path}: section {SECTION} has no {error.args[0]}: run `cfid tf identify` again.") from None
+    quickest = section.parameters.get("tf.delay_after_quickest_s")
+    told = options.delay_s is None and quickest is not None
+    return Function(
+        equation=DifferenceEquation(
+            numerator=np.array(values["numerator"]), denominator=np.array(values["denominator"])
+        ),
+        delay_s=values["delay_s"] if options.delay_s is None else options.delay_s,
+        after_quickest_s=quickest.value if told and quickest is not None else None,
+        used=frozenset(source.sha256 for source in section.sources),
+    )
+
+
+def _coefficients(text: str, option: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise ConfigError(f"{option} {text}: should be numbers with commas between, as 1,-0.97.") from None
+
+
+def _outcome(
+    compared: "list[tuple[SineRun, Verification]]", known: Function, sines: SineSet, workplace: Workplace
+) -> Outcome:
+    from cfid.parameters import Parameter
+
+    parameters: dict[str, Parameter] = {}
+    for _, own in compared:
+        key = f"tf.verify.{own.name.partition(' (')[2].removesuffix(')').removesuffix('.csv')}"
+        parameters |= {
+            f"{key}.fit_percent": Parameter(value=own.fit_percent, unit="%"),
+            f"{key}.residual_rms_n": Parameter(value=own.residual_rms_n, unit="N"),
+            f"{key}.late_s": Parameter(value=own.late_s, std=own.late_std_s, unit="s"),
+            f"{key}.gain_ratio": Parameter(value=own.gain_ratio, std=own.gain_ratio_std, unit="1"),
+        }
+
+    def drawings() -> "dict[str, Figure]":
+        from cfid.report.transfer_figures import verification_figure
+
+        return {f"tf_verify_l{run.plan.periods}": verification_figure(run, own) for run, own in compared}
+
+    return Outcome(
+        command="tf verify",
+        section="tf verify",
+        method="default",
+        parameters=parameters,
+        quality={"runs": {own.name: _quality(own) for _, own in compared}},
+        warnings=(*sines.warnings, *_reused(known, sines)),
+        sources=sines.sources,
+        doubts=tuple(
+            f"{own.name}: the measured sine differs from the simulated one by {100 * own.off:.0f} % of it, with a "
+            f"deviation of {100 * own.off_std:.1g} %."
+            for _, own in compared
+            if not own.believed
+        ),
+        lines=tuple(_line(own) for _, own in compared),
+        drawings=drawings,
+        beside=workplace.figures_beside(sines.paths),
+    )
+
+
+def _quality(own: "Verification") -> dict[str, Any]:
+    return {"off": own.off, "off_std": own.off_std, "unfiltered_fit_percent": own.unfiltered_fit_percent}
+
+
+def _line(own: "Verification") -> str:
+    return (
+        f"{own.name}: fit {own.fit_percent:.1f} % ({own.unfiltered_fit_percent:.1f} % with the vibration), residual "
+        f"{1e3 * own.residual_rms_n:.2g} mN rms; measured {1e3 * own.late_s:+.2f} +- {1e3 * own.late_std_s:.2g} ms "
+        f"later and {own.gain_ratio:.4f} +- {own.gain_ratio_std:.2g} times as large as simulated"
+    )
+
+
+def _reused(known: Function, sines: SineSet) -> list[str]:
+    """Return a word on runs that the function was identified from: they verify nothing."""
+    again = [run.path for run in sines.sources if run.sha256 in known.used]
+    return [f"{again[0]}: the transfer function was identified from it: this verifies nothing."] if again else []

@@ -1,0 +1,99 @@
+"""Sine runs as files: an index with load-cell files that runs share, and run folders, from the simulated bench."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from cfid.run import DeviceRecord, Label, Run, create_run
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+
+GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
+TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)
+CELL = ["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
+USUAL = Bench(rate_hz=500)
+PERIODS = (0, 1, 2, 5, 10, 20, 30, 50, 75, 100)
+
+
+def sines(
+    periods: Sequence[int] = PERIODS,
+    *,
+    truth: LinearTruth = TRUTH,
+    samples: int = 2000,
+    seed: int = 0,
+    bench: Bench = USUAL,
+) -> list[SimulatedSine]:
+    return simulate_sines(truth, periods=periods, samples=samples, rng=np.random.default_rng(seed), bench=bench)
+
+
+def noiseless(rate_hz: float = 500) -> Bench:
+    silent = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(1e-4,) * 3 + (1e-4 * ARM_M,) * 3)
+    return Bench(rate_hz=rate_hz, loadcell=silent)
+
+
+def write_index(
+    folder: Path,
+    series: dict[str, list[SimulatedSine]],
+    *,
+    stamped: bool = True,
+    name: str = "index.csv",
+    cells: int = 2,
+) -> Path:
+    """Write every series with its load-cell files, and the index of all; of one series without a name, no column."""
+    rows = []
+    for label, runs in series.items():
+        files = [len(runs) * number // cells for number in range(cells + 1)]
+        for number in range(cells):
+            write_cell(folder / f"cell{label}_{number}.csv", runs[files[number] : files[number + 1]])
+        for place, run in enumerate(runs):
+            number = int(np.searchsorted(files, place, side="right")) - 1
+            crossings = folder / f"crossings{label}_{run.periods}.csv"
+            write_crossings(crossings, run, stamped=stamped)
+            row = [run.periods, run.samples, run.amplitude, run.motor, f"cell{label}_{number}.csv", crossings.name]
+            rows.append([*row, label] if label else row)
+    head = ["l", "n", "amplitude", "motor", "loadcell", "crossings", "series"][: len(rows[0])]
+    pd.DataFrame(rows, columns=head).to_csv(folder / name, index=False)
+    return folder / name
+
+
+def write_cell(path: Path, runs: Sequence[SimulatedSine]) -> None:
+    rows = np.vstack([np.column_stack([run.time_s, run.counts]) for run in runs])
+    frame = pd.DataFrame(rows, columns=CELL).astype(dict.fromkeys(CELL[1:], np.int64))
+    frame.to_csv(path, index=False, float_format="%.6f")
+
+
+def write_crossings(path: Path, run: SimulatedSine, *, stamped: bool = True) -> None:
+    columns = {"t": run.report_host_s, "thrust_rec": run.report_command.astype(int)}
+    if stamped:
+        columns |= {"sample": run.report_sample.astype(int), "vehicle_us": run.report_vehicle_us.astype(int)}
+        columns["report"] = np.arange(len(run.report_host_s))
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.6f")
+
+
+def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None) -> Run:
+    """Write a run folder as `cfid log sine` does."""
+    cell = DeviceRecord(file="loadcell.csv", columns=(*CELL, "status"))
+    cell = cell.model_copy(update={"counts_per_n": 1e6, "counts_per_nm": 1e6})
+    asked = {"l": run.periods, "n": run.samples, "amplitude": run.amplitude, "motor": run.motor}
+    writer = create_run(
+        folder / "runs",
+        kind=f"sine_l{run.periods}",
+        label=Label(),
+        devices={
+            "crossings": DeviceRecord(
+                file="crossings.csv", columns=("t", "thrust_rec", "sample", "vehicle_us", "report")
+            ),
+            "loadcell": cell,
+        },
+        started=datetime.fromtimestamp(run.time_s[0], UTC),
+        cfid_version="0",
+        asked=asked if series is None else {**asked, "series": series},
+    )
+    columns = (run.report_command, run.report_sample, run.report_vehicle_us, np.arange(len(run.report_host_s)))
+    writer.append("crossings", (run.report_host_s, *(column.astype(np.int64) for column in columns)))
+    counts = run.counts.astype(np.int64)
+    writer.append("loadcell", (run.time_s, *counts.T, np.zeros(len(counts), np.int64)))
+    return writer.close("complete")
