@@ -1,21 +1,18 @@
-"""From a load cell's record of one command in wind to one mean force, less the tare, and the rotors' speed in it.
+"""From a load cell's record of one command in wind to one mean force, less the tare.
 
 The tare is taken with the wind on and the rotors still, so that it also holds what the wind does to the body
 (section 4.4.3).
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.analysis.rotor_speed import rotor_speed
-from cfid.analysis.signals import find_spikes, quiet_mean
+from cfid.analysis.signals import quiet_mean
 from cfid.analysis.staircase import Point, reduce_single
-from cfid.analysis.wind import ROTORS
 from cfid.analysis.windows import Words
-from cfid.errors import DataError, FitError
+from cfid.errors import DataError
 
 Array = npt.NDArray[np.float64]
 Window = tuple[float, float]
@@ -23,7 +20,7 @@ Window = tuple[float, float]
 NO_REST_AFTER = "no rest follows the command: what the load cell drifted by then is not known."
 
 _THESIS_TARE = 500  # samples, C.3.1, prepare_data
-_SCREENED_S, _FEWEST = 0.2, 16  # for spikes, at once
+_FEWEST = 16  # samples of a window
 
 
 class MeanForce(NamedTuple):
@@ -70,19 +67,3 @@ def mean_force_thesis(
     tare, steady = force_n[:_THESIS_TARE], force_n[first:last]
     std = [quiet_mean(part.T, rate_hz=rate_hz).std for part in (tare, steady)]
     return MeanForce(steady.mean(axis=0) - tare.mean(axis=0), np.hypot(*std), chosen)
-
-
-def heard_rad_s(*, time_s: Array, wrench: Array, window_s: Window) -> float:
-    """Return the rotors' mean speed in a window, from how they shake the load cell, wrench (n, 6).
-
-    Raises FitError when no rotor is heard.
-    """
-    first, last = np.searchsorted(time_s, window_s)
-    inside = wrench[first:last].copy()
-    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
-    row, place, instead = find_spikes(inside.T, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
-    inside[place, row] = instead
-    heard = rotor_speed(time_s=time_s[first:last], wrench=inside, rotors=ROTORS)
-    if not (heard.believed and math.isfinite(heard.speed_rad_per_s)):
-        raise FitError(" ".join(heard.doubts))
-    return heard.speed_rad_per_s

@@ -1,0 +1,118 @@
+"""What the words of `cfid fit drag` stand for: runs of `cfid log wind`, recordings of an index, forces of a table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.drag_files import read_reduced, read_wind_index
+from cfid.cli.drag_recordings import WindReader
+from cfid.cli.inputs import Workplace, find_recording
+from cfid.cli.options import LoadCellOptions, Method, ReadingOptions
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.analysis.drag_experiments import DragExperiments
+    from cfid.parameters import Source
+
+_INPUT = "What was measured"
+
+Words = Annotated[
+    list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log wind, references among them.")
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindInputs:
+    """Where forces in wind are, and how vehicle and wind generator stood."""
+
+    index: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file, a row a run: command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"
+            "[,azimuth_rad][,from_s,to_s]; paths relative to it; wind 0 makes references.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file of reduced forces: command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    azimuth_rad: Annotated[
+        float, typer.Option(help="Wind generator about z, where its run does not say.", rich_help_panel=_INPUT)
+    ] = 0.4967
+    yaw_deg: Annotated[
+        float, typer.Option(help="How far left the vehicle is turned on the load cell.", rich_help_panel=_INPUT)
+    ] = 45.0
+    markers: Annotated[
+        int, typer.Option(min=1, help="Reflective markers that the tachometer counted.", rich_help_panel=_INPUT)
+    ] = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindEvidence:
+    """Experiments, doubts about their files, and what is to be said."""
+
+    experiments: "DragExperiments"
+    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    sources: "tuple[Source, ...]" = ()
+    paths: tuple[Path, ...] = ()
+
+
+def read_wind_evidence(
+    words: Sequence[str],
+    inputs: WindInputs,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    workplace: Workplace,
+    *,
+    method: Method,
+) -> WindEvidence:
+    """Read and reduce what is named, and subtract the forces without wind.
+
+    Raises ConfigError when there is nothing to read, DataError and FitError that name file, line or run.
+    """
+    if inputs.table is not None:
+        return _of_table(inputs.table, words, inputs.index)
+    if inputs.index is None and not words:
+        raise ConfigError("nothing to fit: give RUNs of `cfid log wind`, --index FILE, or --table FILE.")
+    reader = WindReader(scale.reading(reading), method=method, markers=inputs.markers)
+    if inputs.index is not None:
+        rows, source = read_wind_index(inputs.index)
+        reader.sources.append(source)
+        reader.paths.append(inputs.index)
+        for row in rows:
+            reader.add_row(row)
+    for word in words:
+        reader.add_run(find_recording(word, workplace))
+    return _reduced(reader, inputs)
+
+
+def _of_table(table: Path, words: Sequence[str], index: Path | None) -> WindEvidence:
+    if words or index is not None:
+        raise ConfigError(f"--table {table} holds forces that are reduced already: give it alone.")
+    experiments, source, notes = read_reduced(table)
+    return WindEvidence(experiments=experiments, warnings=notes, sources=(source,), paths=(table,))
+
+
+def _reduced(reader: WindReader, inputs: WindInputs) -> WindEvidence:
+    import math
+
+    from cfid.analysis.drag_reduction import reduce_runs
+
+    found = reduce_runs(
+        reader.runs, azimuth_rad=inputs.azimuth_rad, yaw_rad=math.radians(inputs.yaw_deg), markers=inputs.markers
+    )
+    return WindEvidence(
+        experiments=found.experiments,
+        doubts=found.doubts,
+        warnings=(*reader.warnings, *found.notes),
+        sources=tuple(reader.sources),
+        paths=tuple(reader.paths),
+    )
