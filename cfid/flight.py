@@ -4,6 +4,7 @@ Times stay in seconds since the Unix epoch, as every file of a run has them; `be
 them to a record that counts from its first sample.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from cfid.table import Array, open_table
 COMMANDS, READINGS, VEHICLE_LOG = "commands", "readings", "crazyflie"
 
 _MOTORS = ("m1", "m2", "m3", "m4")
+_RAD_S_OF_RPM = 2 * math.pi / 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +57,17 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
     if missing:
         raise DataError(f"{rows.source.path}: no column {', '.join(missing)}.")
     return rows, np.column_stack([rows.columns[name] for name in _MOTORS])
+
+
+def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
+    """Return the speeds (n,) in rad/s that an RPM deck or brushless motors told, by motor; none where none did."""
+    named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in (1, 2, 3, 4)}
+    return {
+        motor: _RAD_S_OF_RPM * rows.columns[name]
+        for motor, names in named.items()
+        for name in names
+        if name in rows.columns
+    }
 
 
 def begin_s(path: Path) -> float:

@@ -66,6 +66,11 @@ class StepFit:
         """Whether a first-order lag describes the step."""
         return not self.doubts
 
+    def speed_at(self, time_s: Array) -> Array:
+        """Return the lag's speeds (n,) at times (n,) by the clock of the steps."""
+        lag = _Lag(self.delay_s, self.from_rad_per_s, self.to_rad_per_s, 1 / self.time_constant_s, 0.0)
+        return lag.speed(time_s - self.step.at_s)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RotorModel:

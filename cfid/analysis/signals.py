@@ -278,6 +278,14 @@ def find_spikes(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
     return rows[out], places[out], ends.mean(axis=0)[out]
 
 
+def without_spikes(value: Array, *, length: int) -> Array:
+    """Return series (k, n) with the mean of those beside it in place of each wild sample: see `find_spikes`."""
+    row, place, instead = find_spikes(value, length=length)
+    clean = value.copy()
+    clean[row, place] = instead
+    return clean
+
+
 def _too_far(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:
     """Return row, place and limit of samples beyond 6 normal deviations from the median of their block.
 

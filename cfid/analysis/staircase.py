@@ -36,7 +36,6 @@ _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
 _FEWEST_AT_REST = 2  # readings: a tare that is not sure is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
 _NO_REST_AFTER = "no steady rest after the last command: what the load cell drifted by then is not known."
-_THESIS_BIAS = slice(9, 60)  # MATLAB's 10:60
 
 
 class Level(NamedTuple):
@@ -160,31 +159,16 @@ def reduce_single(
     return replace(found, points=(replace(found.points[meant.index(True)], command=command, motors=motors),))
 
 
-class ThesisMean(NamedTuple):
-    """Mean of a window less the bias, the bias, and the window's first and last sample."""
+def mean_beside(points: Sequence[Point], time_s: Array, value: Array) -> Array:
+    """Return the means (p,) of what another instrument showed in the windows of points: `value` (n,) at times (n,).
 
-    mean: float
-    bias: float
-    first: int
-    last: int
-
-
-def reduce_thesis(time_s: Array, channel: Array, *, from_s: float, to_s: float) -> ThesisMean:
-    """Average a channel (n,) in a window by hand as prepare_data of C.2.3 does, which then halves it for two motors.
-
-    The bias is Fz_raw(10:60), 51 samples from the tenth on. The window, since the first sample, begins with the last
-    sample not after `from_s` and ends with the last not after `to_s`.
-
-    Raises DataError where C.2.3 would find no index: a window that is not within the record.
+    By the clock of the commands these lie as much earlier as thrust came late. NaN where nothing was recorded.
     """
-    since_s = time_s - time_s[0]
-    if len(since_s) < _THESIS_BIAS.stop:
-        raise DataError(f"the thesis' bias is that of samples 10 to 60; there are {len(since_s)}.")
-    if not 0 <= from_s <= to_s < since_s[-1]:
-        raise DataError(f"the window from {from_s:g} to {to_s:g} s is not within the record of {since_s[-1]:.4g} s.")
-    first, last = (int(place) - 1 for place in np.searchsorted(since_s, (from_s, to_s), side="right"))
-    bias = float(channel[_THESIS_BIAS].mean())
-    return ThesisMean(float(channel[first : last + 1].mean()) - bias, bias, first, last)
+    late_s = np.array([point.delay_s or 0.0 for point in points])
+    begin, end = (np.array([getattr(point, name) for point in points]) - late_s for name in ("begin_s", "end_s"))
+    first, last = np.searchsorted(time_s, begin), np.searchsorted(time_s, end, side="right")
+    windows = [value[i:j] for i, j in zip(first, last, strict=True)]
+    return np.array([window.mean() if len(window) else math.nan for window in windows])
 
 
 def _reduced(

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from cfid.analysis.rotor_dynamics import RotorModel, StepFit
     from cfid.parameters import Parameter, Source
 
-_RPM_TO_RAD_S = 0.10471975511965977  # 2 pi/60
 _BLUR_S, _STEP_S = 0.1, 0.02  # of a speed heard in vibration
 
 
@@ -91,7 +90,7 @@ def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Cour
     """Take the speeds that the vehicle told, else hear them in the load cell's vibration."""
     import numpy as np
 
-    from cfid.flight import VEHICLE_LOG, holds, read_commands, read_rows
+    from cfid.flight import VEHICLE_LOG, holds, read_commands, read_rows, told_speeds_rad_s
     from cfid.stamps import run_at
 
     run = run_at(path)
@@ -101,10 +100,9 @@ def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Cour
     command = commands.max(axis=1)
     rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None
     ran = [motor for motor in (1, 2, 3, 4) if commands[:, motor - 1].any()]
-    names = [f"rpm.m{m}" for m in ran], [f"motor.m{m}_rpm" for m in ran]
-    told = [n for n in names if rows is not None and all(name in rows.columns for name in n)]
-    if rows is not None and told:
-        speed = _RPM_TO_RAD_S * np.mean([rows.columns[name] for name in told[0]], axis=0)
+    told = {} if rows is None else told_speeds_rad_s(rows)
+    if rows is not None and ran and all(motor in told for motor in ran):
+        speed = np.mean([told[motor] for motor in ran], axis=0)
         begin_s = rows.time_s[0]
         return Course(
             run.folder.name, run.folder, rows.time_s - begin_s, speed, log.time_s - begin_s, command, 0.0, (),
@@ -140,6 +138,12 @@ def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, sca
 def _tell(
     course: Course, lags: "tuple[StepFit, ...]", model: "RotorModel", workplace: Workplace, delivery: Delivery
 ) -> None:
+    def drawings() -> dict[str, Any]:
+        from cfid.report.dynamics_figures import dynamics_figure
+
+        drawn = dynamics_figure(course.time_s, course.speed_rad_s, lags, model, title=course.name)
+        return {f"fit_dynamics_{course.name}": drawn}
+
     doubted = [lag for lag in lags if not lag.believed]
     deliver(
         Outcome(
@@ -156,6 +160,7 @@ def _tell(
                 for lag in lags
                 if lag.believed
             ),
+            drawings=drawings,
             beside=workplace.figures_beside([course.path]),
         ),
         delivery,

@@ -8,6 +8,7 @@ import typer
 
 from cfid.cli.inputs import open_workplace
 from cfid.cli.motor_evidence import StandOptions
+from cfid.cli.motor_hearing import RotorOptions
 from cfid.cli.motor_inputs import read_evidence
 from cfid.cli.motor_outcome import by_speed, by_voltage, deliver_map, verified
 from cfid.cli.options import (
@@ -109,6 +110,7 @@ def thrust(
         delivery=delivery,
         verification=verification,
         over_speed=over_speed,
+        voltage=voltage,
         quality={
             "voltage_rms_n": voltage.voltage_rms if voltage else None,
             "command_rms_n": voltage.command_rms if voltage else None,
@@ -123,6 +125,7 @@ def speed(
     runs: Words = None,
     stand: StandOptions,
     fit: MapOptions,
+    listening: RotorOptions,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
@@ -131,13 +134,15 @@ def speed(
 ) -> None:
     """Fit one rotor's speed over command; a tachometer's readings are divided by --markers.
 
+    Where none was there, the speed is heard in the load cell's vibration.
+
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
     from cfid.analysis.motor_maps import fit_speed
     from cfid.cli import motor_results as told
 
     workplace = open_workplace(rig)
-    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
+    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method, listening=listening)
     mapped = fit_speed(
         found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
     )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cfid.cli.inputs import Workplace, find_recording, open_workplace
+from cfid.cli.motor_hearing import Ear, RotorOptions, told_speeds
 from cfid.cli.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
 from cfid.errors import CfidError, DataError
@@ -16,21 +17,7 @@ if TYPE_CHECKING:
     from cfid.run import Run
     from cfid.wrench import WrenchRecord
 
-_ROTOR = "Rotor"
 _BELIEVED = 0.02  # of the tachometer's speed, from where vibration contradicts it
-_SCREENED_S, _FEWEST = 0.2, 16  # for spikes, at once
-_RPM_TO_RAD_S = 0.10471975511965977  # 2 pi/60
-
-
-@dataclass(frozen=True, kw_only=True)
-class RotorOptions:
-    """What vibrates."""
-
-    rotors: Annotated[
-        int | None, typer.Option(min=1, max=4, help="Rotors that ran; a run knows it.", rich_help_panel=_ROTOR)
-    ] = None
-    blades: Annotated[int, typer.Option(min=1, max=6, help="Blades of a propeller.", rich_help_panel=_ROTOR)] = 2
-    mains_hz: Annotated[float | None, typer.Option(help="Hum to leave out, 50 or 60.", rich_help_panel=_ROTOR)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +35,7 @@ class Heard:
 def rotor(
     *,
     run: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run of the load cell, or its file.")],
-    ear: RotorOptions,
+    options: RotorOptions,
     cut: CutOptions,
     rig: RigOptions,
     reading: ReadingOptions,
@@ -67,84 +54,49 @@ def rotor(
     record = read_wrench(path, scale.reading(reading))
     folder = run_at(path)
     try:
-        heard, sources = _heard(record, folder, ear, cut)
+        heard, sources = _heard(record, folder, options, cut)
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
     _tell(record, heard, sources, workplace, delivery)
 
 
 def _heard(
-    record: "WrenchRecord", run: "Run | None", ear: RotorOptions, cut: CutOptions
+    record: "WrenchRecord", run: "Run | None", options: RotorOptions, cut: CutOptions
 ) -> "tuple[list[Heard], tuple[Source, ...]]":
     """Listen to each window: the one by hand, else the steady ones of each command."""
     import numpy as np
 
-    from cfid.analysis.rotor_speed import rotor_speed
     from cfid.analysis.staircase import reduce_staircase
     from cfid.flight import COMMANDS, begin_s, holds, read_commands
     from cfid.wrench import LOADCELL
-
-    channels = _without_spikes(np.column_stack([record.force_n, record.torque_nm]), record.time_s)
-
-    def listen(begin_s: float, end_s: float, rotors: int) -> "RotorSpeed":
-        first, last = np.searchsorted(record.time_s, (begin_s, end_s))
-        return rotor_speed(
-            time_s=record.time_s[first:last],
-            wrench=channels[first:last],
-            blades=ear.blades,
-            rotors=ear.rotors or rotors,
-            mains_hz=ear.mains_hz,
-        )
 
     if cut.from_s is not None or cut.to_s is not None:
         window = (cut.from_s or 0.0, float(record.time_s[-1]) if cut.to_s is None else cut.to_s)
         if window[0] >= window[1]:
             raise DataError(f"the window from {window[0]:g} to {window[1]:g} s holds nothing.")
-        return [Heard(command=None, begin_s=window[0], end_s=window[1], speed=listen(*window, 1))], ()
+        heard = Ear(record, options).hear(*window, rotors=1)
+        return [Heard(command=None, begin_s=window[0], end_s=window[1], speed=heard)], ()
     logged: dict[str, Any] = {}
     sources: tuple[Source, ...] = ()
+    began_s = 0.0
     if run is not None and holds(run, COMMANDS):
         rows, commands = read_commands(run)
         began_s = begin_s(run.device_file(LOADCELL))
         logged = {"command_time_s": rows.time_s - began_s, "commands": commands}
         sources = (rows.source,)
-    found = reduce_staircase(time_s=record.time_s, channels=channels, status=record.status, **logged)
+    channels = np.column_stack([record.force_n, record.torque_nm])
+    points = reduce_staircase(time_s=record.time_s, channels=channels, status=record.status, **logged).steady()
+    told, ear = None if run is None else told_speeds(run, points, began_s), Ear(record, options)
     return [
         Heard(
             command=point.command,
             begin_s=point.begin_s,
             end_s=point.end_s,
-            speed=listen(point.begin_s, point.end_s, max(len(point.motors), 1)),
-            tachometer_rad_s=None if run is None else _tachometer(run, point),
+            speed=ear.hear(point.begin_s, point.end_s, rotors=max(len(point.motors), 1)),
+            tachometer_rad_s=None if told is None or np.isnan(told[place]) else float(told[place]),
         )
-        for point in found.steady()
+        for place, point in enumerate(points)
     ], sources
-
-
-def _without_spikes(channels: Any, time_s: Any) -> Any:
-    """Return channels (n, 6) with what should stand in place of single wild samples: one drowns a rotor's lines."""
-    from cfid.analysis.signals import find_spikes
-
-    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
-    row, place, instead = find_spikes(channels.T, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
-    channels[place, row] = instead
-    return channels
-
-
-def _tachometer(run: "Run", point: Any) -> float | None:
-    """Return the mean speed that the vehicle told in a window, None where it told none."""
-    from cfid.flight import VEHICLE_LOG, begin_s, holds, read_rows
-    from cfid.wrench import LOADCELL
-
-    if not holds(run, VEHICLE_LOG):
-        return None
-    rows = read_rows(run, VEHICLE_LOG)
-    at_s = rows.time_s - begin_s(run.device_file(LOADCELL))
-    inside = (at_s >= point.begin_s) & (at_s <= point.end_s)
-    names = [name for m in point.motors for name in (f"rpm.m{m}", f"motor.m{m}_rpm") if name in rows.columns]
-    if not names or not inside.any():
-        return None
-    return float(_RPM_TO_RAD_S * sum(rows.columns[name][inside].mean() for name in names) / len(names))
 
 
 def _tell(

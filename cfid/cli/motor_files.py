@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cfid.cli.motor_evidence import Evidence, Reduced, StandOptions, drift_of, line_of
+from cfid.cli.motor_hearing import RotorOptions, heard_speeds, told_speeds
 from cfid.cli.options import LoadCellOptions, ReadingOptions
 from cfid.errors import CfidError, DataError
 
 if TYPE_CHECKING:
-    from cfid.analysis.staircase import Staircase
+    from cfid.analysis.staircase import Point, Staircase
     from cfid.run import Run
 
 _M = (1, 2, 3, 4)
-_RPM_TO_RAD_S = 0.10471975511965977  # 2 pi/60
 
 
 def of_file(
@@ -24,6 +24,7 @@ def of_file(
     scale: LoadCellOptions,
     *,
     method: str,
+    listening: RotorOptions | None = None,
 ) -> Evidence:
     """Reduce a load cell's file of one command between two rests, as the thesis has them."""
     from cfid.analysis.staircase import reduce_single
@@ -45,14 +46,14 @@ def of_file(
         )
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
-    return _evidence(found, record, channels, stand.motors or 1)
+    return _evidence(found, record, channels, stand.motors or 1, listening=listening)
 
 
 def _as_the_thesis(command: int, record: Any, channels: Any, stand: StandOptions) -> Evidence:
     import numpy as np
 
     from cfid.analysis.motor_points import MotorPoints, per_motor
-    from cfid.analysis.staircase import reduce_thesis
+    from cfid.analysis.staircase_thesis import reduce_thesis
 
     assert stand.window_s is not None
     from_s, to_s = stand.window_s
@@ -81,7 +82,14 @@ def _standing(record: Any, stand: StandOptions) -> Evidence:
     )
 
 
-def of_run(path: Path, stand: StandOptions, reading: ReadingOptions, scale: LoadCellOptions) -> Evidence:
+def of_run(
+    path: Path,
+    stand: StandOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    *,
+    listening: RotorOptions | None = None,
+) -> Evidence:
     """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it was told."""
     from cfid.flight import READINGS, VEHICLE_LOG, holds
     from cfid.stamps import run_at
@@ -91,7 +99,7 @@ def of_run(path: Path, stand: StandOptions, reading: ReadingOptions, scale: Load
     if run is None:
         raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
     if holds(run, LOADCELL):
-        return _of_staircase(run, stand, reading, scale)
+        return _of_staircase(run, stand, reading, scale, listening)
     if holds(run, READINGS) and "rpm" in run.header.devices[READINGS].columns:
         return _of_readings(run, stand)
     if holds(run, VEHICLE_LOG):
@@ -99,7 +107,9 @@ def of_run(path: Path, stand: StandOptions, reading: ReadingOptions, scale: Load
     raise DataError(f"{path}: a run of {run.header.kind}, in which no motor was measured.")
 
 
-def _of_staircase(run: "Run", stand: StandOptions, reading: ReadingOptions, scale: LoadCellOptions) -> Evidence:
+def _of_staircase(
+    run: "Run", stand: StandOptions, reading: ReadingOptions, scale: LoadCellOptions, listening: RotorOptions | None
+) -> Evidence:
     """Reduce a staircase of the load cell by the commands that were logged beside it."""
     from cfid.analysis.staircase import reduce_staircase
     from cfid.flight import COMMANDS, begin_s, holds, read_commands
@@ -119,7 +129,9 @@ def _of_staircase(run: "Run", stand: StandOptions, reading: ReadingOptions, scal
     except CfidError as error:
         raise type(error)(f"{run.folder}: {error}") from None
     steps = tuple(int(step) for step in run.header.asked.get("steps", ()) if step)
-    return _evidence(found, record, channels, None, run=run, began_s=began_s, sources=sources, expected=steps)
+    return _evidence(
+        found, record, channels, None, run=run, began_s=began_s, sources=sources, expected=steps, listening=listening
+    )
 
 
 def _channels(record: Any, stand: StandOptions) -> Any:
@@ -140,6 +152,7 @@ def _evidence(
     began_s: float = 0.0,
     sources: Sequence[Any] = (),
     expected: tuple[int, ...] = (),
+    listening: RotorOptions | None = None,
 ) -> Evidence:
     """Return the settled points of a reduced record, per motor."""
     import numpy as np
@@ -148,6 +161,7 @@ def _evidence(
 
     settled = found.steady()
     count = np.array([motors or max(len(point.motors), 1) for point in settled], dtype=np.float64)
+    speed, speed_std, doubted = _speeds(settled, record, motors, run=run, began_s=began_s, listening=listening)
     mean, std = (np.array([getattr(point, name) for point in settled]) for name in ("mean", "std_of_mean"))
     points = MotorPoints(
         command=np.array([float(point.command or 0) for point in settled]),
@@ -155,6 +169,8 @@ def _evidence(
         thrust_std_n=std[:, 2] / count,
         torque_nm=mean[:, 5] / count,
         torque_std_nm=std[:, 5] / count,
+        speed_rad_s=speed,
+        speed_std_rad_s=speed_std,
     )
     unsettled = [point for point in found.points if not point.settled]
     return Evidence(
@@ -165,6 +181,7 @@ def _evidence(
             *record.notes,
             *found.warnings,
             *drift_of(found, record.name),
+            *doubted,
             *(f"{record.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
         ),
         sources=(record.source, *sources),
@@ -174,21 +191,32 @@ def _evidence(
     )
 
 
-def _volts(run: "Run", settled: Sequence[Any], began_s: float) -> Any:
+def _volts(run: "Run", settled: "Sequence[Point]", began_s: float) -> Any:
     """Return the battery's mean voltage in each window, None where the vehicle logged none."""
-    import numpy as np
-
+    from cfid.analysis.staircase import mean_beside
     from cfid.flight import VEHICLE_LOG, holds, read_rows
 
     if not holds(run, VEHICLE_LOG):
         return None
     rows = read_rows(run, VEHICLE_LOG)
     volts = rows.columns.get("pm.vbat")
-    if volts is None:
-        return None
-    at_s = rows.time_s - began_s
-    inside = [(at_s >= point.begin_s) & (at_s <= point.end_s) for point in settled]
-    return np.array([volts[rows_].mean() if rows_.any() else np.nan for rows_ in inside])
+    return None if volts is None else mean_beside(settled, rows.time_s - began_s, volts)
+
+
+def _speeds(
+    settled: "Sequence[Point]",
+    record: Any,
+    motors: int | None,
+    *,
+    run: "Run | None",
+    began_s: float,
+    listening: RotorOptions | None,
+) -> tuple[Any, Any, tuple[str, ...]]:
+    """Return speeds and deviations as the vehicle told them, else heard where that is wanted, and what to say."""
+    told = None if run is None else told_speeds(run, settled, began_s)
+    if told is not None or listening is None:
+        return told, None, ()
+    return heard_speeds(settled, record, listening, motors=motors)
 
 
 def _of_readings(run: "Run", stand: StandOptions) -> Evidence:
@@ -211,18 +239,17 @@ def _of_speeds(run: "Run") -> Evidence:
 
     from cfid.analysis.motor_points import MotorPoints
     from cfid.analysis.staircase import reduce_staircase
-    from cfid.flight import VEHICLE_LOG, read_commands, read_rows
+    from cfid.flight import VEHICLE_LOG, read_commands, read_rows, told_speeds_rad_s
 
     rows, (log, commands) = read_rows(run, VEHICLE_LOG), read_commands(run)
-    speeds = [next((rows.columns[n] for n in (f"rpm.m{m}", f"motor.m{m}_rpm") if n in rows.columns), None) for m in _M]
-    if any(speed is None for speed in speeds):
+    told = told_speeds_rad_s(rows)
+    ran = [motor for motor in _M if commands[:, motor - 1].any()]
+    if not ran or not all(motor in told for motor in ran):
         raise DataError(f"{run.folder}: the vehicle's log has no speeds: an RPM deck or brushless motors tell them.")
-    channels = _RPM_TO_RAD_S * np.column_stack([speed for speed in speeds if speed is not None])
-    ran = commands.max(axis=0) > 0
     try:
         found = reduce_staircase(
             time_s=rows.time_s - rows.time_s[0],
-            channels=channels[:, ran],
+            channels=np.column_stack([told[motor] for motor in ran]),
             command_time_s=log.time_s - rows.time_s[0],
             commands=commands,
             thrust=0,
@@ -230,12 +257,11 @@ def _of_speeds(run: "Run") -> Evidence:
     except CfidError as error:
         raise type(error)(f"{run.folder}: {error}") from None
     settled = found.steady()
-    count = int(ran.sum())
     return Evidence(
         points=MotorPoints(
             command=np.array([float(point.command or 0) for point in settled]),
             speed_rad_s=np.array([point.mean.mean() for point in settled]),
-            speed_std_rad_s=np.array([np.sqrt((point.std_of_mean**2).sum()) / count for point in settled]),
+            speed_std_rad_s=np.array([np.sqrt((point.std_of_mean**2).sum()) / len(ran) for point in settled]),
         ),
         lines=tuple(line_of(point, run.folder.name) for point in found.points),
         warnings=found.warnings,

@@ -6,6 +6,7 @@ from pathlib import Path
 from cfid.cli.inputs import Workplace, find_recording
 from cfid.cli.motor_evidence import Evidence, StandOptions, together
 from cfid.cli.motor_files import of_file, of_run
+from cfid.cli.motor_hearing import RotorOptions
 from cfid.cli.motor_tables import of_table
 from cfid.cli.options import LoadCellOptions, ReadingOptions
 from cfid.errors import ConfigError
@@ -19,8 +20,9 @@ def read_evidence(
     workplace: Workplace,
     *,
     method: str,
+    listening: RotorOptions | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and --table, and put all their points together.
+    """Read COMMAND=FILE, RUN and --table, and put all their points together; `listening` hears speeds nobody told.
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
@@ -29,9 +31,10 @@ def read_evidence(
     for word in words:
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
-            parts.append(of_file(_command(command, word), Path(file), stand, reading, scale, method=method))
+            at = _command(command, word)
+            parts.append(of_file(at, Path(file), stand, reading, scale, method=method, listening=listening))
         else:
-            parts.append(of_run(find_recording(word, workplace), stand, reading, scale))
+            parts.append(of_run(find_recording(word, workplace), stand, reading, scale, listening=listening))
     if not parts:
         raise ConfigError(
             "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."

@@ -80,19 +80,22 @@ def deliver_map(
     delivery: Delivery,
     verification: "Verification | None" = None,
     over_speed: "SpeedThrustMap | None" = None,
+    voltage: "VoltageComparison | None" = None,
     quality: dict[str, Any] | None = None,
 ) -> None:
     """Draw, keep and print a map. Raises FitError when it is not believed."""
     from cfid.cli.motor_results import joined_quality, unique
 
     def drawings() -> dict[str, Any]:
-        from cfid.report.motor_figures import map_figure, speed_thrust_figure, staircase_figure
+        from cfid.report.motor_figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
 
         name = command.replace(" ", "_")
         pages = {f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name) for r in drawn}
         figures = {name: map_figure(mapped, verification=verification), **pages}
         if over_speed is not None:
             figures["thrust_of_speed"] = speed_thrust_figure(over_speed)
+        if voltage is not None:
+            figures["thrust_of_voltage"] = voltage_figure(voltage)
         return figures
 
     drawn = found.reduced[:_MOST_PAGES]

@@ -9,11 +9,7 @@ from cfid.cli.options import ReadingOptions
 from cfid.errors import CfidError, DataError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cfid.analysis.staircase import Point
     from cfid.stand_table import StandTable
-    from cfid.table import Array
 
 
 def of_table(path: Path, stand: StandOptions, reading: ReadingOptions, workplace: Workplace) -> Evidence:
@@ -61,7 +57,7 @@ def _of_record(table: "StandTable") -> Evidence:
     import numpy as np
 
     from cfid.analysis.motor_points import MotorPoints
-    from cfid.analysis.staircase import reduce_staircase
+    from cfid.analysis.staircase import mean_beside, reduce_staircase
 
     assert table.time_s is not None
     if table.thrust_n is None:
@@ -79,7 +75,10 @@ def _of_record(table: "StandTable") -> Evidence:
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
     mean, std = (np.array([getattr(point, name) for point in settled]) for name in ("mean", "std_of_mean"))
-    speed, volts = (_beside(table, column, settled) for column in (table.square_mean_speed_rad_s, table.vbat_v))
+    speed, volts = (
+        None if column is None else mean_beside(settled, table.time_s, column)
+        for column in (table.square_mean_speed_rad_s, table.vbat_v)
+    )
     unsettled = [point for point in found.points if not point.settled]
     return Evidence(
         points=MotorPoints(
@@ -99,17 +98,3 @@ def _of_record(table: "StandTable") -> Evidence:
         reduced=(Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found),),
         paths=(table.path,),
     )
-
-
-def _beside(table: "StandTable", column: "Array | None", settled: "Sequence[Point]") -> "Array | None":
-    """Return the means of a column (n,) over the windows, as much earlier as the stand's thrust follows its motors."""
-    import numpy as np
-
-    if column is None or table.time_s is None:
-        return None
-    means = []
-    for point in settled:
-        late_s = point.delay_s or 0.0
-        first, last = np.searchsorted(table.time_s, (point.begin_s - late_s, point.end_s - late_s))
-        means.append(column[first : max(last, first + 1)].mean())
-    return np.array(means)

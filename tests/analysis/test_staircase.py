@@ -1,5 +1,6 @@
 """Simulated staircases come back as the thrust of their rotors, with windows that nobody gave."""
 
+import dataclasses
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -8,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.staircase import Point, Staircase, reduce_single, reduce_staircase, reduce_thesis
+from cfid.analysis.staircase import Point, Staircase, mean_beside, reduce_single, reduce_staircase
+from cfid.analysis.staircase_thesis import reduce_thesis
 from cfid.errors import DataError, FitError
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
@@ -120,6 +122,16 @@ def test_without_a_log_no_command_is_invented() -> None:
     points = reduced(record(), logged=False).points
 
     assert {(point.command, point.motors, point.delay_s) for point in points} == {(None, (), None)}
+
+
+def test_what_another_instrument_showed_is_averaged_as_much_earlier_as_thrust_came_late() -> None:
+    (point,) = reduced(record((30000,))).points
+    late = dataclasses.replace(point, begin_s=3.0, end_s=4.0, delay_s=0.5)
+    time_s = np.arange(0, 4, 0.25)
+
+    assert mean_beside([late], time_s, time_s) == pytest.approx([3.0])  # 2.5 to 3.5 s
+    assert mean_beside([dataclasses.replace(late, delay_s=None)], time_s, time_s) == pytest.approx([3.375])
+    assert np.isnan(mean_beside([late], time_s + 10, time_s)).all()
 
 
 def test_the_torque_beside_the_thrust_is_true_too() -> None:

@@ -1,0 +1,225 @@
+"""Maps from simulated staircases as a stand records them: vibration, drift and spikes in, windows never given.
+
+The full size is that of `cfid log thrust`: 33 commands of 10 s at 7 kHz on two motors, 3 s of rest between. The cell
+is the simulated rig's: noise of 20 mN and 0.2 mN m a sample, drift of 50 uN a second; vibration is 1.5 times the
+thrust, and every two seconds a sample is wild.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.motor_maps import fit_thrust, fit_torque
+from cfid.analysis.motor_points import MotorPoints
+from cfid.analysis.polynomials import PolynomialFit
+from cfid.analysis.rotor_speed import rotor_speed
+from cfid.analysis.staircase import Point, reduce_staircase
+from cfid.analysis.voltage_map import VoltageComparison, compare_thrust
+from cfid.sim.battery import BatteryTruth
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.rotors import NOMINAL_V, RotorTruth
+from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
+
+Array = npt.NDArray[np.float64]
+
+ROTORS = RotorTruth()
+CELL = LoadCellTruth()
+UP = tuple(range(0, 64001, 2000))
+SOME = tuple(range(4000, 64001, 6000))
+COMMANDS = np.arange(2000.0, 64001.0, 500.0)
+FULL_HZ = 7000.0
+
+
+def speed_rad_s(command: Array) -> Array:
+    return np.asarray(ROTORS.steady_rad_per_s(command, volts=NOMINAL_V))
+
+
+def thrust_n(command: Array) -> Array:
+    return np.asarray(ROTORS.thrust_ns2_per_rad2 * speed_rad_s(command) ** 2)
+
+
+FULL_N = float(thrust_n(np.array(64000.0)))
+
+
+class Reduced(NamedTuple):
+    """A record, its settled points and what they are of one motor."""
+
+    record: StandRecord
+    steady: tuple[Point, ...]
+    points: MotorPoints
+
+
+def reduced(
+    commands: Sequence[int],
+    *,
+    motors: tuple[int, ...] = (1, 3),
+    hold_s: float = 10.0,
+    rest_s: float = 3.0,
+    rate_hz: float = FULL_HZ,
+    quieter: float = 1.0,
+    battery: str = "supply",
+    seed: int = 1,
+) -> Reduced:
+    """Simulate and reduce; `quieter` divides the cell's noise."""
+    steps, duration_s = staircase_steps(commands, motors=motors, hold_s=hold_s, rest_s=rest_s)
+    record = simulate_stand(
+        rotors=ROTORS,
+        loadcell=CELL.model_copy(update={"noise_std": tuple(std / quieter for std in CELL.noise_std)}),
+        battery=BatteryTruth.model_validate({"kind": battery}),
+        steps=steps,
+        duration_s=duration_s,
+        rate_hz=rate_hz,
+        rng=np.random.default_rng(seed),
+        spikes_per_s=0.5,
+    )
+    steady = reduce_staircase(
+        time_s=record.time_s,
+        channels=record.wrench,
+        status=record.status,
+        command_time_s=record.command_time_s,
+        commands=record.commands,
+    ).steady()
+    mean, std = (np.array([getattr(point, name) for point in steady]) / len(motors) for name in ("mean", "std_of_mean"))
+    points = MotorPoints(
+        command=np.array([float(point.command or 0) for point in steady]),
+        thrust_n=mean[:, 2],
+        thrust_std_n=std[:, 2],
+        torque_nm=mean[:, 5],
+        torque_std_nm=std[:, 5],
+    )
+    return Reduced(record, steady, points)
+
+
+@cache
+def full_size() -> Reduced:
+    return reduced(UP)
+
+
+def off_percent(fit: PolynomialFit) -> tuple[float, float]:
+    """Return by how much a thrust map is off at most: above 25 % of the range, and from 10 % on up to there."""
+    off, part = 100 * np.abs(fit.at(COMMANDS) / thrust_n(COMMANDS) - 1), thrust_n(COMMANDS) / FULL_N
+    return float(off[part >= 0.25].max()), float(off[(part >= 0.1) & (part < 0.25)].max())
+
+
+# A supply
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_the_thrust_map_of_a_full_staircase_is_true_within_0_3_percent(seed: int) -> None:
+    found = full_size() if seed == 0 else reduced(UP, seed=100 + seed)
+    high, low = off_percent(fit_thrust(found.points).fit)
+    print(f"thrust map off by at most {high:.3f} % above a quarter of the range, {low:.3f} % from a tenth on")
+
+    assert len(found.steady) == 32
+    assert high < 0.3
+    assert low < 0.6
+
+
+def test_the_thrust_map_of_a_short_staircase_is_true_where_its_noise_is_as_dense() -> None:
+    # Of 3 s at 1 kHz a cell 4.8 times quieter leaves as much of a mean as the full one of 10 s at 7 kHz.
+    high, low = off_percent(fit_thrust(reduced(UP, hold_s=3.0, rest_s=1.0, rate_hz=1000.0, quieter=4.8).points).fit)
+
+    assert high < 0.3
+    assert low < 0.6
+
+
+@pytest.mark.slow
+def test_the_torque_slope_of_a_full_staircase_is_true_within_1_percent() -> None:
+    fit = fit_torque(full_size().points).fit
+    off = fit.coefficients[0] / ROTORS.torque_m - 1
+    print(f"torque slope off by {100 * off:.3f} %, stated {100 * fit.std[0] / ROTORS.torque_m:.3f} %")
+
+    assert abs(off) < 0.01
+    assert abs(off * ROTORS.torque_m) < 3 * fit.std[0]
+
+
+@pytest.mark.slow
+def test_the_speed_heard_in_every_window_of_a_full_staircase_is_true_within_0_1_percent() -> None:
+    found, off = full_size(), []
+    for point in found.steady:
+        window = slice(*np.searchsorted(found.record.time_s, (point.begin_s, point.end_s)))
+        heard = rotor_speed(time_s=found.record.time_s[window], wrench=found.record.wrench[window], rotors=2)
+        off.append(heard.speed_rad_per_s / float(speed_rad_s(np.array(float(point.command or 0)))) - 1)
+    print(f"speed heard off by at most {100 * np.abs(off).max():.4f} %")
+
+    assert np.abs(off).max() < 1e-3
+
+
+def covered(seeds: range) -> tuple[float, float]:
+    """Return how often the bands of thrust and torque maps hold the true one, of small staircases."""
+    inside: list[tuple[float, float]] = []
+    thrust = thrust_n(np.array(SOME, float))
+    for seed in seeds:
+        points = reduced(SOME, hold_s=2.5, rest_s=1.3, rate_hz=2000.0, quieter=4.0, seed=seed).points
+        maps = fit_thrust(points).fit, fit_torque(points).fit
+        true = thrust, ROTORS.torque_m * thrust
+        at = np.array(SOME, float), thrust
+        off = [np.abs(one.at(x) - y) < one.confidence(x) for one, x, y in zip(maps, at, true, strict=True)]
+        inside.append((float(off[0].mean()), float(off[1].mean())))
+    of_thrust, of_torque = np.mean(inside, axis=0).tolist()
+    return of_thrust, of_torque
+
+
+@pytest.mark.slow
+def test_the_95_percent_bands_of_maps_hold_the_truth_in_93_to_97_of_100_staircases() -> None:
+    of_thrust, of_torque = covered(range(5000, 5400))
+    print(f"thrust {of_thrust:.3f}, torque {of_torque:.3f}")
+
+    assert 0.93 <= of_thrust <= 0.97
+    assert 0.93 <= of_torque <= 0.97
+
+
+# A battery that sags
+
+
+def judged(found: Reduced) -> VoltageComparison:
+    """Compare motor voltage and command, the battery read in each window with 5 mV of noise."""
+    record, rng = found.record, np.random.default_rng(1)
+    read_v = record.volts + 0.005 * rng.standard_normal(len(record.volts))
+    late_s = [point.delay_s or 0.0 for point in found.steady]
+    inside = [
+        slice(*np.searchsorted(record.tick_s, (point.begin_s - late, point.end_s - late)))
+        for point, late in zip(found.steady, late_s, strict=True)
+    ]
+    thrust, std = found.points.thrust_n, found.points.thrust_std_n
+    assert thrust is not None
+    volts = np.array([read_v[window].mean() for window in inside])
+    return compare_thrust(command=found.points.command, vbat_v=volts, thrust_n=thrust, std_n=std)
+
+
+def voltage_off_percent(found: VoltageComparison) -> float:
+    """Return by how much the voltage's form is off at most, above a quarter of the range."""
+    volts = np.linspace(found.motor_volts.min(), found.motor_volts.max(), 200)
+    truth = thrust_n(volts / NOMINAL_V * 65535)
+    off = 100 * np.abs(found.by_voltage.at(volts) / truth - 1)
+    return float(off[truth > 0.25 * truth[-1]].max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("commands", [UP, UP + UP[-2::-1]], ids=["up", "up and down"])
+def test_on_a_sagging_battery_the_voltage_form_of_a_full_staircase_is_true_within_0_5_percent(
+    commands: tuple[int, ...],
+) -> None:
+    found = reduced(commands, battery="lipo", seed=7)
+    comparison = judged(found)
+    off = voltage_off_percent(comparison)
+    sag = found.record.volts
+    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.sentence}")
+
+    assert off < 0.5
+    assert comparison.better == "voltage"
+
+
+def test_on_a_sagging_battery_a_short_staircase_prefers_the_voltage_too() -> None:
+    commands = UP[::2] + UP[-3::-2]
+    comparison = judged(
+        reduced(commands, motors=(1, 2, 3, 4), hold_s=3, rest_s=1, rate_hz=1000, quieter=4.8, battery="lipo")
+    )
+
+    assert voltage_off_percent(comparison) < 0.5
+    assert comparison.better == "voltage"
