@@ -291,6 +291,11 @@ def _has_rig(folder: Path) -> bool:
         return False
 
 
+def check_rig(text: str, *, name: str) -> None:
+    """Check a text as rig.toml before it becomes one. Raises ConfigError that names the key."""
+    _checked(tomllib.loads(text), name=name)
+
+
 def _checked(content: Mapping[str, object], *, name: str) -> Rig:
     try:
         return Rig.model_validate(content)

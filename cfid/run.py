@@ -67,6 +67,7 @@ class RunHeader(_Section):
     reason: str = ""
     cfid_version: str = ""
     simulated: bool = False
+    excluded: str = ""  # the reason why no fit takes it unless it is named
     label: Label = Label()
     asked: dict[str, Any] = {}
     devices: dict[str, DeviceRecord] = {}
@@ -113,6 +114,23 @@ def read_run(folder: Path) -> Run:
     except ValidationError as error:
         raise DataError(f"{path}: {first_fault(error, content)}") from None
     return Run(folder=folder, header=header)
+
+
+def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:
+    """Write into run.toml why fits shall leave a run out ("" takes that back), or another note; rows stay as they are.
+
+    Raises DataError when the file cannot be written.
+    """
+    header = run.header
+    if excluded is not None:
+        header = header.model_copy(update={"excluded": excluded})
+    if note is not None:
+        header = header.model_copy(update={"label": header.label.model_copy(update={"note": note or None})})
+    try:
+        _write_header(run.folder, header)
+    except OSError as error:
+        raise DataError(f"{run.folder / RUN_FILE}: cannot be written: {error.strerror}. It is as it was.") from None
+    return Run(folder=run.folder, header=header)
 
 
 def list_runs(runs_folder: Path) -> list[Run | DataError]:

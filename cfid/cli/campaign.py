@@ -1,17 +1,14 @@
-"""`cfid new` and `cfid runs`: a campaign folder, and what was recorded in it."""
+"""`cfid new`: a campaign folder; and which one a command is meant for."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.cli.speech import note
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.campaign import Campaign
-    from cfid.errors import DataError
-    from cfid.run import Run
 
 
 def new(
@@ -43,19 +40,6 @@ def make_campaign(folder: Path) -> Path:
     return folder / RIG_FILE
 
 
-def runs(
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
-    """List the campaign's runs: what, when, state, rows, losses.
-
-    Example: [bold]cfid runs --campaign my-crazyflie[/bold]
-    """
-    from cfid.run import list_runs
-
-    _print_runs(list_runs(here(campaign).runs_folder), json=json)
-
-
 def here(folder: Path | None) -> "Campaign":
     """Return the campaign named, else the one at or above the current folder.
 
@@ -67,50 +51,3 @@ def here(folder: Path | None) -> "Campaign":
     if found is None:
         raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
     return found
-
-
-def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
-    from cfid.errors import DataError
-
-    rows = [_row(run) for run in runs if not isinstance(run, DataError)]
-    broken = [str(run) for run in runs if isinstance(run, DataError)]
-    if json:
-        import json as encoder
-
-        typer.echo(encoder.dumps({"command": "runs", "runs": rows, "warnings": broken}, indent=2))
-        return
-    if not rows and not broken:
-        typer.echo("no runs yet")
-        return
-    from rich.box import SIMPLE
-    from rich.console import Console
-    from rich.table import Table
-
-    # A run's name is what the other commands take: it is never cut.
-    table = Table(box=SIMPLE, pad_edge=False)
-    table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row in rows), default=0))
-    for heading in ("state", "rows", "lost"):
-        table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
-    table.add_column("note", overflow="fold")
-    for row in rows:
-        table.add_row(*(str(row[key]) for key in ("run", "state", "rows", "lost", "note")))
-    Console().print(table)
-    for sentence in broken:
-        note(sentence)
-
-
-def _row(run: "Run") -> dict[str, Any]:
-    header, devices = run.header, run.header.devices.values()
-    label = header.label
-    weight = None if label.weight_g is None else f"{label.weight_g:g} g"
-    known = [device.rows for device in devices if device.rows is not None]
-    return {
-        "run": run.folder.name,
-        "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
-        "started": header.started.isoformat(),
-        "state": "cut" if run.cut else header.state,
-        "rows": sum(known) if known else "?",
-        "lost": sum(device.lost for device in devices),
-        "simulated": header.simulated,
-        "note": "; ".join(filter(None, ["simulated" * header.simulated, label.note, header.reason])),
-    }

@@ -7,6 +7,7 @@ import typer
 from cfid.cli.inputs import Workplace, open_workplace, read_weights
 from cfid.cli.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions, flat, positive
 from cfid.cli.outcome import Outcome, deliver
+from cfid.cli.run_words import chosen, labelled
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
@@ -24,9 +25,12 @@ if TYPE_CHECKING:
 def friction(
     *,
     runs: Annotated[
-        list[str],
-        typer.Argument(metavar="GRAMS=FILE|RUN ...", help="Dropped weights; a run has its own label."),
-    ],
+        list[str] | None,
+        typer.Argument(
+            metavar="GRAMS=FILE|RUN ...",
+            help="Dropped weights; a run has its own label. Default: the campaign's complete drops.",
+        ),
+    ] = None,
     cut: CutOptions,
     rig: RigOptions,
     reading: ReadingOptions,
@@ -44,7 +48,8 @@ def friction(
     from cfid.analysis.friction import fit_friction, thesis_friction
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    weights = read_weights(runs, reading.reading(), workplace)
+    words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
+    weights = read_weights(words, reading.reading(), workplace)
     radius_m, radius_std_m, notes = _radius_m(workplace, radius_mm)
     gravity = workplace.rig.site.gravity_mps2
     records = [record for _, record in weights]

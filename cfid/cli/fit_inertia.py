@@ -17,12 +17,13 @@ from cfid.cli.options import (
     flat,
 )
 from cfid.cli.outcome import deliver
+from cfid.cli.run_words import chosen, labelled
 
 
 @flat
 def inertia(
     *,
-    runs: Swings,
+    runs: Swings = None,
     window: WindowOptions,
     rig: RigOptions,
     reading: ReadingOptions,
@@ -46,7 +47,9 @@ def inertia(
     from cfid.cli.swung import surroundings, vehicle
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    items = read_swings(runs, reading.reading(), workplace, body="crazyflie")
+    suits = labelled("swing", "crazyflie", FIXTURE)
+    words = chosen(runs, workplace.campaign, suits=suits, wanted="swings of the vehicle")
+    items = read_swings(words, reading.reading(), workplace, body="crazyflie")
     body = vehicle(workplace, mass_kg)
     check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
     swings = measure_all(items, window, method)

@@ -15,6 +15,7 @@ from cfid.cli.options import (
     flat,
 )
 from cfid.cli.outcome import Outcome, deliver
+from cfid.cli.run_words import chosen, labelled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +29,7 @@ _UNLIKELY_DEVIATIONS = 4.0
 @flat
 def testbody(
     *,
-    runs: Swings,
+    runs: Swings = None,
     window: WindowOptions,
     rig: RigOptions,
     reading: ReadingOptions,
@@ -49,7 +50,9 @@ def testbody(
     from cfid.cli.swung import described_test_body, surroundings, swung
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    items = read_swings(runs, reading.reading(), workplace, body="testbody")
+    suits = labelled("swing", "testbody", FIXTURE)
+    words = chosen(runs, workplace.campaign, suits=suits, wanted="swings of the test body")
+    items = read_swings(words, reading.reading(), workplace, body="testbody")
     body = described_test_body(workplace, mass_kg)
     check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="testbody.mounts")
     swings = measure_all(items, window, method)

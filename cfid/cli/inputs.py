@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.cli.options import RigOptions, positive
+from cfid.cli.run_words import LAST, RUN_FILE, is_glob
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
@@ -70,12 +71,20 @@ def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) ->
 
 
 def find_recording(word: str, workplace: Workplace) -> Path:
-    """Return the path that a RUN stands for: as it is, or a run of the campaign by its name."""
+    """Return the path that a RUN stands for: as it is, or a run of the campaign by its name, a glob, or as the last.
+
+    Raises ConfigError when a glob is that of several runs, or `last` of none.
+    """
     path = Path(word)
-    if workplace.campaign is None:
+    if workplace.campaign is None or path.exists():
         return path
-    named = workplace.campaign.runs_folder / word
-    return named if named.is_dir() and not path.exists() else path
+    folder = workplace.campaign.runs_folder
+    if word != LAST and not is_glob(word):
+        return folder / word if (folder / word).is_dir() else path
+    found = sorted(at.parent for at in folder.glob(f"{'*' if word == LAST else word}/{RUN_FILE}"))
+    if not found or (word != LAST and len(found) > 1):
+        raise ConfigError(f"{word}: {len(found) or 'no'} runs in {folder} are called so, and one is wanted.")
+    return found[-1]
 
 
 def read_recording(word: str, reading: "Reading", workplace: Workplace) -> "AngleRecord":

@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 
 from cfid import __version__
-from cfid.cli.campaign import new, runs
+from cfid.cli.campaign import new
 from cfid.cli.demo import demo
+from cfid.cli.fit_drag import drag
 from cfid.cli.fit_dynamics import dynamics
 from cfid.cli.fit_friction import friction
 from cfid.cli.fit_inertia import inertia
@@ -22,8 +23,11 @@ from cfid.cli.log_ping import ping
 from cfid.cli.log_readings import scales, speed
 from cfid.cli.log_sine import sine
 from cfid.cli.log_thrust import thrust
+from cfid.cli.log_wind import wind
 from cfid.cli.motors import console, set_motors, stop
+from cfid.cli.parameters import parameters, set_by_hand
 from cfid.cli.rig import check, sim
+from cfid.cli.runs import exclude, include, note, runs
 from cfid.cli.show import show
 from cfid.cli.speech import fault
 from cfid.cli.tf_identify import identify
@@ -43,11 +47,18 @@ rig = typer.Typer(no_args_is_help=True, help="Ask the rig's devices, or simulate
 tf = typer.Typer(no_args_is_help=True, help="Find and check the transfer function of motor and rotor.")
 log = typer.Typer(no_args_is_help=True, help="Record from the rig.")
 motors = typer.Typer()
+recorded = typer.Typer()
 
 app.command()(demo)
 app.command()(new)
-app.command()(runs)
 app.command()(show)
+app.command()(parameters)
+app.command("set")(set_by_hand)
+app.add_typer(recorded, name="runs")
+recorded.callback(invoke_without_command=True)(runs)
+recorded.command()(exclude)
+recorded.command()(include)
+recorded.command()(note)
 app.add_typer(rig, name="rig")
 rig.command()(check)
 rig.command()(sim)
@@ -59,6 +70,7 @@ log.command()(speed)
 log.command()(scales)
 log.command()(sine)
 log.command()(ping)
+log.command()(wind)
 app.add_typer(motors, name="motors")
 motors.callback(invoke_without_command=True)(console)
 motors.command("set")(set_motors)
@@ -73,6 +85,7 @@ fit.command("speed")(fit_speed)
 fit.command("torque")(fit_torque)
 fit.command()(rotor)
 fit.command()(dynamics)
+fit.command()(drag)
 app.add_typer(tf, name="tf")
 tf.command()(identify)
 tf.command()(verify)

@@ -29,7 +29,11 @@ GravityMps2 = Annotated[
     float | None, typer.Option(help="Local gravity; its deviation stays rig.toml's.", rich_help_panel=_RIG)
 ]
 Swings = Annotated[
-    list[str], typer.Argument(metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...", help="Swings, or known axis inertias.")
+    list[str] | None,
+    typer.Argument(
+        metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...",
+        help="Swings, or known axis inertias; default: the campaign's complete, labelled swings.",
+    ),
 ]
 
 

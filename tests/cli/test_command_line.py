@@ -15,6 +15,11 @@ COMMANDS = [
     ("demo",),
     ("new",),
     ("runs",),
+    ("runs", "exclude"),
+    ("runs", "include"),
+    ("runs", "note"),
+    ("parameters",),
+    ("set",),
     ("show",),
     ("rig", "check"),
     ("rig", "sim"),
@@ -38,7 +43,7 @@ COMMANDS = [
     ("fit", "rotor"),
     ("fit", "dynamics"),
 ]
-HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib")
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib", "tomlkit")
 
 
 def test_help_imports_nothing_heavy() -> None:

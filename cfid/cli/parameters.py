@@ -1,0 +1,162 @@
+"""`cfid parameters` and `cfid set`: what a campaign knows, found by fits or measured by hand."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.cli.campaign import here
+from cfid.cli.speech import note
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.campaign import Campaign
+    from cfid.parameters import Section
+
+BY_HAND = "set"  # the section of parameters.toml for what no fit finds
+
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+# What rig.toml states is changed there, so that it stands in one place: table, key, key of the deviation.
+_IN_RIG = {
+    "mass_kg": ("vehicle", "mass_kg", "mass_std_kg"),
+    "gravity_mps2": ("site", "gravity_mps2", "gravity_std_mps2"),
+}
+_UNITS = {
+    "kg_m2": "kg m^2",
+    "rad_per_s": "rad/s",
+    "mps2": "m/s^2",
+    "mps": "m/s",
+    "nm": "N m",
+    "kg": "kg",
+    "mm": "mm",
+    "rad": "rad",
+    "deg": "deg",
+    "ohm": "ohm",
+    "hz": "Hz",
+    "m": "m",
+    "s": "s",
+    "n": "N",
+    "v": "V",
+    "a": "A",
+}
+
+
+def parameters(
+    campaign: CampaignFolder = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List what the campaign knows: every parameter with its deviation, unit, and where it is from.
+
+    Example: [bold]cfid parameters --campaign my-crazyflie[/bold]
+    """
+    from cfid.parameters import load_sections
+
+    sections = load_sections(here(campaign).parameters_file)
+    (_print_json if json else _print_tables)(sections)
+
+
+def set_by_hand(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="With its unit at the end, like mass_kg or arm_m.")],
+    value: Annotated[float, typer.Argument(metavar="VALUE")],
+    std: Annotated[float | None, typer.Option(min=0, help="One standard deviation.")] = None,
+    unit: Annotated[str, typer.Option(help="Where the name does not say it.")] = "",
+    campaign: CampaignFolder = None,
+) -> None:
+    """Note what was measured by hand. What rig.toml states, as the mass, is changed there.
+
+    Example: [bold]cfid set mass_kg 0.0280 --std 0.0001[/bold]
+    """
+    _check(name, value, std)
+    found = here(campaign)
+    where = _into_rig(found, name, value, std) if name in _IN_RIG else _into_parameters(found, name, value, std, unit)
+    typer.echo(f"{name} is {value:g}{f' +- {std:g}' if std is not None else ''}: {where}")
+
+
+def _check(name: str, value: float, std: float | None) -> None:
+    import math
+
+    if not _NAME.fullmatch(name):
+        raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
+    if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
+        raise ConfigError(f"{name}: a value and its deviation are finite numbers.")
+
+
+def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
+    import tomlkit
+
+    from cfid.campaign import RIG_FILE, check_rig
+    from cfid.durable import write_whole
+
+    table, key, std_key = _IN_RIG[name]
+    path = campaign.folder / RIG_FILE
+    document = tomlkit.parse(path.read_text("utf-8-sig"))
+    section = document.setdefault(table, tomlkit.table())
+    section[key] = value
+    if std is not None:
+        section[std_key] = std
+    elif std_key in section:
+        note(f"the deviation in rig.toml stays {section[std_key]:g}: say --std for another.")
+    text = tomlkit.dumps(document)
+    check_rig(text, name=str(path))
+    try:
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
+    return f"{path}, {table}.{key}. Fits made before have the old number: make them anew."
+
+
+def _into_parameters(campaign: "Campaign", name: str, value: float, std: float | None, unit: str) -> str:
+    from datetime import UTC, datetime
+
+    from cfid import __version__
+    from cfid.parameters import Parameter, Section, load_sections, store_section
+
+    known = unit or next((text for suffix, text in _UNITS.items() if name.endswith(f"_{suffix}")), "")
+    if not known:
+        units = ", ".join(_UNITS)
+        raise ConfigError(f"'{name}': its unit is not known: end the name with one ({units}), or say --unit.")
+    before = load_sections(campaign.parameters_file).get(BY_HAND)
+    section = Section(
+        method="by hand",
+        found=datetime.now(UTC).replace(microsecond=0),
+        cfid_version=__version__,
+        believed=True,
+        sources=(),
+        parameters={**(before.parameters if before else {}), name: Parameter(value=value, std=std, unit=known)},
+    )
+    store_section(campaign.parameters_file, BY_HAND, section)
+    return f"{campaign.parameters_file}, section {BY_HAND}."
+
+
+def _print_json(sections: "dict[str, Section]") -> None:
+    import json
+
+    from cfid.parameters import plain
+
+    content = {
+        "command": "parameters",
+        "sections": {
+            name: {
+                "method": section.method,
+                "found": section.found.isoformat(),
+                "believed": section.believed,
+                "parameters": {key: parameter.as_json() for key, parameter in section.parameters.items()},
+            }
+            for name, section in sections.items()
+        },
+    }
+    typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+
+
+def _print_tables(sections: "dict[str, Section]") -> None:
+    from cfid.cli.tables import print_parameters
+
+    if not sections:
+        typer.echo("nothing found yet: `cfid fit --help` lists what finds parameters, `cfid set` notes one.")
+    for name, section in sections.items():
+        doubt = "" if section.believed else ", NOT BELIEVED"
+        method = "" if section.method in ("default", "") else f", {section.method}"
+        print_parameters(section.parameters, title=f"{name} ({section.found:%Y-%m-%d %H:%M}{method}{doubt})")

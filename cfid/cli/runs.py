@@ -1,0 +1,150 @@
+"""`cfid runs`: what was recorded in a campaign, what fits shall leave out, and notes."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid.cli.campaign import here
+from cfid.cli.run_words import LAST
+from cfid.cli.speech import note as say
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.errors import DataError
+    from cfid.run import Run
+
+_QUIET_S = 2.0  # a run whose files changed within this time is being recorded
+
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, or last.")]
+
+
+def runs(
+    context: typer.Context,
+    campaign: CampaignFolder = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """List the campaign's runs: what, when, state, rows, losses.
+
+    Example: [bold]cfid runs --campaign my-crazyflie[/bold]
+    """
+    from cfid.run import list_runs
+
+    if context.invoked_subcommand is None:
+        _print_runs(list_runs(here(campaign).runs_folder), json=json)
+
+
+def exclude(
+    run: RunWord,
+    because: Annotated[str, typer.Option(metavar="TEXT", help="Why.")] = "by the operator",
+    campaign: CampaignFolder = None,
+) -> None:
+    """Let fits leave runs out that find their runs themselves. Nothing is deleted.
+
+    Example: [bold]cfid runs exclude 2026-11-21_083012_swing_x --because "the cable touched"[/bold]
+    """
+    reason = because or "by the operator"
+    _amend(run, campaign, excluded=reason, told=f"is left out: {reason}")
+
+
+def include(run: RunWord, campaign: CampaignFolder = None) -> None:
+    """Take an exclusion back.
+
+    Example: [bold]cfid runs include 2026-11-21_083012_swing_x[/bold]
+    """
+    _amend(run, campaign, excluded="", told="counts again")
+
+
+def note(
+    run: RunWord,
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="What there is to know; an empty text takes it away.")],
+    campaign: CampaignFolder = None,
+) -> None:
+    """Write a note into runs, in the place of the one they have.
+
+    Example: [bold]cfid runs note last "new battery"[/bold]
+    """
+    _amend(run, campaign, note=text, told=f"note: {text}" if text else "has no note any more")
+
+
+def _amend(word: str, folder: Path | None, *, told: str, excluded: str | None = None, note: str | None = None) -> None:
+    from cfid.run import amend_run
+
+    for run in _meant(word, folder):
+        if run.cut and _changed_lately(run):
+            raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
+        amend_run(run, excluded=excluded, note=note)
+        typer.echo(f"{run.folder.name}: {told}")
+
+
+def _meant(word: str, folder: Path | None) -> "list[Run]":
+    """Return the runs that a word names, in whatever state they are. Raises ConfigError when there is none."""
+    from fnmatch import fnmatch
+
+    from cfid.errors import DataError
+    from cfid.run import RUN_FILE, list_runs, read_run
+
+    if (Path(word) / RUN_FILE).is_file():
+        return [read_run(Path(word))]
+    there = [run for run in list_runs(here(folder).runs_folder) if not isinstance(run, DataError)]
+    found = there[-1:] if word == LAST else [run for run in there if fnmatch(run.folder.name, word)]
+    if not found:
+        raise ConfigError(f"{word}: no run of this campaign has such a name: `cfid runs` lists them.")
+    return found
+
+
+def _changed_lately(run: "Run") -> bool:
+    import time
+
+    files = [run.folder / record.file for record in run.header.devices.values()]
+    return any(file.exists() and time.time() - file.stat().st_mtime < _QUIET_S for file in files)
+
+
+def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
+    from cfid.errors import DataError
+
+    rows = [_row(run) for run in runs if not isinstance(run, DataError)]
+    broken = [str(run) for run in runs if isinstance(run, DataError)]
+    if json:
+        import json as encoder
+
+        typer.echo(encoder.dumps({"command": "runs", "runs": rows, "warnings": broken}, indent=2))
+        return
+    if not rows and not broken:
+        typer.echo("no runs yet")
+        return
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    # A run's name is what the other commands take: it is never cut.
+    table = Table(box=SIMPLE, pad_edge=False)
+    table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row in rows), default=0))
+    for heading in ("state", "rows", "lost"):
+        table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
+    table.add_column("note", overflow="fold")
+    for row in rows:
+        table.add_row(*(str(row[key]) for key in ("run", "state", "rows", "lost", "note")))
+    Console().print(table)
+    for sentence in broken:
+        say(sentence)
+
+
+def _row(run: "Run") -> dict[str, Any]:
+    header, devices = run.header, run.header.devices.values()
+    label = header.label
+    weight = None if label.weight_g is None else f"{label.weight_g:g} g"
+    excluded = f"excluded: {header.excluded}" if header.excluded else ""
+    known = [device.rows for device in devices if device.rows is not None]
+    return {
+        "run": run.folder.name,
+        "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
+        "started": header.started.isoformat(),
+        "state": "cut" if run.cut else header.state,
+        "rows": sum(known) if known else "?",
+        "lost": sum(device.lost for device in devices),
+        "simulated": header.simulated,
+        "excluded": header.excluded,
+        "note": "; ".join(filter(None, ["simulated" * header.simulated, excluded, label.note, header.reason])),
+    }

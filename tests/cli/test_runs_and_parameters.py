@@ -1,0 +1,219 @@
+"""What runs a word stands for, what fits leave out, what a campaign knows, and what is set by hand."""
+
+import json
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from cfid.campaign import Campaign, find_campaign
+from cfid.cli.campaign import make_campaign
+from cfid.cli.run_words import chosen, labelled
+from cfid.errors import ConfigError
+from cfid.parameters import load_sections
+from cfid.run import DeviceRecord, Label, Run, amend_run, create_run, read_run
+from tests.cli.conftest import Cfid
+
+DROPS = labelled("drop")
+STARTED = datetime(2026, 11, 21, 8, 30, tzinfo=UTC)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    """A campaign with three drops, one of them interrupted, and two swings of different bodies."""
+    make_campaign(tmp_path)
+    campaign = find_campaign(tmp_path, start=tmp_path)
+    assert campaign is not None
+    for minute, (kind, body, state) in enumerate(plan()):
+        devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
+        writer = create_run(
+            campaign.runs_folder,
+            kind=kind,
+            label=Label(axis="x" if kind == "swing" else None, body=body),
+            devices=devices,
+            started=STARTED + timedelta(minutes=minute),
+            cfid_version="0",
+        )
+        writer.append("encoder", ([1.0, 2.0], [3, 4]))
+        writer.close(state)
+    return campaign
+
+
+def plan() -> Iterator[tuple[str, Literal["crazyflie", "testbody"] | None, Literal["complete", "interrupted"]]]:
+    yield "drop", None, "complete"
+    yield "drop", None, "interrupted"
+    yield "drop", None, "complete"
+    yield "swing", None, "complete"
+    yield "swing", "testbody", "complete"
+
+
+def names(campaign: Campaign) -> list[str]:
+    return sorted(path.name for path in campaign.runs_folder.iterdir())
+
+
+def words(campaign: Campaign, *given: str) -> list[str]:
+    return chosen(list(given), campaign, suits=DROPS, wanted="drops")
+
+
+# Words
+
+
+def test_without_a_word_all_complete_runs_of_the_kind_are_taken_and_the_others_named(
+    campaign: Campaign, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second, third, *_ = names(campaign)
+
+    assert words(campaign) == [first, third]
+    assert capsys.readouterr().err == f"note: takes 2 complete drops; left out: {second} (interrupted).\n"
+
+
+def test_a_run_that_says_no_body_is_of_the_vehicle(campaign: Campaign) -> None:
+    *_, swing, testbody = names(campaign)
+
+    assert chosen([], campaign, suits=labelled("swing", "crazyflie"), wanted="swings") == [swing]
+    assert chosen([], campaign, suits=labelled("swing", "testbody"), wanted="swings") == [testbody]
+
+
+def test_last_is_the_last_complete_run_of_the_kind(campaign: Campaign) -> None:
+    first, _, third, *_ = names(campaign)
+    assert words(campaign, "last") == [third]
+
+    amend_run(read_run(campaign.runs_folder / third), excluded="the line slipped")
+    assert words(campaign, "last") == [first]
+
+
+def test_a_glob_finds_complete_runs_of_the_kind_alone(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second, third, *_ = names(campaign)
+
+    assert words(campaign, "2026*", "20=file.csv") == [first, third, "20=file.csv"]
+    assert f"{second} (interrupted)" in capsys.readouterr().err
+
+
+def test_a_name_is_taken_whatever_its_state(campaign: Campaign) -> None:
+    _, second, *_ = names(campaign)
+
+    assert words(campaign, second) == [second]
+
+
+@pytest.mark.parametrize("given", [["*swing*"], ["nothing*"]])
+def test_a_glob_that_finds_nothing_is_told(campaign: Campaign, given: list[str]) -> None:
+    with pytest.raises(ConfigError, match=r"no complete drops in .* has such a name"):
+        words(campaign, *given)
+
+
+def test_no_run_at_all_and_no_campaign_are_told(campaign: Campaign) -> None:
+    with pytest.raises(ConfigError, match="no complete staircases: record one, or name runs"):
+        chosen([], campaign, suits=labelled("thrust"), wanted="staircases")
+    with pytest.raises(ConfigError, match="no campaign here to look for runs in"):
+        chosen([], None, suits=DROPS, wanted="drops")
+
+
+# cfid runs
+
+
+def test_a_run_is_left_out_and_counts_again(cfid: Cfid, campaign: Campaign) -> None:
+    first = names(campaign)[0]
+    rows = (campaign.runs_folder / first / "encoder.csv").read_bytes()
+
+    assert cfid("runs", "exclude", first, "--because", "the cable touched").returncode == 0
+    assert len(words(campaign)) == 1
+    listed = json.loads(cfid("runs", "--json").stdout)["runs"][0]
+    assert listed["excluded"] == "the cable touched"
+    assert listed["note"] == "excluded: the cable touched"
+    assert cfid("runs", "include", first).returncode == 0
+    assert len(words(campaign)) == 2
+    assert (campaign.runs_folder / first / "encoder.csv").read_bytes() == rows
+
+
+def test_a_note_is_written_into_runs_and_taken_away(cfid: Cfid, campaign: Campaign) -> None:
+    assert "note: new battery" in cfid("runs", "note", "*drop*", "new battery").stdout
+    notes = [run.header.label.note for run in runs_of(campaign)]
+    assert notes == ["new battery"] * 3 + [None] * 2
+
+    cfid("runs", "note", names(campaign)[0], "")
+    assert runs_of(campaign)[0].header.label.note is None
+
+
+def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campaign) -> None:
+    writer = create_run(
+        campaign.runs_folder,
+        kind="drop",
+        label=Label(),
+        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
+        started=datetime.now(UTC),
+        cfid_version="0",
+    )
+    said = cfid("runs", "exclude", writer.folder.name)
+
+    assert said.returncode == 2
+    assert "is still being recorded" in said.stderr
+    time.sleep(2.1)
+    assert cfid("runs", "exclude", "last").returncode == 0  # a run that was cut
+    writer.close("failed")
+
+
+def test_a_name_that_no_run_has_is_told(cfid: Cfid, campaign: Campaign) -> None:
+    said = cfid("runs", "exclude", "nothing")
+
+    assert said.returncode == 2
+    assert "nothing: no run of this campaign has such a name: `cfid runs` lists them." in said.stderr
+
+
+# cfid parameters, cfid set
+
+
+def test_the_mass_is_changed_in_rig_toml_with_every_comment_kept(cfid: Cfid, campaign: Campaign) -> None:
+    path = campaign.folder / "rig.toml"
+    before = path.read_text()
+    said = cfid("set", "mass_kg", "0.0301", "--std", "0.0002")
+    after = path.read_text()
+
+    assert said.returncode == 0
+    assert "vehicle.mass_kg. Fits made before have the old number" in said.stdout
+    changed = [line for line, old in zip(after.splitlines(), before.splitlines(), strict=True) if line != old]
+    assert [line.split("#")[0].strip() for line in changed] == ["mass_kg = 0.0301", "mass_std_kg = 0.0002"]
+    assert all("#" in line for line in changed)
+
+
+def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: Campaign) -> None:
+    cfid("set", "arm_m", "0.046", "--std", "0.0005")
+    cfid("set", "thing", "3", "--unit", "1")
+    section = load_sections(campaign.parameters_file)["set"]
+
+    assert section.method == "by hand"
+    assert section.parameters["arm_m"].as_json() == {"value": 0.046, "std": 0.0005, "unit": "m"}
+    assert section.parameters["thing"].unit == "1"
+    listed = json.loads(cfid("parameters", "--json").stdout)
+    assert listed["sections"]["set"]["parameters"]["arm_m"]["value"] == 0.046
+    assert "arm_m" in cfid("parameters").stdout
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("mass_kg 0", "vehicle.mass_kg: should be greater than 0"),
+        ("thing 3", "its unit is not known: end the name with one"),
+        ("Arm_m 3", "a name has small letters"),
+        ("arm_m nan", "finite numbers"),
+        ("arm_m 1 --std inf", "finite numbers"),
+    ],
+)
+def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, given: str, told: str) -> None:
+    before = (campaign.folder / "rig.toml").read_bytes()
+    said = cfid("set", *given.split())
+
+    assert said.returncode == 2
+    assert told in said.stderr
+    assert (campaign.folder / "rig.toml").read_bytes() == before
+    assert not campaign.parameters_file.exists()
+
+
+def test_a_campaign_that_knows_nothing_says_what_to_do(cfid: Cfid, campaign: Campaign) -> None:
+    assert "nothing found yet" in cfid("parameters").stdout
+
+
+def runs_of(campaign: Campaign) -> list[Run]:
+    return [read_run(campaign.runs_folder / name) for name in names(campaign)]
