@@ -100,6 +100,8 @@ class Table:
         if b"\0" in self._body:
             return None
         table = self._unquoted() if b'"' in self._body else self
+        if table._is_even():
+            return table._body
         fields, ends = table._fields_of_lines()
         filled = fields > 0
         if np.any(fields[filled] != len(self.names)):
@@ -122,7 +124,7 @@ class Table:
                 header=None,
                 usecols=sorted(set(places)),
                 dtype=np.float64,
-                skipinitialspace=True,
+                skipinitialspace=b" " in rows or b"\t" in rows,  # looking for spaces takes a third of the time
                 quoting=csv.QUOTE_NONE,
                 na_filter=False,
                 encoding="latin-1",
@@ -139,6 +141,17 @@ class Table:
             if '"' in line:
                 lines[i] = between.join(field.replace(between, "?") for field in fields_of(line, self._separator))
         return replace(self, _body="\n".join(lines).encode("latin-1"))
+
+    def _is_even(self) -> bool:
+        """Return whether each line has as many separators as there should be, and none is blank; quick."""
+        if self._separator not in (",", ";") or len(self.names) < 2:
+            return False
+        body = np.frombuffer(self._body, np.uint8)
+        ends, separators = (np.flatnonzero(body == ord(sign)) for sign in ("\n", self._separator))
+        if len(separators) != len(ends) * (len(self.names) - 1):
+            return False
+        of_lines = separators.reshape(len(ends), -1)
+        return bool(np.all(of_lines[:, -1] < ends) and np.all(of_lines[1:, 0] > ends[:-1]))
 
     def _fields_of_lines(self) -> tuple[Places, Places]:
         """Return for every line of the body its number of fields, 0 where it is blank, and where it ends."""
@@ -189,7 +202,7 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
         raise ConfigError(f"--skip-lines {skip_lines}: has to be zero or more.")
     content = read_text(path)
     text, cut = whole_lines(content)
-    if not text.strip():
+    if not text or text.isspace():
         raise DataError(f"{path}: its one line has no end: the recording was cut before its first row.")
     lines = filled_lines(text, skip=skip_lines)
     first = next(lines, None)
