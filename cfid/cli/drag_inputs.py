@@ -1,5 +1,6 @@
 """What the words of `cfid fit drag` stand for: runs of `cfid log wind`, recordings of an index, forces of a table."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.cli.drag_files import read_reduced, read_wind_index
-from cfid.cli.drag_recordings import WindReader
+from cfid.cli.drag_files import WindRow, read_reduced, read_wind_index
+from cfid.cli.drag_recordings import Recordings, Reduced, reduce_rows
+from cfid.cli.drag_runs import reduce_run, sagged
 from cfid.cli.inputs import Workplace, find_recording
 from cfid.cli.options import LoadCellOptions, Method, ReadingOptions
 from cfid.errors import ConfigError
@@ -82,16 +84,18 @@ def read_wind_evidence(
         return _of_table(inputs.table, words, inputs.index)
     if inputs.index is None and not words:
         raise ConfigError("nothing to fit: give RUNs of `cfid log wind`, --index FILE, or --table FILE.")
-    reader = WindReader(scale.reading(reading), method=method, markers=inputs.markers)
-    if inputs.index is not None:
-        rows, source = read_wind_index(inputs.index)
-        reader.sources.append(source)
-        reader.paths.append(inputs.index)
-        for row in rows:
-            reader.add_row(row)
-    for word in words:
-        reader.add_run(find_recording(word, workplace))
-    return _reduced(reader, inputs)
+    how = Recordings(reading=scale.reading(reading), method=method, markers=inputs.markers)
+    rows, sources = ([], []) if inputs.index is None else _rows(inputs.index)
+    parts = reduce_rows(rows, how)
+    paths = [find_recording(word, workplace) for word in words]
+    parts += [reduce_run(path, how) for path in paths]
+    sources += [source for part in parts for source in part.sources]
+    return _reduced(parts, inputs, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
+
+
+def _rows(index: Path) -> "tuple[list[WindRow], list[Source]]":
+    rows, source = read_wind_index(index)
+    return rows, [source]
 
 
 def _of_table(table: Path, words: Sequence[str], index: Path | None) -> WindEvidence:
@@ -101,18 +105,29 @@ def _of_table(table: Path, words: Sequence[str], index: Path | None) -> WindEvid
     return WindEvidence(experiments=experiments, warnings=notes, sources=(source,), paths=(table,))
 
 
-def _reduced(reader: WindReader, inputs: WindInputs) -> WindEvidence:
+def _reduced(
+    parts: Sequence[Reduced], inputs: WindInputs, *, sources: "Sequence[Source]", paths: Sequence[Path]
+) -> WindEvidence:
     import math
 
     from cfid.analysis.drag_reduction import reduce_runs
 
     found = reduce_runs(
-        reader.runs, azimuth_rad=inputs.azimuth_rad, yaw_rad=math.radians(inputs.yaw_deg), markers=inputs.markers
+        [run for part in parts for run in part.runs],
+        azimuth_rad=inputs.azimuth_rad,
+        yaw_rad=math.radians(inputs.yaw_deg),
+        markers=inputs.markers,
     )
     return WindEvidence(
         experiments=found.experiments,
         doubts=found.doubts,
-        warnings=(*reader.warnings, *found.notes),
-        sources=tuple(reader.sources),
-        paths=tuple(reader.paths),
+        warnings=(*_counted(parts), *sagged(parts), *found.notes),
+        sources=tuple(sources),
+        paths=tuple(paths),
     )
+
+
+def _counted(parts: Sequence[Reduced]) -> list[str]:
+    """Return what is said of recordings: what holds for several, once."""
+    told = Counter(note for part in parts for note in part.notes)
+    return [note if count == 1 else f"{count} recordings: {note}" for note, count in told.items()]

@@ -1,0 +1,89 @@
+"""A wind campaign of 112 recordings of 12 s at 7 kHz: read and reduced by `cfid fit drag`, against read with pandas.
+
+The recordings are made by the simulated wind tunnel over the thesis' winds (C.3.1), written as its logger did. cfid
+reads three files at once, pandas one after the other as a script does; both meet the same files. The goal is a ratio of
+0.7 at least by the wall clock; processor time is told beside it, because others may use the machine meanwhile.
+"""
+
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from cfid.analysis.drag_plan import THESIS_WINDS
+from cfid.analysis.drag_result import DragChoices, fit_models
+from cfid.cli.drag_inputs import WindInputs, read_wind_evidence
+from cfid.cli.inputs import open_workplace
+from cfid.cli.options import LoadCellOptions, ReadingOptions, RigOptions
+from cfid.sim.wind_tunnel import COMMANDS, SHOWN_RPM, SimpleAir, Tunnel, Wind, record
+
+RATE_HZ = 7000.0
+WINDS = int(os.environ.get("BENCH_WINDS", str(len(THESIS_WINDS))))
+EQ_4_8 = (-9.1785e-7, -9.1785e-7, -10.311e-7)
+COLUMNS = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
+
+
+def write(path: Path, wind: Wind, command: int, rng: np.random.Generator) -> None:
+    tunnel = Tunnel(air=SimpleAir(kg_per_rad=EQ_4_8))
+    time_s, counts = record(tunnel, wind, command=command, rng=rng, rate_hz=RATE_HZ)
+    table = pd.DataFrame(counts, columns=COLUMNS)
+    table.insert(0, "t", [f"{1763712345 + t:.6f}" for t in time_s])
+    table.to_csv(path, index=False)
+
+
+def campaign(folder: Path) -> tuple[Path, list[Path]]:
+    """Write the recordings and their index; return it and the recordings."""
+    rng = np.random.default_rng(3)
+    rows, files = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"], []
+    still = Wind(0.0, 0.0, 0.0)
+    winds = [Wind(setting.angle_deg, setting.min_mps, setting.max_mps) for setting in THESIS_WINDS[:WINDS]]
+    for number, wind in enumerate([still, *winds]):
+        for command, shown in zip(COMMANDS, SHOWN_RPM, strict=True):
+            path = folder / f"{number}_{command}.csv"
+            write(path, wind, command, rng)
+            files.append(path)
+            angle = f"{wind.angle_deg:g}" if wind.max_mps else ""
+            rows.append(f"{command},{angle},{wind.min_mps},{wind.max_mps},{shown},{path.name}")
+    index = folder / "wind.csv"
+    index.write_text("\n".join(rows) + "\n")
+    return index, files
+
+
+def now() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        index, files = campaign(folder)
+        workplace = open_workplace(RigOptions())
+        pd.read_csv(files[0])
+        begin = now()
+        for path in files:
+            pd.read_csv(path)
+        alone = now()
+        evidence = read_wind_evidence(
+            [], WindInputs(index=index), ReadingOptions(), LoadCellOptions(), workplace, method="default"
+        )
+        reduced = now()
+        found = fit_models(evidence.experiments, DragChoices())
+        fitted = now()
+    off = 100 * (found.simple_kg_per_rad / np.array(EQ_4_8) - 1)
+    for clock, (read_s, reduce_s, fit_s) in zip(
+        ("wall", "processor"), np.diff([begin, alone, reduced, fitted], axis=0).T, strict=True
+    ):
+        print(
+            f"{clock}: pandas reads {len(files)} files in {read_s:.2f} s, cfid reads and reduces them in {reduce_s:.2f} s:"
+        )
+        print(f"    ratio {read_s / reduce_s:.2f}; all models are fitted and judged in {fit_s:.2f} s")
+    print(
+        f"simple coefficients                  {off[0]:+.2f} and {off[2]:+.2f} % off, model {found.chosen.model.name}"
+    )
+
+
+if __name__ == "__main__":
+    main()
