@@ -1,0 +1,126 @@
+"""`cfid export`: what a campaign found, as the files that firmware and simulators take."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid.cli.campaign import here
+from cfid.cli.speech import note
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.campaign import Campaign
+    from cfid.export.target import Target
+    from cfid.export.vehicle import Vehicle
+
+LIST = "list"
+FOLDER = "exports"  # of a campaign
+
+
+def export(
+    target: Annotated[
+        str, typer.Argument(metavar="TARGET|list", help="Whose file to write; list says which there are.")
+    ],
+    out: Annotated[
+        str | None,
+        typer.Option(metavar="FILE|-", help="Where to; - is stdout. Default: the campaign's folder exports."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a file.")] = False,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object (list).")] = False,
+) -> None:
+    """Write what was measured as a file for firmware or a simulator: turned to its frame, in its units, with origins.
+
+    What was not measured is left out or marked, never guessed; a target that cannot do without is refused.
+
+    Example: [bold]cfid export crazyflow[/bold]
+    """
+    from cfid.export.catalogue import target_named
+
+    found = here(campaign)
+    if target == LIST:
+        _print_list(_vehicle(found), json=json)
+        return
+    if json:
+        raise ConfigError("--json goes with `cfid export list`: an export has its target's own format.")
+    wanted, vehicle = target_named(target), _vehicle(found)
+    _write(wanted, vehicle, out or str(found.folder / FOLDER / wanted.file_name), force=force)
+    _warn(wanted, vehicle)
+
+
+def _vehicle(campaign: "Campaign") -> "Vehicle":
+    from cfid.campaign import RIG_FILE
+    from cfid.export.vehicle import collect
+    from cfid.parameters import load_sections
+
+    return collect(campaign.rig, load_sections(campaign.parameters_file), rig_file=RIG_FILE)
+
+
+def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> None:
+    from cfid.durable import write_whole
+    from cfid.export.target import text_of
+
+    text = text_of(target, vehicle)
+    if out == "-":
+        typer.echo(text, nl=False)
+        return
+    path = Path(out)
+    if path.exists() and not force:
+        raise ConfigError(f"{path} is there already: nothing was changed. --force overwrites it, --out names another.")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
+    typer.echo(str(path))
+
+
+def _warn(target: "Target", vehicle: "Vehicle") -> None:
+    from cfid.export.target import asked_for, doubted, left_out
+
+    for key in doubted(target, vehicle):
+        note(f"{key} is not believed by its fit: the file says so.")
+    for use in left_out(target, vehicle):
+        note(f"not measured, and left out or marked: {asked_for(use)}.")
+
+
+def _print_list(vehicle: "Vehicle", *, json: bool) -> None:
+    from cfid import __version__
+    from cfid.export.catalogue import TARGETS
+
+    rows = [_row(target, vehicle) for target in TARGETS.values()]
+    if json:
+        import json as encoder
+
+        content = {"command": "export list", "targets": rows, "version": __version__}
+        typer.echo(encoder.dumps(content, indent=2))
+        return
+    for row in rows:
+        typer.secho(f"{row['target']}: {row['about']}", bold=True)
+        _print_keys("has", [need["keys"] for need in row["needs"] + row["uses"] if need["known"]])
+        _print_keys("MISSING", [f"{n['keys']}: {n['given_by']}" for n in row["needs"] if not n["known"]])
+        _print_keys("could also use", [f"{n['keys']}: {n['given_by']}" for n in row["uses"] if not n["known"]])
+        _print_keys("not believed", row["not_believed"])
+
+
+def _print_keys(title: str, words: list[str]) -> None:
+    if words:
+        typer.echo(f"  {title}: {'; '.join(words)}")
+
+
+def _row(target: "Target", vehicle: "Vehicle") -> dict[str, Any]:
+    from cfid.export.target import doubted, given_by, has, keys_of, missing
+
+    def told(need: str) -> dict[str, Any]:
+        return {"keys": keys_of(need), "known": has(vehicle, need), "given_by": given_by(need)}
+
+    return {
+        "target": target.name,
+        "file": target.file_name,
+        "about": target.about,
+        "ready": not missing(target, vehicle),
+        "needs": [told(need) for need in target.needs],
+        "uses": [told(use) for use in target.uses],
+        "not_believed": list(doubted(target, vehicle)),
+    }

@@ -1,0 +1,1 @@
+"""Parameters of a campaign as the files that firmware and simulators take."""

@@ -1,0 +1,35 @@
+"""All targets by name."""
+
+from collections.abc import Mapping
+
+from cfid.errors import ConfigError
+from cfid.export import crazyflow, crazyswarm2, firmware, gazebo, mujoco, omnidrones, rotorpy, system_id, urdf
+from cfid.export.target import Target
+
+TARGETS: Mapping[str, Target] = {
+    target.name: target
+    for target in (
+        firmware.TARGET,
+        crazyflow.TARGET,
+        urdf.GYM_PYBULLET_DRONES,
+        urdf.SAFE_CONTROL_GYM,
+        mujoco.TARGET,
+        rotorpy.TARGET,
+        gazebo.TARGET,
+        crazyswarm2.TARGET,
+        omnidrones.TARGET,
+        system_id.TARGET,
+    )
+}
+
+
+def target_named(name: str) -> Target:
+    """Return a target.
+
+    Raises ConfigError for a name that is none.
+    """
+    if name not in TARGETS:
+        raise ConfigError(
+            f"export {name}: no such target. There are {', '.join(TARGETS)}; `cfid export list` tells more."
+        )
+    return TARGETS[name]

@@ -1,0 +1,94 @@
+"""A section for the params.toml of crazyflow's first-principles dynamics; speeds are in revolutions per minute."""
+
+from cfid.export.hover import (
+    PLACES,
+    RPM,
+    YAW_SIGNS,
+    arm_per_axis_m,
+    drag_n_s_per_m,
+    hover_thrust_n,
+    inertia_kg_m2,
+    lags_s,
+    moment_per_thrust_m,
+    value_of,
+)
+from cfid.export.target import Target
+from cfid.export.vehicle import Vehicle
+from cfid.export.wording import HASH, identifier, number, numbers, rows
+
+_ROLL = [left for _, left in PLACES]
+_PITCH = [-ahead for ahead, _ in PLACES]
+
+
+def write(vehicle: Vehicle) -> str:
+    """Return the section; what crazyflow asks for and nobody measured is zero and marked."""
+    drag = drag_n_s_per_m(vehicle) if "drag" in vehicle else (0.0, 0.0, 0.0)
+    spin = vehicle.quantities["rotor_inertia"].value if "rotor_inertia" in vehicle else 0.0
+    drag_words = "N/(m/s) with four rotors hovering" if "drag" in vehicle else "NOT MEASURED: zero switches drag off"
+    spin_words = "kg m^2" if "rotor_inertia" in vehicle else "NOT MEASURED: zero leaves out the rotors' own inertia"
+    diagonal = [[-drag[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
+    return f"""
+[{identifier(vehicle.name)}]
+mass = {number(vehicle["mass"])}  # kg
+J = {rows(inertia_kg_m2(vehicle))}  # kg m^2
+thrust_min = {number(vehicle["thrust_range"][0]["thrust_min_n"])}  # N of one motor, the least of the measured map
+thrust_max = {number(vehicle["max_thrust"])}  # N of one motor
+L = {number(arm_per_axis_m(vehicle))}  # m, distance from the forward and the left axis: the diagonal arm / sqrt(2)
+prop_inertia = {number(spin)}  # {spin_words}
+rpm2thrust = [{numbers(rpm_to_thrust(vehicle))}]  # N of one motor, power 0, 1, 2 of rpm
+rpm2torque = [{numbers(rpm_to_torque(vehicle))}]  # N m of one motor, power 0, 1, 2 of rpm
+rotor_dyn_coef = [{numbers(rotor_coefficients(vehicle))}]  # rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)
+mixing_matrix = {rows([_ROLL, _PITCH, YAW_SIGNS])}  # the Crazyflie's layout, m1 to m4: roll, pitch, yaw
+drag_matrix = {rows(diagonal)}  # {drag_words}
+"""
+
+
+def rpm_to_thrust(vehicle: Vehicle) -> tuple[float, float, float]:
+    """Return thrust in N over speed in rpm, lowest power first, from `thrust_of_speed` or else k omega^2."""
+    if "thrust_of_speed" in vehicle:
+        quadratic, linear, constant = vehicle["thrust_of_speed"]
+        return constant, linear * RPM, quadratic * RPM**2
+    return 0.0, 0.0, vehicle["thrust_per_speed_squared"] * RPM**2
+
+
+def rpm_to_torque(vehicle: Vehicle) -> tuple[float, float, float]:
+    """Return torque in N m over speed in rpm, lowest power first: the torque's tangent at hovering, of the thrust."""
+    slope, hovering = moment_per_thrust_m(vehicle), hover_thrust_n(vehicle)
+    offset = value_of(vehicle["torque_of_thrust"], hovering) - slope * hovering
+    constant, linear, quadratic = rpm_to_thrust(vehicle)
+    return offset + slope * constant, slope * linear, slope * quadratic
+
+
+def rotor_coefficients(vehicle: Vehicle) -> tuple[float, float, float, float]:
+    """Return (rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)), or a plain lag where only that is known."""
+    if "rising" in vehicle and "falling" in vehicle:
+        (a, b), (c, d) = vehicle["rising"], vehicle["falling"]
+        return a, b * RPM, c, d * RPM
+    up, down = lags_s(vehicle)
+    return 1 / up, 0.0, 1 / down, 0.0
+
+
+TARGET = Target(
+    name="crazyflow",
+    file_name="crazyflow_params.toml",
+    about="First-principles dynamics for crazyflow (0.4)",
+    comment=HASH,
+    needs=(
+        "mass",
+        "inertia",
+        "arm",
+        "thrust_range",
+        "max_thrust",
+        "thrust_per_speed_squared",
+        "torque_of_thrust",
+        "rising+falling|thrust_lag",
+    ),
+    uses=("thrust_of_speed", "drag", "rotor_inertia"),
+    notes=(
+        "Put this into crazyflow/dynamics/first_principles/params.toml under the name of one of its drones. Speeds",
+        "are in rpm; thrusts, torques and speeds are those of one motor; polynomials have the lowest power first.",
+        "drag_matrix is per velocity, the sum of the four rotors' speeds being that of hovering; cfid measures per",
+        "both.",
+    ),
+    write=write,
+)

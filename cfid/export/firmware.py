@@ -1,0 +1,68 @@
+"""A C header that puts measured numbers in the place of the Crazyflie firmware's defaults."""
+
+from collections.abc import Iterator
+
+from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m
+from cfid.export.target import Target, has
+from cfid.export.vehicle import Vehicle
+from cfid.export.wording import SLASHES, number
+
+_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
+_ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_CUBIC = 4  # coefficients
+
+
+def write(vehicle: Vehicle) -> str:
+    """Return the header: a macro for everything that is known."""
+    lines = ["", "#pragma once", ""]
+    for name, value, words in _macros(vehicle):
+        lines += [f"#undef {name}", f"#define {name} {number(value)}f  // {words}"]
+    return "\n".join(lines) + "\n"
+
+
+def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
+    yield "CF_MASS", vehicle["mass"], "kg"
+    if "arm" in vehicle:
+        yield "ARM_LENGTH", vehicle["arm"], "m, from the centre to a motor, diagonally"
+    if "torque_of_thrust" in vehicle:
+        yield "THRUST2TORQUE", moment_per_thrust_m(vehicle), "m, slope of torque (N m) over thrust (N) at hovering"
+    if "max_thrust" in vehicle:
+        yield "THRUST_MAX", vehicle["max_thrust"], "N of one motor"
+    if "thrust_of_voltage" in vehicle and len(vehicle["thrust_of_voltage"]) == _CUBIC:
+        for power, coefficient in enumerate(vehicle["thrust_of_voltage"]):
+            yield f"VMOTOR2THRUST{power}", coefficient, f"N/V^{power} of one motor" if power else "N of one motor"
+    if has(vehicle, "drag+thrust_per_speed_squared"):
+        for axis, drag in zip("XYZ", drag_n_s_per_m(vehicle), strict=True):
+            yield f"DRAG_B_{axis}", drag / vehicle["mass"], "1/s, drag over velocity and mass while hovering"
+    if "inertia" in vehicle:
+        matrix = inertia_kg_m2(vehicle)
+        for name, (i, j) in zip(_NAMES, _ENTRIES, strict=True):
+            yield f"CFID_INERTIA_{name}", matrix[i][j], "kg m^2"
+
+
+TARGET = Target(
+    name="firmware",
+    file_name="cfid_platform_defaults.h",
+    about="Defaults for the Crazyflie firmware (2026.08)",
+    comment=SLASHES,
+    needs=("mass",),
+    uses=(
+        "arm",
+        "inertia",
+        "torque_of_thrust",
+        "max_thrust",
+        "thrust_of_voltage",
+        "drag+thrust_per_speed_squared",
+    ),
+    notes=(
+        "Include this as the last line of src/platform/interface/platform_defaults.h: each macro replaces the",
+        "default. Thrust and voltage are those of one motor; motor voltage is command/65535 times the battery's",
+        "voltage. THRUST_MAX is the thrust at the full command with the battery as it was measured. A battery that",
+        "is lower gives less: for the same thrust at every charge choose a smaller one. THRUST_MIN is no",
+        "measurement and stays. DRAG_B is commented as N s/m in the firmware, but its estimator takes it as an",
+        "acceleration over velocity (1/s). The firmware has no macro for the inertia: CFID_INERTIA_XX, _YY, _ZZ go",
+        "into .J of controller_lee.c (or the parameters ctrlLee.J_x, J_y, J_z), all six into CRAZYFLIE_INERTIA of",
+        "controller_brescianini.c.",
+    ),
+    write=write,
+)

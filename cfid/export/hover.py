@@ -1,0 +1,142 @@
+"""What follows from the measured quantities around hovering, in SI and the targets' frame: x forward, y left, z up.
+
+Every function takes a vehicle that has the quantities it names.
+"""
+
+import math
+from collections.abc import Sequence
+
+from cfid.errors import DataError
+from cfid.export.frame import Matrix, Vector, turned, turned_matrix, turned_spread
+from cfid.export.vehicle import Vehicle
+
+RPM = 2 * math.pi / 60  # rad/s of one revolution per minute
+FULL = 65535  # the largest command of a motor, 16 bits
+
+# The motors m1 to m4 of a Crazyflie, seen from above: (forward, left) in arm lengths, and the sign of the yaw
+# moment that a rotor's drag gives the vehicle. m1 is in front on the right and turns counter-clockwise; its air
+# turns the vehicle clockwise.
+_DIAGONAL = math.sqrt(0.5)
+PLACES = ((1, -1), (-1, -1), (-1, 1), (1, 1))
+YAW_SIGNS = (-1, 1, -1, 1)
+
+
+def inertia_kg_m2(vehicle: Vehicle) -> Matrix:
+    """Return the inertia matrix (3, 3) about the centre of mass, from `inertia`."""
+    return turned_matrix(vehicle["inertia"], vehicle.frame)
+
+
+def inertia_std_kg_m2(vehicle: Vehicle) -> Matrix | None:
+    """Return the deviations of the matrix' entries, where there are some."""
+    std = vehicle.quantities["inertia"].std
+    if std is None:
+        return None
+    return turned_spread([[math.nan if part is None else part for part in row] for row in std], vehicle.frame)
+
+
+def arm_per_axis_m(vehicle: Vehicle) -> float:
+    """Return the distance of a motor from the forward and the left axis, from `arm`, which runs diagonally."""
+    return _DIAGONAL * float(vehicle["arm"])
+
+
+def rotor_places_m(vehicle: Vehicle) -> tuple[Vector, ...]:
+    """Return where the thrusts of m1 to m4 act, from the centre of mass; heights were not measured and are zero."""
+    side = arm_per_axis_m(vehicle)
+    ahead, left, _ = turned((vehicle.centre_m[0], vehicle.centre_m[1], 0.0), vehicle.frame)
+    return tuple((side * x - ahead, side * y - left, 0.0) for x, y in PLACES)
+
+
+def hover_thrust_n(vehicle: Vehicle) -> float:
+    """Return a motor's share of the weight."""
+    return float(vehicle["mass"]) * vehicle.gravity_mps2 / 4
+
+
+def hover_command(vehicle: Vehicle) -> float:
+    """Return the command whose thrust hovers, from `thrust_of_command`.
+
+    Raises DataError when no command does.
+    """
+    poly, wanted = vehicle["thrust_of_command"], hover_thrust_n(vehicle)
+    low, high = 0.0, float(FULL)
+    if not value_of(poly, low) < wanted < value_of(poly, high):
+        raise DataError(
+            f"no command hovers {vehicle['mass']:g} kg: a motor gives {value_of(poly, high):.4g} N at most."
+        )
+    while high - low > 1e-6:
+        middle = (low + high) / 2
+        low, high = (middle, high) if value_of(poly, middle) < wanted else (low, middle)
+    return (low + high) / 2
+
+
+def hover_speed_rad_s(vehicle: Vehicle) -> float:
+    """Return the rotor speed that hovers, from `thrust_per_speed_squared`."""
+    return math.sqrt(hover_thrust_n(vehicle) / float(vehicle["thrust_per_speed_squared"]))
+
+
+def most_speed_rad_s(vehicle: Vehicle) -> float:
+    """Return the rotor speed at the full command, from `speed_of_command`."""
+    return value_of(vehicle["speed_of_command"], FULL)
+
+
+def moment_per_thrust_m(vehicle: Vehicle) -> float:
+    """Return the slope of a rotor's torque over its thrust at hovering, from `torque_of_thrust`.
+
+    The slope is what yaws: a constant part of the torque cancels between the two pairs of rotors.
+    """
+    return slope_of(vehicle["torque_of_thrust"], hover_thrust_n(vehicle))
+
+
+def moment_per_speed_squared_nm_s2(vehicle: Vehicle) -> float:
+    """Return the yaw moment of a rotor over its squared speed, in N m s^2/rad^2."""
+    return moment_per_thrust_m(vehicle) * float(vehicle["thrust_per_speed_squared"])
+
+
+def drag_kg_per_rad(vehicle: Vehicle) -> Vector:
+    """Return drag over (sum of rotor speeds times velocity), positive where it brakes, forward, left and up."""
+    value = vehicle["drag"]
+    if not isinstance(value[0], Sequence):
+        value = [[part if i == j else 0.0 for j in range(3)] for i, part in enumerate(value)]
+    matrix = turned_matrix(value, vehicle.frame)
+    return -matrix[0][0], -matrix[1][1], -matrix[2][2]
+
+
+def drag_n_s_per_m(vehicle: Vehicle) -> Vector:
+    """Return drag over velocity while the four rotors hover."""
+    x, y, z = (4 * hover_speed_rad_s(vehicle) * part for part in drag_kg_per_rad(vehicle))
+    return x, y, z
+
+
+def has_lag(vehicle: Vehicle) -> bool:
+    """Return whether the lags are known, one way or the other."""
+    return _has_rotor_model(vehicle) or "thrust_lag" in vehicle
+
+
+def _has_rotor_model(vehicle: Vehicle) -> bool:
+    return all(name in vehicle for name in ("rising", "falling", "thrust_per_speed_squared"))
+
+
+def lags_s(vehicle: Vehicle) -> tuple[float, float]:
+    """Return the time constants of rising and falling rotor speeds for small changes around hovering.
+
+    From `rising` and `falling`, w' = a (u - w) + b (u^2 - w^2), whose slope there is -(a + 2 b w); else from
+    `thrust_lag`, both ways.
+    """
+    if not _has_rotor_model(vehicle):
+        return float(vehicle["thrust_lag"]), float(vehicle["thrust_lag"])
+    speed = hover_speed_rad_s(vehicle)
+    up, down = (1 / (a + 2 * b * speed) for a, b in (vehicle["rising"], vehicle["falling"]))
+    return up, down
+
+
+def value_of(poly: Sequence[float], x: float) -> float:
+    """Return a polynomial's value, highest power first."""
+    total = 0.0
+    for coefficient in poly:
+        total = total * x + coefficient
+    return total
+
+
+def slope_of(poly: Sequence[float], x: float) -> float:
+    """Return a polynomial's slope, highest power first."""
+    order = len(poly) - 1
+    return value_of([coefficient * (order - i) for i, coefficient in enumerate(poly[:-1])], x)

@@ -1,0 +1,59 @@
+"""OmniDrones' YAML file of a multirotor; speeds are in rad/s."""
+
+import math
+
+from cfid.export.hover import (
+    PLACES,
+    YAW_SIGNS,
+    inertia_kg_m2,
+    moment_per_speed_squared_nm_s2,
+    most_speed_rad_s,
+)
+from cfid.export.target import Target
+from cfid.export.vehicle import Vehicle
+from cfid.export.wording import HASH, number, numbers
+
+_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+_ORDER = (3, 2, 1, 0)  # motors m4 to m1: by angle, as OmniDrones numbers its rotors
+
+
+def write(vehicle: Vehicle) -> str:
+    """Return the file."""
+    matrix = inertia_kg_m2(vehicle)
+    entries = "".join(f"  {name}: {number(matrix[i][j])}\n" for name, (i, j) in _ENTRIES.items())
+    angles = [math.atan2(PLACES[motor][1], PLACES[motor][0]) % (2 * math.pi) for motor in _ORDER]
+    rotors = {
+        "arm_lengths": [vehicle["arm"]] * 4,
+        "directions": [float(-YAW_SIGNS[motor]) for motor in _ORDER],
+        "force_constants": [vehicle["thrust_per_speed_squared"]] * 4,
+        "max_rotation_velocities": [most_speed_rad_s(vehicle)] * 4,
+        "moment_constants": [moment_per_speed_squared_nm_s2(vehicle)] * 4,
+        "rotor_angles": angles,
+    }
+    return f"""
+name: crazyflie
+mass: {number(vehicle["mass"])}  # kg
+inertia:  # kg m^2
+{entries}drag_coef: 0.0  # NOT EXPORTED: see above
+rotor_configuration:
+  num_rotors: 4
+{"".join(f"  {name}: [{numbers(values)}]" + chr(10) for name, values in rotors.items())}"""
+
+
+TARGET = Target(
+    name="omnidrones",
+    file_name="omnidrones_crazyflie.yaml",
+    about="Multirotor parameters for OmniDrones",
+    comment=HASH,
+    needs=("mass", "inertia", "arm", "thrust_per_speed_squared", "torque_of_thrust", "speed_of_command"),
+    notes=(
+        "force_constants: N/(rad/s)^2, moment_constants: N m/(rad/s)^2, max_rotation_velocities: rad/s (not rpm),",
+        "arm_lengths: m from the centre, diagonally; rotor_angles: rad from forward to the left; all of one rotor",
+        "each, in the order of m4, m3, m2, m1. directions: the sign of the rotor's turning, against that of its yaw",
+        "moment. The simulator takes mass and inertia from its USD file; these here are its controllers'. Lags",
+        "stand in its source. drag_coef times mass and velocity is added to the force there, which brakes only",
+        "where it is negative; the simulator begins with none whatever stands here. Drag per rotor speed, as cfid",
+        "measures it, has no place.",
+    ),
+    write=write,
+)

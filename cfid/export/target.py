@@ -1,0 +1,151 @@
+"""A target of an export: what it needs, what it also uses, its file, and the comments that every file begins with."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from cfid import __version__
+from cfid.errors import DataError
+from cfid.export.frame import is_turned, turned
+from cfid.export.hover import inertia_kg_m2, inertia_std_kg_m2
+from cfid.export.vehicle import SOURCES, Quantity, Vehicle
+from cfid.export.wording import commented, told
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A file that another program takes.
+
+    `needs` and `uses` name quantities of `SOURCES`; `a|b` is either. `write` gives the file's text without the
+    comments at its head, for a vehicle that has all it needs. `notes` say units and meanings; a file of scalars
+    alone is not `directional`, and tells of no frame.
+    """
+
+    name: str
+    file_name: str
+    about: str
+    comment: str
+    needs: tuple[str, ...]
+    uses: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    directional: bool = True
+    write: Callable[[Vehicle], str]
+
+
+def has(vehicle: Vehicle, need: str) -> bool:
+    """Return whether a quantity, or one of `a|b`, is known; of `a+b` both have to be."""
+    return bool(_met(vehicle, need))
+
+
+def missing(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the needs that a vehicle does not meet."""
+    return tuple(need for need in target.needs if not has(vehicle, need))
+
+
+def keys_of(need: str) -> str:
+    """Return the keys of a need as a person reads them: `a + b or c`."""
+    choices = [" + ".join(SOURCES[name].keys[0] for name in choice.split("+")) for choice in need.split("|")]
+    return " or ".join(choices)
+
+
+def given_by(need: str) -> str:
+    """Return what gives a need, each once."""
+    return " or ".join(dict.fromkeys(SOURCES[name].given_by for name in _names(need)))
+
+
+def asked_for(need: str) -> str:
+    """Return the keys of a need and what gives them."""
+    return f"{keys_of(need)} ({given_by(need)})"
+
+
+def text_of(target: Target, vehicle: Vehicle) -> str:
+    """Return the whole file of a target.
+
+    Raises DataError when something that the target cannot do without was not measured.
+    """
+    lacking = missing(target, vehicle)
+    if lacking:
+        asked = "; ".join(asked_for(need) for need in lacking)
+        raise DataError(f"{target.name} cannot do without what is not measured yet: {asked}.")
+    body = target.write(vehicle)
+    head = commented(_heading(target, vehicle), target.comment)
+    if body.startswith("<?xml"):  # nothing may stand before an XML declaration
+        declaration, _, rest = body.partition("\n")
+        return f"{declaration}\n{head}{rest}"
+    return head + body
+
+
+def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the keys of what a target takes although its fit is not believed."""
+    return tuple(q.key for q in _taken(target, vehicle) if not q.believed)
+
+
+def left_out(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what a target could use and the vehicle lacks."""
+    return tuple(use for use in target.uses if not has(vehicle, use))
+
+
+def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
+    yield f"{target.about} of {vehicle.name}, written by cfid {__version__}."
+    yield ""
+    if target.directional:
+        yield from _frame(vehicle)
+        yield from _inertia(target, vehicle)
+    else:
+        yield "Nothing here has a direction: nothing was turned."
+    yield ""
+    yield "Measured, one standard deviation behind +- , in the body frame of the campaign (not turned):"
+    for quantity in _taken(target, vehicle):
+        yield from _told(quantity)
+    lacking = left_out(target, vehicle)
+    if lacking:
+        yield "NOT MEASURED, and left out or marked below:"
+        yield from (f"  {asked_for(use)}" for use in lacking)
+    if target.notes:
+        yield ""
+        yield from target.notes
+
+
+def _frame(vehicle: Vehicle) -> Iterator[str]:
+    frame = vehicle.frame
+    yield "Frame: x forward, y left, z up; origin in the centre of mass; inertia entries are the matrix' own."
+    yield f"The campaign's body frame has forward = {frame.forward}, left = {frame.left}, up = {frame.up}."
+    if is_turned(frame):
+        axes = [turned(axis, frame) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        matrix = [[axis[row] for axis in axes] for row in range(3)]
+        yield f"Turned from it by R = {told(matrix)}: R v for vectors, R I R^T for the inertia."
+    else:
+        yield "That is the same: nothing had to be turned."
+    yield "Motors m1 to m4 are in front right, behind right, behind left, in front left; seen from above m1 and m3 turn"
+    yield "counter-clockwise, as a Crazyflie has them."
+    yield "WARNING: the thesis' numbers that many projects copied (16.57e-6 as Ixx, 16.66e-6 as Iyy) were never turned."
+    yield "Its x is the pitch axis: with x forward, Ixx and Iyy change places, Ixz and Iyz too, and signs change."
+
+
+def _inertia(target: Target, vehicle: Vehicle) -> Iterator[str]:
+    if "inertia" in vehicle and "inertia" in (*target.needs, *target.uses):
+        yield f"Inertia in this file's frame: {told(inertia_kg_m2(vehicle))} kg m^2"
+        std = inertia_std_kg_m2(vehicle)
+        yield f"  +- {told(std, 2)}" if std else "  +- unknown"
+
+
+def _told(quantity: Quantity) -> Iterator[str]:
+    spread = "unknown" if quantity.std is None else told(quantity.std, 2)
+    yield f"  {quantity.key} = {told(quantity.value)} +- {spread} {quantity.unit}"
+    yield f"    {quantity.origin}"
+    if not quantity.believed:
+        yield "    NOT BELIEVED: the fit does not describe its data; it was kept by force."
+
+
+def _taken(target: Target, vehicle: Vehicle) -> Sequence[Quantity]:
+    names = dict.fromkeys(name for need in (*target.needs, *target.uses) for name in _met(vehicle, need))
+    return [vehicle.quantities[name] for name in names]
+
+
+def _met(vehicle: Vehicle, need: str) -> Sequence[str]:
+    """Return the quantities that meet a need: those of its first choice that is known whole."""
+    choices = (choice.split("+") for choice in need.split("|"))
+    return next((names for names in choices if all(name in vehicle for name in names)), [])
+
+
+def _names(need: str) -> list[str]:
+    return need.replace("+", "|").split("|")

@@ -1,0 +1,127 @@
+"""URDF properties for gym-pybullet-drones and safe-control-gym; speeds are in revolutions per minute."""
+
+from collections.abc import Mapping
+
+from cfid.export.hover import (
+    RPM,
+    drag_kg_per_rad,
+    hover_command,
+    inertia_kg_m2,
+    moment_per_thrust_m,
+    rotor_places_m,
+    slope_of,
+    value_of,
+)
+from cfid.export.target import Target
+from cfid.export.vehicle import Vehicle
+from cfid.export.wording import XML, number, numbers
+
+_NEEDS = ("mass", "inertia", "arm", "thrust_per_speed_squared", "torque_of_thrust", "max_thrust")
+_NOTES = (
+    "Put the attributes of <properties> and the <inertial> of base_link over those of assets/cf2x.urdf, and",
+    "keep its visual, collision, max_speed_kmh, gnd_eff_coeff and dw_coeff_*: cfid does not measure them, so",
+    "they are not here. kf: N/rpm^2 of one motor; km: N m/rpm^2 of one motor (not m); arm: m from the centre to",
+    "a motor, diagonally. thrust2weight: four motors at the full command over the weight, with the battery as",
+    "it was measured. drag_coeff_*: kg/rad, over the sum of the four rotor speeds in rad/s and the velocity",
+    "(not rpm), positive. The explicit dynamics take the diagonal of the inertia alone, PyBullet's physics the",
+    "whole matrix.",
+)
+
+
+def properties(vehicle: Vehicle) -> dict[str, float]:
+    """Return the attributes that both programs share, by name."""
+    kf = vehicle["thrust_per_speed_squared"] * RPM**2
+    weight = vehicle["mass"] * vehicle.gravity_mps2
+    found = {
+        "arm": vehicle["arm"],
+        "kf": kf,
+        "km": moment_per_thrust_m(vehicle) * kf,
+        "thrust2weight": 4 * vehicle["max_thrust"] / weight,
+    }
+    if "rotor_radius" in vehicle:
+        found["prop_radius"] = vehicle["rotor_radius"]
+    if "drag" in vehicle:
+        ahead, left, up = drag_kg_per_rad(vehicle)
+        found |= {"drag_coeff_xy": (ahead + left) / 2, "drag_coeff_z": up}
+    return found
+
+
+def speed_properties(vehicle: Vehicle) -> dict[str, float]:
+    """Return the straight line of speed over command, rpm of a command: the tangent at hovering."""
+    poly, hovering = vehicle["speed_of_command"], hover_command(vehicle)
+    slope = slope_of(poly, hovering) / RPM
+    return {"pwm2rpm_scale": slope, "pwm2rpm_const": value_of(poly, hovering) / RPM - slope * hovering}
+
+
+def write(vehicle: Vehicle) -> str:
+    """Return the file for gym-pybullet-drones."""
+    return _robot(vehicle, properties(vehicle))
+
+
+def write_safe_control(vehicle: Vehicle) -> str:
+    """Return the file for safe-control-gym."""
+    return _robot(vehicle, properties(vehicle) | speed_properties(vehicle))
+
+
+def _robot(vehicle: Vehicle, attributes: Mapping[str, float]) -> str:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
+    entries = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+    return f"""<?xml version="1.0" ?>
+<robot name="cf2">
+  <properties {_attributes(attributes)}/>
+  <link name="base_link">
+    <inertial>
+      <origin rpy="0 0 0" xyz="0 0 0"/>
+      <mass value="{number(vehicle["mass"])}"/>
+      <inertia {_attributes(entries)}/>
+    </inertial>
+  </link>
+{"".join(_point(f"prop{i}", place) for i, place in enumerate(rotor_places_m(vehicle)))}\
+{_point("center_of_mass", (0.0, 0.0, 0.0))}</robot>
+"""
+
+
+def _point(name: str, place_m: tuple[float, float, float]) -> str:
+    """Return a link without mass: where forces act."""
+    return f"""  <link name="{name}_link">
+    <inertial>
+      <origin rpy="0 0 0" xyz="{numbers(place_m, " ")}"/>
+      <mass value="0"/>
+      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>
+    </inertial>
+  </link>
+  <joint name="{name}_joint" type="fixed">
+    <parent link="base_link"/>
+    <child link="{name}_link"/>
+  </joint>
+"""
+
+
+def _attributes(values: Mapping[str, float]) -> str:
+    return " ".join(f'{name}="{number(value)}"' for name, value in values.items())
+
+
+GYM_PYBULLET_DRONES = Target(
+    name="gym-pybullet-drones",
+    file_name="gym_pybullet_drones_cf2x.urdf",
+    about="URDF properties for gym-pybullet-drones",
+    comment=XML,
+    needs=_NEEDS,
+    uses=("drag", "rotor_radius"),
+    notes=_NOTES,
+    write=write,
+)
+SAFE_CONTROL_GYM = Target(
+    name="safe-control-gym",
+    file_name="safe_control_gym_cf2x.urdf",
+    about="URDF properties for safe-control-gym",
+    comment=XML,
+    needs=(*_NEEDS, "thrust_of_command", "speed_of_command"),
+    uses=("drag", "rotor_radius"),
+    notes=(
+        *_NOTES,
+        "pwm2rpm_scale, pwm2rpm_const: rpm of one motor over its command (0 to 65535), the tangent at hovering.",
+        "pwm_min and pwm_max are limits of the controller and no measurements: keep those of the file.",
+    ),
+    write=write_safe_control,
+)

@@ -1,0 +1,154 @@
+"""What a campaign knows of its vehicle, collected once for all exports; nothing is turned or converted here."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cfid.campaign import BodyFrame, Rig
+from cfid.errors import ConfigError
+from cfid.parameters import Parameter, Section, Value, plain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """The keys that a quantity may stand under, the first that is there wins, and what gives it."""
+
+    keys: tuple[str, ...]
+    given_by: str
+
+
+SOURCES: Mapping[str, Source] = {
+    "mass": Source(keys=("mass_kg",), given_by="rig.toml's vehicle, or `cfid set mass_kg 0.0280`"),
+    "arm": Source(keys=("arm_m",), given_by="`cfid set arm_m 0.046`: from the vehicle's centre to a motor's axis"),
+    "inertia": Source(keys=("inertia.matrix_kg_m2",), given_by="`cfid fit inertia`"),
+    "thrust_of_command": Source(keys=("motor.thrust_poly",), given_by="`cfid fit thrust`"),
+    "thrust_range": Source(keys=("motor.command_of_thrust",), given_by="`cfid fit thrust`"),
+    "max_thrust": Source(keys=("motor.max_thrust_n",), given_by="`cfid fit thrust`"),
+    "thrust_of_voltage": Source(
+        keys=("motor.thrust_voltage_poly",), given_by="`cfid fit thrust` of runs with the battery's voltage"
+    ),
+    "speed_of_command": Source(keys=("motor.speed_poly",), given_by="`cfid fit speed`"),
+    "thrust_per_speed_squared": Source(
+        keys=("motor.thrust_per_speed_squared_n_s2",), given_by="`cfid fit thrust` of runs with rotor speeds"
+    ),
+    "thrust_of_speed": Source(
+        keys=("motor.thrust_speed_poly",), given_by="`cfid fit thrust` of runs with rotor speeds"
+    ),
+    "torque_of_thrust": Source(keys=("motor.torque_poly",), given_by="`cfid fit torque`"),
+    "rising": Source(keys=("dynamics.rising",), given_by="`cfid fit dynamics`"),
+    "falling": Source(keys=("dynamics.falling",), given_by="`cfid fit dynamics`"),
+    "thrust_lag": Source(keys=("tf.time_constant_s",), given_by="`cfid tf identify`"),
+    "drag": Source(
+        keys=("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"), given_by="`cfid fit drag`"
+    ),
+    "rotor_inertia": Source(keys=("rotor_inertia_kg_m2",), given_by="`cfid set rotor_inertia_kg_m2 3e-8`"),
+    "rotor_radius": Source(keys=("rotor_radius_m",), given_by="`cfid set rotor_radius_m 0.0231`"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A value with one standard deviation of its shape (None where there is none), its unit and where it came from."""
+
+    key: str
+    value: Value
+    std: Value
+    unit: str
+    origin: str
+    believed: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
+
+    `centre_m` is the centre of mass (3,) from the vehicle's middle, on the table it stands on.
+    """
+
+    name: str
+    frame: BodyFrame
+    gravity_mps2: float
+    centre_m: tuple[float, float, float]
+    quantities: Mapping[str, Quantity]
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether a quantity is known."""
+        return name in self.quantities
+
+    def __getitem__(self, name: str) -> Value:
+        """Return a quantity's value; it has to be known."""
+        return self.quantities[name].value
+
+
+def collect(rig: Rig, sections: Mapping[str, Section], *, rig_file: str = "rig.toml") -> Vehicle:
+    """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
+
+    Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
+    """
+    if "body_frame" not in rig.vehicle.model_fields_set:
+        raise ConfigError(
+            f"{rig_file}: vehicle.body_frame is missing: say which body axis points forward, left and up "
+            '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
+        )
+    x, y, z = (0.001 * length for length in rig.vehicle.centre_of_mass_mm)
+    quantities: dict[str, Quantity] = {}
+    for name, source in SOURCES.items():
+        found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
+        if found is not None:
+            quantities[name] = found
+    quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
+    return Vehicle(
+        name=rig.vehicle.name,
+        frame=rig.vehicle.body_frame,
+        gravity_mps2=rig.site.gravity_mps2,
+        centre_m=(x, y, z),
+        quantities=quantities,
+    )
+
+
+def _weighed(rig: Rig, rig_file: str) -> Quantity:
+    std = rig.vehicle.mass_std_kg or None
+    return Quantity(key="mass_kg", value=rig.vehicle.mass_kg, std=std, unit="kg", origin=rig_file)
+
+
+def _find(sections: Mapping[str, Section], key: str) -> Quantity | None:
+    """Return what stands under a key: where several sections have it, a believed one, and the latest of those."""
+    holding = [
+        (section.believed, section.found, name)
+        for name, section in sections.items()
+        if key in section.parameters and _known(plain(section.parameters[key].value))
+    ]
+    if not holding:
+        return None
+    name = max(holding)[-1]
+    section = sections[name]
+    return _quantity(key, section.parameters[key], name, section)
+
+
+def _quantity(key: str, parameter: Parameter, name: str, section: Section) -> Quantity:
+    runs = ", ".join(dict.fromkeys(Path(source.path).name for source in section.sources))
+    parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
+    return Quantity(
+        key=key,
+        value=plain(parameter.value),
+        std=plain(parameter.std),
+        unit=parameter.unit,
+        origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
+        believed=section.believed,
+    )
+
+
+def _known(value: Value) -> bool:
+    return all(part is not None for part in _leaves(value))
+
+
+def _leaves(value: Value) -> Iterator[object]:
+    if isinstance(value, Mapping):
+        for part in value.values():
+            yield from _leaves(part)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for part in value:
+            yield from _leaves(part)
+    else:
+        yield None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,48 @@
+"""Numbers and comments as files write them."""
+
+import re
+from collections.abc import Iterable, Sequence
+
+from cfid.parameters import Value
+
+HASH, SLASHES, XML = "#", "//", "<!--"
+
+
+def number(value: float) -> str:
+    """Return a number that C, TOML, YAML, XML and Python all read as floating point."""
+    mantissa, exponent_mark, exponent = f"{value + 0.0:.10g}".partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent_mark}{exponent}"
+
+
+def numbers(values: Iterable[float], separator: str = ", ") -> str:
+    """Return numbers in a row."""
+    return separator.join(number(value) for value in values)
+
+
+def rows(matrix: Iterable[Sequence[float]]) -> str:
+    """Return a matrix as TOML and Python nest it, a line a row."""
+    return "[\n" + "".join(f"    [{numbers(row)}],\n" for row in matrix) + "]"
+
+
+def told(value: Value, digits: int = 7) -> str:
+    """Return a value as a comment tells it."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} {told(item, digits)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(told(item, digits) for item in value) + "]"
+    return f"{value:.{digits}g}" if isinstance(value, int | float) else "-" if value is None else str(value)
+
+
+def commented(lines: Iterable[str], style: str) -> str:
+    """Return lines as comments, whatever they hold: names come from files that people write."""
+    safe = ["".join(c if c.isprintable() else "?" for c in line).rstrip("\\ ") for line in lines]
+    if style == XML:
+        inside = "".join(f"  {re.sub('-(?=-)', '- ', line).removesuffix('-')}".rstrip() + "\n" for line in safe)
+        return f"<!--\n{inside}-->\n"
+    return "".join(f"{style} {line}".rstrip() + "\n" for line in safe)
+
+
+def identifier(name: str) -> str:
+    """Return a name of letters, digits and underscores alone."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in name).strip("_")
+    return kept or "vehicle"
