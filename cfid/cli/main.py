@@ -8,6 +8,7 @@ import typer
 from cfid import __version__
 from cfid.cli.campaign import new
 from cfid.cli.demo import demo
+from cfid.cli.export import export
 from cfid.cli.fit_drag import drag
 from cfid.cli.fit_dynamics import dynamics
 from cfid.cli.fit_friction import friction
@@ -54,6 +55,7 @@ app.command()(new)
 app.command()(show)
 app.command()(parameters)
 app.command("set")(set_by_hand)
+app.command()(export)
 app.add_typer(recorded, name="runs")
 recorded.callback(invoke_without_command=True)(runs)
 recorded.command()(exclude)
