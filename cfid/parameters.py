@@ -4,7 +4,7 @@ One section per fit; a later fit replaces its own section and touches no other.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,6 +12,9 @@ from typing import Any
 
 from cfid.durable import alone_in, first_fault, read_toml, write_toml
 from cfid.errors import ConfigError, DataError
+
+_MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
 
 Value = Any  # a number, nested lists of numbers, or a list of rows (dicts): what TOML and JSON share
 
@@ -63,6 +66,25 @@ def plain(value: Any) -> Value:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def scalars(name: str, parameter: Parameter) -> Iterator[tuple[str, Value, Value]]:
+    """Return the numbers of a parameter one by one, named, with their deviations; a list of rows has none.
+
+    A symmetric matrix gives each of its entries once.
+    """
+    value, std = plain(parameter.value), plain(parameter.std)
+    if isinstance(value, list) and value and isinstance(value[0], Mapping):
+        return
+    if not isinstance(value, list):
+        yield name, value, std
+    elif len(value) == 3 and isinstance(value[0], list):
+        entries = _MATRIX if all(value[j][i] == value[i][j] for i, j in _MATRIX.values()) else _ALL_ENTRIES
+        for entry, (i, j) in entries.items():
+            yield f"{name} {entry}", value[i][j], std[i][j] if std else None
+    else:
+        for i, item in enumerate(value):
+            yield f"{name} [{i}]", item, std[i] if std else None
 
 
 def load_sections(path: Path) -> dict[str, Section]:

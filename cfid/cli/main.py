@@ -19,6 +19,7 @@ from cfid.cli.fit_motors import torque as fit_torque
 from cfid.cli.fit_rotor import rotor
 from cfid.cli.fit_swing import swing
 from cfid.cli.fit_testbody import testbody
+from cfid.cli.fleet import fleet
 from cfid.cli.log import encoder, loadcell
 from cfid.cli.log_ping import ping
 from cfid.cli.log_readings import scales, speed
@@ -55,6 +56,7 @@ app.command()(new)
 app.command()(show)
 app.command()(parameters)
 app.command("set")(set_by_hand)
+app.command()(fleet)
 app.command()(export)
 app.add_typer(recorded, name="runs")
 recorded.callback(invoke_without_command=True)(runs)

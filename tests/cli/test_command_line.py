@@ -20,6 +20,7 @@ COMMANDS = [
     ("runs", "note"),
     ("parameters",),
     ("set",),
+    ("fleet",),
     ("show",),
     ("rig", "check"),
     ("rig", "sim"),
