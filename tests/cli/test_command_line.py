@@ -21,6 +21,7 @@ COMMANDS = [
     ("parameters",),
     ("set",),
     ("fleet",),
+    ("export",),
     ("show",),
     ("rig", "check"),
     ("rig", "sim"),

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cfid.campaign import BodyFrame
@@ -14,8 +15,9 @@ from tests.export.thesis_vehicle import INERTIA_KG_M2, INERTIA_STD_KG_M2, vehicl
 THESIS = BodyFrame(forward="y", left="-x", up="z")
 
 
-def unit(axis: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return (-1 if axis.startswith("-") else 1) * np.eye(3)["xyz".index(axis[-1])]
+def unit(axis: str) -> npt.NDArray[np.float64]:
+    rows: npt.NDArray[np.float64] = np.eye(3) * (-1.0 if axis.startswith("-") else 1.0)
+    return np.array(rows["xyz".index(axis[-1])])
 
 
 def right_handed() -> list[BodyFrame]:

@@ -99,3 +99,8 @@ def vehicle(*without: str, frame: Mapping[str, str] | None = None, doubted: str 
         for name, found in sections().items()
     }
     return collect(rig, kept)
+
+
+def with_value(known: Vehicle, name: str, value: Any) -> Vehicle:
+    """Return a vehicle with another value of one quantity."""
+    return replace(known, quantities={**known.quantities, name: replace(known.quantities[name], value=value)})

@@ -1,0 +1,144 @@
+"""cfid export as an operator types it: where files go, what is never overwritten, what is said, exit codes, JSON."""
+
+import json
+import subprocess
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cfid.campaign import new_rig_text
+from cfid.export.catalogue import TARGETS
+from cfid.parameters import store_section
+from tests.export.thesis_vehicle import section, sections
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """The folder that `cfid` runs in, as a campaign with the thesis' numbers."""
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    for name, found in sections().items():
+        store_section(tmp_path / "parameters.toml", name, found)
+    return tmp_path
+
+
+def test_a_file_is_written_into_the_campaign_and_its_path_is_all_of_stdout(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "crazyflow")
+
+    path = campaign / "exports" / "crazyflow_params.toml"
+    assert (said.returncode, Path(said.stdout.strip()).resolve()) == (0, path.resolve())
+    assert tomllib.loads(path.read_text())["Crazyflie_2_0"]["mass"] == 0.028
+    assert "rotor_inertia_kg_m2" in said.stderr
+
+
+def test_a_dash_is_stdout_and_nothing_but_the_file(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "crazyflow", "--out", "-")
+
+    assert tomllib.loads(said.stdout)["Crazyflie_2_0"]["mass"] == 0.028
+    assert not (campaign / "exports").exists()
+
+
+def test_a_file_goes_where_it_is_told(cfid: Cfid, campaign: Path) -> None:
+    assert cfid("export", "mujoco", "--out", "a/b.xml").returncode == 0
+    assert (campaign / "a" / "b.xml").read_text().startswith("<!--")
+
+
+def test_a_file_that_is_there_is_overwritten_by_force_alone(cfid: Cfid, campaign: Path) -> None:
+    (campaign / "mine.h").write_text("mine")
+    said = cfid("export", "firmware", "--out", "mine.h")
+
+    assert (said.returncode, said.stdout, (campaign / "mine.h").read_text()) == (2, "", "mine")
+    assert "--force" in said.stderr
+    assert cfid("export", "firmware", "--out", "mine.h", "--force").returncode == 0
+    assert "CF_MASS" in (campaign / "mine.h").read_text()
+
+
+def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    said = cfid("export", "rotorpy")
+
+    assert (said.returncode, said.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 (`cfid fit inertia`)" in said.stderr
+    assert not (tmp_path / "exports").exists()
+
+
+def test_what_is_not_believed_is_said_and_marked(cfid: Cfid, campaign: Path) -> None:
+    found = sections()["inertia"].parameters
+    store_section(campaign / "parameters.toml", "inertia", section(found, believed=False))
+    said = cfid("export", "crazyswarm2", "--out", "-")
+
+    assert "NOT BELIEVED" in said.stdout
+    assert "inertia.matrix_kg_m2 is not believed" in said.stderr
+
+
+def test_a_rig_without_a_body_frame_is_refused_by_key(cfid: Cfid, campaign: Path) -> None:
+    before, _, after = new_rig_text().partition("[vehicle.body_frame]")
+    (campaign / "rig.toml").write_text(before + after[after.index("[site]") :])
+    said = cfid("export", "firmware")
+
+    assert (said.returncode, "vehicle.body_frame is missing" in said.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [(("crazyfly",), "no such target"), (("mujoco", "--json"), "cfid export list"), ((), "TARGET")],
+    ids=["an unknown target", "json of a file", "no target"],
+)
+def test_wrong_words_are_usage_errors(cfid: Cfid, campaign: Path, words: tuple[str, ...], part: str) -> None:
+    said = cfid("export", *words)
+
+    assert (said.returncode, said.stdout) == (2, "")
+    assert part in said.stderr
+
+
+def test_a_place_that_cannot_be_written_is_a_sentence(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "mujoco", "--out", "rig.toml/x.xml")
+
+    assert said.returncode == 2
+    assert "cannot be written" in said.stderr
+
+
+def test_outside_a_campaign_there_is_nothing_to_export(cfid: Cfid) -> None:
+    assert cfid("export", "list").returncode == 2
+
+
+def test_the_list_names_every_target_what_it_has_and_what_gives_the_rest(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    said = cfid("export", "list")
+
+    assert said.returncode == 0
+    assert all(f"{name}: " in said.stdout for name in TARGETS)
+    assert "MISSING: inertia.matrix_kg_m2: `cfid fit inertia`" in said.stdout
+    assert "has: mass_kg" in said.stdout
+
+
+def test_the_list_as_json_is_one_object_with_needs_by_key(cfid: Cfid, campaign: Path) -> None:
+    content = json.loads(cfid("export", "list", "--json").stdout)
+
+    assert (content["command"], sorted(content)) == ("export list", ["command", "targets", "version"])
+    rows = {row["target"]: row for row in content["targets"]}
+    assert list(rows) == list(TARGETS)
+    assert all(row["ready"] for row in rows.values())
+    assert sorted(rows["mujoco"]) == ["about", "file", "needs", "not_believed", "ready", "target", "uses"]
+    lags = {"known": True, "keys": "dynamics.rising + dynamics.falling or tf.time_constant_s"}
+    found = [need for need in rows["rotorpy"]["needs"] if "tf.time" in need["keys"]]
+    assert [{key: need[key] for key in lags} for need in found] == [lags]
+
+
+def test_the_list_says_what_is_not_ready(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    rows = json.loads(cfid("export", "list", "--json").stdout)["targets"]
+
+    assert [row["target"] for row in rows if row["ready"]] == ["firmware"]
+
+
+def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:
+    assert cfid("set", "arm_m", "0.05", "--std", "0.0001").returncode == 0
+    assert cfid("set", "mass_kg", "0.0301").returncode == 0
+    text = cfid("export", "firmware", "--out", "-").stdout
+
+    assert "#define ARM_LENGTH 0.05f" in text
+    assert "#define CF_MASS 0.0301f" in text

@@ -1,0 +1,54 @@
+"""Exports read back by the formats' own parsers."""
+
+import runpy
+import tomllib
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cfid.export.catalogue import TARGETS
+from cfid.export.target import text_of
+from cfid.export.vehicle import Vehicle
+
+
+def export(name: str, vehicle: Vehicle) -> str:
+    """Return the text of an export."""
+    return text_of(TARGETS[name], vehicle)
+
+
+def toml(name: str, vehicle: Vehicle) -> dict[str, Any]:
+    """Return an export read as TOML."""
+    return tomllib.loads(export(name, vehicle))
+
+
+def xml(name: str, vehicle: Vehicle) -> ET.Element:
+    """Return the root of an export read as XML."""
+    return ET.fromstring(export(name, vehicle))
+
+
+def attributes(element: ET.Element | None) -> dict[str, float]:
+    """Return an element's attributes as numbers."""
+    assert element is not None
+    return {key: float(value) for key, value in element.attrib.items()}
+
+
+def python(name: str, vehicle: Vehicle, folder: Path) -> dict[str, Any]:
+    """Return the parameters that an export run as Python defines."""
+    path = folder / "vehicle_params.py"
+    path.write_text(export(name, vehicle))
+    found: dict[str, Any] = runpy.run_path(str(path))["quad_params"]
+    return found
+
+
+def yaml(name: str, vehicle: Vehicle) -> Any:
+    """Return an export read as YAML."""
+    parser = pytest.importorskip("yaml", reason="PyYAML is not installed")
+    return parser.safe_load(export(name, vehicle))
+
+
+def macros(text: str) -> dict[str, float]:
+    """Return the numbers that a C header defines."""
+    words = [line.split() for line in text.splitlines() if line.startswith("#define")]
+    return {word[1]: float(word[2].removesuffix("f")) for word in words}

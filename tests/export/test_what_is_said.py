@@ -1,0 +1,202 @@
+"""Comments of every export: origins, deviations, turning, what is missing, what is not believed. Nothing is guessed."""
+
+import ast
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from cfid.campaign import load_rig, new_rig_text, thesis_rig
+from cfid.errors import CfidError, ConfigError, DataError
+from cfid.export.catalogue import TARGETS, target_named
+from cfid.export.target import text_of
+from cfid.export.vehicle import SOURCES, collect
+from cfid.export.wording import HASH, XML, commented, identifier, number
+from tests.export.reading import attributes, export, macros, python, toml, xml
+from tests.export.thesis_vehicle import section, sections, vehicle
+
+EVERY = list(TARGETS)
+DIRECTIONAL = [name for name, target in TARGETS.items() if target.directional]
+FORMS: dict[str, Callable[[str], Any]] = {
+    "h": macros,
+    "toml": tomllib.loads,
+    "urdf": ET.fromstring,
+    "xml": ET.fromstring,
+    "sdf": ET.fromstring,
+    "py": ast.parse,
+    "yaml": str,
+}
+
+
+def words(text: str) -> str:
+    return " ".join(text.replace("#", " ").replace("//", " ").split())
+
+
+# Origins
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_every_file_says_by_which_fit_of_which_run_and_when(name: str) -> None:
+    text = words(export(name, vehicle()))
+
+    assert "mass_kg = 0.028 +- 3e-05 kg rig.toml" in text
+    assert "method thesis; 2015-08-31 12:30 UTC; cfid 9.8.7; from loadcell.csv, run_1" in text or name == "crazyswarm2"
+
+
+@pytest.mark.parametrize("name", DIRECTIONAL)
+def test_every_file_with_directions_says_how_it_was_turned_and_that_copies_of_the_thesis_were_not(name: str) -> None:
+    text = words(export(name, vehicle()))
+
+    assert "forward = y, left = -x, up = z" in text
+    assert "R = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]" in text
+    assert "16.57e-6 as Ixx, 16.66e-6 as Iyy) were never turned" in text
+    assert "+- [[4e-08, 2e-08, 5e-08], [2e-08, 1e-08, 3e-08], [5e-08, 3e-08, 6e-08]]" in text
+
+
+def test_a_frame_that_is_the_targets_own_is_said_to_need_no_turn() -> None:
+    text = export("mujoco", vehicle(frame={"forward": "x", "left": "y", "up": "z"}))
+
+    assert "nothing had to be turned" in text
+    assert "R = " not in text
+
+
+def test_a_file_of_scalars_does_not_claim_to_have_been_turned() -> None:
+    assert "nothing was turned" in export("system-id", vehicle())
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_file_lists_no_quantity_that_it_does_not_take(name: str) -> None:
+    text = export(name, vehicle())
+
+    assert "rising" not in text or "tf.time_constant_s" not in text or name == "system-id"
+
+
+# What is not believed
+
+
+@pytest.mark.parametrize("name", [name for name in EVERY if "inertia" in TARGETS[name].needs])
+def test_what_its_fit_does_not_believe_is_marked(name: str) -> None:
+    marked = words(export(name, vehicle(doubted="inertia")))
+
+    assert marked.count("NOT BELIEVED") == 1
+    assert marked.index("inertia.matrix_kg_m2") < marked.index("NOT BELIEVED")
+    assert "NOT BELIEVED" not in export(name, vehicle())
+
+
+def test_a_believed_fit_goes_before_a_newer_one_that_is_not() -> None:
+    old = section({"motor.thrust_per_speed_squared_n_s2": 2e-8})
+    new = section({"motor.thrust_per_speed_squared_n_s2": 3e-8}, believed=False)
+    new = replace(new, found=new.found.replace(year=2026))
+    newer = replace(new, believed=True)
+
+    assert collect(thesis_rig(), {"thrust": old, "speed": new})["thrust_per_speed_squared"] == 2e-8
+    assert collect(thesis_rig(), {"thrust": old, "speed": newer})["thrust_per_speed_squared"] == 3e-8
+
+
+# What is missing
+
+
+@pytest.mark.parametrize(
+    ("name", "need"), [(name, need) for name, target in TARGETS.items() for need in target.needs if need != "mass"]
+)
+def test_a_target_that_cannot_do_without_names_the_key_and_the_fit(name: str, need: str) -> None:
+    keys = [key for part in need.replace("+", "|").split("|") for key in SOURCES[part].keys]
+
+    with pytest.raises(DataError) as caught:
+        export(name, vehicle(*keys))
+
+    assert caught.value.exit_code == 4
+    assert keys[0] in str(caught.value)
+    assert "`cfid " in str(caught.value)
+
+
+def test_a_campaign_that_measured_nothing_still_has_its_mass_for_the_firmware() -> None:
+    text = text_of(TARGETS["firmware"], collect(thesis_rig(), {}))
+
+    assert macros(text) == {"CF_MASS": 0.028}
+    assert "NOT MEASURED" in text
+    assert "inertia.matrix_kg_m2 (`cfid fit inertia`)" in text
+
+
+def test_an_unknown_part_of_a_value_is_as_if_nothing_was_measured() -> None:
+    found = {**sections(), "dynamics": section({"dynamics.rising": [7.0, 0.0], "dynamics.falling": [float("nan")] * 2})}
+
+    assert "falling" not in collect(thesis_rig(), found)
+
+
+def test_drag_that_was_not_measured_is_marked_or_left_out(tmp_path_factory: pytest.TempPathFactory) -> None:
+    none = vehicle("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
+
+    assert "k_d" not in python("rotorpy", none, tmp_path_factory.mktemp("rotorpy"))
+    assert "drag_coeff_xy" not in attributes(xml("gym-pybullet-drones", none).find("properties"))
+    assert "DRAG_B_X" not in macros(export("firmware", none))
+    assert toml("crazyflow", none)["Crazyflie_2_0"]["drag_matrix"] == [[0.0] * 3] * 3
+    assert "NOT MEASURED: zero switches drag off" in export("crazyflow", none)
+    # Gazebo would take a drag of its own where the file had none.
+    assert {e.text for e in xml("gazebo", none).iter("rotorDragCoefficient")} == {"0.0"}
+    for name in ("rotorpy", "gym-pybullet-drones", "firmware", "crazyflow", "gazebo"):
+        assert "drag.simple_kg_per_rad" in export(name, none).split("NOT MEASURED", 1)[1]
+
+
+def test_what_nobody_measures_is_in_no_urdf() -> None:
+    properties = attributes(xml("gym-pybullet-drones", vehicle()).find("properties"))
+
+    assert not {"gnd_eff_coeff", "dw_coeff_1", "max_speed_kmh", "prop_radius"} & set(properties)
+
+
+def test_a_vehicle_too_heavy_to_hover_is_refused_where_hovering_matters() -> None:
+    rig = thesis_rig()
+    heavy = rig.model_copy(update={"vehicle": rig.vehicle.model_copy(update={"mass_kg": 0.1})})
+
+    with pytest.raises(DataError, match=r"no command hovers 0\.1 kg"):
+        text_of(TARGETS["safe-control-gym"], collect(heavy, sections()))
+
+
+# The body frame
+
+
+def test_a_rig_that_does_not_say_where_forward_is_exports_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("rig") / "rig.toml"
+    before, _, after = new_rig_text().partition("[vehicle.body_frame]")
+    path.write_text(before + after[after.index("[site]") :])
+
+    with pytest.raises(ConfigError, match=r"vehicle\.body_frame is missing"):
+        collect(load_rig(path), sections())
+
+
+# Names and forms
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_vehicle_of_any_name_gives_a_file_that_is_read(name: str) -> None:
+    strange = replace(vehicle(), name="my -- quad --> */ \n ]] \\")
+
+    FORMS[TARGETS[name].file_name.rsplit(".")[-1]](export(name, strange))
+
+
+def test_a_comment_never_ends_before_its_end() -> None:
+    assert ET.fromstring(commented(["a --> b", "c ---- d -"], XML) + "<x/>").tag == "x"
+    assert commented(["a\nb"], HASH) == "# a?b\n"
+
+
+def test_numbers_have_a_point_so_that_yaml_takes_them_for_numbers() -> None:
+    assert [number(x) for x in (1e-5, 5, -0.0, 1.6655602e-05, 1e20)] == [
+        "1.0e-05",
+        "5.0",
+        "0.0",
+        "1.6655602e-05",
+        "1.0e+20",
+    ]
+
+
+def test_names_are_identifiers() -> None:
+    assert [identifier(name) for name in ("Crazyflie 2.1+", "é", "a/b")] == ["Crazyflie_2_1", "vehicle", "a_b"]
+
+
+def test_an_unknown_target_is_told_which_there_are() -> None:
+    with pytest.raises(CfidError, match="crazyflow") as caught:
+        target_named("crazyfly")
+    assert caught.value.exit_code == 2
