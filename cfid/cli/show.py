@@ -28,7 +28,7 @@ def show(
     delivery: Delivery,
     terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")] = False,
 ) -> None:
-    """Plot a recording of the encoder (angle, speed) or of the load cell (forces, torques, spectrum).
+    """Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, pings.
 
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
@@ -43,18 +43,18 @@ def show(
 
 def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Outcome:
     def drawings() -> "dict[str, Figure]":
-        return {f"{view.record.path.stem}_recording": view.draw() for view in views}
+        return {f"{view.path.stem}_recording": view.draw() for view in views}
 
-    notes = [note for view in views for note in view.record.notes]
+    notes = [note for view in views for note in view.notes]
     return Outcome(
         command="show",
         method="",
         parameters=_parameters(views),
         quality={},
         warnings=(*dict.fromkeys(notes), *faults),  # what is said of a run is said once, however many devices it has
-        sources=tuple(view.record.source for view in views),
+        sources=tuple(view.source for view in views),
         drawings=drawings if draws else None,
-        beside=views[0].record.path.parent,
+        beside=views[0].path.parent,
     )
 
 
@@ -72,7 +72,7 @@ def _plot_in_terminal(view: View) -> None:
 
     plotext.clear_figure()
     plotext.plot(view.curve.time_s.tolist(), view.curve.value.tolist(), marker="braille")
-    plotext.title(view.record.name)
+    plotext.title(view.name)
     plotext.xlabel("time, s")
     plotext.ylabel(view.curve.name)
     plotext.plotsize(78, 22)

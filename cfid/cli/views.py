@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cfid.cli.inputs import Workplace, find_recording, read_recording
@@ -11,8 +12,9 @@ from cfid.errors import DataError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cfid.parameters import Parameter
+    from cfid.parameters import Parameter, Source
     from cfid.recording import AngleRecord
+    from cfid.run import Run
     from cfid.table import Array
     from cfid.wrench import WrenchRecord
 
@@ -32,7 +34,10 @@ class View:
     """One device's recording as it is shown."""
 
     device: str
-    record: "AngleRecord | WrenchRecord"
+    name: str
+    path: Path
+    source: "Source"
+    notes: tuple[str, ...]
     parameters: "Mapping[str, Parameter]"
     curve: Curve
     draw: "Callable[[], Figure]"
@@ -57,8 +62,13 @@ def views_of(
     run = run_at(path)
     if run is None:
         return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
-    devices = [device for device in readers if device in run.header.devices]
-    return _readable([readers[device] for device in devices or [ENCODER]])
+    order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
+    wanted = [_reader_of(run, device, readers) for device in order]
+    return _readable(wanted or [readers[ENCODER]])
+
+
+def _reader_of(run: "Run", device: str, readers: "Mapping[str, Callable[[], View]]") -> "Callable[[], View]":
+    return readers.get(device) or (lambda: _device_view(run, device))
 
 
 def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str, ...]]:
@@ -88,7 +98,10 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
     chosen = np.linspace(0, len(record.time_s) - 1, min(_CURVE_POINTS, len(record.time_s))).astype(int)
     return View(
         device=device,
-        record=record,
+        name=record.name,
+        path=record.path,
+        source=record.source,
+        notes=record.notes,
         parameters=_sampling(record.time_s)
         | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
         curve=Curve(record.time_s[chosen], np.degrees(record.angle_rad[chosen]), "angle, degrees"),
@@ -97,7 +110,7 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
 
 
 def _wrench_view(device: str, record: "WrenchRecord") -> View:
-    from cfid.analysis.signals import block_means
+    from cfid.analysis.blocks import block_means
     from cfid.parameters import Parameter
 
     def draw() -> "Figure":
@@ -110,7 +123,10 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
     means = block_means(record.time_s, length=length), block_means(record.force_n[:, 2], length=length)
     return View(
         device=device,
-        record=record,
+        name=record.name,
+        path=record.path,
+        source=record.source,
+        notes=record.notes,
         parameters=_sampling(record.time_s)
         | {
             "mean_n": Parameter(value=record.force_n.mean(axis=0), unit="N"),
@@ -123,11 +139,45 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
     )
 
 
+def _device_view(run: "Run", device: str) -> View:
+    import numpy as np
+
+    from cfid.flight import read_rows
+    from cfid.parameters import Parameter
+    from cfid.report.device_figures import groups
+    from cfid.stamps import losses
+
+    rows = read_rows(run, device)
+    notes = tuple(losses(run, run.header.devices[device], len(rows.time_s)))
+    first = groups(list(rows.columns))[0][0]
+    chosen = np.linspace(0, len(rows.time_s) - 1, min(_CURVE_POINTS, len(rows.time_s))).astype(int)
+    since_s = rows.time_s - rows.time_s[0]
+
+    def draw() -> "Figure":
+        from cfid.report.device_figures import device_figure
+
+        return device_figure(rows.time_s, rows.columns, title=f"{run.folder.name}, {device}", notes=notes)
+
+    return View(
+        device=device,
+        name=run.folder.name,
+        path=run.device_file(device),
+        source=rows.source,
+        notes=notes,
+        parameters=_sampling(since_s)
+        | {f"mean.{name}": Parameter(value=float(column.mean())) for name, column in rows.columns.items()},
+        curve=Curve(since_s[chosen], rows.columns[first][chosen], first),
+        draw=draw,
+    )
+
+
 def _sampling(time_s: "Array") -> "dict[str, Parameter]":
     import numpy as np
 
     from cfid.parameters import Parameter
 
+    if len(time_s) < 2:
+        return {"samples": Parameter(value=len(time_s), unit="1")}
     interval = np.diff(time_s)
     return {
         "samples": Parameter(value=len(time_s), unit="1"),

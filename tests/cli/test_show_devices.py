@@ -1,0 +1,63 @@
+"""`cfid show` for what is neither angle nor force: commands, battery, crossings, pings, readings."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.run import DeviceRecord, Label, create_run
+from tests.cli.conftest import Cfid
+
+T = 1.7e9 + np.arange(5.0)
+DEVICES = {
+    "commands": {"m1": np.array([0, 9000, 0, 20000, 0]), "m2": np.zeros(5, int)},
+    "crazyflie": {"vehicle_ms": 1000 * np.arange(5), "pm.vbat": np.linspace(4.1, 3.9, 5)},
+    "crossings": {"thrust_rec": np.array([50000, 30000, 30001, 29999, 0])},
+    "pings": {"rtt_s": np.array([0.05, 0.06, 0.07, 0.05, 0.06])},
+}
+
+
+def recorded(folder: Path, *devices: str) -> Path:
+    """Record a run of some devices."""
+    records = {name: DeviceRecord(file=f"{name}.csv", columns=("t", *DEVICES[name])) for name in devices}
+    with create_run(
+        folder,
+        kind="thrust",
+        label=Label(),
+        devices=records,
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        simulated=True,
+    ) as writer:
+        for name in devices:
+            writer.append(name, (T, *DEVICES[name].values()))
+    return writer.folder
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_any_device_is_shown_alone(cfid: Cfid, tmp_path: Path, device: str) -> None:
+    run = recorded(tmp_path, device)
+    said = cfid("show", run)
+
+    assert said.returncode == 0, said.stderr
+    assert "recording.samples" in said.stdout
+    assert (run / f"{device}_recording.png").is_file()
+
+
+def test_devices_of_one_run_have_a_figure_and_numbers_each(cfid: Cfid, tmp_path: Path) -> None:
+    run = recorded(tmp_path, "commands", "crazyflie")
+    assert cfid("show", run).returncode == 0
+    assert {path.name for path in run.glob("*.png")} == {"commands_recording.png", "crazyflie_recording.png"}
+
+    numbers = json.loads(cfid("show", run, "--json").stdout)["parameters"]
+    assert numbers["recording.crazyflie.mean.pm.vbat"]["value"] == pytest.approx(4.0)
+    assert numbers["recording.commands.duration_s"]["value"] == 4
+
+
+def test_the_terminal_shows_the_first_column_that_says_something(cfid: Cfid, tmp_path: Path) -> None:
+    said = cfid("show", recorded(tmp_path, "crazyflie"), "--terminal")
+
+    assert said.returncode == 0
+    assert "pm.vbat" in said.stdout
