@@ -43,7 +43,7 @@ def read_text(path: Path) -> bytes:
     if content.startswith(_OTHER_BOMS):
         raise DataError(f"{path}: no CSV file in UTF-8, but text in UTF-16 or UTF-32: save it as UTF-8.")
     text = content.removeprefix(_BOM).rstrip(b"\0")
-    if not text.strip():
+    if not text or text.isspace():  # stripping would copy the whole file
         raise DataError(f"{path}: empty; nothing was recorded.")
     if _CONTROL.search(text[:_LOOKED_AT]):
         raise DataError(f"{path}: no CSV file: it holds binary data (or text in UTF-16: save that as UTF-8).")

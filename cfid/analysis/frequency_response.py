@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.analysis.signals import block_means
+from cfid.analysis.blocks import block_means
 from cfid.analysis.sine_runs import SineRun, SineSeries
 from cfid.analysis.transfer_models import Form
 from cfid.errors import DataError, FitError

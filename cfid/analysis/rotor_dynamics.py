@@ -13,7 +13,8 @@ import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares, nnls
 from scipy.special import roots_jacobi
 
-from cfid.analysis.signals import block_means, correlation_inflation
+from cfid.analysis.blocks import block_means
+from cfid.analysis.signals import correlation_inflation
 from cfid.errors import FitError
 
 Array = npt.NDArray[np.float64]

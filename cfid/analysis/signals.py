@@ -116,13 +116,6 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
     return float(max(1.0, 1.0 + 2.0 * pairs[:stop].sum()))
 
 
-def block_means(value: Array, *, length: int) -> Array:
-    """Return the means of consecutive blocks of `length` samples along the last axis, what is left over left out."""
-    blocks = value.shape[-1] // length
-    cut = value[..., : blocks * length].reshape(*value.shape[:-1], blocks, length)
-    return np.asarray(cut @ np.full(length, 1 / length))
-
-
 def amplitude_spectrum(value: Array, *, rate_hz: float) -> tuple[Array, Array]:
     """Return frequencies in Hz (f,) and the amplitude (..., f) of the sine at each, for a series (..., n).
 

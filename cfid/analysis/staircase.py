@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.analysis.signals import SMOOTHED_S, Slow, block_means, quiet_mean
+from cfid.analysis.blocks import block_means
+from cfid.analysis.signals import SMOOTHED_S, Slow, quiet_mean
 from cfid.analysis.windows import (
     LAGS,
     Interval,

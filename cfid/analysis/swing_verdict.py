@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cfid.analysis.blocks import block_means
 from cfid.analysis.pendulum import OutputError, sample
-from cfid.analysis.signals import block_means
 
 Array = npt.NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtrc
 
 from cfid.analysis.frequency_response import CUTOFF_HZ, SETTLE_S, Response, respond_all
 from cfid.analysis.sine_runs import SineSeries
@@ -20,6 +19,7 @@ from cfid.analysis.transfer_likelihood import (
     Found,
     Points,
     Shape,
+    chi_squared_exceeds,
     covariance_of,
     dynamic_unknowns,
     dynamics_of,
@@ -108,7 +108,7 @@ class TransferFit:
     @property
     def probability(self) -> float:
         """How likely noise alone makes chi-squared as large."""
-        return float(chdtrc(self.freedom, self.chi_squared)) if self.freedom else 1.0
+        return chi_squared_exceeds(self.chi_squared, freedom=self.freedom)
 
     @property
     def believed(self) -> bool:

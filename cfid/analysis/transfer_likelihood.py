@@ -5,6 +5,7 @@ The cost is the sum of |H_k - G(f_k)|^2 over variances, for all series at once, 
 may turn its H_k.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
@@ -123,6 +124,24 @@ def covariance_of(points: Points, found: Found) -> Array:
         moved = inverse @ whitened(points, turned)
         covariance += np.outer(moved, moved)
     return np.asarray(covariance)
+
+
+def chi_squared_exceeds(value: float, *, freedom: int) -> float:
+    """Return how likely chi-squared of so many degrees of freedom is above a value; 1 for none.
+
+    The finite sums for whole and half orders (M. Abramowitz, I. Stegun, Handbook of mathematical functions, 26.4.4
+    and 26.4.5). Importing SciPy's function would take longer than a fit.
+    """
+    half = value / 2
+    if freedom < 1 or half <= 0:
+        return 1.0
+    odd = freedom % 2
+    term = math.exp(-half) / (math.gamma(1.5) / math.sqrt(half) if odd else 1.0)
+    total = math.erfc(math.sqrt(half)) if odd else 0.0
+    for place in range(freedom // 2):
+        total += term
+        term *= half / (place + 1 + 0.5 * odd)
+    return min(total, 1.0)
 
 
 def slopes(function: Callable[[Array], Array], values: Array) -> Array:

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
-from cfid.analysis.signals import SMOOTHED_S, Runs, Slow, block_means, find_spikes, slowed
+from cfid.analysis.blocks import block_means
+from cfid.analysis.signals import SMOOTHED_S, Runs, Slow, find_spikes, slowed
 from cfid.errors import DataError
 from cfid.wire.rdt_status import Family, read_status
 

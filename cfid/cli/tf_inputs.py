@@ -1,6 +1,6 @@
 """What the words of `cfid tf identify` and `verify` stand for: sine runs of an index or of the campaign, by series."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -152,7 +152,7 @@ class _Reader:
         from cfid.analysis.sine_runs import thrust_of
 
         if (path, motor) not in self._thrusts:
-            cell, inputs = self._cell(path), self.inputs
+            cell, inputs = self._cells[path], self.inputs
             if cell.begin_s is None:
                 raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
             arm_m = 1e-3 * positive(inputs.arm_mm, "--arm-mm")
@@ -163,19 +163,19 @@ class _Reader:
         time_s, thrust = self._thrusts[path, motor]
         return time_s, thrust
 
-    def _cell(self, path: Path) -> "WrenchRecord":
+    def read_cells(self, paths: Iterable[Path]) -> None:
+        """Read load cells' files side by side: parsing them takes longer than all that follows."""
+        from concurrent.futures import ThreadPoolExecutor
+
         from cfid.wrench import read_wrench
 
-        if path not in self._cells:
-            cell = read_wrench(path, self.scale.reading(self.reading))
-            if cell.begin_s is None:
-                raise ConfigError(
-                    "--rate-hz: reports of the vehicle are tied to a load cell by its times: leave it out."
-                )
-            self._cells[path] = cell
+        new = list(dict.fromkeys(path for path in paths if path not in self._cells))
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            cells = list(pool.map(lambda path: read_wrench(path, self.scale.reading(self.reading)), new))
+        self._cells |= dict(zip(new, cells, strict=True))
+        for cell in cells:
             self.warnings += cell.notes
             self.sources.append(cell.source)
-        return self._cells[path]
 
 
 def _gathered(notes: Sequence[str]) -> tuple[str, ...]:
@@ -203,13 +203,18 @@ def read_sines(
     if inputs.index is not None:
         rows, source = read_index(inputs.index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(source)
+        reader.read_cells(row.file("loadcell") for row in rows)
         for row in rows:
             reader.add_row(row)
+    runs = []
     for word in words:
         path = find_recording(word, workplace)
         run = run_at(path)
         if run is None:
             raise DataError(f"{path}: no run folder; files of sines need an index: say --index FILE (see --help).")
+        runs.append(run)
+    reader.read_cells(run.folder for run in runs)
+    for run in runs:
         reader.add_run(run)
     if not reader.series:
         raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks, welch
 
-from cfid.analysis.signals import block_means, resample
+from cfid.analysis.blocks import block_means
+from cfid.analysis.signals import resample
 from cfid.report.style import DOUBT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
 from cfid.report.wording import plus_minus
 from cfid.wrench import AXES, WrenchRecord

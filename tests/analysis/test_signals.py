@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from cfid.analysis.blocks import block_means
 from cfid.analysis.signals import (
     Runs,
     amplitude_spectrum,
-    block_means,
     cosine_taper,
     density_near_zero,
     detrended,
