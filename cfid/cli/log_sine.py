@@ -1,15 +1,17 @@
 """`cfid log sine`: sines of many frequencies played on board, each a run of its own (section 3.4.2)."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from cfid import __version__
+from cfid.cli import speech
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.recorded import KeepOptions, attempt, print_json, rig_of, summary
+from cfid.cli.sine_plans import THESIS_FIRST, THESIS_SECOND, SineSeries, log_spaced
 from cfid.cli.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.errors import CfidError, ConfigError
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
 _SAMPLES_PER_S = 500
+_USUAL_N = 4000
 _UNCLIPPED = 30000
 _BESIDE_S = 2.5  # of each run: connecting to the load cell, and the second before the vehicle says that it ended
 
@@ -30,15 +33,29 @@ class SineOptions:
     """Eq. 3.6: u[n] = A cos(2 pi l n/N) + 30000."""
 
     l: Annotated[  # noqa: E741 - the letter of the equation and of the option
-        str, typer.Option("--l", metavar="L,L,...", help="Periods within N, each a run.", rich_help_panel=_SINE)
-    ]
-    n: Annotated[int, typer.Option("--n", min=1, max=_LARGEST_N, help="Samples at 500 Hz.", rich_help_panel=_SINE)] = (
-        4000
-    )
+        str | None,
+        typer.Option(
+            "--l", metavar="L,L,...", help="Periods within N, each a run; default: --plan.", rich_help_panel=_SINE
+        ),
+    ] = None
+    plan: Annotated[
+        Literal["log", "thesis-first", "thesis-second"],
+        typer.Option(
+            help="log: some twenty up to 12.5 Hz; thesis-...: table 3.1's series with its N, A and motor, of which "
+            "most l had to be reconstructed.",
+            rich_help_panel=_SINE,
+        ),
+    ] = "log"
+    n: Annotated[
+        int | None,
+        typer.Option("--n", min=1, max=_LARGEST_N, help="Samples at 500 Hz; default: 4000.", rich_help_panel=_SINE),
+    ] = None
     amplitude: Annotated[
-        int, typer.Option(min=0, max=65535, help="A, in units of a command.", rich_help_panel=_SINE)
-    ] = 20000
-    motor: Annotated[int, typer.Option(min=0, max=4, help="Which motor; 0 is all.", rich_help_panel=_SINE)] = 1
+        int | None, typer.Option(min=0, max=65535, help="A, in commands; default: 20000.", rich_help_panel=_SINE)
+    ] = None
+    motor: Annotated[
+        int | None, typer.Option(min=0, max=4, help="Which motor, 0 for all; default: 1.", rich_help_panel=_SINE)
+    ] = None
     series: Annotated[
         str | None, typer.Option(help="Name of the series, kept with each run.", rich_help_panel=_SINE)
     ] = None
@@ -55,33 +72,53 @@ class SineOptions:
         bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_SINE)
     ] = False
 
-    def periods(self) -> list[int]:
-        """Return every l, checked with N and A as C.2.4 checks them. Raises ConfigError."""
+    def chosen(self) -> SineSeries:
+        """Return the sines to play, checked as C.2.4 checks them. Raises ConfigError."""
+        planned = self._named() if self.l is not None else self._planned()
+        given: dict[str, Any] = {
+            "samples": self.n,
+            "amplitude": self.amplitude,
+            "motor": self.motor,
+            "series": self.series,
+        }
+        chosen = replace(planned, **{name: value for name, value in given.items() if value is not None})
+        for l in chosen.periods:  # noqa: E741
+            if not 0 <= l <= chosen.samples // 2:
+                raise ConfigError(f"--l {l}: has to be from 0 to N/2 = {chosen.samples // 2}.")
+        if chosen.amplitude > _UNCLIPPED and not self.force:
+            raise ConfigError(
+                f"--amplitude {chosen.amplitude}: above {_UNCLIPPED} the sine is clipped; --force allows it."
+            )
+        return chosen
+
+    def _planned(self) -> SineSeries:
+        if self.plan == "log":
+            return log_spaced(self.n or _USUAL_N)
+        return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
+
+    def _named(self) -> SineSeries:
+        assert self.l is not None
+        if self.plan != "log":
+            raise ConfigError(f"--l and --plan {self.plan}: say one of them.")
         try:
-            periods = [int(word) for word in self.l.split(",")]
+            periods = tuple(int(word) for word in self.l.split(","))
         except ValueError:
             raise ConfigError(f"--l {self.l}: should be whole numbers with commas between, as 1,2,4.") from None
-        for l in periods:  # noqa: E741
-            if not 0 <= l <= self.n // 2:
-                raise ConfigError(f"--l {l}: has to be from 0 to N/2 = {self.n // 2}.")
         if len(set(periods)) < len(periods):
             raise ConfigError(f"--l {self.l}: names a frequency twice.")
-        if self.amplitude > _UNCLIPPED and not self.force:
-            raise ConfigError(
-                f"--amplitude {self.amplitude}: above {_UNCLIPPED} the sine is clipped; --force allows it."
-            )
-        return periods
+        return SineSeries(periods=periods, samples=_USUAL_N)
 
-    def asked(self, l: int) -> dict[str, Any]:  # noqa: E741
-        """Return what run.toml says of one sine, by which --resume knows it again."""
-        series = {} if self.series is None else {"series": self.series}
-        return {"l": l, "n": self.n, "amplitude": self.amplitude, "motor": self.motor, **series}
+
+def _asked(sines: SineSeries, l: int) -> dict[str, Any]:  # noqa: E741
+    """Return what run.toml says of one sine, by which --resume knows it again."""
+    series = {} if sines.series is None else {"series": sines.series}
+    return {"l": l, "n": sines.samples, "amplitude": sines.amplitude, "motor": sines.motor, **series}
 
 
 @flat
 def sine(
     *,
-    sines: SineOptions,
+    options: SineOptions,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
     keep: KeepOptions,
@@ -90,20 +127,22 @@ def sine(
 ) -> None:
     """Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.
 
+    How long that takes is said before the first motor turns.
+
     Example: [bold]cfid log sine --l 1,2,4,8,16,32 --n 4000 --amplitude 20000 --motor 1[/bold]
     """
-    before_s = positive(sines.before, "--before")
-    periods = sines.periods()
+    before_s = positive(options.before, "--before")
+    sines = options.chosen()
     campaign, devices, simulated = rig_of(keep.campaign)
-    if sines.resume:
-        there = _complete(campaign, simulated=simulated)
-        periods = [l for l in periods if sines.asked(l) not in there]  # noqa: E741
-        if not periods:
-            raise ConfigError("--resume: the campaign has all of them completely.")
-    each_s = sines.n / _SAMPLES_PER_S + before_s + _BESIDE_S
-    if sines.dry_run:
-        typer.echo(f"{len(periods)} sines of {each_s:.0f} s: {len(periods) * each_s / 60:.1f} min")
+    periods = _lacking(sines, campaign, simulated=simulated) if options.resume else list(sines.periods)
+    each_s = sines.samples / _SAMPLES_PER_S + before_s + _BESIDE_S
+    lasts = f"{len(periods)} sines of {each_s:.0f} s: {len(periods) * each_s / 60:.1f} min"
+    if sines.told:
+        speech.note(f"l = {', '.join(map(str, periods))}: {sines.told}")
+    if options.dry_run:
+        typer.echo(lasts)
         return
+    speech.note(lasts)
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
     live = LiveLine()
     with ExitStack() as held:
@@ -133,7 +172,7 @@ def sine(
 
 
 def _plan(
-    sines: SineOptions,
+    sines: SineSeries,
     l: int,  # noqa: E741
     campaign: "Campaign",
     before_s: float,
@@ -148,7 +187,7 @@ def _plan(
     from cfid.run import Label
     from cfid.wire.app import SineRequest, omega_of
 
-    request = SineRequest(sines.motor, sines.amplitude, omega_of(l, sines.n), sines.n)
+    request = SineRequest(sines.motor, sines.amplitude, omega_of(l, sines.samples), sines.samples)
 
     def tell(text: str) -> None:
         live.task(f"l = {l}: {text} ({clock(left_s)} in all)")
@@ -158,7 +197,7 @@ def _plan(
         kind=f"sine_l{l}",
         label=Label(note=note),
         procedure=lambda there, loop: play_sine(request, there["crossings"], before_s=before_s, loop=loop, tell=tell),
-        asked=sines.asked(l),
+        asked=_asked(sines, l),
         simulated=simulated,
     )
 
@@ -177,11 +216,18 @@ def _play(
         return attempt(plan, [reports, loadcell, log], live)
 
 
-def _complete(campaign: "Campaign", *, simulated: bool) -> list[dict[str, Any]]:
-    """Return what was asked of all complete runs of this rig: simulated ones count for a simulated one only."""
+def _lacking(sines: SineSeries, campaign: "Campaign", *, simulated: bool) -> list[int]:
+    """Return the l that the campaign has not completely; simulated runs count for a simulated rig only.
+
+    Raises ConfigError when it has all.
+    """
     from cfid.errors import DataError
     from cfid.run import list_runs
 
     runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
     same = [run.header for run in runs if run.header.simulated == simulated]
-    return [header.asked for header in same if header.state == "complete"]
+    there = [header.asked for header in same if header.state == "complete"]
+    lacking = [l for l in sines.periods if _asked(sines, l) not in there]  # noqa: E741
+    if not lacking:
+        raise ConfigError("--resume: the campaign has all of them completely.")
+    return lacking
