@@ -13,6 +13,8 @@ from cfid.cli.drag_recordings import Recordings, Reduced, reduce_rows
 from cfid.cli.drag_runs import reduce_run, sagged
 from cfid.cli.inputs import Workplace, find_recording
 from cfid.cli.options import LoadCellOptions, Method, ReadingOptions
+from cfid.cli.run_words import chosen, labelled
+from cfid.cli.wind_run import KIND
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
 _INPUT = "What was measured"
 
 Words = Annotated[
-    list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log wind, references among them.")
+    list[str] | None,
+    typer.Argument(metavar="RUN ...", help="Runs of cfid log wind; default: the campaign's complete ones."),
 ]
 
 
@@ -82,8 +85,8 @@ def read_wind_evidence(
     """
     if inputs.table is not None:
         return _of_table(inputs.table, words, inputs.index)
-    if inputs.index is None and not words:
-        raise ConfigError("nothing to fit: give RUNs of `cfid log wind`, --index FILE, or --table FILE.")
+    if inputs.index is None:
+        words = _runs(words, workplace)
     how = Recordings(reading=scale.reading(reading), method=method, markers=inputs.markers)
     rows, sources = ([], []) if inputs.index is None else _rows(inputs.index)
     parts = reduce_rows(rows, how)
@@ -91,6 +94,13 @@ def read_wind_evidence(
     parts += [reduce_run(path, how) for path in paths]
     sources += [source for part in parts for source in part.sources]
     return _reduced(parts, inputs, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
+
+
+def _runs(words: Sequence[str], workplace: Workplace) -> list[str]:
+    """Return the runs that are meant: without words all of the campaign."""
+    if not words and workplace.campaign is None:
+        raise ConfigError("nothing to fit: give RUNs of `cfid log wind`, --index FILE, or --table FILE.")
+    return chosen(words, workplace.campaign, suits=labelled(KIND), wanted="runs in wind and without")
 
 
 def _rows(index: Path) -> "tuple[list[WindRow], list[Source]]":

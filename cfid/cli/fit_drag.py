@@ -10,9 +10,10 @@ from cfid.cli.drag_results import Grouping
 from cfid.cli.inputs import Workplace, open_workplace
 from cfid.cli.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
+from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.analysis.drag_result import DragResult
+    from cfid.analysis.drag_result import DragChoices, DragResult
 
 _MODELS = "Models"
 
@@ -40,6 +41,17 @@ class ModelOptions:
         bool, typer.Option("--parasitic", help="Drag of the body too, k |v| v.", rich_help_panel=_MODELS)
     ] = False
 
+    def choices(self, method: Method) -> "DragChoices":
+        """Return how models are fitted. Raises ConfigError for what no campaign can tell apart."""
+        from cfid.analysis.drag_result import DragChoices
+
+        if self.intercepts and self.parasitic:
+            raise ConfigError(
+                "--intercepts and --parasitic: both forces stay the same throughout a wind, and nothing tells them "
+                "apart: ask for one."
+            )
+        return DragChoices(method=method, mended=self.mended, intercepts=self.intercepts, parasitic=self.parasitic)
+
 
 @flat
 def drag(
@@ -57,11 +69,10 @@ def drag(
 
     Example: [bold]cfid fit drag --index wind.csv --azimuth-rad 0.4967 --yaw-deg 45[/bold]
     """
-    from cfid.analysis.drag_result import DragChoices, fit_models
+    from cfid.analysis.drag_result import fit_models
 
-    workplace = open_workplace(rig)
+    workplace, choices = open_workplace(rig), models.choices(method)
     evidence = read_wind_evidence(runs or [], wind, reading, scale, workplace, method=method)
-    choices = DragChoices(method=method, mended=models.mended, intercepts=models.intercepts, parasitic=models.parasitic)
     found = fit_models(evidence.experiments, choices)
     deliver(_outcome(found, evidence, models.grouping, method, workplace), delivery, workplace.campaign)
 

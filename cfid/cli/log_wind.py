@@ -237,4 +237,5 @@ def _runs(campaign: "Campaign", *, simulated: bool) -> "list[Run]":
     from cfid.run import list_runs
 
     runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
-    return [run for run in runs if run.header.kind == KIND and run.header.simulated == simulated]
+    same = [run for run in runs if run.header.kind == KIND and run.header.simulated == simulated]
+    return [run for run in same if not run.header.excluded]
