@@ -8,7 +8,7 @@ import typer
 
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
-from cfid.cli.recorded import KeepOptions, Lasting, record, refuse_mixture, rig_of
+from cfid.cli.recorded import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -63,6 +63,9 @@ def encoder(
         setting = setting.model_copy(update={"rate_hz": positive(rate_hz, "--rate-hz")})
     kind = "swing" if label.axis else "drop" if label.weight else "encoder"
     plan = Plan(runs_folder=campaign.runs_folder, kind=kind, label=kept, for_s=lasting.seconds, simulated=simulated)
+    if lasting.dry_run:
+        rehearse("the encoder", campaign.runs_folder, lasting.seconds)
+        return
     live = LiveLine()
     with ExitStack() as held:
         device = ready_encoder(
@@ -105,6 +108,9 @@ def loadcell(
     plan = Plan(
         runs_folder=campaign.runs_folder, kind="loadcell", label=kept, for_s=lasting.seconds, simulated=simulated
     )
+    if lasting.dry_run:
+        rehearse("the load cell", campaign.runs_folder, lasting.seconds)
+        return
     live = LiveLine()
     with ExitStack() as held:
         device = ready_loadcell(setting, held, buffered=not real_time, bias=bias, say=live.say)

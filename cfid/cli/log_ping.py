@@ -8,7 +8,7 @@ import typer
 
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
-from cfid.cli.recorded import KeepOptions, record, rig_of
+from cfid.cli.recorded import DryRun, KeepOptions, record, rehearse, rig_of
 from cfid.cli.vehicle import VehicleOptions, reach
 from cfid.errors import FitError
 
@@ -23,6 +23,7 @@ def ping(
     interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one to the next.")] = 0.1,
     vehicle: VehicleOptions,
     keep: KeepOptions,
+    dry_run: DryRun = False,
     note: Annotated[str | None, typer.Option(help="Circumstances, kept with the run.")] = None,
 ) -> None:
     """Measure round trips to the vehicle: mean, deviation, least, histogram (table 3.2). No motor turns.
@@ -35,6 +36,9 @@ def ping(
 
     every_s = positive(interval, "--interval")
     campaign, devices, simulated = rig_of(keep.campaign)
+    if dry_run:
+        rehearse(f"{count} pings", campaign.runs_folder, count * every_s)
+        return
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)

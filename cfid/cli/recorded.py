@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 OUTPUT = "Output"
 
 
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class KeepOptions:
     """Where a run goes, and how its end is told."""
@@ -38,6 +41,7 @@ class Lasting:
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to record; default: until Ctrl-C.")
     ] = None
+    dry_run: DryRun = False
 
     @property
     def seconds(self) -> float | None:
@@ -64,6 +68,12 @@ def refuse_mixture(option: str, simulated: bool) -> None:
             f"{option} names a real device while a simulated rig serves this campaign, and a run is one or the other: "
             f"end `cfid rig sim`, or leave {option} out."
         )
+
+
+def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
+    """Say what would be recorded, where and for how long, with nothing opened."""
+    lasts = "until Ctrl-C" if for_s is None else f"{for_s:g} s"
+    typer.echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
 
 
 def record(

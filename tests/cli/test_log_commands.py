@@ -324,3 +324,25 @@ def test_a_pipe_that_nobody_reads_holds_up_no_recording(lab: Lab) -> None:
     os.close(reading)
 
     assert lab.run().header.state == "complete"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("encoder --axis x --for 20", "would record the encoder into"),
+        ("loadcell", "until Ctrl-C. Nothing was opened."),
+        ("ping --count 200 --interval 0.05", "would record 200 pings into"),
+        ("thrust", "33 commands from 0 to 64000"),
+        ("speed", "commands from"),
+        ("scales", "17 commands from 0 to 64000"),
+        ("sine --l 5,20", "min"),
+    ],
+)
+def test_a_dry_run_says_what_would_be_done_and_opens_nothing(cfid: Cfid, tmp_path: Path, words: str, told: str) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+
+    said = cfid("log", *words.split(), "--dry-run")
+
+    assert said.returncode == 0, said.stderr
+    assert told in " ".join(said.stdout.split())
+    assert not (tmp_path / "runs").exists()
