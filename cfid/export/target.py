@@ -6,7 +6,16 @@ from dataclasses import dataclass
 from cfid import __version__
 from cfid.errors import DataError
 from cfid.export.frame import is_turned, turned
-from cfid.export.hover import inertia_kg_m2, inertia_std_kg_m2
+from cfid.export.hover import (
+    FULL,
+    RPM,
+    hover_command,
+    hover_speed_rad_s,
+    hover_thrust_n,
+    inertia_kg_m2,
+    inertia_std_kg_m2,
+    value_of,
+)
 from cfid.export.vehicle import SOURCES, Quantity, Vehicle
 from cfid.export.wording import commented, told
 
@@ -96,6 +105,7 @@ def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
     yield "Measured, one standard deviation behind +- , in the body frame of the campaign (not turned):"
     for quantity in _taken(target, vehicle):
         yield from _told(quantity)
+    yield from _hovering(vehicle)
     lacking = left_out(target, vehicle)
     if lacking:
         yield "NOT MEASURED, and left out or marked below:"
@@ -126,6 +136,24 @@ def _inertia(target: Target, vehicle: Vehicle) -> Iterator[str]:
         yield f"Inertia in this file's frame: {told(inertia_kg_m2(vehicle))} kg m^2"
         std = inertia_std_kg_m2(vehicle)
         yield f"  +- {told(std, 2)}" if std else "  +- unknown"
+
+
+def _hovering(vehicle: Vehicle) -> Iterator[str]:
+    """Tell what hovering should take, to compare a simulation with; two ways to the speed show how they agree."""
+    if not has(vehicle, "thrust_of_command"):
+        return
+    try:
+        command = hover_command(vehicle)
+    except DataError as error:
+        yield f"WARNING: {error}"
+        return
+    yield f"By this it hovers at {hover_thrust_n(vehicle):.4g} N of each motor, command {command:.0f} of {FULL}."
+    if "speed_of_command" in vehicle:
+        speed = value_of(vehicle["speed_of_command"], command)
+        yield f"  rotor speed {speed:.1f} rad/s ({speed / RPM:.0f} rpm) by motor.speed_poly at that command"
+    if "thrust_per_speed_squared" in vehicle:
+        speed = hover_speed_rad_s(vehicle)
+        yield f"  rotor speed {speed:.1f} rad/s ({speed / RPM:.0f} rpm) by motor.thrust_per_speed_squared_n_s2"
 
 
 def _told(quantity: Quantity) -> Iterator[str]:

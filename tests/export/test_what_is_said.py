@@ -5,6 +5,7 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,8 +16,9 @@ from cfid.export.catalogue import TARGETS, target_named
 from cfid.export.target import text_of
 from cfid.export.vehicle import SOURCES, collect
 from cfid.export.wording import HASH, XML, commented, identifier, number
+from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml
-from tests.export.thesis_vehicle import section, sections, vehicle
+from tests.export.thesis_vehicle import section, sections, vehicle, with_value
 
 EVERY = list(TARGETS)
 DIRECTIONAL = [name for name, target in TARGETS.items() if target.directional]
@@ -72,6 +74,15 @@ def test_a_file_lists_no_quantity_that_it_does_not_take(name: str) -> None:
     text = export(name, vehicle())
 
     assert "rising" not in text or "tf.time_constant_s" not in text or name == "system-id"
+
+
+def test_a_file_says_what_hovering_should_take_by_both_ways_to_the_speed() -> None:
+    off = with_value(vehicle(), "thrust_per_speed_squared", thesis.K_N_S2 / 1.21)
+    text = words(export("rotorpy", off))
+
+    assert "0.06867 N of each motor, command 37287 of 65535" in text
+    assert "rotor speed 1900.8 rad/s (18152 rpm) by motor.speed_poly" in text
+    assert "rotor speed 2090.9 rad/s (19967 rpm) by motor.thrust_per_speed_squared_n_s2" in text
 
 
 # What is not believed
@@ -153,6 +164,7 @@ def test_a_vehicle_too_heavy_to_hover_is_refused_where_hovering_matters() -> Non
 
     with pytest.raises(DataError, match=r"no command hovers 0\.1 kg"):
         text_of(TARGETS["safe-control-gym"], collect(heavy, sections()))
+    assert "WARNING: no command hovers 0.1 kg" in text_of(TARGETS["mujoco"], collect(heavy, sections()))
 
 
 # The body frame
@@ -168,6 +180,13 @@ def test_a_rig_that_does_not_say_where_forward_is_exports_nothing(tmp_path_facto
 
 
 # Names and forms
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_reference_tells_of_every_target_and_its_file(name: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "exports.md").read_text()
+
+    assert f"| `{name}` | `{TARGETS[name].file_name}` |" in page
 
 
 @pytest.mark.parametrize("name", EVERY)
