@@ -23,6 +23,7 @@ COMMANDS = [
     ("fleet",),
     ("export",),
     ("show",),
+    ("report",),
     ("rig", "check"),
     ("rig", "sim"),
     ("log", "encoder"),
@@ -32,6 +33,7 @@ COMMANDS = [
     ("log", "scales"),
     ("log", "sine"),
     ("log", "ping"),
+    ("log", "wind"),
     ("motors",),
     ("motors", "set"),
     ("motors", "stop"),
@@ -44,6 +46,7 @@ COMMANDS = [
     ("fit", "torque"),
     ("fit", "rotor"),
     ("fit", "dynamics"),
+    ("fit", "drag"),
 ]
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib", "tomlkit")
 

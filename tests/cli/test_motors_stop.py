@@ -19,6 +19,7 @@ TIMES = 20
 AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive
 HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
 STAIRS = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
+WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes")
 BUG = """
 import cfid.rig.recorder as recorder
 take, calls = recorder.Recorder._write, []
@@ -77,6 +78,7 @@ WAYS: dict[str, Way] = {
     "time over": Way((*HOLD, "--for", 0.5), wait, 0),
     "a bug": Way(HOLD, wait, 1, "RuntimeError: a bug"),
     "Ctrl-C": Way(HOLD, signals(signal.SIGINT), 0),
+    "Ctrl-C in wind": Way(WIND, signals(signal.SIGINT), 0),
     "Ctrl-C twice": Way(HOLD, signals(signal.SIGINT, signal.SIGINT), 0),
     "SIGTERM": Way(HOLD, signals(signal.SIGTERM), 0),
     "SIGHUP": Way(HOLD, signals(signal.SIGHUP), 0),
