@@ -28,6 +28,7 @@ from cfid.cli.log_thrust import thrust
 from cfid.cli.log_wind import wind
 from cfid.cli.motors import console, set_motors, stop
 from cfid.cli.parameters import parameters, set_by_hand
+from cfid.cli.report import report
 from cfid.cli.rig import check, sim
 from cfid.cli.runs import exclude, include, note, runs
 from cfid.cli.show import show
@@ -54,6 +55,7 @@ recorded = typer.Typer()
 app.command()(demo)
 app.command()(new)
 app.command()(show)
+app.command()(report)
 app.command()(parameters)
 app.command("set")(set_by_hand)
 app.command()(fleet)

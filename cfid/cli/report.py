@@ -1,0 +1,36 @@
+"""`cfid report`: all that a campaign found, in one file."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from cfid.cli.campaign import here
+
+Format = Literal["html", "md", "json", "tex"]
+
+
+def report(
+    *,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: report.html in the campaign.")] = None,
+    form: Annotated[Format, typer.Option("--format", help="How it is written; tex has the tables alone.")] = "html",
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not make.")] = False,
+) -> None:
+    """Write what a campaign found into one file: the sheet first, then every experiment with its figures.
+
+    The page needs no network. It names what is missing with the command that gives it, and sets your vehicle beside
+    what others publish.
+
+    Example: [bold]cfid report --format tex[/bold]
+    """
+    from datetime import UTC, datetime
+
+    from cfid.report.content import gather
+    from cfid.report.formats import rendered
+    from cfid.report.sealed import write_report
+
+    found = here(campaign)
+    path = out or found.folder / f"report.{form}"
+    write_report(path, rendered(gather(found, now=datetime.now(UTC)), form, found.folder), force=force)
+    typer.echo(path)

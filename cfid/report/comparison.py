@@ -1,0 +1,240 @@
+"""The vehicle that was measured beside what others publish, quantity by quantity, in one unit and one frame."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from cfid.campaign import BodyFrame
+from cfid.report import published
+from cfid.report.known import Found, Known, axis_of, turned
+from cfid.report.published import Published, PublishedInertia
+
+_HOVERS = 0.01  # of its weight, within which a command carries the vehicle
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row: who, which vehicle, a value for each column (None: not known), the frame, the source and a note."""
+
+    who: str
+    vehicle: str
+    values: tuple[float | None, ...]
+    frame: str
+    source: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A quantity in the columns' common unit; `yours` with deviations, None where nothing was measured."""
+
+    title: str
+    about: str
+    columns: tuple[str, ...]
+    unit: str
+    yours: Line | None
+    yours_std: tuple[float | None, ...]
+    others: tuple[Line, ...]
+
+
+Values = tuple[float | None, ...]
+
+
+def comparisons(known: Known) -> tuple[Comparison, ...]:
+    """Return all quantities that others publish; those that this campaign lacks have no line of its own."""
+    return (
+        _mass(known),
+        _inertia(known),
+        _over_command(known, "Thrust of the command", "motor.thrust_poly", "N", published.THRUST_N),
+        _over_command(known, "Rotor speed of the command", "motor.speed_poly", "rad/s", published.SPEED_RAD_S),
+        _thrust_at_speed(known),
+        _thrust_at_voltage(known),
+        _torque(known),
+        *_dynamics(known),
+        *_drag(known),
+    )
+
+
+def _mass(known: Known) -> Comparison:
+    vehicle = known.rig.vehicle
+    own = (vehicle.mass_kg,), (vehicle.mass_std_kg,)
+    return _compared(known, "Mass", published.MASS_KG, *own, columns=("mass",), unit="kg")
+
+
+def _inertia(known: Known) -> Comparison:
+    found = known.find("inertia.matrix_kg_m2")
+    frame = known.rig.vehicle.body_frame
+    values: Values = ()
+    std: Values = ()
+    if found is not None:
+        values = tuple(turned(found.parameter.value, frame).values())
+        # A deviation has no sign: it is turned as its entry is and counts by its size.
+        std = tuple(abs(x) for x in turned(found.parameter.std, frame).values()) if found.parameter.std else ()
+    others = tuple(_turned_line(one) for one in published.INERTIA)
+    return Comparison(
+        title="Inertia about the centre of mass",
+        about="Roll is about the axis that points forward, pitch about the one to the left, yaw about the one up. "
+        "Yours and the thesis' matrix are turned there from their own frame. The others stand as they are used.",
+        columns=tuple(turned(_matrix((0.0,) * 6), frame)),
+        unit="kg m^2",
+        yours=_yours(known, values, f"turned from {frame_text(frame)}") if values else None,
+        yours_std=std,
+        others=others,
+    )
+
+
+def frame_text(frame: BodyFrame) -> str:
+    """Return a body frame in words."""
+    return f"forward {frame.forward}, left {frame.left}, up {frame.up}"
+
+
+def _matrix(six: Sequence[float]) -> list[list[float]]:
+    xx, yy, zz, xy, xz, yz = six
+    return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+
+
+def _turned_line(one: PublishedInertia) -> Line:
+    values = tuple(turned(_matrix(one.matrix_kg_m2), one.axes).values())
+    frame = "x forward" if one.axes == published.X_FORWARD else f"turned from {frame_text(one.axes)}"
+    diagonal = not any(one.matrix_kg_m2[3:])
+    return Line(one.who, one.vehicle, values[:3] + (None,) * 3 if diagonal else values, frame, one.source, one.note)
+
+
+def _over_command(known: Known, title: str, key: str, unit: str, others: tuple[Published, ...]) -> Comparison:
+    return _compared(
+        known,
+        title,
+        others,
+        _polynomial(known.find(key), published.COMMANDS, "cmd"),
+        columns=tuple(f"{100 * command / 65536:.4g} %" for command in published.COMMANDS),
+        unit=unit,
+        about="At a share of full scale; one motor. Empty where this campaign measured no command as large.",
+    )
+
+
+def _polynomial(found: Found | None, at: Sequence[float], column: str) -> Values:
+    """Return a polynomial's values, None beyond what its section's table was measured at."""
+    if found is None:
+        return ()
+    table = found.section.parameters.get("motor.table")
+    measured = [row[column] for row in table.value if row.get(column)] if table is not None else []
+    coefficients = [float(x) for x in found.parameter.value]
+    return tuple(None if measured and x > max(measured) else _value(coefficients[::-1], x) for x in at)
+
+
+def _value(lowest_first: Sequence[float], x: float) -> float:
+    return float(sum(c * x**i for i, c in enumerate(lowest_first)))
+
+
+def _thrust_at_speed(known: Known) -> Comparison:
+    return _compared(
+        known,
+        "Thrust of the rotor's speed",
+        published.THRUST_AT_SPEED_N,
+        _polynomial(known.find("motor.thrust_speed_poly"), published.SPEEDS_RAD_S, "speed_rad_s"),
+        columns=tuple(f"{speed:.0f} rad/s" for speed in published.SPEEDS_RAD_S),
+        unit="N",
+        about="One rotor; each form evaluated at the same speeds.",
+    )
+
+
+def _thrust_at_voltage(known: Known) -> Comparison:
+    found = known.find("motor.thrust_voltage_poly")
+    return _compared(
+        known,
+        "Thrust of the motor's voltage",
+        published.THRUST_AT_VOLTAGE_N,
+        () if found is None else tuple(_value(found.parameter.value, volts) for volts in published.VOLTS),
+        columns=tuple(f"{volts:g} V" for volts in published.VOLTS),
+        unit="N",
+        about="One motor; its voltage is the battery's by the share of the command. A polynomial may be continued here "
+        "beyond the voltages that it was measured at.",
+    )
+
+
+def _torque(known: Known) -> Comparison:
+    found = known.find("motor.torque_poly")
+    values: Values = ()
+    std: Values = ()
+    if found is not None and len(found.parameter.value) == 2:
+        values, std = (found.parameter.value[0],), (found.parameter.std[0],) if found.parameter.std else ()
+    about = "The slope of a straight line, N m of torque for N of thrust."
+    others = published.TORQUE_PER_THRUST_M
+    return _compared(known, "Torque per thrust", others, values, std, columns=("slope",), unit="m", about=about)
+
+
+def _dynamics(known: Known) -> Iterator[Comparison]:
+    rows = (
+        ("Time constant of motor and rotor", "tf.time_constant_s", "time constant", "s"),
+        ("Static gain of the transfer function", "tf.static_gain_n", "gain per unit of the command", "N"),
+    )
+    for place, (title, key, column, unit) in enumerate(rows):
+        others = tuple(one._replace(values=one.values[place : place + 1]) for one in published.DYNAMICS)
+        others = tuple(one for one in others if one.values[0] is not None)
+        found = known.find(key)
+        own: tuple[Values, Values] = ((), ()) if found is None else ((found.parameter.value,), (found.parameter.std,))
+        yield _compared(known, title, others, *own, columns=(column,), unit=unit)
+
+
+def _drag(known: Known) -> tuple[Comparison, Comparison]:
+    found = known.find("drag.simple_kg_per_rad")
+    frame = known.rig.vehicle.body_frame
+    places = [axis_of(name)[0] for name in (frame.forward, frame.left, frame.up)]
+    values = () if found is None else tuple(found.parameter.value[i] for i in places)
+    std = () if found is None or not found.parameter.std else tuple(found.parameter.std[i] for i in places)
+    speed_sum = _hover_speed_sum_rad_s(known)
+    columns = ("forward", "left", "up")
+    return (
+        _compared(
+            known,
+            "Drag per rotor speed and velocity",
+            published.DRAG_KG_PER_RAD,
+            values,
+            std,
+            columns=columns,
+            unit="kg/rad",
+            about="Force along an axis for velocity along it and the sum of the rotors' speeds.",
+        ),
+        _compared(
+            known,
+            "Drag per velocity",
+            published.DRAG_KG_PER_S,
+            () if speed_sum is None else tuple(value * speed_sum for value in values),
+            columns=columns,
+            unit="kg/s",
+            about="Another model, of another unit: force for velocity alone. Yours is the one above at the rotors' "
+            "speeds in hover, where mass, thrust and speed maps are known.",
+        ),
+    )
+
+
+def _hover_speed_sum_rad_s(known: Known) -> float | None:
+    """Return the sum of four rotors' speeds that carries the vehicle, None where a map is missing or falls short."""
+    thrust, speed = known.find("motor.thrust_poly"), known.find("motor.speed_poly")
+    if thrust is None or speed is None:
+        return None
+    wanted_n = known.rig.vehicle.mass_kg * known.rig.site.gravity_mps2 / 4
+    commands = range(0, 65536, 16)
+    coefficients = [float(x) for x in thrust.parameter.value][::-1]
+    command = min(commands, key=lambda cmd: abs(_value(coefficients, cmd) - wanted_n))
+    if abs(_value(coefficients, command) - wanted_n) > _HOVERS * wanted_n:
+        return None
+    return 4 * _value([float(x) for x in speed.parameter.value][::-1], command)
+
+
+def _compared(
+    known: Known,
+    title: str,
+    others: tuple[Published, ...],
+    values: Values = (),
+    std: Values = (),
+    *,
+    columns: tuple[str, ...],
+    unit: str,
+    about: str = "",
+) -> Comparison:
+    lines = tuple(Line(one.who, one.vehicle, one.values, "", one.source, one.note) for one in others)
+    return Comparison(title, about, columns, unit, _yours(known, values) if values else None, std, lines)
+
+
+def _yours(known: Known, values: Values, frame: str = "") -> Line:
+    return Line("this campaign", known.rig.vehicle.name, values, frame, "", "")

@@ -1,0 +1,140 @@
+"""All that a report says of a campaign, as data: gathered from its files, rendered elsewhere."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any, TypeVar
+
+from cfid import __version__
+from cfid.campaign import Campaign
+from cfid.errors import DataError
+from cfid.fits import Fit, list_fits
+from cfid.parameters import load_sections, plain
+from cfid.report.comparison import Comparison, comparisons, frame_text
+from cfid.report.experiments import Experiment, experiments
+from cfid.report.known import Known
+from cfid.report.measurements import measurements
+from cfid.report.repeats import RepeatedFit, repeated_fits
+from cfid.report.sheet import Group, sheet
+from cfid.run import Run, list_runs
+
+FORMAT = 1  # of the JSON object
+
+Kind = TypeVar("Kind")
+
+
+@dataclass(frozen=True)
+class About:
+    """What was measured, when, and with which cfid. `recorded` are the starts of the first and the last run."""
+
+    vehicle: str
+    campaign: str
+    body_frame: str
+    recorded: tuple[datetime, datetime] | None
+    written: datetime
+    cfid_version: str
+    fitted_with: tuple[str, ...]
+    runs: int
+    simulated_runs: int
+
+
+@dataclass(frozen=True)
+class RunLine:
+    """One recording: its name, what the operator said it is, how it ended and what it lacks."""
+
+    name: str
+    what: str
+    state: str
+    rows: int | None
+    lost: int
+    simulated: bool
+    excluded: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything a report says, in the order in which it says it."""
+
+    about: About
+    sheet: tuple[Group, ...]
+    experiments: tuple[Experiment, ...]
+    repeats: tuple[RepeatedFit, ...]
+    comparisons: tuple[Comparison, ...]
+    runs: tuple[RunLine, ...]
+    unreadable: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain lists and numbers, dates in ISO format; what is not known is None."""
+        content: dict[str, Any] = _dates_as_text(plain({"format": FORMAT, **asdict(self)}))
+        return content
+
+
+def gather(campaign: Campaign, *, now: datetime) -> Report:
+    """Read a campaign's parameters, fits and runs, and say what they amount to.
+
+    Raises DataError when parameters.toml cannot be understood; fits and runs that cannot be read are named in it.
+    """
+    runs, broken_runs = _readable(list_runs(campaign.runs_folder))
+    fits, broken_fits = _readable(list_fits(campaign.fits_folder))
+    known = Known(campaign.rig, load_sections(campaign.parameters_file))
+    measured = measurements(fits)
+    latest = {fit.name: fit for fit in fits}
+    commands = {name: fit.command for name, fit in latest.items()}
+    doubts = {name: fit.doubts for name, fit in latest.items()}
+    return Report(
+        about=_about(campaign, runs, fits, now),
+        sheet=sheet(known, commands, doubts),
+        experiments=experiments(measured, fits),
+        repeats=repeated_fits(measured),
+        comparisons=comparisons(known),
+        runs=tuple(_line(run) for run in runs),
+        unreadable=(*broken_runs, *broken_fits),
+    )
+
+
+def _readable(found: Sequence[Kind | DataError]) -> tuple[list[Kind], list[str]]:
+    return (
+        [one for one in found if not isinstance(one, DataError)],
+        [str(one) for one in found if isinstance(one, DataError)],
+    )
+
+
+def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: datetime) -> About:
+    started = [run.header.started for run in runs]
+    return About(
+        vehicle=campaign.rig.vehicle.name,
+        campaign=campaign.folder.resolve().name,
+        body_frame=frame_text(campaign.rig.vehicle.body_frame),
+        recorded=(min(started), max(started)) if started else None,
+        written=now,
+        cfid_version=__version__,
+        fitted_with=tuple(sorted({fit.section.cfid_version for fit in fits})),
+        runs=len(runs),
+        simulated_runs=sum(run.header.simulated for run in runs),
+    )
+
+
+def _line(run: Run) -> RunLine:
+    header, devices = run.header, run.header.devices.values()
+    label = header.label
+    weight = None if label.weight_g is None else f"{label.weight_g:g} g"
+    rows = [device.rows for device in devices if device.rows is not None]
+    return RunLine(
+        name=run.folder.name,
+        what=" ".join(filter(None, [header.kind, label.body, label.axis, weight])),
+        state="cut" if run.cut else header.state,
+        rows=sum(rows) if rows else None,
+        lost=sum(device.lost for device in devices),
+        simulated=header.simulated,
+        excluded=getattr(header, "excluded", ""),
+        note="; ".join(filter(None, [label.note, header.reason])),
+    )
+
+
+def _dates_as_text(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _dates_as_text(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_dates_as_text(item) for item in value]
+    return value.isoformat() if isinstance(value, datetime) else value

@@ -1,0 +1,138 @@
+"""What each experiment found, as the fit that counts tells it: verdict, figures, tables, what was left out, origin."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from cfid.fits import Fit
+from cfid.parameters import Source
+from cfid.report.known import entries
+from cfid.report.measurements import Measurement
+from cfid.report.sheet import Row
+from cfid.report.tables import Table, parameter_tables, quality_tables
+
+_TITLES = {
+    "swing": "Swing",
+    "friction": "Friction of the axis",
+    "inertia": "Inertia matrix",
+    "testbody": "Test body",
+    "thrust": "Command to thrust",
+    "speed": "Command to rotor speed",
+    "torque": "Thrust to torque",
+    "rotor": "Rotor speed from vibration",
+    "dynamics": "Rotor dynamics",
+    "tf": "Transfer function of motor and rotor",
+    "latency": "Latency of the link",
+    "drag": "Drag",
+}
+_KINDS = list(_TITLES)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One measurement of a kind; paths of figures and sources count from the campaign's folder on."""
+
+    name: str
+    title: str
+    command: str
+    method: str
+    found: datetime
+    cfid_version: str
+    believed: bool
+    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
+    parameters: tuple[Row, ...]
+    tables: tuple[Table, ...]
+    lines: tuple[str, ...]
+    figures: tuple[str, ...]
+    notes: tuple[str, ...]
+    sources: tuple[Source, ...]
+
+    @property
+    def anchor(self) -> str:
+        """Its name where a link may lead."""
+        stem = "".join(letter if letter.isalnum() else "-" for letter in self.name)
+        return f"{stem}-{self.found:%Y%m%d%H%M%S}"
+
+
+def experiments(measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit]) -> tuple[Experiment, ...]:
+    """Return all measurements in the order of the thesis' chapters, of one kind the latest first."""
+    drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit draws over an earlier one's
+    several = [one for group in measured.values() for one in reversed(group)]
+    several.sort(key=lambda one: _place(one.fit.name))
+    return tuple(_experiment(one, drawn_by) for one in several)
+
+
+def title_of(name: str) -> str:
+    """Return what a kind of fit is called: `swing x` is the swing about x."""
+    kind, _, rest = name.partition(" ")
+    return f"{_TITLES.get(kind, kind)} {rest}".rstrip()
+
+
+def _place(name: str) -> int:
+    kind = name.partition(" ")[0]
+    return _KINDS.index(kind) if kind in _KINDS else len(_KINDS)
+
+
+def _experiment(measurement: Measurement, drawn_by: Mapping[str, Fit]) -> Experiment:
+    fit = measurement.fit
+    own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
+    stems = {Path(figure).with_suffix("") for figure in fit.figures}
+    kept = {Path(figure).with_suffix("") for figure in own}
+    return Experiment(
+        name=fit.name,
+        title=title_of(fit.name),
+        command=fit.command,
+        method=fit.section.method,
+        found=fit.section.found,
+        cfid_version=fit.section.cfid_version,
+        believed=fit.section.believed,
+        doubts=fit.doubts,
+        warnings=_together(fit.warnings, _recordings(fit)),
+        parameters=tuple(
+            Row(f"{key} {entry.place}".rstrip(), entry.value, entry.std, parameter.unit)
+            for key, parameter in fit.section.parameters.items()
+            for entry in entries(parameter)
+        ),
+        tables=(*quality_tables(fit.quality), *parameter_tables(fit.section.parameters)),
+        lines=fit.lines,
+        figures=tuple(own),
+        notes=(*_replaced(measurement), *_drawn_over(len(stems) - len(kept))),
+        sources=fit.section.sources,
+    )
+
+
+def _recordings(fit: Fit) -> set[str]:
+    """Return the names that warnings may have for a fit's recordings: of run folders and of files."""
+    paths = [Path(source.path) for source in fit.section.sources]
+    return {name for path in paths for name in (path.parent.name, path.stem, path.name)}
+
+
+def _together(warnings: Sequence[str], recordings: set[str]) -> tuple[str, ...]:
+    """Say once what is said of several recordings: `NAME: words` for each of them."""
+    named: dict[str, list[str]] = {}
+    for warning in warnings:
+        name, _, words = warning.partition(": ")
+        if name in recordings:
+            named.setdefault(words, []).append(name)
+        else:
+            named.setdefault(warning, [])
+    return tuple(
+        f"{len(names)} recordings: {words}" if len(names) > 1 else ": ".join([*names, words])
+        for words, names in named.items()
+    )
+
+
+def _replaced(measurement: Measurement) -> list[str]:
+    if not measurement.replaced:
+        return []
+    count = len(measurement.replaced)
+    fits = "An earlier fit" if count == 1 else f"{count} earlier fits"
+    return [f"{fits} of the same recordings {'is' if count == 1 else 'are'} not shown: this one counts."]
+
+
+def _drawn_over(count: int) -> list[str]:
+    if not count:
+        return []
+    return [f"{count} of its figures {'was' if count == 1 else 'were'} drawn over by a later fit."]

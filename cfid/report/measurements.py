@@ -1,0 +1,29 @@
+"""Which fits of a campaign are measurements of their own, and which repeat a calculation on the same recordings."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cfid.fits import Fit
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A fit that counts, and the earlier ones on exactly the same recordings, which it replaces."""
+
+    fit: Fit
+    replaced: tuple[Fit, ...]
+
+
+def measurements(fits: Iterable[Fit]) -> dict[str, tuple[Measurement, ...]]:
+    """Return the measurements of each kind of fit by the kind's name, the oldest first.
+
+    Fits of one kind that share all source hashes are one measurement, and the latest of them counts.
+    """
+    same: dict[tuple[str, object], list[Fit]] = {}
+    for fit in sorted(fits, key=lambda fit: fit.section.found):
+        # A fit from numbers alone has no sources, and is a measurement of its own.
+        same.setdefault((fit.name, fit.hashes or id(fit)), []).append(fit)
+    found = [Measurement(group[-1], tuple(group[:-1])) for group in same.values()]
+    found.sort(key=lambda one: one.fit.section.found)
+    names = dict.fromkeys(one.fit.name for one in found)
+    return {name: tuple(one for one in found if one.fit.name == name) for name in names}

@@ -1,0 +1,100 @@
+"""Numbers as a report prints them: to the digits that their deviation leaves meaning, in a common power of ten."""
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+COVERED = 1.96  # standard deviations either side of a normal distribution's 95 %
+
+_DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
+_MOST_DECIMALS = 9
+_PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Printed(NamedTuple):
+    """A value, its deviation and the ends of its 95 % interval; "" is unknown."""
+
+    value: str
+    std: str
+    low: str
+    high: str
+
+
+def printed(value: float | None, std: float | None, power: int) -> Printed:
+    """Return how a value and its standard deviation are printed in units of ten to a power."""
+    if value is None or not math.isfinite(value):
+        return Printed("", "", "", "")
+    scale = 10.0**-power
+    if std is None or not math.isfinite(std) or std <= 0:
+        return Printed(plain_number(value * scale, _DIGITS), "", "", "")
+    decimals = min(max(1 - math.floor(math.log10(std * scale)), 0), _MOST_DECIMALS)
+    value, std = value * scale, std * scale
+    low, high = value - COVERED * std, value + COVERED * std
+    texts = [_minus(f"{x:.{decimals}f}") for x in (value, std, low, high)]
+    return Printed(*texts)
+
+
+def plus_minus_in(value: float | None, std: float | None, power: int) -> str:
+    """Return a value and its deviation, where there is one, in units of ten to a power that others share."""
+    if value is None or not math.isfinite(value):
+        return ""
+    scale = 10.0**-power
+    if std is None or not math.isfinite(std) or std <= 0:
+        return plain_number(value * scale, 4)
+    decimals = min(max(1 - math.floor(math.log10(std * scale)), 0), _MOST_DECIMALS)
+    return _minus(f"{value * scale:.{decimals}f} ± {std * scale:.{decimals}f}")
+
+
+def against(value: float | None, yours: float | None) -> str:
+    """Return how a value compares with yours: by how much in per cent, or how many times as large."""
+    if value is None or not yours or not math.isfinite(value / yours):
+        return ""
+    ratio = value / yours
+    if ratio <= 0:
+        return "other sign" if ratio else ""
+    return _minus(f"{100 * (ratio - 1):+.1f} %") if 0.5 < ratio < 2 else f"{ratio:.2g} times"
+
+
+def power_of_ten(values: Iterable[float | None]) -> int:
+    """Return the multiple of three that brings the largest of some values between 1 and 1000, 0 if none is needed."""
+    largest = max((abs(x) for x in values if x is not None and math.isfinite(x)), default=0.0)
+    if largest == 0 or _PLAIN[0] <= largest < _PLAIN[1]:
+        return 0
+    return 3 * math.floor(math.log10(largest) / 3)
+
+
+def plain_number(value: float, digits: int = 5) -> str:
+    """Return a number to so many digits, with a minus sign that is as wide as a plus."""
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    return _minus(mantissa) + (f"·10{str(int(exponent)).translate(_SUPERSCRIPTS)}" if exponent else "")
+
+
+def with_power(unit: str, power: int) -> str:
+    """Return a unit behind its power of ten: `10⁻⁶ kg m²`."""
+    words = [f"10{str(power).translate(_SUPERSCRIPTS)}" if power else "", unit_text(unit)]
+    return " ".join(filter(None, words))
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit with raised exponents; a pure number has none."""
+    return "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")
+
+
+def cell_text(value: Any) -> str:
+    """Return what a cell of a table prints, whatever it holds; "" is unknown."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return _minus(str(value))
+    if isinstance(value, float):
+        return plain_number(value) if math.isfinite(value) else ""
+    if isinstance(value, list | tuple):
+        return ", ".join(cell_text(item) for item in value)
+    return str(value)
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")

@@ -1,0 +1,137 @@
+"""One quantity measured more than once: the values side by side, their drift, and whether they agree."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from cfid.report.known import entries
+from cfid.report.measurements import Measurement
+
+AGREE_FROM = 0.05  # probability of a chi-squared as large as this by chance
+
+# How a swing was released, and how many of its peaks were used, is no property of the vehicle.
+_OF_THE_RUN = ("swing.start_", "swing.zero_rad", "swing.peaks_used", "drag.sse_n2")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One measurement's value of a quantity; `counts` is False when it is not believed or has no deviation."""
+
+    value: float
+    std: float | None
+    counts: bool
+
+
+@dataclass(frozen=True)
+class Made:
+    """When and how one of several measurements was fitted, and whether it is believed."""
+
+    found: datetime
+    method: str
+    believed: bool
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A quantity's readings, one for each measurement (None: it lacks it), and the test of those that count.
+
+    The mean is weighted by 1/std^2; chi-squared is sum((value - mean)^2/std^2), and `probability` that of a larger
+    one if the deviations are right and the readings independent. Drift is the last reading less the first.
+    All None where fewer than two readings count.
+    """
+
+    quantity: str
+    unit: str
+    readings: tuple[Reading | None, ...]
+    mean: float | None
+    mean_std: float | None
+    chi_squared: float | None
+    freedom: int
+    probability: float | None
+    drift: float | None
+    drift_std: float | None
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the readings agree within their deviations; None where that cannot be said."""
+        return None if self.probability is None else self.probability >= AGREE_FROM
+
+
+@dataclass(frozen=True)
+class RepeatedFit:
+    """All quantities of a kind of fit that was made from different recordings, the oldest first.
+
+    `shared` says what weakens the test, if anything does.
+    """
+
+    name: str
+    made: tuple[Made, ...]
+    quantities: tuple[Repeat, ...]
+    shared: str
+
+
+def repeated_fits(measured: Mapping[str, Sequence[Measurement]]) -> tuple[RepeatedFit, ...]:
+    """Return what was measured more than once."""
+    found = []
+    for name, several in measured.items():
+        quantities = _quantities(several) if len(several) > 1 else ()
+        if quantities:
+            sections = [measurement.fit.section for measurement in several]
+            made = tuple(Made(section.found, section.method, section.believed) for section in sections)
+            found.append(RepeatedFit(name, made, quantities, _shared(several)))
+    return tuple(found)
+
+
+def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
+    readings: dict[tuple[str, str], list[Reading | None]] = {}
+    for place, measurement in enumerate(several):
+        section = measurement.fit.section
+        for key, parameter in section.parameters.items():
+            for entry in () if key.startswith(_OF_THE_RUN) else entries(parameter):
+                row = readings.setdefault((f"{key} {entry.place}".rstrip(), parameter.unit), [None] * len(several))
+                if entry.value is not None:
+                    row[place] = Reading(entry.value, entry.std, section.believed and bool(entry.std))
+    return tuple(_repeat(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row))
+
+
+def _is_repeated(row: Sequence[Reading | None]) -> bool:
+    there = [reading for reading in row if reading is not None]
+    return len(there) > 1 and any(reading.std for reading in there)
+
+
+def _repeat(quantity: str, unit: str, readings: tuple[Reading | None, ...]) -> Repeat:
+    from scipy.special import chdtrc
+
+    counting = [(one.value, one.std) for one in readings if one is not None and one.counts and one.std]
+    if len(counting) < 2:
+        return Repeat(quantity, unit, readings, None, None, None, 0, None, None, None)
+    weights = [std**-2 for _, std in counting]
+    mean = sum(w * value for w, (value, _) in zip(weights, counting, strict=True)) / sum(weights)
+    chi_squared = sum(w * (value - mean) ** 2 for w, (value, _) in zip(weights, counting, strict=True))
+    (first, first_std), (last, last_std) = counting[0], counting[-1]
+    return Repeat(
+        quantity=quantity,
+        unit=unit,
+        readings=readings,
+        mean=mean,
+        mean_std=sum(weights) ** -0.5,
+        chi_squared=chi_squared,
+        freedom=len(counting) - 1,
+        probability=float(chdtrc(len(counting) - 1, chi_squared)),
+        drift=last - first,
+        drift_std=math.hypot(first_std, last_std),
+    )
+
+
+def _shared(several: Sequence[Measurement]) -> str:
+    """Say that some recordings are in more than one measurement, which are then no independent readings."""
+    seen: set[str] = set()
+    twice: set[str] = set()
+    for measurement in several:
+        twice |= seen & measurement.fit.hashes
+        seen |= measurement.fit.hashes
+    if not twice:
+        return ""
+    many = "a recording is" if len(twice) == 1 else f"{len(twice)} recordings are"
+    return f"{many} part of more than one of these fits: they agree better than independent ones would."

@@ -1,0 +1,242 @@
+"""The sheet of the thesis' appendix A for this vehicle: every parameter with deviation, interval, unit and origin.
+
+What is missing is named with the command that gives it.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import PurePath
+from typing import NamedTuple
+
+from cfid.campaign import RUNS_FOLDER
+from cfid.parameters import Section
+from cfid.report.known import Entry, Known, entries
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number: its symbol, value and standard deviation in its unit; None is unknown."""
+
+    symbol: str
+    value: float | None
+    std: float | None
+    unit: str
+
+    @property
+    def family(self) -> tuple[str, str]:
+        """What it has in common with the numbers that it is printed beside in one power of ten."""
+        return self.symbol.partition(" ")[0].partition("_")[0], self.unit
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How a quantity was found, and whether to believe it: None for what was not fitted but stated by hand."""
+
+    how: str
+    found: datetime | None
+    recordings: int
+    believed: bool | None
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of the sheet with its numbers and their origin, or with what gives it where it is missing."""
+
+    keys: tuple[str, ...]
+    title: str
+    equation: str
+    rows: tuple[Row, ...]
+    origin: Origin | None
+    missing: str
+
+
+@dataclass(frozen=True)
+class Group:
+    """Quantities under one heading of the sheet."""
+
+    title: str
+    quantities: tuple[Quantity, ...]
+
+
+Doubts = Mapping[str, tuple[str, ...]]  # of the last fit, by section
+Labels = Callable[[list[Entry], str], list[Row]]
+
+
+class _Part(NamedTuple):
+    key: str
+    labels: Labels
+
+
+class _Wanted(NamedTuple):
+    title: str
+    equation: str
+    parts: tuple[_Part, ...]
+    gives: str
+
+
+def sheet(known: Known, commands: Mapping[str, str], doubts: Doubts) -> tuple[Group, ...]:
+    """Return the sheet. `commands` is what made the last fit of a section, `doubts` why it is not believed."""
+    groups = [("Inertia", _mass(known), _INERTIA), ("Motors: mappings", None, _MAPS)]
+    groups += [("Motors: transfer function", None, _TRANSFER), ("Drag", None, _DRAG)]
+    return tuple(
+        Group(title, (*([first] if first else []), *(_quantity(known, one, commands, doubts) for one in wanted)))
+        for title, first, wanted in groups
+    ) + _by_hand(known)
+
+
+def _mass(known: Known) -> Quantity:
+    vehicle = known.rig.vehicle
+    origin = Origin("weighed, as rig.toml states", None, 0, None, ())
+    rows = (Row("m", vehicle.mass_kg, vehicle.mass_std_kg or None, "kg"),)
+    return Quantity(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
+
+
+def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], doubts: Doubts) -> Quantity:
+    """Return a quantity from what of its parts there is: all come from one fit."""
+    found = [(part, one) for part in wanted.parts if (one := known.find(part.key)) is not None]
+    rows = tuple(row for part, one in found for row in part.labels(list(entries(one.parameter)), one.parameter.unit))
+    keys = tuple(part.key for part in wanted.parts)
+    if not rows:
+        return Quantity(keys, wanted.title, wanted.equation, (), None, f"not measured yet: {wanted.gives}")
+    _, first = found[0]
+    origin = origin_of(first.name, first.section, commands, doubts)
+    lacking = [part.key for part in wanted.parts if part not in [there for there, _ in found]]
+    missing = f"not found: {', '.join(lacking)}" if lacking else ""
+    return Quantity(keys, wanted.title, wanted.equation, rows, origin, missing)
+
+
+def origin_of(name: str, section: Section, commands: Mapping[str, str], doubts: Doubts) -> Origin:
+    """Return how a section of parameters.toml came about."""
+    command = commands.get(name, f"fit {name}")
+    method = "" if section.method == "default" else f", method {section.method}"
+    why = () if section.believed else doubts.get(name, ())
+    return Origin(f"cfid {command}{method}", section.found, _recordings(section), section.believed, why)
+
+
+def _recordings(section: Section) -> int:
+    """Count what was recorded: a run's devices have a file each, and are one recording."""
+    paths = [PurePath(source.path) for source in section.sources]
+    return len({path.parent if path.parts[0] == RUNS_FOLDER else path for path in paths})
+
+
+def _by_hand(known: Known) -> tuple[Group, ...]:
+    section = known.sections.get("set")
+    if section is None:
+        return ()
+    origin = Origin("cfid set, by hand", section.found, 0, None, ())
+    return (
+        Group(
+            "Measured by hand",
+            tuple(
+                Quantity((key,), key, "", tuple(Row(key, e.value, e.std, one.unit) for e in entries(one)), origin, "")
+                for key, one in section.parameters.items()
+            ),
+        ),
+    )
+
+
+def _one(symbol: str) -> Labels:
+    return lambda found, unit: [Row(symbol, entry.value, entry.std, unit) for entry in found]
+
+
+def _indexed(symbol: str) -> Labels:
+    return lambda found, unit: [Row(f"{symbol}_{entry.place}", entry.value, entry.std, unit) for entry in found]
+
+
+def _along(symbol: str) -> Labels:
+    """Three numbers along the body's axes; a model with one number for all has one row."""
+
+    def rows(found: list[Entry], unit: str) -> list[Row]:
+        names = "xyz" if len(found) == 3 else [entry.place for entry in found]
+        return [Row(f"{symbol}_{name}", e.value, e.std, unit) for name, e in zip(names, found, strict=True)]
+
+    return rows
+
+
+def _polynomial(letter: str, y: str, x: str) -> Labels:
+    """Coefficients, highest power first, each with its own unit."""
+
+    def rows(found: list[Entry], unit: str) -> list[Row]:
+        powers = range(len(found) - 1, -1, -1)
+        return [
+            Row(f"{letter}_{power}", e.value, e.std, _over(y, x, power)) for power, e in zip(powers, found, strict=True)
+        ]
+
+    return rows
+
+
+def _over(y: str, x: str, power: int) -> str:
+    if y == "N m" and x == "N":
+        return ("N m", "m", "m/N")[power] if power < 3 else f"N m/N^{power}"
+    return y if power == 0 else f"{y}/{x}" if power == 1 else f"{y}/{x}^{power}"
+
+
+def _delayed(letter: str, first: int) -> Labels:
+    """Coefficients of z^0, z^-1, ...; those that are no unknowns (the leading 1, a zero of the form) are left out."""
+
+    def rows(found: list[Entry], unit: str) -> list[Row]:
+        return [
+            Row(f"{letter}_{i}", e.value, e.std, unit)
+            for i, e in enumerate(found)
+            if i >= first and not (e.value == 0 and not e.std)
+        ]
+
+    return rows
+
+
+_INERTIA = (
+    _Wanted(
+        "Inertia matrix about the centre of mass, body frame",
+        "",
+        (_Part("inertia.matrix_kg_m2", _indexed("I")),),
+        "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
+    ),
+)
+_MAPS = (
+    _Wanted(
+        "Input command to thrust, one motor",
+        "f = Σ a_k cmd^k",
+        (_Part("motor.thrust_poly", _polynomial("a", "N", "cmd")),),
+        "`cfid log thrust`, then `cfid fit thrust RUN`",
+    ),
+    _Wanted(
+        "Input command to rotor speed",
+        "ω = Σ b_k cmd^k",
+        (_Part("motor.speed_poly", _polynomial("b", "rad/s", "cmd")),),
+        "`cfid log speed`, then `cfid fit speed RUN`",
+    ),
+    _Wanted(
+        "Thrust to torque, one motor",
+        "τ = Σ c_k f^k",
+        (_Part("motor.torque_poly", _polynomial("c", "N m", "N")),),
+        "`cfid log thrust`, then `cfid fit torque RUN`",
+    ),
+)
+_TRANSFER = (
+    _Wanted(
+        "Command to thrust, one motor",
+        "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
+        (
+            _Part("tf.numerator", _delayed("n", 0)),
+            _Part("tf.denominator", _delayed("d", 1)),
+            _Part("tf.sample_time_s", _one("T (sample time)")),
+            _Part("tf.time_constant_s", _one("τ (time constant)")),
+            _Part("tf.static_gain_n", _one("K (static gain, per unit of the command)")),
+            _Part("tf.delay_s", _one("δ (delay of the force behind its stamped command)")),
+        ),
+        "`cfid log sine`, then `cfid tf identify RUN ...`",
+    ),
+)
+_WIND = "`cfid log wind`, then `cfid fit drag RUN ...`"
+_DRAG = (
+    _Wanted("Simple model", "f = diag(K) Σω v", (_Part("drag.simple_kg_per_rad", _along("K")),), _WIND),
+    _Wanted(
+        "Complex model",
+        "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
+        tuple(_Part(f"drag.complex.k{i}", _along(f"K{i}")) for i in range(1, 7)),
+        _WIND,
+    ),
+    _Wanted("Cross-coupling model", "f = K Σω v", (_Part("drag.cross_coupling_kg_per_rad", _indexed("K")),), _WIND),
+)

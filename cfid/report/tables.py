@@ -1,0 +1,96 @@
+"""What a fit keeps besides its parameters, as titled tables: any nesting of names, numbers, rows and matrices."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cfid.parameters import Parameter, plain
+from cfid.report.known import is_rows
+
+_SYMMETRIC = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_TITLES = {
+    "budget_kg_m2": "uncertainty budget: what each input adds to one standard deviation, kg m^2",
+    "swings": "swings: window and verdict of each",
+    "mounts": "mounts: distances, and where an error in them does not matter",
+    "motor.table": "what was measured at each command",
+    "friction.runs": "windows: speed and coefficient of each weight",
+    "tf.frequency_response": "frequency response",
+    "rotor.windows": "windows: speed heard in each",
+    "dynamics.time_constant_s": "steps: time constant of each",
+    "models": "models compared",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of plain cells: text, numbers, True or False, lists of these, None for what is unknown."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+
+def parameter_tables(parameters: Mapping[str, Parameter]) -> Iterator[Table]:
+    """Yield the parameters that are lists of rows, each as a table."""
+    for key, parameter in parameters.items():
+        if is_rows(plain(parameter.value)):
+            yield _of_rows(key, plain(parameter.value))
+
+
+def quality_tables(quality: Mapping[str, Any]) -> Iterator[Table]:
+    """Yield a fit's figures of quality: single ones in one table, rows, mappings and matrices in their own."""
+    single: list[tuple[str, Any]] = []
+    tables: list[Table] = []
+    for name, value in plain(quality).items():
+        if is_rows(value):
+            tables.append(_of_rows(name, value))
+        elif isinstance(value, Mapping):
+            tables += _of_mapping(name, value)
+        elif _is_matrix(value):
+            tables.append(_of_matrices(name, {"": value}))
+        elif value is not None and value != []:
+            single.append((_words(name), value))
+    if single:
+        yield Table("figures that judge the fit", ("figure", "value"), tuple(single))
+    yield from tables
+
+
+def _of_mapping(name: str, content: Mapping[str, Any]) -> list[Table]:
+    if not content:
+        return []
+    if all(_is_matrix(value) for value in content.values()):
+        return [_of_matrices(name, content)]
+    if all(isinstance(value, Mapping) for value in content.values()):
+        rows = [{"": key, **_flat(value)} for key, value in content.items()]
+        return [_of_rows(name, rows)]
+    return [Table(_title(name), ("figure", "value"), tuple((_words(k), v) for k, v in _flat(content).items()))]
+
+
+def _of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    columns = tuple(dict.fromkeys(key for row in rows for key in row))
+    cells = tuple(tuple(row.get(column) for column in columns) for row in rows)
+    return Table(_title(name), tuple(_words(column) for column in columns), cells)
+
+
+def _of_matrices(name: str, matrices: Mapping[str, Any]) -> Table:
+    cells = tuple((key, *(matrix[i][j] for i, j in _SYMMETRIC.values())) for key, matrix in matrices.items())
+    return Table(_title(name), ("", *_SYMMETRIC), cells)
+
+
+def _flat(content: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key, value in content.items():
+        result |= _flat(value, f"{before}{key} ") if isinstance(value, Mapping) else {f"{before}{key}": value}
+    return result
+
+
+def _is_matrix(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
+
+
+def _title(name: str) -> str:
+    return _TITLES.get(name, _words(name))
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
