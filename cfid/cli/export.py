@@ -77,8 +77,10 @@ def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> No
 
 
 def _warn(target: "Target", vehicle: "Vehicle") -> None:
-    from cfid.export.target import asked_for, doubted, left_out
+    from cfid.export.target import asked_for, caveats, doubted, left_out
 
+    for sentence in caveats(target, vehicle):
+        note(sentence)
     for key in doubted(target, vehicle):
         note(f"{key} is not believed by its fit: the file says so.")
     for use in left_out(target, vehicle):
@@ -98,15 +100,15 @@ def _print_list(vehicle: "Vehicle", *, json: bool) -> None:
         return
     for row in rows:
         typer.secho(f"{row['target']}: {row['about']}", bold=True)
-        _print_keys("has", [need["keys"] for need in row["needs"] + row["uses"] if need["known"]])
+        _print_keys("has", ["; ".join(need["keys"] for need in row["needs"] + row["uses"] if need["known"])])
         _print_keys("MISSING", [f"{n['keys']}: {n['given_by']}" for n in row["needs"] if not n["known"]])
         _print_keys("could also use", [f"{n['keys']}: {n['given_by']}" for n in row["uses"] if not n["known"]])
         _print_keys("not believed", row["not_believed"])
 
 
 def _print_keys(title: str, words: list[str]) -> None:
-    if words:
-        typer.echo(f"  {title}: {'; '.join(words)}")
+    for word in words:
+        typer.echo(f"  {title}: {word}")
 
 
 def _row(target: "Target", vehicle: "Vehicle") -> dict[str, Any]:

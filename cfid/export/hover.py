@@ -8,10 +8,9 @@ from collections.abc import Sequence
 
 from cfid.errors import DataError
 from cfid.export.frame import Matrix, Vector, turned, turned_matrix, turned_spread
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import FULL, Vehicle
 
 RPM = 2 * math.pi / 60  # rad/s of one revolution per minute
-FULL = 65535  # the largest command of a motor, 16 bits
 
 # The motors m1 to m4 of a Crazyflie, seen from above: (forward, left) in arm lengths, and the sign of the yaw
 # moment that a rotor's drag gives the vehicle. m1 is in front on the right and turns counter-clockwise; its air

@@ -7,7 +7,6 @@ from cfid import __version__
 from cfid.errors import DataError
 from cfid.export.frame import is_turned, turned
 from cfid.export.hover import (
-    FULL,
     RPM,
     hover_command,
     hover_speed_rad_s,
@@ -16,7 +15,7 @@ from cfid.export.hover import (
     inertia_std_kg_m2,
     value_of,
 )
-from cfid.export.vehicle import SOURCES, Quantity, Vehicle
+from cfid.export.vehicle import FULL, SOURCES, Quantity, Vehicle
 from cfid.export.wording import commented, told
 
 
@@ -86,6 +85,11 @@ def text_of(target: Target, vehicle: Vehicle) -> str:
 def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return the keys of what a target takes although its fit is not believed."""
     return tuple(q.key for q in _taken(target, vehicle) if not q.believed)
+
+
+def caveats(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what has to be known of what a target takes, a sentence each."""
+    return tuple(f"{q.key}: {q.caveat}" for q in _taken(target, vehicle) if q.caveat)
 
 
 def left_out(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
@@ -160,6 +164,8 @@ def _told(quantity: Quantity) -> Iterator[str]:
     spread = "unknown" if quantity.std is None else told(quantity.std, 2)
     yield f"  {quantity.key} = {told(quantity.value)} +- {spread} {quantity.unit}"
     yield f"    {quantity.origin}"
+    if quantity.caveat:
+        yield f"    {quantity.caveat}"
     if not quantity.believed:
         yield "    NOT BELIEVED: the fit does not describe its data; it was kept by force."
 

@@ -9,6 +9,10 @@ from cfid.campaign import BodyFrame, Rig
 from cfid.errors import ConfigError
 from cfid.parameters import Parameter, Section, Value, plain
 
+FULL = 65535  # the largest command of a motor, 16 bits
+_FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
+_AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
@@ -49,7 +53,10 @@ SOURCES: Mapping[str, Source] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A value with one standard deviation of its shape (None where there is none), its unit and where it came from."""
+    """A value with one standard deviation of its shape (None where there is none), its unit and where it came from.
+
+    `caveat` is what else has to be known before it is used.
+    """
 
     key: str
     value: Value
@@ -57,6 +64,7 @@ class Quantity:
     unit: str
     origin: str
     believed: bool = True
+    caveat: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +144,17 @@ def _quantity(key: str, parameter: Parameter, name: str, section: Section) -> Qu
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
         believed=section.believed,
+        caveat=_extrapolated(section) if key in _AT_FULL_COMMAND else "",
     )
+
+
+def _extrapolated(section: Section) -> str:
+    """Return a sentence where the motors were measured well below the full command, else nothing."""
+    table = section.parameters.get("motor.table")
+    most = max((row["cmd"] for row in plain(table.value)), default=FULL) if table is not None else FULL
+    if most >= _FAR * FULL:
+        return ""
+    return f"EXTRAPOLATED at the full command: {most:.0f} of {FULL} is the largest that was measured."
 
 
 def _known(value: Value) -> bool:

@@ -13,7 +13,7 @@ import pytest
 from cfid.campaign import load_rig, new_rig_text, thesis_rig
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.export.catalogue import TARGETS, target_named
-from cfid.export.target import text_of
+from cfid.export.target import caveats, text_of
 from cfid.export.vehicle import SOURCES, collect
 from cfid.export.wording import HASH, XML, commented, identifier, number
 from tests.export import thesis_vehicle as thesis
@@ -105,6 +105,17 @@ def test_a_believed_fit_goes_before_a_newer_one_that_is_not() -> None:
 
     assert collect(thesis_rig(), {"thrust": old, "speed": new})["thrust_per_speed_squared"] == 2e-8
     assert collect(thesis_rig(), {"thrust": old, "speed": newer})["thrust_per_speed_squared"] == 3e-8
+
+
+@pytest.mark.parametrize(("most", "marked"), [(45000, True), (62258, True), (62259, False), (65535, False)])
+def test_a_thrust_beyond_the_measured_commands_is_marked(most: int, marked: bool) -> None:
+    table = [{"cmd": 2000.0, "thrust_n": 0.01}, {"cmd": float(most), "thrust_n": 0.1}]
+    thrust = section({**sections()["thrust"].parameters, "motor.table": table})
+    known = collect(thesis_rig(), {**sections(), "thrust": thrust})
+
+    text = export("firmware", known)
+    assert (f"EXTRAPOLATED at the full command: {most} of 65535" in text) == marked
+    assert bool(caveats(TARGETS["firmware"], known)) == marked
 
 
 # What is missing
