@@ -22,7 +22,7 @@ Rows = npt.NDArray[np.intp]
 _SPEED = "sum of rotor speeds (rad/s)"
 _PALEST = 0.65  # of white in the colour of the strongest wind: light is fast, as in figure 4.11
 _AXES = ("x", "y", "z")
-_MOST_ANGLES = 4  # beside each other on a page
+_MOST_ANGLES = 3  # beside each other on a page
 
 
 class _Wind(NamedTuple):
@@ -39,7 +39,11 @@ def forces_figure(experiments: DragExperiments) -> Figure:
     """Return each component of the drag force over the rotors' speed, a line a wind, a column an angle."""
     angles, winds = _angles(experiments), list(_winds(experiments))
     page, grid = figure(
-        4, len(angles), heights_in=(2 * KEY_IN, 1.9, 1.9, 2.1), title="Drag force in wind, less the thrust without it"
+        4,
+        len(angles),
+        heights_in=(2 * KEY_IN, 1.9, 1.9, 2.1),
+        title="Drag force in wind, less the thrust without it",
+        notes=_not_drawn(experiments),
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles))
     for row, axis in enumerate(_AXES):
@@ -69,7 +73,13 @@ def coefficients_figure(found: DragResult) -> Figure:
     assert found.groups is not None
     experiments = found.experiments
     angles, winds = _angles(experiments), list(_winds(experiments))
-    page, grid = figure(3, 1, heights_in=(2 * KEY_IN, 2.6, 2.6), title="Drag coefficients of the simple model")
+    page, grid = figure(
+        3,
+        1,
+        heights_in=(2 * KEY_IN, 2.6, 2.6),
+        title="Drag coefficients of the simple model",
+        notes=_not_drawn(experiments),
+    )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), Line2D([], [], color=INK, label="all together"))
     beside: Axes | None = None
     panels = (("(a) x and y", found.groups.lateral, 0), ("(b) z", found.groups.each[:, 2], 2))
@@ -88,7 +98,7 @@ def coefficients_figure(found: DragResult) -> Figure:
 
 @styled
 def models_figure(found: DragResult) -> Figure:
-    """Return the force along z as it was measured, marks, and as the chosen model says, lines, with what each leaves."""
+    """Return the force along z as measured, marks, and as the chosen model says, lines, with what each leaves."""
     experiments, chosen = found.experiments, found.chosen
     angles, winds = _angles(experiments), list(_winds(experiments))
     doubts = [f"Not believed: {doubt}" for doubt in chosen.doubts]
@@ -99,6 +109,7 @@ def models_figure(found: DragResult) -> Figure:
         heights_in=(2 * KEY_IN, 2.6, 1.7, 0.42 + 0.165 * (len(found.fits) + 1)),
         title=f"Drag force along z, measured and by the {names[0]} model",
         doubts=doubts,
+        notes=_not_drawn(experiments),
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), *_marks())
     said = experiments.force_n - _residual(found, chosen)
@@ -142,14 +153,21 @@ def _angles(experiments: DragExperiments) -> list[float]:
     return [float(angle) for angle in there[kept]]
 
 
+def _not_drawn(experiments: DragExperiments) -> list[str]:
+    left_out = [f"{angle:g}°" for angle in np.unique(experiments.angle_deg) if angle not in _angles(experiments)]
+    return [f"wind from {', '.join(left_out)} is fitted, not drawn."] if left_out else []
+
+
 def _winds(experiments: DragExperiments) -> Iterator[_Wind]:
-    """Yield the wind settings, each angle in its own colour, lighter with faster wind."""
-    angles = np.unique(experiments.angle_deg).tolist()
+    """Yield the wind settings that are drawn, each angle in its own colour, lighter with faster wind."""
+    angles = _angles(experiments)
     fastest = float(experiments.wind_mps.max())
     for setting in range(experiments.settings):
         there = np.flatnonzero(experiments.setting == setting)
         rows = there[np.argsort(experiments.speed_sum_rad_s[there])]
         angle, speed = float(experiments.angle_deg[rows[0]]), float(experiments.wind_mps[rows[0]])
+        if angle not in angles:
+            continue
         base = np.array(to_rgb(SERIES[angles.index(angle) % len(SERIES)]))
         colour = base + _PALEST * speed / fastest * (1 - base)
         yield _Wind(rows, angle, speed, tuple(colour.tolist()))
