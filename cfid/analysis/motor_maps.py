@@ -9,6 +9,7 @@ import numpy as np
 from cfid.analysis.motor_checks import check_speed, check_thrust, listed, missing_commands, speed_doubts
 from cfid.analysis.motor_points import DEAD_COMMAND, Array, Measured, MotorPoints, measured
 from cfid.analysis.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
+from cfid.errors import FitError
 
 Method = Literal["default", "thesis"]
 Order = int | Literal["auto"]
@@ -128,6 +129,11 @@ def fit_torque(
 
     Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
     """
+    if points.torque_nm is not None and np.isnan(points.torque_nm).all():
+        raise FitError(
+            "no torque is left of motors that turn against each other: it cancels. Run one, or two that turn alike: "
+            "1 and 3, or 2 and 4."
+        )
     found = measured(points, "torque_nm", over="thrust_n")
     check_thrust(found.command, found.x)
     said: tuple[str, ...] = ()
@@ -149,9 +155,9 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     check_thrust(found.command, found.y)
     check_speed(found.command, found.x)
     speed, thrust, huber = found.x, found.y, robust and method == "default"
-    std = None if method == "thesis" else found.total_std(order=2)
-    square = fit_power(speed, thrust, power=2, std=std, robust=huber)
-    quadratic = fit_polynomial(speed, thrust, order=2, std=std, robust=huber)
+    std, shared = (None, None) if method == "thesis" else found.total_errors(order=2)
+    square = fit_power(speed, thrust, power=2, std=std, shared=shared, robust=huber)
+    quadratic = fit_polynomial(speed, thrust, order=2, std=std, shared=shared, robust=huber)
     difference = float(np.max(np.abs(square.at(speed) - quadratic.at(speed))))
     suffices = square.aicc <= quadratic.aicc
     said = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
@@ -193,14 +199,14 @@ def _map(
         used, said = measured, ()
     else:
         used, said = _running(measured)
-    std = None if method == "thesis" else used.total_std(order=2 if order == "auto" else order)
+    std, shared = (None, None) if method == "thesis" else used.total_errors(order=2 if order == "auto" else order)
     huber = robust and method == "default"
     aicc: Mapping[int, float] = {}
     if order == "auto":
-        choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, robust=huber)
+        choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, shared=shared, robust=huber)
         fit, aicc = choice.fit, choice.aicc
     else:
-        fit = fit_polynomial(used.x, used.y, order=order, std=std, robust=huber)
+        fit = fit_polynomial(used.x, used.y, order=order, std=std, shared=shared, robust=huber)
     gaps = (f"command {listed(missing)} is missing.",) if missing else ()
     return MotorMap(
         quantity=quantity,
@@ -227,7 +233,7 @@ def _as_the_thesis(measured: Measured) -> tuple[Measured, tuple[str, ...]]:
     """Leave out command 2000 and put a zero at command 0, as C.2.3 does."""
     kept = measured.kept((measured.command != _DROPPED) & (measured.command != 0))
     command, x, y = (np.concatenate([[0.0], column]) for column in (kept.command, kept.x, kept.y))
-    used = Measured(command, x, y, None, None)
+    used = Measured(command, x, y)
     # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
     return used, (f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero.",)
 

@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 
 from cfid.analysis.polynomials import fit_polynomial
 from cfid.errors import FitError
@@ -16,6 +17,7 @@ DEAD_COMMAND = 1000  # up to here a motor stands (thesis, section 3.3.2)
 FULL_COMMAND = 65535
 
 _STD_OF = {"thrust_n": "thrust_std_n", "torque_nm": "torque_std_nm", "speed_rad_s": "speed_std_rad_s"}
+_SHARED_OF = {"thrust_n": "thrust_shared_n", "torque_nm": "torque_shared_nm"}
 _LEAST_STD = 0.1  # of the median
 
 
@@ -23,7 +25,8 @@ _LEAST_STD = 0.1  # of the median
 class MotorPoints:
     """What one motor gave at commands (n,), a point a steady window, each column (n,) with one deviation.
 
-    A column that nobody measured is None, a value that is missing within a column is nan.
+    A column that nobody measured is None, a value that is missing within a column is nan. `thrust_shared_n` and
+    `torque_shared_nm` (n, m) are parts of the deviations that points have in common, a column a cause.
     """
 
     command: Array
@@ -33,6 +36,8 @@ class MotorPoints:
     thrust_std_n: Array | None = None
     torque_std_nm: Array | None = None
     speed_std_rad_s: Array | None = None
+    thrust_shared_n: Array | None = None
+    torque_shared_nm: Array | None = None
 
 
 class TableRow(NamedTuple):
@@ -45,27 +50,36 @@ class TableRow(NamedTuple):
     windows: int
 
 
+class Errors(NamedTuple):
+    """One deviation of each point (n,), and the parts that they have in common (n, m); None where not known."""
+
+    std: Array | None
+    shared: Array | None
+
+
 class Measured(NamedTuple):
-    """Points (n,) that have both values, y over x, with one deviation of each where it is known."""
+    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known."""
 
     command: Array
     x: Array
     y: Array
-    x_std: Array | None
-    y_std: Array | None
+    x_errors: Errors = Errors(None, None)
+    y_errors: Errors = Errors(None, None)
 
     def kept(self, rows: npt.NDArray[np.bool_]) -> "Measured":
         """Return some of the points, `rows` (n,)."""
-        x_std, y_std = (None if std is None else std[rows] for std in (self.x_std, self.y_std))
-        return Measured(self.command[rows], self.x[rows], self.y[rows], x_std, y_std)
+        x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[3:])
+        return Measured(self.command[rows], self.x[rows], self.y[rows], x_errors, y_errors)
 
-    def total_std(self, *, order: int) -> Array | None:
-        """Return the deviations (n,) of y with what those of x amount to on the slope, None where y's are unknown."""
-        y_std, x_std = weighable(self.y_std), weighable(self.x_std)
+    def total_errors(self, *, order: int) -> Errors:
+        """Return the errors of y with what those of x amount to on the slope; none where y's are unknown."""
+        y_std, x_std = weighable(self.y_errors.std), weighable(self.x_errors.std)
         if y_std is None or x_std is None:
-            return y_std
+            return Errors(y_std, None if y_std is None else self.y_errors.shared)
         slope = fit_polynomial(self.x, self.y, order=order, std=y_std).slope_at(self.x)
-        return np.hypot(y_std, slope * x_std)
+        parts = [self.y_errors.shared, _times(slope, self.x_errors.shared)]
+        shared = [part for part in parts if part is not None]
+        return Errors(np.hypot(y_std, slope * x_std), np.hstack(shared) if shared else None)
 
 
 def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: int) -> Array:
@@ -75,8 +89,8 @@ def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: int) -> Array:
 
 def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:
     """Divide thrust and torque, with their deviations, by how many motors ran together (section 3.3.1: two)."""
-    shared = ("thrust_n", "thrust_std_n", "torque_nm", "torque_std_nm")
-    there = {name: value for name in shared if (value := getattr(points, name)) is not None}
+    divided = (*_SHARED_OF, "thrust_std_n", "torque_std_nm", *_SHARED_OF.values())
+    there = {name: value for name in divided if (value := getattr(points, name)) is not None}
     return replace(points, **{name: value / motors for name, value in there.items()})
 
 
@@ -88,23 +102,29 @@ def joined(*sets: MotorPoints) -> MotorPoints:
         if any(part is not None for part in parts):
             blank = [np.full(len(points.command), np.nan) for points in sets]
             columns[name] = np.concatenate([b if p is None else p for p, b in zip(parts, blank, strict=True)])
+    for name in _SHARED_OF.values():
+        if any(getattr(points, name) is not None for points in sets):
+            columns[name] = block_diag(*(_shared(points, name) for points in sets))  # runs have no tare in common
     return MotorPoints(command=np.concatenate([points.command for points in sets]), **columns)
 
 
 def command_means(points: MotorPoints) -> MotorPoints:
     """Return one point a command, in rising order: the mean over its windows, and that mean's deviation."""
-    commands, place = np.unique(points.command, return_inverse=True)
+    commands = np.unique(points.command)
+    at_command = commands[:, np.newaxis] == points.command
     columns = {}
     for name, std_name in _STD_OF.items():
         value: Array | None = getattr(points, name)
         std: Array | None = getattr(points, std_name)
         if value is not None:
-            there = np.isfinite(value)
-            count = np.bincount(place[there], minlength=len(commands))
-            columns[name] = _over(np.bincount(place[there], value[there], len(commands)), count)
+            there = at_command & np.isfinite(value)
+            with np.errstate(invalid="ignore"):
+                share = there / there.sum(axis=1, keepdims=True)  # nan where a command has no value
+            columns[name] = share @ np.nan_to_num(value)
             if std is not None:
-                squares = np.bincount(place[there], std[there] ** 2, len(commands))
-                columns[std_name] = _over(np.sqrt(squares), count)
+                columns[std_name] = np.sqrt(share**2 @ np.nan_to_num(std) ** 2)
+            if name in _SHARED_OF and getattr(points, _SHARED_OF[name]) is not None:
+                columns[_SHARED_OF[name]] = share @ getattr(points, _SHARED_OF[name])
     return MotorPoints(command=commands, **columns)
 
 
@@ -129,8 +149,7 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Measur
             raise FitError(f"no column {' and no '.join(missing)}: it was not measured.")
         both = np.isfinite(x) & np.isfinite(y)
         if both.any():
-            x_std = getattr(source, _STD_OF[over]) if over in _STD_OF else None
-            return Measured(source.command, x, y, x_std, getattr(source, _STD_OF[name])).kept(both)
+            return Measured(source.command, x, y, _errors(source, over), _errors(source, name)).kept(both)
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
 
 
@@ -146,8 +165,18 @@ def weighable(std: Array | None) -> Array | None:
     return np.maximum(np.where(np.isfinite(std), std, usual), _LEAST_STD * usual)
 
 
-def _over(total: npt.NDArray[Any], count: npt.NDArray[np.intp]) -> Array:
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+def _errors(points: MotorPoints, name: str) -> Errors:
+    return Errors(*(getattr(points, of[name]) if name in of else None for of in (_STD_OF, _SHARED_OF)))
+
+
+def _shared(points: MotorPoints, name: str) -> Array:
+    """Return the parts in common, none of them where none are known."""
+    found: Array | None = getattr(points, name)
+    return np.empty((len(points.command), 0)) if found is None else found
+
+
+def _times(slope: Array, shared: Array | None) -> Array | None:
+    return None if shared is None else slope[:, np.newaxis] * shared
 
 
 def _or_none(values: Array | None, count: int) -> list[float | None]:

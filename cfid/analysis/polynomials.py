@@ -97,7 +97,14 @@ class OrderChoice:
 
 
 def fit_polynomial(
-    x: Array, y: Array, *, order: int, through_zero: bool = False, std: Array | None = None, robust: bool = False
+    x: Array,
+    y: Array,
+    *,
+    order: int,
+    through_zero: bool = False,
+    std: Array | None = None,
+    shared: Array | None = None,
+    robust: bool = False,
 ) -> PolynomialFit:
     """Fit a polynomial to points x, y (n,), in its units; `through_zero` leaves out the constant.
 
@@ -107,18 +114,29 @@ def fit_polynomial(
     it never shrinks, as points that lie closer than stated are the luck of a few. Without `std` all points
     count alike and their scatter is the noise. `robust` takes Huber's loss, whose scale is his proposal 2 [Hub].
 
+    `shared` (n, m) are parts of `std` that several points have in common, as those between which one tare stands: a
+    column is what one deviation of a cause does to each. They widen the covariance, and weigh no point.
+
     Raises FitError when the points cannot determine the coefficients.
     """
-    return _fit(x, y, powers=range(order, -1 + through_zero, -1), std=std, robust=robust)
+    return _fit(x, y, powers=range(order, -1 + through_zero, -1), std=std, shared=shared, robust=robust)
 
 
-def fit_power(x: Array, y: Array, *, power: int, std: Array | None = None, robust: bool = False) -> PolynomialFit:
+def fit_power(
+    x: Array, y: Array, *, power: int, std: Array | None = None, shared: Array | None = None, robust: bool = False
+) -> PolynomialFit:
     """Fit y = k x^power alone, k the first coefficient; see `fit_polynomial`."""
-    return _fit(x, y, powers=(power,), std=std, robust=robust)
+    return _fit(x, y, powers=(power,), std=std, shared=shared, robust=robust)
 
 
 def fit_best_order(
-    x: Array, y: Array, *, orders: Sequence[int] = ORDERS, std: Array | None = None, robust: bool = False
+    x: Array,
+    y: Array,
+    *,
+    orders: Sequence[int] = ORDERS,
+    std: Array | None = None,
+    shared: Array | None = None,
+    robust: bool = False,
 ) -> OrderChoice:
     """Fit each order that the points suffice for, and keep the one with the smallest corrected AIC [HT].
 
@@ -126,7 +144,11 @@ def fit_best_order(
 
     Raises FitError when the points suffice for none.
     """
-    fits = {order: fit_polynomial(x, y, order=order, std=std, robust=robust) for order in orders if len(x) > order + 3}
+    fits = {
+        order: fit_polynomial(x, y, order=order, std=std, shared=shared, robust=robust)
+        for order in orders
+        if len(x) > order + 3
+    }
     if not fits:
         raise FitError(
             f"{len(x)} points are too few to choose between orders: order {min(orders)} takes {min(orders) + 4}."
@@ -146,7 +168,9 @@ class _Solved(NamedTuple):
     variance: float  # by which the inverse of the normal matrix becomes a covariance
 
 
-def _fit(x: Array, y: Array, *, powers: Sequence[int], std: Array | None, robust: bool) -> PolynomialFit:
+def _fit(
+    x: Array, y: Array, *, powers: Sequence[int], std: Array | None, shared: Array | None, robust: bool
+) -> PolynomialFit:
     given = np.ones_like(y) if std is None else std
     _check(x, y, given, powers)
     size = float(np.max(np.abs(x))) or 1.0
@@ -160,7 +184,13 @@ def _fit(x: Array, y: Array, *, powers: Sequence[int], std: Array | None, robust
     places, units = order - np.array(powers), size ** -np.array(powers, dtype=np.float64)
     coefficients, covariance = np.zeros(order + 1), np.zeros((order + 1, order + 1))
     coefficients[places] = solved.solution * units
-    covariance[np.ix_(places, places)] = variance * (inverse @ inverse.T) * np.outer(units, units)
+    spread = inverse @ inverse.T
+    if shared is not None and std is not None:
+        moved = spread @ rows.T  # by one deviation of a point
+        common = moved @ (shared / given[:, np.newaxis])
+        alone = np.sum((shared / given[:, np.newaxis]) ** 2, axis=1)
+        spread = spread + common @ common.T - (moved * alone) @ moved.T
+    covariance[np.ix_(places, places)] = variance * spread * np.outer(units, units)
     known = std is not None and variance == 1.0
     return PolynomialFit(
         coefficients=coefficients,

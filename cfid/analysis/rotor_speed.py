@@ -223,7 +223,7 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
         doubts.append(f"no rotor is heard: the evidence is {score[best]:.0f} where {_HEARD:.0f} is needed.")
     elif margin < _SURE:
         other, one = multiples[[rivals[0], best]]
-        doubts.append(f"the lines fit {other:.0f} rad/s as well as {one:.0f}: say what speed is expected.")
+        doubts.append(f"the lines fit {other:.0f} rad/s as well as {one:.0f}: say what speed is expected (--expect).")
     length = round(len(wrench) / seen.windows)
     centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
     around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
@@ -272,7 +272,7 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int)
     if count < asked:
         hidden = 2 * math.pi / (span_s * max(rotors[0].harmonics))
         std = math.hypot(std, hidden / 6)  # how far apart rotors may be, and their shares of the line, are uniform
-        warnings.append(f"{count} of {asked} rotors are told apart: others are within {hidden:.2g} rad/s of them.")
+        warnings.append(f"{count} of {asked} rotors are told apart: the deviation allows for others in the same lines.")
     elif count == 1 and parts >= _FEWEST_PARTS:
         departure, parts_std = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
         if chdtrc(parts - 2, np.sum((departure / parts_std) ** 2)) < _CHANCE:

@@ -39,6 +39,10 @@ _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
 _NO_REST_AFTER = "no steady rest after the last command: what the load cell drifted by then is not known."
 
 
+class NeverRanError(DataError):
+    """A record in which no motor is seen to run."""
+
+
 class Level(NamedTuple):
     """What the channels (k,) show in a window about a time: see `signals.Mean`."""
 
@@ -53,7 +57,8 @@ class Level(NamedTuple):
 class Point:
     """One command: means (k,) of its steady window less the tare, with standard deviations that hold the tare's.
 
-    NaN where it never settled: `reason` says why it did not, or why it should not be used. `slope` per second is what
+    NaN where it never settled: `reason` says why it did not, or why it should not be used. `tare_shares` (r, k) is
+    what one deviation of each of the record's r rests does to the tare. `slope` per second is what
     still changes in the window; `motors`, 1 to 4, are those that ran. The thrust began to follow at `onset_s`, with
     the time constant `lag_s`, and `delay_s` after its command: what other instruments recorded by the clock of the
     commands lies so much earlier. Delay, command and motors are not known without a command log.
@@ -69,6 +74,7 @@ class Point:
     slope: Array
     tare: Array
     std_of_tare: Array
+    tare_shares: Array
     onset_s: float
     lag_s: float
     delay_s: float | None
@@ -177,7 +183,7 @@ def _reduced(
 ) -> Staircase:
     steps = [i for i, interval in enumerate(intervals) if not interval.rest]
     if not steps:
-        raise DataError("the motors never run in this record: no command, or no change of thrust above its noise.")
+        raise NeverRanError("the motors never run in this record: no command, or no change of thrust above its noise.")
     by_hand = [None] * len(steps) if windows is None else windows
     if len(by_hand) != len(steps):
         raise DataError(f"{len(by_hand)} windows are given for {len(steps)} steps: one each, or None.")
@@ -232,17 +238,20 @@ def _averaged(record: StandSignals, stretch: Stretch) -> Level:
 
 
 def _tare(rests: Sequence[Level], time_s: float) -> tuple[Array, Array, Array]:
-    """Return the tare (k,) on the line between the rests before and after a time, its deviation and its slope."""
+    """Return the tare (k,) on the line between the rests before and after a time, its shares (r, k) and its slope."""
     place = float(np.interp(time_s, [rest.time_s for rest in rests], range(len(rests))))
     before, after, part = rests[math.floor(place)], rests[math.ceil(place)], place % 1
     rise = after.mean - before.mean
     slope = rise / (after.time_s - before.time_s) if part else np.zeros_like(rise)
-    return before.mean + part * rise, np.hypot((1 - part) * before.std, part * after.std), slope
+    shares = np.zeros((len(rests), len(rise)))
+    shares[math.floor(place)] = (1 - part) * before.std
+    shares[math.ceil(place)] += part * after.std
+    return before.mean + part * rise, shares, slope
 
 
 def _steady(record: StandSignals, rests: Sequence[Level], bounds: Window, *, height: float) -> Stretch:
     """Find the steady stretch of a step, once the drift of the load cell is taken off as well as it is known."""
-    drift = _DRIFT * height + _SEEN * float(_tare(rests, sum(bounds) / 2)[1][record.thrust])
+    drift = _DRIFT * height + _SEEN * float(np.linalg.norm(_tare(rests, sum(bounds) / 2)[1][:, record.thrust]))
     time_s, value = record.slow.between(*bounds)
     tare = np.interp(time_s, [rest.time_s for rest in rests], [rest.mean[record.thrust] for rest in rests])
     flat, hold_s = Slow(time_s, value - tare), record.held / record.rate_hz
@@ -251,7 +260,8 @@ def _steady(record: StandSignals, rests: Sequence[Level], bounds: Window, *, hei
 
 def _point(record: StandSignals, rests: Sequence[Level], interval: Interval, onset: Onset, stretch: Stretch) -> Point:
     command, motors = _command(interval)
-    tare, std_of_tare, drift = _tare(rests, (stretch.begin_s + stretch.end_s) / 2)
+    tare, shares, drift = _tare(rests, (stretch.begin_s + stretch.end_s) / 2)
+    std_of_tare = np.linalg.norm(shares, axis=0)
     found = Level(math.nan, *[np.full_like(tare, math.nan)] * 4) if stretch.reason else _averaged(record, stretch)
     mean, std, reason = found.mean - tare, np.hypot(found.std, std_of_tare), stretch.reason
     if (command or 0) > DEAD_UP_TO and abs(mean[record.thrust]) < _SEEN * std[record.thrust]:
@@ -267,6 +277,7 @@ def _point(record: StandSignals, rests: Sequence[Level], interval: Interval, ons
         slope=found.slope - drift,
         tare=tare,
         std_of_tare=std_of_tare,
+        tare_shares=shares,
         onset_s=onset.time_s,
         lag_s=onset.lag_s,
         delay_s=None if command is None else onset.time_s - interval.begin_s,

@@ -141,6 +141,7 @@ def speed(
     from cfid.analysis.motor_maps import fit_speed
     from cfid.cli import motor_results as told
 
+    _ = listening.expected_rad_s  # what is no range is told before any file is read
     workplace = open_workplace(rig)
     found = read_evidence(runs or [], stand, reading, scale, workplace, method=method, listening=listening)
     mapped = fit_speed(

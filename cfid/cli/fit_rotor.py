@@ -49,6 +49,7 @@ def rotor(
     from cfid.stamps import run_at
     from cfid.wrench import read_wrench
 
+    _ = options.expected_rad_s  # what is no range is told before any file is read
     workplace = open_workplace(rig)
     path = find_recording(run, workplace)
     record = read_wrench(path, scale.reading(reading))
@@ -86,16 +87,16 @@ def _heard(
         sources = (rows.source,)
     channels = np.column_stack([record.force_n, record.torque_nm])
     points = reduce_staircase(time_s=record.time_s, channels=channels, status=record.status, **logged).steady()
-    told, ear = None if run is None else told_speeds(run, points, began_s), Ear(record, options)
+    told = None if run is None else told_speeds(run, points, began_s)
     return [
         Heard(
             command=point.command,
             begin_s=point.begin_s,
             end_s=point.end_s,
-            speed=ear.hear(point.begin_s, point.end_s, rotors=max(len(point.motors), 1)),
+            speed=speed,
             tachometer_rad_s=None if told is None or np.isnan(told[place]) else float(told[place]),
         )
-        for place, point in enumerate(points)
+        for place, (point, speed) in enumerate(zip(points, Ear(record, options).hear_steps(points), strict=True))
     ], sources
 
 

@@ -1,6 +1,7 @@
 """Steady points from load-cell files and runs, and from the speeds that a run holds."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ def of_file(
     listening: RotorOptions | None = None,
 ) -> Evidence:
     """Reduce a load cell's file of one command between two rests, as the thesis has them."""
-    from cfid.analysis.staircase import reduce_single
+    from cfid.analysis.staircase import NeverRanError, reduce_single
     from cfid.wrench import read_wrench
 
     record = read_wrench(path, scale.reading(reading))
@@ -44,6 +45,8 @@ def of_file(
             status=record.status,
             window=stand.window_s,
         )
+    except NeverRanError as error:
+        return replace(_nothing(record), warnings=(*record.notes, f"{path}: {error} It is left out."))
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
     return _evidence(found, record, channels, stand.motors or 1, listening=listening)
@@ -79,6 +82,17 @@ def _standing(record: Any, stand: StandOptions) -> Evidence:
         warnings=record.notes,
         sources=(record.source,),
         paths=(record.path,),
+    )
+
+
+def _nothing(record: Any) -> Evidence:
+    """Return what a file gives in which no step settles, or none is seen: nothing, and where it was looked for."""
+    import numpy as np
+
+    from cfid.analysis.motor_points import MotorPoints
+
+    return Evidence(
+        points=MotorPoints(command=np.zeros(0)), warnings=record.notes, sources=(record.source,), paths=(record.path,)
     )
 
 
@@ -126,6 +140,7 @@ def _of_staircase(
         sources.append(rows.source)
     try:
         found = reduce_staircase(time_s=record.time_s, channels=channels, status=record.status, **logged)
+        found.steady()
     except CfidError as error:
         raise type(error)(f"{run.folder}: {error}") from None
     steps = tuple(int(step) for step in run.header.asked.get("steps", ()) if step)
@@ -155,23 +170,14 @@ def _evidence(
     listening: RotorOptions | None = None,
 ) -> Evidence:
     """Return the settled points of a reduced record, per motor."""
-    import numpy as np
+    from cfid.analysis.stand_points import points_of
 
-    from cfid.analysis.motor_points import MotorPoints
-
-    settled = found.steady()
-    count = np.array([motors or max(len(point.motors), 1) for point in settled], dtype=np.float64)
-    speed, speed_std, doubted = _speeds(settled, record, motors, run=run, began_s=began_s, listening=listening)
-    mean, std = (np.array([getattr(point, name) for point in settled]) for name in ("mean", "std_of_mean"))
-    points = MotorPoints(
-        command=np.array([float(point.command or 0) for point in settled]),
-        thrust_n=mean[:, 2] / count,
-        thrust_std_n=std[:, 2] / count,
-        torque_nm=mean[:, 5] / count,
-        torque_std_nm=std[:, 5] / count,
-        speed_rad_s=speed,
-        speed_std_rad_s=speed_std,
-    )
+    settled = [point for point in found.points if point.settled]
+    points = _nothing(record).points
+    said: tuple[str, ...] = ()
+    if settled:
+        speed, speed_std, said = _speeds(settled, record, motors, run=run, began_s=began_s, listening=listening)
+        points = replace(points_of(settled, motors=motors), speed_rad_s=speed, speed_std_rad_s=speed_std)
     unsettled = [point for point in found.points if not point.settled]
     return Evidence(
         points=points,
@@ -181,7 +187,7 @@ def _evidence(
             *record.notes,
             *found.warnings,
             *drift_of(found, record.name),
-            *doubted,
+            *said,
             *(f"{record.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
         ),
         sources=(record.source, *sources),

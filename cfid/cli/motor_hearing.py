@@ -1,12 +1,14 @@
 """Rotor speeds in the windows of a load cell's record: heard in its vibration, and as the vehicle told them."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid.errors import DataError
+from cfid.cli.speech import note
+from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.analysis.rotor_speed import RotorSpeed
@@ -27,6 +29,23 @@ class RotorOptions:
     ] = None
     blades: Annotated[int, typer.Option(min=1, max=6, help="Blades of a propeller.", rich_help_panel=_ROTOR)] = 2
     mains_hz: Annotated[float | None, typer.Option(help="Hum to leave out, 50 or 60.", rich_help_panel=_ROTOR)] = None
+    expect: Annotated[
+        str | None,
+        typer.Option(metavar="FROM:TO", help="Speeds to look for, in rad/s.", rich_help_panel=_ROTOR),
+    ] = None
+
+    @property
+    def expected_rad_s(self) -> tuple[float, float] | None:
+        """The speeds to look for. Raises ConfigError for what is no range."""
+        if self.expect is None:
+            return None
+        try:
+            low, high = (float(word) for word in self.expect.split(":"))
+        except ValueError:
+            raise ConfigError(f"--expect {self.expect}: should be FROM:TO in rad/s, as 400:3500.") from None
+        if not 0 < low < high < float("inf"):
+            raise ConfigError(f"--expect {self.expect}: should rise from above zero.")
+        return low, high
 
 
 class Ear:
@@ -55,10 +74,27 @@ class Ear:
         return rotor_speed(
             time_s=self._time_s[first:last],
             wrench=self._channels[first:last],
+            expected_rad_per_s=self._options.expected_rad_s,
             blades=self._options.blades,
             rotors=self._options.rotors or rotors,
             mains_hz=self._options.mains_hz,
         )
+
+    def hear_step(self, point: "Point", *, rotors: int) -> "RotorSpeed":
+        """Return the speed in a step's window, from twice as many time constants on as its mean of thrust takes.
+
+        Phases tell what is left of the step longer than a mean does: it would pass for a second rotor.
+        """
+        from cfid.analysis.windows import LAGS
+
+        begin_s = min(point.begin_s + LAGS * point.lag_s, (point.begin_s + point.end_s) / 2)
+        return self.hear(begin_s, point.end_s, rotors=len(point.motors) or rotors)
+
+    def hear_steps(self, points: "Sequence[Point]", *, rotors: int = 1) -> "list[RotorSpeed]":
+        """Return the speed in each step's window; so many rotors ran where the steps do not know it."""
+        if sys.stderr.isatty():
+            note(f"listening to {len(points)} windows, some seconds each.")
+        return [self.hear_step(point, rotors=rotors) for point in points]
 
 
 def told_speeds(run: "Run", points: "Sequence[Point]", began_s: float) -> Any:
@@ -89,8 +125,7 @@ def heard_speeds(
     """
     import numpy as np
 
-    ear = Ear(record, options)
-    heard = [ear.hear(p.begin_s, p.end_s, rotors=max(len(p.motors), motors or 1)) for p in points]
+    heard = Ear(record, options).hear_steps(points, rotors=motors or 1)
     speed, std = (
         np.array([getattr(one, name) if one.believed else np.nan for one in heard])
         for name in ("speed_rad_per_s", "std_rad_per_s")

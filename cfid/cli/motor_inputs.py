@@ -9,7 +9,7 @@ from cfid.cli.motor_files import of_file, of_run
 from cfid.cli.motor_hearing import RotorOptions
 from cfid.cli.motor_tables import of_table
 from cfid.cli.options import LoadCellOptions, ReadingOptions
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, FitError
 
 
 def read_evidence(
@@ -39,6 +39,8 @@ def read_evidence(
         raise ConfigError(
             "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."
         )
+    if not any(len(part.points.command) for part in parts):
+        raise FitError(" ".join(["no step settles.", *(part.warnings[-1] for part in parts if part.warnings)]))
     return together(parts)
 
 

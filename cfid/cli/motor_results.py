@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from cfid.parameters import Parameter
 
 _UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
+_MOST_NAMES = 2
 _Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
 
 
@@ -133,5 +134,15 @@ def joined_quality(found: "MotorMap", **more: Any) -> dict[str, Any]:
 
 
 def unique(sentences: Sequence[str]) -> tuple[str, ...]:
-    """Return sentences, each once, in their order."""
-    return tuple(dict.fromkeys(sentences))
+    """Return sentences, each once, in their order; what is the same of several files, for all of them at once."""
+    files: dict[str, list[str]] = {}
+    for sentence in dict.fromkeys(sentences):
+        name, colon, said = sentence.partition(": ")
+        files.setdefault(said if colon else sentence, []).append(name if colon else "")
+    return tuple(f"{_names(names)}{said}" for said, names in files.items())
+
+
+def _names(names: Sequence[str]) -> str:
+    if len(names) > _MOST_NAMES:
+        return f"{names[0]} and {len(names) - 1} more: "
+    return f"{', '.join(names)}: " if any(names) else ""

@@ -1,5 +1,6 @@
 """Steady points from tables: settled points as they are, a thrust stand's record reduced."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ def of_table(path: Path, stand: StandOptions, reading: ReadingOptions, workplace
         rate_hz=reading.rate_hz,
         skip_lines=reading.skip_lines,
     )
-    return _of_record(table) if table.time_s is not None else _of_points(table, stand)
+    return _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
 
 
 def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
@@ -52,12 +53,13 @@ def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
     return Evidence(points=points, vbat_v=vbat, warnings=table.notes, sources=(table.source,), paths=(table.path,))
 
 
-def _of_record(table: "StandTable") -> Evidence:
+def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
     """Reduce a thrust stand's record over time: thrust, speed and battery in the steady window of each command."""
     import numpy as np
 
-    from cfid.analysis.motor_points import MotorPoints
+    from cfid.analysis.motor_points import per_motor
     from cfid.analysis.staircase import mean_beside, reduce_staircase
+    from cfid.analysis.stand_points import points_of
 
     assert table.time_s is not None
     if table.thrust_n is None:
@@ -68,25 +70,20 @@ def _of_record(table: "StandTable") -> Evidence:
             time_s=table.time_s,
             channels=table.thrust_n[:, np.newaxis],
             command_time_s=table.time_s[changes],
-            commands=np.repeat(table.command[changes, np.newaxis], 4, axis=1),
+            commands=np.outer(table.command[changes], (1, 0, 0, 0)),  # whoever ran: the table knows how many
             thrust=0,
         )
         settled = found.steady()
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
-    mean, std = (np.array([getattr(point, name) for point in settled]) for name in ("mean", "std_of_mean"))
-    speed, volts = (
+    shown, volts = (
         None if column is None else mean_beside(settled, table.time_s, column)
         for column in (table.square_mean_speed_rad_s, table.vbat_v)
     )
+    points = per_motor(points_of(settled, thrust=0), motors=1 if table.motors is not None else stand.motors or 1)
     unsettled = [point for point in found.points if not point.settled]
     return Evidence(
-        points=MotorPoints(
-            command=np.array([float(point.command or 0) for point in settled]),
-            thrust_n=mean[:, 0],
-            thrust_std_n=std[:, 0],
-            speed_rad_s=speed,
-        ),
+        points=replace(points, speed_rad_s=None if shown is None else shown / stand.markers),
         vbat_v=volts,
         lines=tuple(line_of(point, table.path.name) for point in found.points),
         warnings=(

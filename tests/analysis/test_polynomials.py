@@ -224,3 +224,35 @@ def test_points_that_determine_nothing_are_refused(x: list[float], std: list[flo
 def test_too_few_points_to_choose_an_order_are_refused() -> None:
     with pytest.raises(FitError, match="4 points are too few to choose between orders: order 1 takes 5"):
         fit_best_order(np.arange(4.0), np.arange(4.0))
+
+
+def test_errors_that_points_share_widen_the_band_as_much_as_they_move_the_curve() -> None:
+    """Tares between each two points: the bands hold, and would not if the errors were taken for independent."""
+    x = np.arange(1.0, 21.0)
+    tares = 0.5 * (np.eye(20, 21) + np.eye(20, 21, 1))  # half the rest before, half the one after
+    std = np.sqrt(0.3**2 + np.sum(tares**2, axis=1))
+    rng = np.random.default_rng(7)
+    held = []
+    for _ in range(500):
+        y = 2 * x + 0.3 * rng.standard_normal(20) + tares @ rng.standard_normal(21)
+        held.append(
+            [
+                np.mean(np.abs(fit.at(x) - 2 * x) <= fit.confidence(x))
+                for fit in (
+                    fit_polynomial(x, y, order=1, std=std, shared=tares),
+                    fit_polynomial(x, y, order=1, std=std),
+                )
+            ]
+        )
+    shared, apart = np.mean(held, axis=0).tolist()
+
+    assert 0.93 <= shared <= 0.98
+    assert apart < 0.9
+
+
+def test_errors_that_only_one_point_has_are_no_shared_ones() -> None:
+    x, std = np.arange(1.0, 11.0), np.linspace(0.1, 0.5, 10)
+    y = x + std * np.random.default_rng(1).standard_normal(10)
+    plain = fit_polynomial(x, y, order=1, std=std)
+
+    assert fit_polynomial(x, y, order=1, std=std, shared=np.diag(std)).covariance == pytest.approx(plain.covariance)

@@ -6,12 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.run import DeviceRecord, Label, Run, create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
+
+Array = npt.NDArray[np.float64]
 
 BEGIN_S = 1_763_712_345.0
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
@@ -43,14 +46,18 @@ def climbed(
     )
 
 
-def write_run(folder: Path, record: StandRecord, *, steps: Sequence[int], **more: Any) -> Run:
-    """Write a record as a run of `cfid log thrust` in the campaign `folder`."""
+def write_run(
+    folder: Path, record: StandRecord, *, steps: Sequence[int], told_rpm: Array | None = None, **more: Any
+) -> Run:
+    """Write a record as a run of `cfid log thrust` in the campaign `folder`; motors 1 and 3 may have told their rpm."""
+    rpm = np.empty((len(record.tick_s), 0)) if told_rpm is None else told_rpm
+    names = ("rpm.m1", "rpm.m3")[: rpm.shape[1]]
     devices = {
         "commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4")),
         "loadcell": DeviceRecord.model_validate(
             {"file": "loadcell.csv", "columns": COLUMNS, "counts_per_n": 1e6, "counts_per_nm": 1e6}
         ),
-        "crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "vehicle_ms", "pm.vbat")),
+        "crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "vehicle_ms", "pm.vbat", *names)),
     }
     run = create_run(
         folder / "runs",
@@ -66,7 +73,7 @@ def write_run(folder: Path, record: StandRecord, *, steps: Sequence[int], **more
     run.append("commands", (BEGIN_S + record.command_time_s, *record.commands.astype(np.int64).T))
     run.append("loadcell", (BEGIN_S + record.time_s, *counts.T, number, 7 * number, record.status.astype(np.int64)))
     ms = np.rint(1e3 * record.tick_s).astype(np.int64)
-    run.append("crazyflie", (BEGIN_S + record.tick_s, ms, np.round(record.volts, 3)))
+    run.append("crazyflie", (BEGIN_S + record.tick_s, ms, np.round(record.volts, 3), *rpm.T))
     return run.close("complete")
 
 

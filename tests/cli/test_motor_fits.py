@@ -147,11 +147,11 @@ def test_a_table_gives_eq_3_3_back(cfid: Cfid, tmp_path: Path) -> None:
 
 
 def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:
-    run = write_run(campaign, climbed(STEPS[:6]), steps=STEPS[:6])
+    run = write_run(campaign, climbed(STEPS[:8]), steps=STEPS[:8])
     said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign))
     assert said.returncode == 0, said.stderr
     names = {path.name for path in (campaign / "figures").iterdir()}
-    assert "fit_thrust.png" in names
+    assert {"fit_thrust.png", "thrust_of_voltage.svg"} <= names
     assert f"fit_thrust_{run.folder.name}.svg" in names
 
 
@@ -197,7 +197,88 @@ def test_public_steps_have_their_known_time_constants(cfid: Cfid) -> None:
     assert len(content["parameters"]["dynamics.rising"]["value"]) == 2
 
 
+def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: Cfid, campaign: Path) -> None:
+    steps = (10000, 20000, 30000, 60000)
+    run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0), steps=steps)
+    content = found(cfid, "fit", "speed", run.folder, "--campaign", campaign, "--expect", "400:3500")
+    parameters = content["parameters"]
+
+    assert parameters["motor.speed_poly"]["value"] == pytest.approx(
+        [TRUTH.rad_per_s_per_command, TRUTH.idle_rad_per_s], rel=1e-3
+    )
+    assert parameters["motor.thrust_per_speed_squared_n_s2"]["value"] == pytest.approx(
+        TRUTH.thrust_ns2_per_rad2, rel=0.005
+    )
+    assert all(row["thrust_n"] and row["speed_rad_s"] for row in parameters["motor.table"]["value"])
+    assert any("heard in the load cell's vibration" in said for said in content["warnings"])
+
+
+def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:8])
+    rpm = record.speed_rad_per_s[:, [0, 2]] * 60 / (2 * np.pi)
+    run = write_run(campaign, record, steps=STEPS[:8], told_rpm=rpm)
+    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+    k = content["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
+
+    assert k == pytest.approx(TRUTH.thrust_ns2_per_rad2, rel=0.01)
+
+
+def test_the_figure_of_steps_is_drawn(cfid: Cfid, tmp_path: Path) -> None:
+    time_s = np.arange(0, 6, 0.01)
+    command = 10000 + 5000 * time_s.astype(int)
+    rpm = np.empty_like(time_s)
+    level = 8000.0
+    for i, goal in enumerate(0.4 * command + 4000):
+        level += 0.1 * (goal - level)
+        rpm[i] = level
+    table = tmp_path / "steps.csv"
+    rows = zip(time_s, command, rpm, strict=True)
+    table.write_text("t,pwm,rpm_mean\n" + "".join(f"{t:.2f},{c},{r:.3f}\n" for t, c, r in rows))
+    said = cfid("fit", "dynamics", "--table", str(table), "--out", str(tmp_path / "drawn"))
+
+    assert said.returncode == 0, said.stderr
+    assert (tmp_path / "drawn" / "fit_dynamics_steps.png").exists()
+
+
 # What is wrong with the input
+
+
+def test_torque_of_motors_that_turn_against_each_other_is_refused(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS[:6], motors=(1, 2)), steps=STEPS[:6])
+    said = cfid("fit", "torque", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 5
+    assert "turn against each other" in said.stderr
+
+
+def test_a_step_that_never_settles_is_told_and_left_out_or_ends_the_fit(cfid: Cfid, campaign: Path) -> None:
+    slow = RotorTruth(time_constant_s=1.5)
+    run = write_run(campaign, climbed(STEPS[1:4], rotors=slow), steps=STEPS[1:4])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 5
+    assert "none of 3 steps settles" in said.stderr
+    assert run.folder.name in said.stderr
+
+    words = [f"4000={write_thesis_file(campaign / 'slow.csv', climbed([40000], rotors=slow, hold_s=4.0, rest_s=6.0))}"]
+    for command in (20000, 40000, 60000):
+        path = write_thesis_file(campaign / f"{command}.csv", climbed([command], hold_s=3.0, seed=command))
+        words.append(f"{command}={path}")
+    said = cfid("fit", "thrust", *words, "--motors", "2", "--no-figures")
+    assert said.returncode == 0, said.stderr
+    assert "slow: command 4000:" in said.stderr
+    assert "it is left out" in said.stderr
+    alone = cfid("fit", "thrust", words[0], "--motors", "2", "--no-figures")
+    assert alone.returncode == 5
+    assert "no step settles" in alone.stderr
+
+
+def test_a_tachometer_that_counts_some_readings_double_is_told_with_their_commands(cfid: Cfid, tmp_path: Path) -> None:
+    commands = np.arange(2000, 64001, 2000)
+    rpm = (0.04076521 * commands + 380.8359) * 60 / (2 * np.pi) * np.where(commands == 30000, 2, 1)
+    table = tmp_path / "rpm.csv"
+    table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r:.3f}\n" for c, r in zip(commands, rpm, strict=True)))
+    said = cfid("fit", "speed", "--table", str(table), "--no-figures")
+    assert said.returncode == 5
+    assert "at command 30000 the speed is about twice what the others say" in said.stderr
 
 
 def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid, campaign: Path) -> None:
@@ -246,6 +327,7 @@ def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
         ("fit thrust 2000=x.csv --order 9", 4, ""),
         ("fit thrust 2000=x.csv --window 5", 2, "should be FROM:TO"),
         ("fit speed --table missing.csv", 4, "no such file"),
+        ("fit speed missing --expect 5", 2, "should be FROM:TO in rad/s"),
         ("fit torque --table missing.csv --markers 0", 2, "Invalid value"),
     ],
 )
