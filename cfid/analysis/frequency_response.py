@@ -73,7 +73,7 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
     `settle_s` at the beginning is left out for the transient. "hold" takes every sample of the load cell, "thesis" the
     force at the instants of u[n]; what that means for a model stands in `transfer_models`.
 
-    Raises DataError for l = 0, which has no frequency, and FitError when the force has too few samples.
+    Raises DataError for l = 0, which has no frequency, and FitError when the force has too few samples or is none.
     """
     if not 0 < 2 * run.plan.periods < run.plan.samples:
         raise DataError(f"{run.plan.name}: l = {run.plan.periods} has no frequency below half of the sampling rate.")
@@ -85,6 +85,8 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
     inverse = np.linalg.inv(columns @ columns.T)
     found = inverse @ (columns @ force)
     phasors = found[3::2] - 1j * found[4::2]
+    if not phasors[0]:
+        raise FitError(f"{run.plan.name}: the load cell felt nothing while it was played: is the channel the motor's?")
     level = _noise_level(time_s, force - found @ columns, omega)
     drive = _drive(run)
     return Response(

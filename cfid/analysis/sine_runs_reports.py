@@ -18,6 +18,7 @@ Rows = npt.NDArray[np.intp]
 
 SAMPLE_S = 1 / SAMPLES_PER_S
 
+_LONGEST = 10_000_000  # samples, five and a half hours
 _SLACK_S = 0.3  # that the radio may add to the length of a run
 _DENSE_S = 0.1  # between crossings that may be taken for each other
 _UNTOLD_S = 0.03  # between crossings whose times tell nothing, and of which the radio may lose most
@@ -76,6 +77,11 @@ def match_reports(plan: SinePlan, reports: Reports) -> Matched:
 
     Raises DataError when there are too few, when the run was cut short, or when they are those of another N or l.
     """
+    if plan.samples > _LONGEST:
+        hours = plan.samples * SAMPLE_S / 3600
+        raise DataError(
+            f"{plan.name}: N = {plan.samples} would last {hours:.0f} hours: state the N it was played with."
+        )
     commands = plan.commands()
     expected = _expected_samples(plan, commands)
     _check_ends(plan, reports, len(expected) + 1, commands[0])

@@ -144,6 +144,8 @@ def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.set
     taken = _fft_samples(run, samples, settle_samples)
     window = slice(settle_samples - 1, settle_samples - 1 + taken)  # MATLAB counts from 1
     of_force, of_commands = np.fft.rfft(force[window])[1:], np.fft.rfft(commands[window])[1:]
+    if not of_force.any():
+        raise FitError(f"{run.plan.name}: the load cell felt nothing while it was played: is the channel the motor's?")
     at_force, at_commands = int(np.abs(of_force).argmax()), int(np.abs(of_commands).argmax())
     return ThesisResponse(
         name=run.plan.name,

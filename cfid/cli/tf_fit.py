@@ -65,6 +65,8 @@ def identify_all(sines: SineSet, options: FitOptions, *, sign: Literal["auto", "
         used[name], said = _within(name, runs, options.cutoff_hz)
         warnings += said
     used = {name: runs for name, runs in used.items() if runs}
+    if not used:
+        raise FitError(f"no sine run is left up to {options.cutoff_hz:g} Hz: record slower ones, or say --cutoff-hz.")
     aligned = {name: align(runs, sign=sign) for name, runs in used.items()}
     measured: list[Measured] = []
     for name, series in aligned.items():

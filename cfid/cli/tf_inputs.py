@@ -10,10 +10,12 @@ import typer
 from cfid.cli.index_files import IndexRow, read_index
 from cfid.cli.inputs import Workplace, find_recording
 from cfid.cli.options import LoadCellOptions, ReadingOptions, positive
+from cfid.cli.run_words import chosen
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.analysis.sine_runs import RecordedSine
+    from cfid.analysis.sine_runs_reports import SinePlan
     from cfid.crossings import CrossingRecord
     from cfid.parameters import Source
     from cfid.run import Run
@@ -21,10 +23,13 @@ if TYPE_CHECKING:
 
 _INPUT = "What was measured"
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
+_KIND = "sine"
 _MOST_SAMPLES = 2**32 - 1
 _MOST_COMMAND = 65535
 
-Words = Annotated[list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine.")]
+Words = Annotated[
+    list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,28 +107,15 @@ class _Reader:
         )
         self._add(row.fields.get("series", ""), plan, crossings, row.file("loadcell"))
 
-    def add_run(self, run: "Run") -> None:
+    def add_run(self, run: "Run", plan: "SinePlan") -> None:
         """Take a run of `cfid log sine`."""
-        from cfid.analysis.sine_runs_reports import SinePlan
         from cfid.crossings import CROSSINGS, read_run_crossings
         from cfid.stamps import losses
 
-        asked = run.header.asked
-        missing = [key for key in ("l", "n", "amplitude", "motor") if not isinstance(asked.get(key), int)]
-        if missing:
-            told = f"its run.toml does not say {', '.join(missing)} of a sine"
-            raise DataError(f"{run.folder}: a run of {run.header.kind}, no sine: {told}.")
-        plan = SinePlan(
-            name=f"l = {asked['l']} ({run.folder.name})",
-            periods=asked["l"],
-            samples=asked["n"],
-            amplitude=asked["amplitude"],
-            motor=asked["motor"],
-        )
         crossings = read_run_crossings(run)
         said = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
         self.warnings += [f"{run.folder.name}: {note}" for note in said]
-        self._add(str(asked.get("series", "")), plan, crossings, run.folder)
+        self._add(str(run.header.asked.get("series", "")), plan, crossings, run.folder)
 
     def result(self) -> SineSet:
         """Return all that was taken. Motors' forces on all four count as one motor's."""
@@ -136,7 +128,7 @@ class _Reader:
             paths=tuple(dict.fromkeys(Path(source.path) for source in self.sources)),
         )
 
-    def _add(self, series: str, plan: Any, crossings: "CrossingRecord", loadcell: Path) -> None:
+    def _add(self, series: str, plan: "SinePlan", crossings: "CrossingRecord", loadcell: Path) -> None:
         from cfid.analysis.sine_runs import RecordedSine
         from cfid.analysis.sine_runs_reports import Reports
 
@@ -178,6 +170,24 @@ class _Reader:
             self.sources.append(cell.source)
 
 
+def _plan_of(run: "Run") -> "SinePlan":
+    """Return the sine that a run was asked to play. Raises DataError when it is a run of something else."""
+    from cfid.analysis.sine_runs_reports import SinePlan
+
+    asked = run.header.asked
+    missing = [key for key in ("l", "n", "amplitude", "motor") if not isinstance(asked.get(key), int)]
+    if missing:
+        told = f"its run.toml does not say {', '.join(missing)} of a sine"
+        raise DataError(f"{run.folder}: a run of {run.header.kind}, no sine: {told}.")
+    return SinePlan(
+        name=f"l = {asked['l']} ({run.folder.name})",
+        periods=asked["l"],
+        samples=asked["n"],
+        amplitude=asked["amplitude"],
+        motor=asked["motor"],
+    )
+
+
 def _gathered(notes: Sequence[str]) -> tuple[str, ...]:
     """Return notes, what is said of many files once."""
     by_text: dict[str, list[str]] = {}
@@ -195,7 +205,8 @@ def read_sines(
 ) -> SineSet:
     """Read the runs of an index and RUN folders.
 
-    Raises ConfigError when there is nothing to read, DataError that names the file.
+    Without either, all sines of the campaign. Raises ConfigError when there is nothing to read, DataError with the
+    file's name.
     """
     from cfid.stamps import run_at
 
@@ -207,15 +218,22 @@ def read_sines(
         for row in rows:
             reader.add_row(row)
     runs = []
-    for word in words:
+    for word in _words(words, inputs, workplace):
         path = find_recording(word, workplace)
         run = run_at(path)
         if run is None:
             raise DataError(f"{path}: no run folder; files of sines need an index: say --index FILE (see --help).")
-        runs.append(run)
-    reader.read_cells(run.folder for run in runs)
-    for run in runs:
-        reader.add_run(run)
-    if not reader.series:
-        raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
+        runs.append((run, _plan_of(run)))
+    reader.read_cells(run.folder for run, _ in runs)
+    for run, plan in runs:
+        reader.add_run(run, plan)
     return reader.result()
+
+
+def _words(words: Sequence[str], inputs: SineInputs, workplace: Workplace) -> list[str]:
+    """Return names of runs: those that are meant, else every complete sine, where there is no index either."""
+    if not words and inputs.index is not None:
+        return []
+    if not words and workplace.campaign is None:
+        raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
+    return chosen(words, workplace.campaign, suits=lambda run: run.header.kind.startswith(_KIND), wanted="sines")

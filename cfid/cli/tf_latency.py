@@ -7,6 +7,7 @@ import typer
 from cfid.cli.inputs import Workplace, find_recording, open_workplace
 from cfid.cli.options import Delivery, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
+from cfid.cli.run_words import chosen, labelled
 
 if TYPE_CHECKING:
     from cfid.analysis.clocks import ClockLine
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
 @flat
 def latency(
     *,
-    runs: Annotated[list[str], typer.Argument(metavar="RUN ...", help="Runs of cfid log ping, or files with rtt_s.")],
+    runs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="RUN ...", help="Runs of cfid log ping, or files with rtt_s; default: all complete runs."
+        ),
+    ] = None,
     rig: RigOptions,
     delivery: Delivery,
 ) -> None:
@@ -30,7 +36,8 @@ def latency(
     from cfid.pings import read_pings
 
     workplace = open_workplace(rig)
-    records = [read_pings(find_recording(word, workplace)) for word in runs]
+    words = chosen(runs, workplace.campaign, suits=labelled("ping"), wanted="runs of pings")
+    records = [read_pings(find_recording(word, workplace)) for word in words]
     deliver(_outcome(records, workplace), delivery, workplace.campaign)
 
 

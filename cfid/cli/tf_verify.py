@@ -9,7 +9,7 @@ from cfid.cli.inputs import Workplace, open_workplace
 from cfid.cli.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
 from cfid.cli.tf_identify import SECTION
-from cfid.cli.tf_inputs import SineInputs, SineSet, Words, read_sines
+from cfid.cli.tf_inputs import SineInputs, SineSet, read_sines
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
@@ -59,7 +59,9 @@ class Function:
 @flat
 def verify(
     *,
-    runs: Words = None,
+    runs: Annotated[
+        list[str] | None, typer.Argument(metavar="RUN ...", help="Runs that were left out of the fit.")
+    ] = None,
     inputs: SineInputs,
     function: FunctionOptions,
     settle_s: Annotated[float, typer.Option(min=0, help="Of each run's beginning left out.")] = 1.0,
@@ -77,6 +79,8 @@ def verify(
 
     workplace = open_workplace(rig)
     known = _function(function, workplace)
+    if not runs and inputs.index is None:
+        raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
     sines = read_sines(runs or [], inputs, reading, scale, workplace)
     compared: list[tuple[SineRun, Verification]] = []
     for recorded in sines.series.values():

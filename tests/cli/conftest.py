@@ -10,6 +10,7 @@ import pytest
 
 from cfid.campaign import RIG_FILE, load_rig, new_rig_text
 from cfid.sim.demo import INERTIA_KG_M2, SimulatedRun, simulate_demo
+from tests.cli.sines_in_a_folder import Here
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -23,6 +24,12 @@ def cfid(tmp_path: Path) -> Cfid:
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
 
     return run
+
+
+@pytest.fixture
+def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    """Run `cfid tf` within this process in an empty folder."""
+    return Here(tmp_path, monkeypatch, capsys)
 
 
 @pytest.fixture(scope="session")

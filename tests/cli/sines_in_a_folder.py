@@ -1,12 +1,17 @@
 """Sine runs as files: an index with load-cell files that runs share, and run folders, from the simulated bench."""
 
+import json
+import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from cfid.cli.main import main
 from cfid.run import DeviceRecord, Label, Run, create_run
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
@@ -16,6 +21,35 @@ TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.0
 CELL = ["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
 USUAL = Bench(rate_hz=500)
 PERIODS = (0, 1, 2, 5, 10, 20, 30, 50, 75, 100)
+
+
+class Said(NamedTuple):
+    """What a command said in the end."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+class Here:
+    """`cfid tf` run within this process, as starting one for each question would take minutes."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+        monkeypatch.chdir(folder)
+
+    def __call__(self, *words: object) -> Said:
+        self._monkeypatch.setattr(sys, "argv", ["cfid", "tf", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = self._capsys.readouterr()
+        return Said(int(ended.value.code or 0), told.out, told.err)
+
+    def json(self, *words: object, code: int = 0) -> dict[str, Any]:
+        said = self(*words, "--json")
+        assert said.returncode == code, said.stderr
+        content: dict[str, Any] = json.loads(said.stdout)
+        return content
 
 
 def sines(
