@@ -22,7 +22,8 @@ HEARD = "without a tachometer reading: the rotors' speed is heard in the vibrati
 
 _STANDING_UP_TO = 1000  # the command up to which rotors stand (section 3.3.2)
 _RAD_S_TO_RPM = 9.549296585513721  # 60/(2 pi)
-_ROTORS = 4
+_LISTENED_S = 3.0  # of a window: enough to tell a speed to a thousandth
+_HEARD_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others
 _UNHEARD = "no tachometer reading, and vibration does not tell the rotors' speed"
 _AT_ONCE = 2  # files: while one waits for the disk or is parsed, another is averaged
 
@@ -80,14 +81,19 @@ def shown_rpm(
 ) -> float:
     """Return a tachometer's reading, or what it would show by what is heard; a reference needs none.
 
-    Raises FitError when nobody can tell.
+    The loudest rotor stands for all four, as the one that a tachometer reads does (C.3.1). Raises FitError when nobody
+    can tell.
     """
     if typed:
         return positive(typed, f"{name}: the tachometer's")
     if not windy:
         return 0.0
+    rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
+    if rate_hz < _HEARD_FROM_HZ:
+        raise FitError(f"{name}: {_UNHEARD}, sampled at {rate_hz:.0f} Hz: 2000 are needed. Give the reading.")
+    begin_s, end_s = mean.window_s
     try:
-        heard = Ear(record, RotorOptions()).hear(*mean.window_s, rotors=_ROTORS)
+        heard = Ear(record, RotorOptions()).hear(begin_s, min(begin_s + _LISTENED_S, end_s), rotors=1)
     except CfidError as error:
         raise FitError(f"{name}: {_UNHEARD}: {error} Give the reading.") from None
     if not heard.believed:

@@ -205,7 +205,7 @@ def test_the_thesis_way_takes_the_tare_of_the_first_500_samples(nowhere: Workpla
 
 
 def test_without_a_tachometer_the_rotors_are_heard(nowhere: Workplace, tmp_path: Path) -> None:
-    record = climbed([30000], motors=(1, 2, 3, 4), hold_s=3.0, rate_hz=1500.0)
+    record = climbed([30000], motors=(1, 2, 3, 4), hold_s=3.0, rate_hz=2000.0)
     index = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"]
     for name, place in (("still", ",0,0"), ("windy", "48.4,2.9,3.1")):
         counts = np.rint(record.wrench * 1e6).astype(int)
