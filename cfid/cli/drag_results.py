@@ -87,6 +87,9 @@ def drag_lines(found: "DragResult", grouping: Grouping | None) -> list[str]:
         )
     if found.complex_ is not None:
         lines.append(NORMALISED)
+    if found.simple.intercepts_n is not None:
+        lines.append("constant forces beside the simple model:")
+        lines += [_row_line(row) for row in _intercepts(found.simple.intercepts_n, runs)]
     if grouping is not None and found.groups is not None:
         lines += [_row_line(row) for row in group_rows(found, grouping)]
     return lines
@@ -121,13 +124,17 @@ def _beside(name: str, fit: "DragFit", runs: "DragExperiments") -> "dict[str, Pa
             value=fit.parasitic_kg_per_m, std=fit.parasitic_std_kg_per_m, unit="kg/m"
         )
     if fit.intercepts_n is not None:
-        first = [runs.setting.tolist().index(setting) for setting in range(runs.settings)]
-        rows = [
-            {"angle_deg": runs.angle_deg[row], "wind_mps": runs.wind_mps[row], "x_n": x, "y_n": y, "z_n": z}
-            for row, (x, y, z) in zip(first, fit.intercepts_n.tolist(), strict=True)
-        ]
-        kept[f"drag.intercepts_n.{name}"] = Parameter(value=rows, unit="as named")
+        kept[f"drag.intercepts_n.{name}"] = Parameter(value=_intercepts(fit.intercepts_n, runs), unit="as named")
     return kept
+
+
+def _intercepts(intercepts_n: Any, runs: "DragExperiments") -> list[dict[str, float]]:
+    """Return the constant force in each wind, a row each."""
+    first = [runs.setting.tolist().index(setting) for setting in range(runs.settings)]
+    return [
+        {"angle_deg": float(runs.angle_deg[row]), "wind_mps": float(runs.wind_mps[row]), "x_n": x, "y_n": y, "z_n": z}
+        for row, (x, y, z) in zip(first, intercepts_n.tolist(), strict=True)
+    ]
 
 
 def _judged(found: "DragResult", fit: "DragFit") -> dict[str, Any]:
