@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from cfid.cli.campaign import here
+from cfid.cli.speech import note
 
 Format = Literal["html", "md", "json", "tex"]
 
@@ -32,5 +33,8 @@ def report(
 
     found = here(campaign)
     path = out or found.folder / f"report.{form}"
-    write_report(path, rendered(gather(found, now=datetime.now(UTC)), form, found.folder), force=force)
+    content = gather(found, now=datetime.now(UTC))
+    write_report(path, rendered(content, form, found.folder), force=force)
+    for sentence in content.unreadable:
+        note(sentence)
     typer.echo(path)

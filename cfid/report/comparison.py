@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from cfid.campaign import BodyFrame
+from cfid.parameters import plain
 from cfid.report import published
 from cfid.report.known import Found, Known, axis_of, turned
 from cfid.report.published import Published, PublishedInertia
@@ -116,7 +117,7 @@ def _polynomial(found: Found | None, at: Sequence[float], column: str) -> Values
     if found is None:
         return ()
     table = found.section.parameters.get("motor.table")
-    measured = [row[column] for row in table.value if row.get(column)] if table is not None else []
+    measured = [row[column] for row in plain(table.value) if row.get(column)] if table is not None else []
     coefficients = [float(x) for x in found.parameter.value]
     return tuple(None if measured and x > max(measured) else _value(coefficients[::-1], x) for x in at)
 
@@ -165,7 +166,7 @@ def _torque(known: Known) -> Comparison:
 def _dynamics(known: Known) -> Iterator[Comparison]:
     rows = (
         ("Time constant of motor and rotor", "tf.time_constant_s", "time constant", "s"),
-        ("Static gain of the transfer function", "tf.static_gain_n", "gain per unit of the command", "N"),
+        ("Static gain of the transfer function", "tf.static_gain_n", "static gain", "N"),
     )
     for place, (title, key, column, unit) in enumerate(rows):
         others = tuple(one._replace(values=one.values[place : place + 1]) for one in published.DYNAMICS)

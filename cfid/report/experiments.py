@@ -59,9 +59,12 @@ class Experiment:
 def experiments(measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit]) -> tuple[Experiment, ...]:
     """Return all measurements in the order of the thesis' chapters, of one kind the latest first."""
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit draws over an earlier one's
-    several = [one for group in measured.values() for one in reversed(group)]
-    several.sort(key=lambda one: _place(one.fit.name))
-    return tuple(_experiment(one, drawn_by) for one in several)
+    kinds = sorted(measured, key=_place)
+    return tuple(
+        _experiment(one, drawn_by, latest=one is measured[kind][-1])
+        for kind in kinds
+        for one in reversed(measured[kind])
+    )
 
 
 def title_of(name: str) -> str:
@@ -75,14 +78,15 @@ def _place(name: str) -> int:
     return _KINDS.index(kind) if kind in _KINDS else len(_KINDS)
 
 
-def _experiment(measurement: Measurement, drawn_by: Mapping[str, Fit]) -> Experiment:
+def _experiment(measurement: Measurement, drawn_by: Mapping[str, Fit], *, latest: bool) -> Experiment:
     fit = measurement.fit
+    title = title_of(fit.name) if latest else f"{title_of(fit.name)}, earlier: {fit.section.found:%Y-%m-%d %H:%M}"
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
     stems = {Path(figure).with_suffix("") for figure in fit.figures}
     kept = {Path(figure).with_suffix("") for figure in own}
     return Experiment(
         name=fit.name,
-        title=title_of(fit.name),
+        title=title,
         command=fit.command,
         method=fit.section.method,
         found=fit.section.found,

@@ -26,6 +26,9 @@ ABOUT_PUBLISHED = (
 )
 
 
+_SMALLEST = 1e-5  # of what a power of ten leaves before the decimal point
+
+
 class Grid(NamedTuple):
     """Headings and rows of text, an empty cell for what is unknown."""
 
@@ -40,11 +43,18 @@ def row_grid(rows: tuple[Row, ...], heading: str = "") -> Grid:
         families.setdefault(row.family, []).extend([row.value, row.std])
     lines = []
     for row in rows:
-        power = power_of_ten(families[row.family])
+        power = _power(row, families[row.family])
         value, std, low, high = printed(row.value, row.std, power)
         interval = f"{low} to {high}" if low else ""
         lines.append((row.symbol, value, std, interval, with_power(row.unit, power)))
     return Grid((heading, "value", "std", "95 % interval", "unit"), tuple(lines))
+
+
+def _power(row: Row, family: list[float | None]) -> int:
+    """Return the family's power of ten, or the row's own where that would leave nothing but zeros."""
+    shared = power_of_ten(family)
+    sizes = [abs(x) for x in (row.value, row.std) if x]
+    return shared if all(size >= _SMALLEST * 10.0**shared for size in sizes) else power_of_ten(sizes)
 
 
 def verdict(believed: bool | None) -> str:
@@ -67,7 +77,7 @@ def table_grid(table: Table) -> Grid:
 def repeat_grid(fit: RepeatedFit) -> Grid:
     """Return the readings of all quantities side by side with their test."""
     made = (f"{one.found:%Y-%m-%d %H:%M}{'' if one.believed else ', not believed'}" for one in fit.made)
-    head = ("", *made, "mean", "drift", "χ²", "by chance", "agree", "unit")
+    head = ("", "unit", *made, "mean", "drift", "χ²", "by chance", "agree")
     return Grid(head, tuple(_repeat_row(repeat) for repeat in fit.quantities))
 
 
@@ -80,7 +90,7 @@ def _repeat_row(repeat: Repeat) -> tuple[str, ...]:
     agrees = "" if repeat.agrees is None else "yes" if repeat.agrees else "no"
     mean = plus_minus_in(repeat.mean, repeat.mean_std, power)
     drift = plus_minus_in(repeat.drift, repeat.drift_std, power)
-    return (repeat.quantity, *readings, mean, drift, test, chance, agrees, with_power(repeat.unit, power))
+    return (repeat.quantity, with_power(repeat.unit, power), *readings, mean, drift, test, chance, agrees)
 
 
 def comparison_grid(comparison: Comparison, sources: dict[str, int]) -> Grid:

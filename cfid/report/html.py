@@ -17,7 +17,7 @@ LARGEST_SVG_BYTES = 400_000  # above it the PNG beside it is taken, which a page
 
 _KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
 _NUMBER = re.compile(r"^[−+]?[0-9.]")
-_INDEX = re.compile(r"\b(\w)_(\w+)")
+_INDEX = re.compile(r"\b([^\W\d_]\d?)_(\w+)")
 _POWER = re.compile(r"\^(\w+)")
 _CODE = re.compile(r"`([^`]+)`")
 

@@ -52,16 +52,19 @@ class Known:
 def entries(parameter: Parameter) -> Iterator[Entry]:
     """Yield the numbers of a parameter one by one; of a symmetric matrix (3, 3) each once, of rows none."""
     value, std = plain(parameter.value), plain(parameter.std)
-    if is_rows(value):
-        return
+    if not is_rows(value):
+        yield from _numbers("", value, std)
+
+
+def _numbers(place: str, value: Any, std: Any) -> Iterator[Entry]:
     if not isinstance(value, list):
-        yield Entry("", value, std)
+        yield Entry(place, value, std)
     elif len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
-        for place, (i, j) in (_SYMMETRIC if _is_symmetric(value) else _ALL).items():
-            yield Entry(place, value[i][j], std[i][j] if std else None)
+        for name, (i, j) in (_SYMMETRIC if _is_symmetric(value) else _ALL).items():
+            yield Entry(f"{place} {name}".strip(), value[i][j], std[i][j] if std else None)
     else:
         for i, item in enumerate(value):
-            yield Entry(str(i), item, std[i] if std else None)
+            yield from _numbers(f"{place} {i}".strip(), item, std[i] if std else None)
 
 
 def is_rows(value: Any) -> bool:

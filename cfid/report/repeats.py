@@ -92,7 +92,9 @@ def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
                 row = readings.setdefault((f"{key} {entry.place}".rstrip(), parameter.unit), [None] * len(several))
                 if entry.value is not None:
                     row[place] = Reading(entry.value, entry.std, section.believed and bool(entry.std))
-    return tuple(_repeat(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row))
+    return tuple(
+        compared(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row)
+    )
 
 
 def _is_repeated(row: Sequence[Reading | None]) -> bool:
@@ -100,7 +102,8 @@ def _is_repeated(row: Sequence[Reading | None]) -> bool:
     return len(there) > 1 and any(reading.std for reading in there)
 
 
-def _repeat(quantity: str, unit: str, readings: tuple[Reading | None, ...]) -> Repeat:
+def compared(quantity: str, unit: str, readings: tuple[Reading | None, ...]) -> Repeat:
+    """Return readings of one quantity with their mean, drift and chi-squared."""
     from scipy.special import chdtrc
 
     counting = [(one.value, one.std) for one in readings if one is not None and one.counts and one.std]
@@ -133,5 +136,5 @@ def _shared(several: Sequence[Measurement]) -> str:
         seen |= measurement.fit.hashes
     if not twice:
         return ""
-    many = "a recording is" if len(twice) == 1 else f"{len(twice)} recordings are"
-    return f"{many} part of more than one of these fits: they agree better than independent ones would."
+    many = "A file is a source" if len(twice) == 1 else f"{len(twice)} files are sources"
+    return f"{many} of more than one of these fits: they agree better than independent ones would."

@@ -1,0 +1,61 @@
+"""`cfid report`: one file from a campaign, in the format asked for, over nothing that cfid did not make."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.report.fits_by_hand import new_campaign, put_appendix_a
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    put_appendix_a(new_campaign(tmp_path))
+    return tmp_path
+
+
+def test_the_report_is_a_page_in_the_campaign_folder_and_replaces_itself(cfid: Cfid, campaign: Path) -> None:
+    for _ in range(2):
+        said = cfid("report")
+        assert said.returncode == 0, said.stderr
+
+    assert said.stdout.strip() == str(campaign / "report.html")
+    assert (campaign / "report.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_a_file_that_cfid_did_not_make_stays_unless_force_is_said(cfid: Cfid, campaign: Path) -> None:
+    (campaign / "report.md").write_text("mine")
+    said = cfid("report", "--format", "md")
+
+    assert said.returncode == 2
+    assert "not as cfid made it" in said.stderr
+    assert (campaign / "report.md").read_text() == "mine"
+    assert cfid("report", "--format", "md", "--force").returncode == 0
+    assert "16.57" in (campaign / "report.md").read_text()
+
+
+def test_json_goes_where_it_is_told(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "elsewhere" / "of-today.json"
+    assert cfid("report", "--format", "json", "--out", out, "--campaign", campaign).returncode == 0
+
+    assert json.loads(out.read_text())["about"]["vehicle"] == "Crazyflie 2.0"
+
+
+def test_without_a_campaign_there_is_no_report(cfid: Cfid, tmp_path: Path) -> None:
+    said = cfid("report", folder=tmp_path)
+
+    assert said.returncode == 2
+    assert "cfid new" in said.stderr
+
+
+def test_a_fit_that_cannot_be_read_is_told_and_the_rest_reported(cfid: Cfid, campaign: Path) -> None:
+    (campaign / "fits" / "2026-11-21_130000_thrust.json").write_text("{")
+    said = cfid("report")
+
+    assert said.returncode == 0
+    assert "not as cfid writes it" in said.stderr
+    assert "What could not be read" in (campaign / "report.html").read_text()

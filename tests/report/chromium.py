@@ -1,0 +1,93 @@
+"""A page opened in headless Chromium, in light or dark: what it loaded, said, showed, and how it reads.
+
+The page is served from this computer and looked at from a second one around it, in frames of the widths that are asked
+for, so that no library is needed to drive the browser.
+"""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+_LONGEST_S = 60.0
+_LOOK = (Path(__file__).parent / "look_at_page.js").read_text()
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a page did: `requests` are paths that it asked for, `said` its lines on the console.
+
+    `figures` have their natural width, shown width and place; `overflow_px` is how far the page is wider than its
+    frame; `faint` are texts whose contrast with what lies behind them is below 4.5.
+    """
+
+    requests: tuple[str, ...]
+    said: tuple[str, ...]
+    figures: tuple[dict[str, Any], ...]
+    overflow_px: float
+    background: str
+    faint: tuple[str, ...]
+
+
+def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) -> dict[int, Look]:
+    """Open a page once in frames of several widths and return what each did; requests and words are those of all."""
+    frames = "".join(f'<iframe src="/page.html" width="{width}" height="900"></iframe>' for width in widths_px)
+    around = f'<style>iframe {{ border: 0 }}</style>{frames}<pre id="seen"></pre><script>{_LOOK}</script>'
+    with _served({"/": around, "/page.html": page}) as (address, asked):
+        command = [
+            BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'browser'}",
+            "--enable-logging=stderr", "--virtual-time-budget=8000", f"--window-size={max(widths_px) + 50},1000",
+            f"--blink-settings=preferredColorScheme={0 if dark else 1}", "--dump-dom", address,
+        ]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_LONGEST_S)
+    seen = re.search(r'<pre id="seen">(.*?)</pre>', done.stdout, re.DOTALL)
+    assert seen is not None, done.stderr[-2000:]
+    said = tuple(line for line in done.stderr.splitlines() if ":CONSOLE" in line)
+    return {
+        width: Look(
+            requests=tuple(asked) + tuple(told["resources"]),
+            said=said,
+            figures=tuple(told["figures"]),
+            overflow_px=told["overflow_px"],
+            background=told["background"],
+            faint=tuple(told["faint"]),
+        )
+        for width, told in zip(widths_px, json.loads(html.unescape(seen[1])), strict=True)
+    }
+
+
+@contextmanager
+def _served(pages: dict[str, str]) -> Iterator[tuple[str, list[str]]]:
+    asked: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            known = self.path in pages
+            self.send_response(200 if known else 404)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            self.wfile.write(pages.get(self.path, "").encode())
+
+        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the name is the library's
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}/", asked
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

@@ -1,0 +1,152 @@
+"""Each experiment tells what its fit kept: figures, windows, budget, warnings, origin."""
+
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from cfid.campaign import Campaign
+from cfid.report.html import LARGEST_SVG_BYTES, as_html
+from cfid.report.save import save_figure
+from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, report_of
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    return new_campaign(tmp_path)
+
+
+def draw(campaign: Campaign, name: str, *, points: int = 2) -> tuple[str, ...]:
+    figure = Figure(figsize=(3, 2))
+    figure.add_subplot().plot([0.1234567 * (i % 7) for i in range(points)], label=name, gid=name)
+    paths = save_figure(figure, campaign.folder / "figures" / name)
+    return tuple(str(path.relative_to(campaign.folder)) for path in paths)
+
+
+def page_of(campaign: Campaign) -> str:
+    return as_html(report_of(campaign), campaign.folder)
+
+
+def test_experiments_stand_in_the_order_of_the_thesis_the_latest_first(campaign: Campaign) -> None:
+    put(campaign, "drag", APPENDIX_A["drag"], sources=["d"])
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"])
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["b"], minutes=5)
+    put(campaign, "swing x", {"swing.axis_inertia_kg_m2": number(3e-5, "kg m^2")}, sources=["s"], minutes=9)
+
+    assert [one.title for one in report_of(campaign).experiments] == [
+        "Swing x",
+        "Command to thrust",
+        "Command to thrust, earlier: 2026-11-21 12:00",
+        "Drag",
+    ]
+
+
+def test_a_word_on_several_recordings_is_said_once(campaign: Campaign) -> None:
+    warnings = ("a: recorded on the simulated rig.", "b: recorded on the simulated rig.", "the map ends there.")
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a", "b"], warnings=warnings)
+
+    assert report_of(campaign).experiments[0].warnings == (
+        "2 recordings: recorded on the simulated rig.",
+        "the map ends there.",
+    )
+
+
+def test_words_that_name_no_recording_stay_apart(campaign: Campaign) -> None:
+    warnings = ("command 5000: no lag fits.", "command 9000: no lag fits.")
+    put(campaign, "dynamics", {}, sources=["a"], warnings=warnings)
+
+    assert report_of(campaign).experiments[0].warnings == warnings
+
+
+def test_a_budget_is_a_table_with_a_row_for_each_input(campaign: Campaign) -> None:
+    share = [[1e-9, 2e-9, 3e-9], [2e-9, 4e-9, 5e-9], [3e-9, 5e-9, 6e-9]]
+    quality = {"rms": None, "condition": 2.6, "budget_kg_m2": {"mass": share, "gravity": share}}
+    put(campaign, "inertia", APPENDIX_A["inertia"], sources=["a"], quality=quality)
+    facts, budget = report_of(campaign).experiments[0].tables
+
+    assert facts.rows == (("condition", 2.6),)
+    assert budget.title.startswith("uncertainty budget")
+    assert budget.columns == ("", "xx", "yy", "zz", "xy", "xz", "yz")
+    assert budget.rows[0] == ("mass", 1e-9, 4e-9, 6e-9, 2e-9, 3e-9, 5e-9)
+
+
+def test_lists_of_rows_are_tables_whatever_they_hold(campaign: Campaign) -> None:
+    quality = {"swings": [{"axis": "x", "drift": 1e-5}, {"axis": "y", "believed": True}], "series": {"a": {"runs": 3}}}
+    parameters = {"motor.table": number([{"cmd": 1000, "thrust_n": 0.01}], "as named", None)}
+    put(campaign, "thrust", parameters, sources=["a"], quality=quality)
+    tables = {table.title: table for table in report_of(campaign).experiments[0].tables}
+
+    assert tables["swings: window and verdict of each"].rows == (("x", 1e-5, None), ("y", None, True))
+    assert tables["series"].rows == (("a", 3),)
+    assert tables["what was measured at each command"].rows == ((1000, 0.01),)
+
+
+def test_a_figure_stands_in_the_page_itself(campaign: Campaign) -> None:
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=draw(campaign, "fit_thrust"))
+
+    assert page_of(campaign).count("data:image/svg+xml;base64,") == 1
+
+
+def test_a_figure_with_very_many_points_is_taken_as_pixels(campaign: Campaign) -> None:
+    figures = draw(campaign, "fit_thrust")
+    svg = campaign.folder / "figures" / "fit_thrust.svg"
+    svg.write_bytes(svg.read_bytes() + b" " * LARGEST_SVG_BYTES)
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=figures)
+
+    assert "data:image/png;base64," in page_of(campaign)
+    assert "data:image/svg+xml" not in page_of(campaign)
+
+
+def test_a_figure_whose_file_is_gone_is_named(campaign: Campaign) -> None:
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=("figures/gone.png", "figures/gone.svg"))
+
+    assert "Figure gone: its file is gone." in page_of(campaign)
+
+
+def test_a_figure_that_a_later_fit_drew_over_is_shown_for_the_later_one_alone(campaign: Campaign) -> None:
+    figures = draw(campaign, "fit_thrust")
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=figures)
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["b"], figures=figures, minutes=1)
+    later, earlier = report_of(campaign).experiments
+
+    assert (later.figures, earlier.figures) == (figures, ())
+    assert earlier.notes == ("1 of its figures was drawn over by a later fit.",)
+
+
+def test_two_figures_that_are_the_same_are_shown_once(campaign: Campaign) -> None:
+    first = draw(campaign, "recording")
+    for path in first:
+        copy = campaign.folder / path.replace("recording", "again")
+        copy.write_bytes((campaign.folder / path).read_bytes())
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], figures=first)
+    put(
+        campaign,
+        "torque",
+        APPENDIX_A["torque"],
+        sources=["a"],
+        figures=tuple(p.replace("recording", "again") for p in first),
+    )
+    page = page_of(campaign)
+
+    assert page.count("data:image/") == 1
+    assert "Figure again: the same as under" in page
+
+
+def test_every_source_stands_with_its_hash(campaign: Campaign) -> None:
+    fit = put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a", "b"])
+    page = page_of(campaign)
+
+    for source in fit.section.sources:
+        assert source.path in page
+        assert source.sha256 in page
+
+
+def test_runs_and_fits_that_cannot_be_read_are_named(campaign: Campaign) -> None:
+    campaign.fits_folder.mkdir()
+    (campaign.fits_folder / "2026-11-21_120000_thrust.json").write_text("{")
+    broken = campaign.runs_folder / "2026-11-21_120000_swing_x"
+    broken.mkdir(parents=True)
+    (broken / "run.toml").write_text("kind = 3")
+
+    assert len(report_of(campaign).unreadable) == 2
+    assert "What could not be read" in page_of(campaign)

@@ -1,0 +1,78 @@
+"""The page in a real browser: quiet, self-contained, all figures visible, readable at any width, light and dark."""
+
+import pytest
+from matplotlib.figure import Figure
+
+from cfid.report.formats import rendered
+from cfid.report.save import save_figure
+from tests.report.chromium import BROWSER, Look, look_at
+from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
+
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium to look at the page with")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    campaign = new_campaign(tmp_path_factory.mktemp("campaign"))
+    put_appendix_a(campaign)
+    rows = [{"cmd": i, "a_rather_long_name": i / 7, "thrust_n": 1e-5 * i, "note": "left out"} for i in range(20)]
+    figures = []
+    for name in ("fit_torque", "thrust_of_speed"):
+        figure = Figure(figsize=(7.2, 4))
+        figure.add_subplot().plot([1, 3, 2], label=name, gid=name)
+        for path in save_figure(figure, campaign.folder / "figures" / name):
+            figures.append(str(path.relative_to(campaign.folder)))
+    put(
+        campaign,
+        "torque",
+        {**APPENDIX_A["torque"], "motor.table": number(rows, "as named", None)},
+        sources=["a_run_with_a_name_that_is_much_longer_than_a_telephone_is_wide"],
+        minutes=1,
+        believed=False,
+        figures=tuple(figures),
+        doubts=("the line leaves too much.",),
+        warnings=("a point was left out.",),
+        lines=("a line of a fit's own words that goes on for quite a while, as those of a staircase of commands do",),
+        quality={"chi_squared": 311.0, "models": {"a": {"condition": 3.0}}},
+    )
+    return rendered(report_of(campaign), "html", campaign.folder)
+
+
+WIDTHS_PX = (1280, 400)
+Looks = dict[int, Look]
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["light", "dark"])
+def dark(request: pytest.FixtureRequest) -> bool:
+    return bool(request.param)
+
+
+@pytest.fixture(scope="module")
+def looks(page: str, dark: bool, tmp_path_factory: pytest.TempPathFactory) -> Looks:
+    return look_at(page, tmp_path_factory.mktemp("look"), widths_px=WIDTHS_PX, dark=dark)
+
+
+def test_the_page_is_quiet_and_asks_for_nothing(looks: Looks) -> None:
+    for look in looks.values():
+        assert look.said == ()
+        assert set(look.requests) <= {"/", "/page.html", "/favicon.ico"}  # the icon is for the page around it
+
+
+def test_every_figure_is_drawn_and_within_the_page(looks: Looks) -> None:
+    for width_px, look in looks.items():
+        assert len(look.figures) == 2
+        for figure in look.figures:
+            assert figure["natural_px"] > 0
+            assert figure["shown_px"] >= 300
+            assert figure["height_px"] > 100
+            assert 0 <= figure["left_px"] < width_px / 2
+
+
+def test_the_page_is_no_wider_than_its_window(looks: Looks) -> None:
+    assert all(look.overflow_px <= 0 for look in looks.values())
+
+
+def test_every_word_stands_out_from_what_is_behind_it(looks: Looks, dark: bool) -> None:
+    for look in looks.values():
+        assert look.faint == ()
+        assert look.background == ("rgb(20, 23, 27)" if dark else "rgb(251, 251, 249)")
