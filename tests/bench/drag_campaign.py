@@ -2,7 +2,7 @@
 
 The recordings are made by the simulated wind tunnel over the thesis' winds (C.3.1), written as its logger did. cfid
 reads two files at once, pandas one after the other as a script does; both meet the same files. The goal is a ratio of
-0.7 at least by the wall clock; processor time is told beside it, because others may use the machine meanwhile.
+0.6 at least by the wall clock; processor time is told beside it, because others may use the machine meanwhile.
 """
 
 import os
