@@ -14,6 +14,7 @@ MOTORS = 4
 GRAVITY_MPS2 = 9.81  # as section 3.3.1 takes it
 
 _FAR = 0.95  # of the full command: where less was measured, the maximum is extrapolated
+_NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +31,7 @@ class InverseMap:
     thrust_range_n: tuple[float, float]
     round_trip_command: float
     round_trip_n: float
+    warnings: tuple[str, ...]
 
     def command(self, thrust_n: npt.ArrayLike) -> Array:
         """Return the commands for thrusts of any shape, nan outside of the range."""
@@ -67,12 +69,15 @@ def invert(thrust_map: MotorMap) -> InverseMap:
     single = coefficients.astype(np.float32)
     asked = np.clip(fit.at(commands[:-1] + 0.5), first, last)  # between two commands rounding is worst
     rounded = np.rint(_root(coefficients, asked))
+    lowest = float(thrust_map.command[thrust_map.command > DEAD_COMMAND].min())
+    said = f"the command of a thrust is extrapolated below {lowest:.0f}, the smallest command that was measured."
     return InverseMap(
         coefficients=coefficients,
         command_range=(low, high),
         thrust_range_n=(first, last),
         round_trip_command=float(np.max(np.abs(_root(single, np.polyval(single, commands)) - commands))),
         round_trip_n=float(np.max(np.abs(fit.at(rounded) - asked))),
+        warnings=(said,) if lowest > max(low, _NEAR * FULL_COMMAND) else (),
     )
 
 

@@ -105,6 +105,12 @@ def command_steps(*, time_s: Array, command: Array) -> tuple[CommandStep, ...]:
     return tuple(CommandStep(*at_s[i : i + 3], *values[i : i + 2]) for i in range(len(changes)))
 
 
+def followed(steps: Sequence[CommandStep], *, time_s: Array, value: Array) -> tuple[CommandStep, ...]:
+    """Return the steps during which enough was measured, (n,) at times (n,): of one to rest little is heard."""
+    heard = time_s[np.isfinite(value)]
+    return tuple(step for step in steps if np.count_nonzero((heard >= step.at_s) & (heard < step.until_s)) >= _FEWEST)
+
+
 def fit_steps(
     *,
     time_s: Array,

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from cfid.cli.inputs import Workplace, find_recording, open_workplace
+from cfid.cli.motor_hearing import quiet_channels
 from cfid.cli.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
-from cfid.errors import CfidError, ConfigError, DataError
+from cfid.errors import CfidError, ConfigError, DataError, FitError
 
 if TYPE_CHECKING:
-    from cfid.analysis.rotor_dynamics import RotorModel, StepFit
+    from cfid.analysis.rotor_dynamics import CommandStep, RotorModel, StepFit
     from cfid.parameters import Parameter, Source
 
 _BLUR_S, _STEP_S = 0.1, 0.02  # of a speed heard in vibration
@@ -58,22 +59,28 @@ def dynamics(
         raise ConfigError("several runs have several clocks: give one at a time.")
     course = courses[0]
     try:
-        steps = _steps(course)
+        steps, missed = _steps(course)
         values = {"time_s": course.time_s, "value": course.speed_rad_s, "steps": steps, "blur_s": course.blur_s}
         lags, model = fit_steps(**values), fit_rotor_model(**values)
     except CfidError as error:
         raise type(error)(f"{course.path}: {error}") from None
-    _tell(course, lags, model, workplace, delivery)
+    _tell(course._replace(notes=(*course.notes, *missed)), lags, model, workplace, delivery)
 
 
-def _steps(course: Course) -> Any:
+def _steps(course: Course) -> "tuple[tuple[CommandStep, ...], list[str]]":
+    """Return the steps that the speeds show, and sentences on the others."""
     import numpy as np
 
-    from cfid.analysis.rotor_dynamics import command_steps
+    from cfid.analysis.rotor_dynamics import command_steps, followed
 
     place = np.searchsorted(course.command_time_s, course.time_s, side="right") - 1
     held = np.where(place >= 0, course.command[np.maximum(place, 0)], 0.0)
-    return command_steps(time_s=course.time_s, command=held)
+    steps = command_steps(time_s=course.time_s, command=held)
+    seen = followed(steps, time_s=course.time_s, value=course.speed_rad_s)
+    if steps and not seen:
+        raise FitError(f"of {len(steps)} steps none shows speeds enough to follow it: hold each command longer.")
+    missed = len(steps) - len(seen)
+    return seen, [f"{missed} of {len(steps)} steps show too few speeds to be followed."] if missed else []
 
 
 def _of_table(path: Path, reading: ReadingOptions) -> Course:
@@ -112,8 +119,6 @@ def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Cour
 
 
 def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, scale: LoadCellOptions) -> Course:
-    import numpy as np
-
     from cfid.analysis.rotor_speed import speed_ridge
     from cfid.flight import begin_s
     from cfid.wrench import LOADCELL, read_wrench
@@ -121,13 +126,11 @@ def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, sca
     record = read_wrench(run.folder, scale.reading(reading))
     ridge = speed_ridge(
         time_s=record.time_s,
-        wrench=np.column_stack([record.force_n, record.torque_nm]),
+        wrench=quiet_channels(record),
         window_s=_BLUR_S,
         step_s=_STEP_S,
     )
-    said = (
-        "no speed is told by this vehicle: it is heard in the load cell's vibration, and steps through rest are left."
-    )
+    said = "no speed is told by this vehicle: it is heard in the load cell's vibration, and not at rest."
     began_s = begin_s(run.device_file(LOADCELL))
     return Course(
         run.folder.name, run.folder, ridge.time_s, ridge.speed_rad_per_s, log.time_s - began_s, command, _BLUR_S,

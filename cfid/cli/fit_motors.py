@@ -10,7 +10,7 @@ from cfid.cli.inputs import open_workplace
 from cfid.cli.motor_evidence import StandOptions
 from cfid.cli.motor_hearing import RotorOptions
 from cfid.cli.motor_inputs import read_evidence
-from cfid.cli.motor_outcome import by_speed, by_voltage, deliver_map, verified
+from cfid.cli.motor_outcome import by_speed, by_voltage, deliver_map, noted_first, verified
 from cfid.cli.options import (
     Delivery,
     GravityMps2,
@@ -79,7 +79,10 @@ def thrust(
     gravity = workplace.rig.site.gravity_mps2
     found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
     order = fit.chosen(2)
-    mapped = fit_thrust(found.points, method=method, order=order, robust=fit.robust, expected=found.expected or None)
+    with noted_first(found):
+        mapped = fit_thrust(
+            found.points, method=method, order=order, robust=fit.robust, expected=found.expected or None
+        )
     most = maximum_thrust(mapped, gravity_mps2=gravity)
     parameters, lines = told.map_parameters(mapped), [told.polynomial_line(mapped), *told.aicc_line(mapped)]
     warnings = [*mapped.warnings, *most.warnings]
@@ -87,6 +90,7 @@ def thrust(
         inverse = invert(mapped)
         parameters |= told.inverse_parameters(inverse, most)
         lines += told.inverse_line(inverse, most)
+        warnings += inverse.warnings
     except FitError as error:
         warnings.append(str(error))
     voltage = by_voltage(found, warnings)
@@ -144,9 +148,10 @@ def speed(
     _ = listening.expected_rad_s  # what is no range is told before any file is read
     workplace = open_workplace(rig)
     found = read_evidence(runs or [], stand, reading, scale, workplace, method=method, listening=listening)
-    mapped = fit_speed(
-        found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
-    )
+    with noted_first(found):
+        mapped = fit_speed(
+            found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
+        )
     warnings = list(mapped.warnings)
     over_speed = by_speed(found, method, warnings, robust=fit.robust)
     parameters = told.map_parameters(mapped) | (told.speed_parameters(over_speed) if over_speed else {})
@@ -185,9 +190,10 @@ def torque(
 
     workplace = open_workplace(rig)
     found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
-    mapped = fit_torque(
-        found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
-    )
+    with noted_first(found):
+        mapped = fit_torque(
+            found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
+        )
     lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
     parameters = {**told.map_parameters(mapped), **told.table_parameter(found.points)}
     deliver_map(

@@ -184,7 +184,7 @@ def _where(one: Heard) -> str:
 
 def _line(one: Heard) -> str:
     speed = one.speed
-    told = f"{_where(one)}: {speed.speed_rad_per_s:.2f} +- {speed.std_rad_per_s:.2f} rad/s"
+    told = f"{_where(one)}: {speed.speed_rad_per_s:.2f} +- {speed.std_rad_per_s:.2g} rad/s"
     apart = "" if speed.resolved else ", rotors not told apart"
     beside = "" if one.tachometer_rad_s is None else f", tachometer {one.tachometer_rad_s:.1f} rad/s"
     return told + apart + beside

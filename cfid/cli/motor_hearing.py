@@ -48,21 +48,29 @@ class RotorOptions:
         return low, high
 
 
+def quiet_channels(record: "WrenchRecord") -> Any:
+    """Return the channels (n, 6) of a record without spikes: one drowns a rotor's lines.
+
+    Raises DataError for a record too short to have a rate.
+    """
+    import numpy as np
+
+    from cfid.analysis.signals import without_spikes
+
+    if len(record.time_s) < _FEWEST:
+        raise DataError(f"{record.path}: {len(record.time_s)} samples tell no rotor speed.")
+    rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
+    rows = np.column_stack([record.force_n, record.torque_nm]).T
+    return without_spikes(rows, length=max(round(_SCREENED_S * rate_hz), _FEWEST)).T
+
+
 class Ear:
-    """Listens to the channels (n, 6) of a record, once their spikes are off: one drowns a rotor's lines."""
+    """Listens to a record of the load cell."""
 
     def __init__(self, record: "WrenchRecord", options: RotorOptions) -> None:
-        """Take the spikes off. Raises DataError for a record too short to have a rate."""
-        import numpy as np
-
-        from cfid.analysis.signals import without_spikes
-
-        if len(record.time_s) < _FEWEST:
-            raise DataError(f"{len(record.time_s)} samples tell no rotor speed.")
-        rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
-        rows = np.column_stack([record.force_n, record.torque_nm]).T
+        """Take the spikes off."""
         self._time_s, self._options = record.time_s, options
-        self._channels = without_spikes(rows, length=max(round(_SCREENED_S * rate_hz), _FEWEST)).T
+        self._channels = quiet_channels(record)
 
     def hear(self, begin_s: float, end_s: float, *, rotors: int) -> "RotorSpeed":
         """Return the speed in a window in which so many rotors ran, unless the options say how many."""

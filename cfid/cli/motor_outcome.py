@@ -1,5 +1,7 @@
 """What the motor maps share: the battery's form, thrust of speed, scales as a second opinion, and how they are told."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,20 @@ if TYPE_CHECKING:
     from cfid.parameters import Parameter
 
 _MOST_PAGES = 4  # of reduced records, each a figure
+
+
+@contextmanager
+def noted_first(found: Evidence) -> Iterator[None]:
+    """Say what is to be said of the evidence even where nothing can be fitted to it: that may be why."""
+    from cfid.cli.motor_results import unique
+    from cfid.cli.speech import note
+
+    try:
+        yield
+    except FitError:
+        for said in unique(found.warnings):
+            note(said)
+        raise
 
 
 def by_voltage(found: Evidence, warnings: list[str]) -> "VoltageComparison | None":

@@ -296,6 +296,11 @@ def test_the_inverse_ends_where_the_map_no_longer_rises_above_zero(
     assert inverse.round_trip_command < 20  # single precision, where the map is level
 
 
+def test_an_inverse_below_what_was_measured_is_called_extrapolated() -> None:
+    assert invert(fit_thrust(made())).warnings == ()
+    assert "extrapolated below 30000" in invert(fit_thrust(made(np.arange(30000.0, 64001.0, 2000.0)))).warnings[0]
+
+
 def test_an_order_without_a_closed_inverse_is_refused_with_the_next_step() -> None:
     with pytest.raises(FitError, match="of order 3 has no inverse in closed form: fit it with order 2 too"):
         invert(fit_thrust(made(), order=3))
