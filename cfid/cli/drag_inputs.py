@@ -36,15 +36,16 @@ class WindInputs:
     index: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file, a row a run: command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"
-            "[,azimuth_rad][,from_s,to_s]; paths relative to it; wind 0 makes references.",
+            help="CSV file, a row a run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; may have "
+            "azimuth_rad, from_s, to_s. Paths are relative to it; wind 0 makes references.",
             rich_help_panel=_INPUT,
         ),
     ] = None
     table: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file of reduced forces: command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n.",
+            help="CSV file of reduced forces: command, angle_deg, vx_mps, vy_mps, vz_mps, speed_sum_rad_s, fx_n, fy_n, "
+            "fz_n.",
             rich_help_panel=_INPUT,
         ),
     ] = None
@@ -52,7 +53,8 @@ class WindInputs:
         float, typer.Option(help="Wind generator about z, where its run does not say.", rich_help_panel=_INPUT)
     ] = 0.4967
     yaw_deg: Annotated[
-        float, typer.Option(help="How far left the vehicle is turned on the load cell.", rich_help_panel=_INPUT)
+        float,
+        typer.Option(help="How far left of the vehicle's x axis the load cell's x axis lies.", rich_help_panel=_INPUT),
     ] = 45.0
     markers: Annotated[
         int, typer.Option(min=1, help="Reflective markers that the tachometer counted.", rich_help_panel=_INPUT)
