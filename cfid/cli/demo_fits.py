@@ -1,36 +1,107 @@
-"""The demo's fits, by the same commands an operator types, and its table of truth against estimate."""
+"""The demo's fits, by the same commands that an operator types, and its table of truth against estimate."""
 
 import math
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import typer
 
+from cfid.errors import FitError
+
 if TYPE_CHECKING:
     from cfid.campaign import Campaign
-    from cfid.run import Run
-    from cfid.sim.demo import DemoTruth
+    from cfid.parameters import Section
 
 _COVERED = 1.96
+_AT_ONCE = 2  # fits, which is as many as a small computer has processors
+
+# The longest first, so that no processor waits for it at the end; names of runs stand for their kinds.
+COMMANDS = (
+    "fit inertia",
+    "fit rotor {steps}",
+    "fit dynamics {steps}",
+    "tf identify",
+    "fit drag --markers 2",
+    "fit friction",
+    "fit thrust {stairs} {speed} --markers 2",
+    "fit testbody",
+    "fit torque {stairs}",
+    "fit speed {speed} --markers 2",
+    "tf latency {ping}",
+)
 
 
 def fit_everything(campaign: "Campaign", *, figures: bool) -> None:
-    """Fit friction, inertia and test body to the campaign's runs, by the commands that an operator types."""
-    from cfid.cli.fit_friction import friction
-    from cfid.cli.fit_inertia import inertia
-    from cfid.cli.fit_testbody import testbody
+    """Fit all runs of a demo, two commands at once, and print what they say in order.
+
+    Raises FitError that names the command which failed.
+    """
+    names, fits = _names(campaign), Fits(campaign, figures=figures)
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        running = [(words, pool.submit(fits.run, words)) for words in (each.format(**names) for each in COMMANDS)]
+        try:
+            for words, said in running:
+                _tell(words, *said.result())
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            fits.end()
+            raise
+
+
+class Fits:
+    """Commands of cfid in processes of their own, each in the campaign's folder."""
+
+    def __init__(self, campaign: "Campaign", *, figures: bool) -> None:
+        """Start none yet."""
+        self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
+        self._started: list[subprocess.Popen[str]] = []
+
+    def run(self, words: str) -> tuple[int, str, str]:
+        """Run a command to its end; return exit code, and what it said on both ways."""
+        # Several at once leave each a processor: more threads of the linear algebra would stand in each other's way.
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cfid.cli.main", *words.split(), *self._drawn],
+            cwd=self._folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._started.append(process)
+        out, err = process.communicate()
+        return process.returncode, out, err
+
+    def end(self) -> None:
+        """End those that still run."""
+        for process in self._started:
+            process.terminate()
+
+
+def _tell(words: str, code: int, out: str, err: str) -> None:
+    typer.secho(f"\n$ cfid {words}", bold=True)
+    typer.echo(out, nl=False)
+    if code:
+        raise FitError(f"cfid {words} failed: {err.strip()}")
+
+
+def _names(campaign: "Campaign") -> dict[str, str]:
+    """Return the names of those runs that a command is to be told, as there is another of the kind."""
     from cfid.run import Run, list_runs
 
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    for command, chosen in (
-        (friction, _names(runs, "drop", None)),
-        (inertia, _names(runs, "swing", "crazyflie")),
-        (testbody, _names(runs, "swing", "testbody")),
-    ):
-        typer.secho(f"\n$ cfid fit {command.__name__} {chosen[0]} ... ({len(chosen)} runs)", bold=True)
-        command(runs=chosen, campaign=campaign.folder, figures=figures)
+    of_kind = {
+        kind: [run.folder.name for run in runs if run.header.kind == kind] for kind in ("thrust", "speed", "ping")
+    }
+    stairs, steps = of_kind["thrust"]
+    return {"stairs": stairs, "steps": steps, "speed": of_kind["speed"][0], "ping": of_kind["ping"][0]}
 
 
-def print_comparison(campaign: "Campaign", truth: "DemoTruth") -> None:
+def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
     """Print the simulation's truth beside every estimate, and whether it lies in the 95 % interval."""
     from rich.console import Console
     from rich.table import Table
@@ -38,33 +109,38 @@ def print_comparison(campaign: "Campaign", truth: "DemoTruth") -> None:
     from cfid.cli.tables import value_and_deviation
     from cfid.parameters import load_sections
 
-    sections = load_sections(campaign.parameters_file)
-    found = {name: p for section in sections.values() for name, p in section.parameters.items()}
     table = Table(title="the simulation's truth against the estimates", title_justify="left")
     table.add_column("parameter", overflow="fold")
     for heading in ("truth", "estimate", "std", "in 95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
-    matrix = found["inertia.matrix_kg_m2"]
-    rows = [
-        (f"inertia {a}{b}", truth.inertia_kg_m2[i][j], matrix.value[i][j], matrix.std[i][j])
-        for i, a in enumerate("xyz")
-        for j, b in enumerate("xyz")
-        if i <= j
-    ]
-    for key, value in (
-        ("friction.coulomb_nm", truth.coulomb_nm),
-        ("friction.viscous_nms_per_rad", truth.viscous_nms_per_rad),
-        ("friction.setup_inertia_kg_m2", truth.setup_inertia_kg_m2),
-        *((f"testbody.measured_kg_m2.{axis}", inertia) for axis, inertia in truth.testbody_kg_m2.items()),
-    ):
-        rows.append((key, value, found[key].value, found[key].std))
+    rows = list(compared(load_sections(campaign.parameters_file).values(), truth))
     for name, true, value, std in rows:
-        inside = std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)
-        table.add_row(name, f"{true:.5g}", *value_and_deviation(value, std), "yes" if inside else "no")
+        table.add_row(
+            name, f"{true:.5g}", *value_and_deviation(value, std), "yes" if covers(true, value, std) else "no"
+        )
     Console().print(table)
-    typer.echo("one in twenty lies outside its 95 % interval by chance.")
-    typer.echo(f"the campaign is {campaign.folder}: look at its rig.toml, runs and parameters.toml.")
+    inside = sum(covers(true, value, std) for _, true, value, std in rows)
+    typer.echo(f"{inside} of {len(rows)} lie in their 95 % interval; one in twenty lies outside by chance.")
+    typer.echo(f"the campaign is {campaign.folder}: look at its rig.toml, runs, figures and parameters.toml.")
 
 
-def _names(runs: "list[Run]", kind: str, body: str | None) -> list[str]:
-    return [run.folder.name for run in runs if run.header.kind == kind and run.header.label.body == body]
+def compared(
+    sections: "Iterable[Section]", truth: Mapping[str, float]
+) -> Iterator[tuple[str, float, float, float | None]]:
+    """Return name, truth, estimate and deviation of every number whose truth is known."""
+    from cfid.parameters import scalars
+
+    found = {
+        name: (value, std)
+        for section in sections
+        for key, parameter in section.parameters.items()
+        for name, value, std in scalars(key, parameter)
+    }
+    for name, true in truth.items():
+        if name in found:
+            yield name, true, *found[name]
+
+
+def covers(true: float, value: float, std: float | None) -> bool:
+    """Return whether the 95 % interval of an estimate holds the truth."""
+    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)

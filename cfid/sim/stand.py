@@ -17,8 +17,11 @@ from cfid.sim.loadcell import LoadCell, LoadCellTruth
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.stepping import Array
+from cfid.sim.wind import WindTruth
 
 Steps = Sequence[tuple[float, Four]]  # when, and the commands from then on
+
+STILL_AIR = WindTruth()
 
 _TICK_S = 0.01
 _TICKS_AT_ONCE = 100
@@ -58,13 +61,15 @@ def simulate_stand(
     rate_hz: float,
     rng: np.random.Generator,
     spikes_per_s: float = 0.0,
+    wind: WindTruth = STILL_AIR,
 ) -> StandRecord:
-    """Record from time zero, when all rotors stand, through steps whose times rise.
+    """Record from time zero, when all rotors stand, through steps whose times rise, in a steady wind or none.
 
     A spike is one sample with any values within the load cell's ranges and a healthy status.
     """
     for_rotors, for_cell, for_spikes = rng.spawn(3)
-    propulsion = Propulsion(rotors, battery, rng=for_rotors, begin_s=0.0)
+    propulsion = Propulsion(rotors, battery, rng=for_rotors, begin_s=0.0, drag_ns_per_rad=wind.drag_ns_per_rad)
+    on_body = np.append(wind.body_n, np.zeros(3))
     cell = LoadCell(loadcell, for_cell)
     time_s = np.arange(math.floor(duration_s * rate_hz)) / rate_hz
     tick_s = np.arange(math.ceil(duration_s / _TICK_S) + 1, dtype=np.float64) * _TICK_S
@@ -74,7 +79,7 @@ def simulate_stand(
         followed += [_follow(propulsion, ahead, float(tick)) for tick in ticks]
         end = int(np.searchsorted(time_s, ticks[-1], side="right"))
         if end > begin:
-            felt.append(cell.read(time_s[begin:end], propulsion.wrench_at(time_s[begin:end])))
+            felt.append(cell.read(time_s[begin:end], propulsion.wrench_at(time_s[begin:end]) + on_body))
         begin = end
     wrench = np.vstack([counts for counts, _ in felt]) / loadcell.counts_per_unit
     spikes = np.flatnonzero(for_spikes.random(len(time_s)) < spikes_per_s / rate_hz)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from cfid.campaign import load_rig, new_rig_text
-from cfid.sim.demo import INERTIA_KG_M2
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.rig import draw_truth, record_swings
+from cfid.sim.truth_file import INERTIA_KG_M2
 
 RUNS = 9
 

@@ -1,5 +1,6 @@
 """Files as an operator would have them, and the program run as an operator runs it."""
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -8,8 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.campaign import RIG_FILE, load_rig, new_rig_text
-from cfid.sim.demo import INERTIA_KG_M2, SimulatedRun, simulate_demo
+from cfid.campaign import RIG_FILE, find_campaign, load_rig, new_rig_text
+from cfid.cli.campaign import make_campaign
+from cfid.cli.demo_recordings import write_runs
+from cfid.sim.demo_runs import SimulatedRun
+from cfid.sim.demo_swings import record_chapter_2
+from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
 from tests.cli.sines_in_a_folder import Here
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -37,7 +42,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with rig.toml and one CSV of times and counts for every recording of a simulated campaign."""
     folder = tmp_path_factory.mktemp("files")
     (folder / RIG_FILE).write_text(new_rig_text())
-    _, runs = simulate_demo(load_rig(folder / RIG_FILE), seed=5)
+    runs, _ = record_chapter_2(load_rig(folder / RIG_FILE), USUAL_TRUTH, np.random.default_rng(5))
     for i, run in enumerate(runs):
         write(folder / f"{name(run, i)}.csv", run)
     (folder / RIG_FILE).rename(folder / "geometry.toml")  # a file to name, not a campaign to find
@@ -51,8 +56,24 @@ def name(run: SimulatedRun, number: int) -> str:
 
 
 def write(path: Path, run: SimulatedRun) -> None:
-    rows = np.column_stack([run.time_s, run.counts])
+    rows = np.column_stack(run.devices["encoder"].values)
     np.savetxt(path, rows, fmt=("%.6f", "%d"), delimiter=",", header="t,phi", comments="")
+
+
+@pytest.fixture(scope="session")
+def _bodies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bodies") / "campaign"
+    make_campaign(folder)
+    campaign = find_campaign(folder, start=folder)
+    assert campaign is not None
+    write_runs(campaign, record_chapter_2(campaign.rig, USUAL_TRUTH, np.random.default_rng(1))[0])
+    return folder
+
+
+@pytest.fixture
+def bodies(_bodies: Path, tmp_path: Path) -> Path:
+    """A campaign of its own with swings of vehicle and test body, and dropped weights."""
+    return Path(shutil.copytree(_bodies, tmp_path / "bodies"))
 
 
 @pytest.fixture(scope="session")

@@ -188,28 +188,26 @@ def test_figures_lie_where_they_are_asked_for_and_replace_only_themselves(
     assert (out / "y_swing.png").read_bytes() == b"somebody's own picture"
 
 
-def test_a_run_folder_brings_its_axis_along(cfid: Cfid, tmp_path: Path) -> None:
-    demo = tmp_path / "demo"
-    assert cfid("demo", demo, "--no-figures").returncode == 0
-    run = next((demo / "runs").glob("*_swing_z"))
-    by_name = found(cfid("fit", "swing", run.name, "--json", folder=demo))
-    by_path = found(cfid("fit", "swing", run, "--json", "--campaign", demo))
+def test_a_run_folder_brings_its_axis_along(cfid: Cfid, bodies: Path) -> None:
+    run = next((bodies / "runs").glob("*_swing_z"))
+    by_name = found(cfid("fit", "swing", run.name, "--json", folder=bodies))
+    by_path = found(cfid("fit", "swing", run, "--json", "--campaign", bodies))
 
     assert by_name["parameters"] == by_path["parameters"]
     assert by_name["parameters"]["swing.axis_inertia_kg_m2"]["value"] == pytest.approx(6.98e-5, rel=0.02)
 
-    again = cfid("demo", demo)
+    again = cfid("demo", bodies)
     assert again.returncode == 2
     assert "delete it" in again.stderr
 
-    listed = cfid("runs", "--json", "--campaign", demo)
+    listed = cfid("runs", "--json", "--campaign", bodies)
     states = {row["state"] for row in json.loads(listed.stdout)["runs"]}
     assert states == {"complete"}
 
     toml = run / "run.toml"
     toml.write_text(toml.read_text().replace('"complete"', '"recording"'))
     assert "cut while recording" in found(cfid("fit", "swing", run, "--json"))["warnings"][0]
-    assert "cut" in cfid("runs", "--campaign", demo).stdout
+    assert "cut" in cfid("runs", "--campaign", bodies).stdout
 
 
 def test_a_new_campaign_is_never_written_over(cfid: Cfid, tmp_path: Path) -> None:

@@ -12,33 +12,23 @@ import pytest
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    import sys
-
-    folder = tmp_path_factory.mktemp("campaign") / "demo"
-    command = [sys.executable, "-m", "cfid.cli.main", "demo", str(folder), "--no-figures"]
-    subprocess.run(command, check=True, capture_output=True)
-    return folder
+def run_named(bodies: Path, ending: str) -> Path:
+    return next((bodies / "runs").glob(f"*_{ending}"))
 
 
-def run_named(demo: Path, ending: str) -> Path:
-    return next((demo / "runs").glob(f"*_{ending}"))
-
-
-def test_a_swing_of_the_test_body_is_not_taken_for_the_vehicles(cfid: Cfid, demo: Path) -> None:
-    said = cfid("fit", "inertia", run_named(demo, "swing_testbody_x"), "--campaign", demo, "--json")
+def test_a_swing_of_the_test_body_is_not_taken_for_the_vehicles(cfid: Cfid, bodies: Path) -> None:
+    said = cfid("fit", "inertia", run_named(bodies, "swing_testbody_x"), "--campaign", bodies, "--json")
 
     assert said.returncode == 2
     assert "labelled as a swing of the testbody, not of the crazyflie" in said.stderr
 
 
-def test_a_run_labelled_as_the_fixture_is_the_fixture(cfid: Cfid, demo: Path, tmp_path: Path) -> None:
+def test_a_run_labelled_as_the_fixture_is_the_fixture(cfid: Cfid, bodies: Path, tmp_path: Path) -> None:
     copy = tmp_path / "fixture_swing"
-    shutil.copytree(run_named(demo, "swing_y"), copy)
+    shutil.copytree(run_named(bodies, "swing_y"), copy)
     header = copy / "run.toml"
     header.write_text(header.read_text().replace('body = "crazyflie"', 'body = "fixture"'))
-    said = cfid("fit", "inertia", copy, "x=3.1e-5", "--campaign", demo, "--json")
+    said = cfid("fit", "inertia", copy, "x=3.1e-5", "--campaign", bodies, "--json")
 
     assert said.returncode == 2
     assert "[fixture]" in said.stderr
@@ -53,21 +43,21 @@ def test_the_thesis_method_is_not_believed_where_no_pendulum_is(cfid: Cfid, tmp_
     assert cfid("fit", "swing", path, "--method", "thesis", "--json").returncode == 5
 
 
-def test_a_command_that_cannot_draw_keeps_no_parameters(cfid: Cfid, demo: Path, tmp_path: Path) -> None:
-    campaign = tmp_path / "campaign"
-    shutil.copytree(demo, campaign)
+def test_a_command_that_cannot_draw_keeps_no_parameters(cfid: Cfid, bodies: Path, tmp_path: Path) -> None:
+    campaign = bodies
+    words = ("fit", "swing", run_named(campaign, "swing_z"), "--campaign", campaign)
+    assert cfid(*words, "--no-figures").returncode == 0
     before = (campaign / "parameters.toml").read_bytes()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "encoder_swing.png").write_bytes(b"mine")
-    said = cfid("fit", "swing", run_named(campaign, "swing_z"), "--out", tmp_path / "out", "--campaign", campaign)
+    said = cfid(*words, "--out", tmp_path / "out")
 
     assert said.returncode == 2
     assert (campaign / "parameters.toml").read_bytes() == before
 
 
-def test_swings_are_kept_by_axis_with_paths_from_the_campaign_on(cfid: Cfid, demo: Path, tmp_path: Path) -> None:
-    campaign = tmp_path / "campaign"
-    shutil.copytree(demo, campaign)
+def test_swings_are_kept_by_axis_with_paths_from_the_campaign_on(cfid: Cfid, bodies: Path) -> None:
+    campaign = bodies
     for axis in "xz":
         run = run_named(campaign, f"swing_{axis}")
         assert cfid("fit", "swing", run, "--no-figures", "--campaign", campaign).returncode == 0
@@ -78,31 +68,30 @@ def test_swings_are_kept_by_axis_with_paths_from_the_campaign_on(cfid: Cfid, dem
     assert kept["swing z"]["sources"][0]["path"] == f"runs/{run.name}/encoder.csv"
 
 
-def test_every_runs_name_is_printed_whole(cfid: Cfid, demo: Path) -> None:
-    said = cfid("runs", "--campaign", demo)
+def test_every_runs_name_is_printed_whole(cfid: Cfid, bodies: Path) -> None:
+    said = cfid("runs", "--campaign", bodies)
 
-    assert all(run.name in said.stdout for run in (demo / "runs").iterdir())
+    assert all(run.name in said.stdout for run in (bodies / "runs").iterdir())
 
 
 @pytest.mark.parametrize("peaks", ["q=9", "x=9,q=9", "x=3,y=9", "9,10", "x=a"])
-def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, demo: Path, peaks: str) -> None:
-    words = [run_named(demo, f"swing_{axis}") for axis in ("x", "y")]
-    said = cfid("fit", "inertia", *words, "--peaks", peaks, "--campaign", demo, "--json")
+def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, bodies: Path, peaks: str) -> None:
+    words = [run_named(bodies, f"swing_{axis}") for axis in ("x", "y")]
+    said = cfid("fit", "inertia", *words, "--peaks", peaks, "--campaign", bodies, "--json")
 
     assert said.returncode == 2
     assert "--peaks" in said.stderr
 
 
-def test_json_is_all_there_is_on_stdout(cfid: Cfid, demo: Path) -> None:
-    said = cfid("fit", "swing", run_named(demo, "swing_x"), "--json", "--campaign", demo)
+def test_json_is_all_there_is_on_stdout(cfid: Cfid, bodies: Path) -> None:
+    said = cfid("fit", "swing", run_named(bodies, "swing_x"), "--json", "--campaign", bodies)
 
     assert json.loads(said.stdout)["command"] == "fit swing"
 
 
-def test_one_weight_gives_null_for_what_it_cannot_tell(cfid: Cfid, demo: Path) -> None:
-    said = cfid(
-        "fit", "friction", run_named(demo, "drop_30g"), run_named(demo, "drop_30g-2"), "--json", "--campaign", demo
-    )
+def test_one_weight_gives_null_for_what_it_cannot_tell(cfid: Cfid, bodies: Path) -> None:
+    both = sorted((bodies / "runs").glob("*_drop_30g"))
+    said = cfid("fit", "friction", *both, "--json", "--campaign", bodies)
     parameters = json.loads(said.stdout)["parameters"]
 
     assert parameters["friction.viscous_nms_per_rad"]["value"] is None

@@ -5,9 +5,9 @@ import pytest
 
 from cfid.campaign import thesis_rig
 from cfid.sim.axis import DROPS, PERIOD_S, RELEASES, Axis, dropping, resting, swinging
-from cfid.sim.demo import INERTIA_KG_M2
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.rig import draw_truth, pendulum
+from cfid.sim.truth_file import INERTIA_KG_M2
 
 MS = 1e-3
 
