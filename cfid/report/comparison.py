@@ -108,7 +108,7 @@ def _over_command(known: Known, title: str, key: str, unit: str, others: tuple[P
         _polynomial(known.find(key), published.COMMANDS, "cmd"),
         columns=tuple(f"{100 * command / 65536:.4g} %" for command in published.COMMANDS),
         unit=unit,
-        about="At a share of full scale; one motor. Empty where this campaign measured no command as large.",
+        about="At a share of full scale; one motor. Empty beyond the commands that this campaign measured.",
     )
 
 
@@ -119,7 +119,8 @@ def _polynomial(found: Found | None, at: Sequence[float], column: str) -> Values
     table = found.section.parameters.get("motor.table")
     measured = [row[column] for row in plain(table.value) if row.get(column)] if table is not None else []
     coefficients = [float(x) for x in found.parameter.value]
-    return tuple(None if measured and x > max(measured) else _value(coefficients[::-1], x) for x in at)
+    low, high = (min(measured), max(measured)) if measured else (min(at), max(at))
+    return tuple(_value(coefficients[::-1], x) if low <= x <= high else None for x in at)
 
 
 def _value(lowest_first: Sequence[float], x: float) -> float:

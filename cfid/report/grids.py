@@ -64,9 +64,14 @@ def verdict(believed: bool | None) -> str:
 
 def origin_text(origin: Origin) -> str:
     """Return how a quantity was found, and when."""
-    recordings = {0: "", 1: "from one recording"}.get(origin.recordings, f"from {origin.recordings} recordings")
+    sources = [_counted(origin.recordings, "recording"), _counted(origin.files, "file")]
+    told = " and ".join(filter(None, sources))
     day = f"{origin.found:%Y-%m-%d %H:%M} UTC" if origin.found else ""
-    return ", ".join(filter(None, [origin.how, recordings, day]))
+    return ", ".join(filter(None, [origin.how, f"from {told}" if told else "", day]))
+
+
+def _counted(count: int, what: str) -> str:
+    return {0: "", 1: f"one {what}"}.get(count, f"{count} {what}s")
 
 
 def table_grid(table: Table) -> Grid:

@@ -31,11 +31,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Origin:
-    """How a quantity was found, and whether to believe it: None for what was not fitted but stated by hand."""
+    """How a quantity was found, and whether to believe it: None for what was not fitted but stated by hand.
+
+    `recordings` are runs of the campaign, `files` what was read beside them.
+    """
 
     how: str
     found: datetime | None
     recordings: int
+    files: int
     believed: bool | None
     doubts: tuple[str, ...]
 
@@ -73,6 +77,7 @@ class _Wanted(NamedTuple):
     title: str
     equation: str
     parts: tuple[_Part, ...]
+    section: str
     gives: str
 
 
@@ -88,7 +93,7 @@ def sheet(known: Known, commands: Mapping[str, str], doubts: Doubts) -> tuple[Gr
 
 def _mass(known: Known) -> Quantity:
     vehicle = known.rig.vehicle
-    origin = Origin("weighed, as rig.toml states", None, 0, None, ())
+    origin = Origin("as rig.toml states", None, 0, 0, None, ())
     rows = (Row("m", vehicle.mass_kg, vehicle.mass_std_kg or None, "kg"),)
     return Quantity(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
 
@@ -99,7 +104,7 @@ def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], doubts
     rows = tuple(row for part, one in found for row in part.labels(list(entries(one.parameter)), one.parameter.unit))
     keys = tuple(part.key for part in wanted.parts)
     if not rows:
-        return Quantity(keys, wanted.title, wanted.equation, (), None, f"not measured yet: {wanted.gives}")
+        return Quantity(keys, wanted.title, wanted.equation, (), None, _why_missing(known, wanted, commands))
     _, first = found[0]
     origin = origin_of(first.name, first.section, commands, doubts)
     lacking = [part.key for part in wanted.parts if part not in [there for there, _ in found]]
@@ -107,25 +112,35 @@ def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], doubts
     return Quantity(keys, wanted.title, wanted.equation, rows, origin, missing)
 
 
+def _why_missing(known: Known, wanted: _Wanted, commands: Mapping[str, str]) -> str:
+    if wanted.section not in known.sections:
+        return f"not measured yet: {wanted.gives}"
+    command = commands.get(wanted.section, f"fit {wanted.section}")
+    return f"the last `cfid {command}` did not find it: see its experiment"
+
+
 def origin_of(name: str, section: Section, commands: Mapping[str, str], doubts: Doubts) -> Origin:
     """Return how a section of parameters.toml came about."""
     command = commands.get(name, f"fit {name}")
     method = "" if section.method == "default" else f", method {section.method}"
     why = () if section.believed else doubts.get(name, ())
-    return Origin(f"cfid {command}{method}", section.found, _recordings(section), section.believed, why)
-
-
-def _recordings(section: Section) -> int:
-    """Count what was recorded: a run's devices have a file each, and are one recording."""
     paths = [PurePath(source.path) for source in section.sources]
-    return len({path.parent if path.parts[0] == RUNS_FOLDER else path for path in paths})
+    in_runs = [path for path in paths if path.parts[0] == RUNS_FOLDER]
+    return Origin(
+        how=f"cfid {command}{method}",
+        found=section.found,
+        recordings=len({path.parent for path in in_runs}),  # a run's devices have a file each
+        files=len(set(paths)) - len(set(in_runs)),
+        believed=section.believed,
+        doubts=why,
+    )
 
 
 def _by_hand(known: Known) -> tuple[Group, ...]:
     section = known.sections.get("set")
     if section is None:
         return ()
-    origin = Origin("cfid set, by hand", section.found, 0, None, ())
+    origin = Origin("cfid set, by hand", section.found, 0, 0, None, ())
     return (
         Group(
             "Measured by hand",
@@ -191,6 +206,7 @@ _INERTIA = (
         "Inertia matrix about the centre of mass, body frame",
         "",
         (_Part("inertia.matrix_kg_m2", _indexed("I")),),
+        "inertia",
         "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
     ),
 )
@@ -199,18 +215,21 @@ _MAPS = (
         "Input command to thrust, one motor",
         "f = Σ a_k cmd^k",
         (_Part("motor.thrust_poly", _polynomial("a", "N", "cmd")),),
+        "thrust",
         "`cfid log thrust`, then `cfid fit thrust RUN`",
     ),
     _Wanted(
         "Input command to rotor speed",
         "ω = Σ b_k cmd^k",
         (_Part("motor.speed_poly", _polynomial("b", "rad/s", "cmd")),),
+        "speed",
         "`cfid log speed`, then `cfid fit speed RUN`",
     ),
     _Wanted(
         "Thrust to torque, one motor",
         "τ = Σ c_k f^k",
         (_Part("motor.torque_poly", _polynomial("c", "N m", "N")),),
+        "torque",
         "`cfid log thrust`, then `cfid fit torque RUN`",
     ),
 )
@@ -226,17 +245,21 @@ _TRANSFER = (
             _Part("tf.static_gain_n", _one("K (static gain, per unit of the command)")),
             _Part("tf.delay_s", _one("δ (delay of the force behind its stamped command)")),
         ),
+        "tf",
         "`cfid log sine`, then `cfid tf identify RUN ...`",
     ),
 )
 _WIND = "`cfid log wind`, then `cfid fit drag RUN ...`"
 _DRAG = (
-    _Wanted("Simple model", "f = diag(K) Σω v", (_Part("drag.simple_kg_per_rad", _along("K")),), _WIND),
+    _Wanted("Simple model", "f = diag(K) Σω v", (_Part("drag.simple_kg_per_rad", _along("K")),), "drag", _WIND),
     _Wanted(
         "Complex model",
         "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
         tuple(_Part(f"drag.complex.k{i}", _along(f"K{i}")) for i in range(1, 7)),
+        "drag",
         _WIND,
     ),
-    _Wanted("Cross-coupling model", "f = K Σω v", (_Part("drag.cross_coupling_kg_per_rad", _indexed("K")),), _WIND),
+    _Wanted(
+        "Cross-coupling model", "f = K Σω v", (_Part("drag.cross_coupling_kg_per_rad", _indexed("K")),), "drag", _WIND
+    ),
 )

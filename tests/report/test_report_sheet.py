@@ -1,10 +1,12 @@
 """The sheet has every parameter of appendix A with deviation, interval and origin, and names what is missing."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cfid.campaign import Campaign
+from cfid.parameters import Source, store_section
 from cfid.report.grids import origin_text, row_grid
 from cfid.report.sheet import Quantity
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
@@ -77,6 +79,25 @@ def test_files_of_one_run_are_one_recording(campaign: Campaign) -> None:
     assert len(fit.section.sources) == 2
     assert origin is not None
     assert origin.recordings == 1
+
+
+def test_files_beside_the_runs_are_counted_as_files(campaign: Campaign) -> None:
+    fit = put(campaign, "speed", APPENDIX_A["speed"], sources=["a"])
+    store_section(
+        campaign.parameters_file,
+        "speed",
+        replace(fit.section, sources=(*fit.section.sources, Source("speeds.csv", "0" * 64))),
+    )
+    origin = quantity(campaign, "motor.speed_poly").origin
+
+    assert origin is not None
+    assert "from one recording and one file" in origin_text(origin)
+
+
+def test_a_model_that_a_fit_could_not_find_is_not_said_to_be_unmeasured(campaign: Campaign) -> None:
+    put(campaign, "drag", {"drag.simple_kg_per_rad": APPENDIX_A["drag"]["drag.simple_kg_per_rad"]})
+
+    assert quantity(campaign, "drag.complex.k1").missing.startswith("the last `cfid fit drag` did not find it")
 
 
 def test_what_is_not_believed_says_so_with_the_reason(campaign: Campaign) -> None:
