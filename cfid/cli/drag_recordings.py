@@ -25,6 +25,7 @@ _RAD_S_TO_RPM = 9.549296585513721  # 60/(2 pi)
 _LISTENED_S = 3.0  # of a window: enough to tell a speed to a thousandth
 _HEARD_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others
 _UNHEARD = "no tachometer reading, and vibration does not tell the rotors' speed"
+_BY_HAND = "The columns from_s and to_s of the index give a window by hand."
 _AT_ONCE = 2  # files: while one waits for the disk or is parsed, another is averaged
 
 
@@ -129,5 +130,7 @@ def _averaged(row: WindRow, record: "WrenchRecord", how: Recordings) -> "MeanFor
             status=record.status,
             window_s=row.window_s,
         )
+    except FitError as error:
+        raise FitError(f"{row.where}: {row.loadcell}: {error} {_BY_HAND}") from None
     except CfidError as error:
         raise type(error)(f"{row.where}: {row.loadcell}: {error}") from None

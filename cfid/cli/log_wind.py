@@ -133,11 +133,11 @@ def wind(
 
     campaign, devices, simulated = rig_of(keep.campaign)
     setting, wanted = _wanted(options, sweep, resume)
+    asks = sweep.tachometer == "typed" and setting.max_mps > 0
     if sweep.dry_run:
-        _announce(setting, wanted, campaign, simulated=simulated)
+        _announce(setting, wanted, campaign, simulated=simulated, asks=asks)
         return
-    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
-    live, asks = LiveLine(), sweep.tachometer == "typed" and setting.max_mps > 0
+    cell, live = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {}), LiveLine()
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
@@ -216,9 +216,11 @@ def _procedure(wanted: "Staircase", live: LiveLine, *, asks: bool) -> Any:
     return read if asks else lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task)
 
 
-def _announce(setting: WindSetting, wanted: "Staircase", campaign: "Campaign", *, simulated: bool) -> None:
+def _announce(setting: WindSetting, wanted: "Staircase", campaign: "Campaign", *, simulated: bool, asks: bool) -> None:
     typer.echo(setting.sentence)
     announce(wanted)
+    if asks:
+        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, wanted.steps))} times")
     for line in missing_lines(recorded(_runs(campaign, simulated=simulated))):
         typer.echo(line)
 

@@ -44,9 +44,10 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
     lines = said.stdout.splitlines()
     assert lines[0] == "wind of 2 to 3.7 m/s at 48.4 degrees, fan at 8 V"
     assert "7 commands from 0 to 50000 on motors 1, 2, 3, 4, 10 s each with 3 s of rest: 1:34 min" in lines[1]
-    assert lines[2] == "of the thesis' 112 runs 0 are recorded, missing are:"
-    assert len(lines) == 3 + 16
-    assert lines[3].split() == ["no", "wind", "all", "commands"]
+    assert lines[2] == "and as long as it takes to read a tachometer 6 times"
+    assert lines[3] == "of the thesis' 112 runs 0 are recorded, missing are:"
+    assert len(lines) == 4 + 16
+    assert lines[4].split() == ["no", "wind", "all", "commands"]
 
 
 @pytest.mark.parametrize(
