@@ -46,6 +46,9 @@ COMMANDS = [
     ("fit", "torque"),
     ("fit", "rotor"),
     ("fit", "dynamics"),
+    ("tf", "identify"),
+    ("tf", "verify"),
+    ("tf", "latency"),
     ("fit", "drag"),
 ]
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib", "tomlkit")
