@@ -44,6 +44,7 @@ class CommandStep(NamedTuple):
 class StepFit:
     """A first-order lag from one speed to another; by the clocks given it begins `delay_s` after the command.
 
+    Where no speed was known before the command, the delay is not either: 0, with the deviation NaN.
     `explained` is the part of the variance that the lag explains (r^2), averaged over a quarter of a time constant.
     """
 
@@ -253,20 +254,25 @@ def _fit_step(data: _Data, part: _Part) -> StepFit:
     scale = [max(abs(start[1] - start[0]), 1e-9)] * 2 + [tau_s] * 2
     least = [-math.inf, -math.inf, _QUICKEST * hold_s, -_BEFORE * hold_s]
     most = [math.inf, math.inf, _SLOWEST * hold_s, hold_s / 2]
+    free = 4 if np.any(time < 0) else 3  # where it comes from tells the delay; else both are one
+
+    def whole(p: Array, fixed: float) -> Array:
+        return np.append(p, [fixed] * (4 - free))
 
     def residual(p: Array) -> Array:
-        return data.shown(part, _Lag(p[3], p[0], p[1], 1 / p[2], 0.0)) - value
+        first, last, tau, delay = whole(p, 0.0)
+        return data.shown(part, _Lag(delay, first, last, 1 / tau, 0.0)) - value
 
-    fit = least_squares(residual, start, x_scale=scale, bounds=(least, most))
-    std = _deviations(fit)
+    fit = least_squares(residual, start[:free], x_scale=scale[:free], bounds=(least[:free], most[:free]))
+    found, std = whole(fit.x, 0.0), whole(_deviations(fit), math.nan)
     explained = _explained(fit.fun, value, round(_SMOOTH * fit.x[2] / part.interval_s))
     return StepFit(
         step=part.step,
-        from_rad_per_s=float(fit.x[0]),
-        to_rad_per_s=float(fit.x[1]),
-        time_constant_s=float(fit.x[2]),
+        from_rad_per_s=float(found[0]),
+        to_rad_per_s=float(found[1]),
+        time_constant_s=float(found[2]),
         time_constant_std_s=float(std[2]),
-        delay_s=float(fit.x[3]),
+        delay_s=float(found[3]),
         delay_std_s=float(std[3]),
         explained=explained,
         doubts=_doubts(hold_s, fit.x[2], std[2], explained),

@@ -1,5 +1,6 @@
 """`cfid fit dynamics`: how fast rotors follow their commands, from steps."""
 
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from cfid.parameters import Parameter, Source
 
 _BLUR_S, _STEP_S = 0.1, 0.02  # of a speed heard in vibration
+_SURE = 0.02  # of a speed: where it is heard worse, within a step, it is left out
 
 
 class Course(NamedTuple):
@@ -119,6 +121,8 @@ def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Cour
 
 
 def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, scale: LoadCellOptions) -> Course:
+    import numpy as np
+
     from cfid.analysis.rotor_speed import speed_ridge
     from cfid.flight import begin_s
     from cfid.wrench import LOADCELL, read_wrench
@@ -130,10 +134,12 @@ def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, sca
         window_s=_BLUR_S,
         step_s=_STEP_S,
     )
+    sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
+    speed = np.where(sure, ridge.speed_rad_per_s, np.nan)
     said = "no speed is told by this vehicle: it is heard in the load cell's vibration, and not at rest."
     began_s = begin_s(run.device_file(LOADCELL))
     return Course(
-        run.folder.name, run.folder, ridge.time_s, ridge.speed_rad_per_s, log.time_s - began_s, command, _BLUR_S,
+        run.folder.name, run.folder, ridge.time_s, speed, log.time_s - began_s, command, _BLUR_S,
         (*record.notes, said), (record.source, log.source),
     )  # fmt: skip
 
@@ -158,8 +164,7 @@ def _tell(
             sources=course.sources,
             doubts=model.doubts if len(doubted) < len(lags) else ("no step is described by a first-order lag.",),
             lines=tuple(
-                f"{_step(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms, delay "
-                f"{1e3 * lag.delay_s:.0f} ms"
+                f"{_step(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms{_delay(lag)}"
                 for lag in lags
                 if lag.believed
             ),
@@ -175,6 +180,10 @@ def _step(lag: "StepFit") -> str:
     return f"command {lag.step.command_from:.0f} to {lag.step.command_to:.0f}"
 
 
+def _delay(lag: "StepFit") -> str:
+    return "" if isnan(lag.delay_std_s) else f", delay {1e3 * lag.delay_s:.0f} ms"
+
+
 def _parameters(lags: "tuple[StepFit, ...]", model: "RotorModel") -> "dict[str, Parameter]":
     from cfid.parameters import Parameter
 
@@ -185,7 +194,7 @@ def _parameters(lags: "tuple[StepFit, ...]", model: "RotorModel") -> "dict[str, 
             "rising": lag.rising,
             "time_constant_s": lag.time_constant_s,
             "std_s": lag.time_constant_std_s,
-            "delay_s": lag.delay_s,
+            "delay_s": None if isnan(lag.delay_std_s) else lag.delay_s,
             "believed": lag.believed,
         }
         for lag in lags

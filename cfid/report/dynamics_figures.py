@@ -39,8 +39,9 @@ def dynamics_figure(
         ("steps", f"{len(lags)}, {believed} believed"),
         ("explained", f"{100 * model.explained:.1f} %"),
         ("residual", f"{model.rms:.3g} rad/s rms"),
-        ("delay", f"{1e3 * model.delay_s:.1f} ms"),
     ]
+    if np.isfinite([lag.delay_std_s for lag in lags]).any():
+        counts.append(("delay", f"{1e3 * model.delay_s:.1f} ms"))
     words(page.add_subplot(grid[2, 1]), "all steps together", counts, red=("explained",) if model.doubts else ())
     return page
 

@@ -1,0 +1,99 @@
+"""Steps of the command come back as the lags and the rotor model that made them, from speed, thrust and vibration."""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.integrate import solve_ivp
+
+from cfid.analysis.rotor_dynamics import command_steps, fit_rotor_model, fit_steps, followed
+from cfid.errors import FitError
+
+Array = npt.NDArray[np.float64]
+
+LEVELS = (600.0, 1200.0, 2000.0, 1500.0, 2400.0, 900.0)
+HOLD_S, RATE_HZ = 1.0, 200.0
+TIME_S = np.arange(0.0, HOLD_S * len(LEVELS), 1 / RATE_HZ)
+COMMAND = np.array(LEVELS)[(TIME_S / HOLD_S + 1e-9).astype(int)]
+STEPS = command_steps(time_s=TIME_S, command=COMMAND)
+
+
+def followed_speed(rising: tuple[float, float], falling: tuple[float, float]) -> Array:
+    """Integrate the rotor model through all steps, each coefficient (1/s, 1/rad)."""
+    speed, parts = LEVELS[0], []
+    for level in LEVELS:
+        linear, quadratic = rising if level > speed else falling
+
+        def rate(_: float, w: Array, c: float = level, k1: float = linear, k2: float = quadratic) -> Array:
+            return k1 * (c - w) + k2 * (c**2 - w**2)
+
+        at = np.arange(0.0, HOLD_S + 0.5 / RATE_HZ, 1 / RATE_HZ)
+        course = solve_ivp(rate, (0, at[-1]), [speed], t_eval=at, rtol=1e-9, atol=1e-6).y[0]
+        parts.append(course[:-1])
+        speed = float(course[-1])
+    return np.concatenate(parts)
+
+
+def noise(seed: int, std: float) -> Array:
+    return np.asarray(std * np.random.default_rng(seed).standard_normal(len(TIME_S)))
+
+
+def test_steps_with_a_plain_lag_give_it_back_within_its_deviation() -> None:
+    speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(1, 3.0)
+    for lag in fit_steps(time_s=TIME_S, value=speed, steps=STEPS):
+        assert lag.believed
+        assert lag.time_constant_s == pytest.approx(0.1 if lag.rising else 0.2, rel=0.03)
+        assert abs(lag.time_constant_s - (0.1 if lag.rising else 0.2)) < 4 * lag.time_constant_std_s
+        assert abs(lag.delay_s) < 0.002
+
+
+@pytest.mark.parametrize("by_thrust", [False, True])
+def test_the_four_coefficients_come_back_from_speed_and_from_thrust(by_thrust: bool) -> None:
+    speed = followed_speed((3.0, 2.5e-3), (1.0, 1.5e-3)) + noise(2, 1.0)
+    more: dict[str, Any] = {"value": speed}
+    if by_thrust:
+        more = {"value": 2e-8 * speed**2, "thrust_per_speed_squared_n_s2": 2e-8}
+    model = fit_rotor_model(time_s=TIME_S, steps=STEPS, **more)
+
+    assert model.rising == pytest.approx((3.0, 2.5e-3), rel=0.1)
+    assert model.falling == pytest.approx((1.0, 1.5e-3), rel=0.1)
+    assert abs(model.rising[1] - 2.5e-3) < 4 * model.rising_std[1]
+    assert model.believed
+
+
+def test_without_a_speed_before_the_command_the_delay_is_not_told_and_the_lag_is() -> None:
+    speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(3, 2.0)
+    speed[(TIME_S < 1.03) | (TIME_S >= 2)] = np.nan
+    steps = followed(STEPS, time_s=TIME_S, value=speed)
+    (lag,) = fit_steps(time_s=TIME_S, value=speed, steps=steps)
+
+    assert steps == STEPS[:1]
+    assert math.isnan(lag.delay_std_s)
+    assert lag.time_constant_s == pytest.approx(0.1, rel=0.03)
+
+
+def test_a_way_that_no_step_went_has_no_coefficients() -> None:
+    early = TIME_S < 3
+    steps = command_steps(time_s=TIME_S[early], command=COMMAND[early])
+    speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(4, 1.0)
+    model = fit_rotor_model(time_s=TIME_S[early], value=speed[early], steps=steps)
+
+    assert math.isnan(model.falling[0])
+    assert math.isnan(model.falling[1])
+    assert 1 / (model.rising[0] + 2 * model.rising[1] * 2000) == pytest.approx(0.1, rel=0.1)
+
+
+def test_what_is_no_lag_or_too_short_is_not_believed() -> None:
+    slow = fit_steps(time_s=TIME_S, value=followed_speed((0.8, 0.0), (0.8, 0.0)) + noise(6, 0.1), steps=STEPS[:2])
+    assert all("where it leads is a guess" in lag.doubts[0] for lag in slow)
+    drawn = fit_steps(time_s=TIME_S, value=1000 + noise(5, 50.0), steps=STEPS)
+    assert not any(lag.believed for lag in drawn)
+
+
+def test_no_step_and_too_few_samples_are_refused() -> None:
+    with pytest.raises(FitError, match="no step of the command"):
+        fit_steps(time_s=TIME_S, value=TIME_S, steps=())
+    with pytest.raises(FitError, match="fewer than 8 samples"):
+        fit_steps(time_s=TIME_S[::50], value=TIME_S[::50], steps=STEPS)
