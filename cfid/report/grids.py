@@ -104,8 +104,23 @@ def comparison_grid(comparison: Comparison, sources: dict[str, int]) -> Grid:
     power = power_of_ten(value for line in lines for value in line.values)
     unit = with_power(comparison.unit, power)
     heads = tuple(f"{column}, {unit}" if len(comparison.columns) == 1 else column for column in comparison.columns)
-    rows = [(*_named(line), *_values(line, comparison, power), _remark(line, sources)) for line in lines]
+    rows = []
+    for line in lines:
+        source = f"[{sources[line.source]}]" if line.source else ""
+        rows.append((line.who, line.vehicle, *_values(line, comparison, power), source))
     return Grid(("", "vehicle", *heads, "source"), tuple(rows))
+
+
+def comparison_notes(comparison: Comparison) -> list[str]:
+    """Return what is to be known of a comparison's lines, each sentence once with those that it holds for."""
+    lines = [*([comparison.yours] if comparison.yours else []), *comparison.others]
+    who = [line.who for line in lines]
+    named: dict[str, list[str]] = {}
+    for line in lines:
+        name = line.who if who.count(line.who) == 1 else f"{line.who} ({line.vehicle})"
+        for note in filter(None, (line.frame, line.note)):
+            named.setdefault(note, []).append(name)
+    return [f"{', '.join(names)}: {note}." for note, names in named.items()]
 
 
 def comparison_unit(comparison: Comparison) -> str:
@@ -113,10 +128,6 @@ def comparison_unit(comparison: Comparison) -> str:
     lines = [comparison.yours, *comparison.others] if comparison.yours else comparison.others
     power = power_of_ten(value for line in lines for value in line.values)
     return with_power(comparison.unit, power) if len(comparison.columns) > 1 else ""
-
-
-def _named(line: Line) -> tuple[str, str]:
-    return line.who, line.vehicle
 
 
 def _values(line: Line, comparison: Comparison, power: int) -> list[str]:
@@ -129,11 +140,6 @@ def _values(line: Line, comparison: Comparison, power: int) -> list[str]:
         beside = against(value, yours.values[place]) if yours else ""
         texts.append(plus_minus_in(value, None, power) + (f" ({beside})" if beside else ""))
     return texts
-
-
-def _remark(line: Line, sources: dict[str, int]) -> str:
-    number = f"[{sources[line.source]}]" if line.source else ""
-    return "; ".join(filter(None, [number, line.frame, line.note]))
 
 
 def sources_of(comparisons: tuple[Comparison, ...]) -> dict[str, int]:

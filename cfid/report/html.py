@@ -16,9 +16,9 @@ from cfid.report.sealed import MARK
 LARGEST_SVG_BYTES = 400_000  # above it the PNG beside it is taken, which a page draws more quickly
 
 _KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
-_NUMBER = re.compile(r"^[−+]?[0-9.]")
 _INDEX = re.compile(r"\b([^\W\d_]\d?)_(\w+)")
 _POWER = re.compile(r"\^(\w+)")
+_BRACKETS = re.compile(r" \(([^()]+)\)$")
 _CODE = re.compile(r"`([^`]+)`")
 
 
@@ -31,7 +31,7 @@ def as_html(report: Report, folder: Path) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"formula": _formula, "commands": _commands, "cell_class": _cell_class}
+    environment.filters |= {"formula": _formula, "commands": _commands, "aside": _aside}
     return environment.get_template("report.html.j2").render(
         report=report,
         mark=MARK,
@@ -91,5 +91,6 @@ def _commands(text: str) -> Markup:
     return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
 
 
-def _cell_class(text: str) -> str:
-    return "number" if _NUMBER.match(text) else ""
+def _aside(text: str) -> Markup:
+    """Return a cell with what stands in brackets at its end below the rest."""
+    return Markup(_BRACKETS.sub(r"<small>\1</small>", str(escape(text))))

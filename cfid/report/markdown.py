@@ -89,6 +89,8 @@ def _published(report: Report) -> Iterator[str]:
         unit = grids.comparison_unit(comparison)
         yield f"### {comparison.title}{f' ({unit})' if unit else ''}\n\n{_plain(comparison.about)}\n"
         yield _table(grids.comparison_grid(comparison, sources))
+        yield from (f"- {_plain(note)}" for note in grids.comparison_notes(comparison))
+        yield ""
     yield from (f"{number}. {_plain(source)}" for source, number in sources.items())
     yield ""
 

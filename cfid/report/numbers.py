@@ -53,7 +53,10 @@ def against(value: float | None, yours: float | None) -> str:
     ratio = value / yours
     if ratio <= 0:
         return "other sign" if ratio else ""
-    return _minus(f"{100 * (ratio - 1):+.1f} %") if 0.5 < ratio < 2 else f"{ratio:.2g} times"
+    if not 0.5 < ratio < 2:
+        return f"{ratio:.2g} times"
+    percent = f"{100 * (ratio - 1):+.1f}"
+    return _minus(f"{percent} %" if float(percent) else "0.0 %")
 
 
 def power_of_ten(values: Iterable[float | None]) -> int:

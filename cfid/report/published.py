@@ -13,6 +13,7 @@ X_FORWARD = BodyFrame()
 X_PITCH = BodyFrame(forward="y", left="-x", up="z")  # the thesis' figure 2.4
 
 THESIS = "J. Förster: System identification of the Crazyflie 2.0 nano quadrocopter, ETH Zürich 2015"
+APPENDIX_A = f"{THESIS}, appendix A"
 FIRMWARE = "bitcraze/crazyflie-firmware at 2a18fc2 (August 2026)"
 GAZEBO = "bitcraze/crazyflie-simulation at 7e93752 (March 2026), gazebo/crazyflie/model.sdf"
 STAND_2015 = "bitcraze/crazyflie-firmware, docs/functional-areas/pwm-to-thrust.md"
@@ -51,7 +52,7 @@ class PublishedInertia(NamedTuple):
 
 
 MASS_KG = (
-    Published("thesis", "Crazyflie 2.0", (0.0280,), f"{THESIS}, appendix A"),
+    Published("thesis", "Crazyflie 2.0", (0.0280,), APPENDIX_A),
     Published("Bitcraze firmware", "Crazyflie 2.x", (0.029,), f"{FIRMWARE}, platform_defaults_cf2.h"),
     Published("Bitcraze firmware", "2.x, thrust upgrade kit", (0.0325,), f"{FIRMWARE}, platform_defaults_cf2.h"),
     Published(
@@ -61,9 +62,9 @@ MASS_KG = (
         f"{FIRMWARE}, platform_defaults_cf21bl.h",
         note="with propeller guards and a Lighthouse deck",
     ),
-    Published("crazyflow", "2.x, L250 propellers", (0.0319,), CRAZYFLOW),
-    Published("crazyflow", "2.x, P250 propellers", (0.0318,), CRAZYFLOW),
-    Published("crazyflow", "2.x, T350 propellers", (0.0379,), CRAZYFLOW),
+    Published("crazyflow", "2.x, L250", (0.0319,), CRAZYFLOW),
+    Published("crazyflow", "2.x, P250", (0.0318,), CRAZYFLOW),
+    Published("crazyflow", "2.x, T350", (0.0379,), CRAZYFLOW),
     Published("crazyflow", "2.1 Brushless", (0.04338,), CRAZYFLOW),
     Published("RotorPy", "Crazyflie", (0.030,), ROTORPY),
     Published("RotorPy", "Brushless", (0.044,), ROTORPY_BL, note="with propeller guards"),
@@ -82,7 +83,7 @@ INERTIA = (
     ),
     PublishedInertia("Bitcraze Gazebo model", "Crazyflie 2.x", _THESIS_INERTIA, X_FORWARD, GAZEBO, _COPIED),
     PublishedInertia(
-        "Bitcraze firmware, Brescianini",
+        "Bitcraze firmware (Brescianini)",
         "Crazyflie 2.x",
         (16.6e-6, 16.6e-6, 29.3e-6, 0.83e-6, 0.72e-6, 1.8e-6),
         X_FORWARD,
@@ -90,7 +91,7 @@ INERTIA = (
         f"rounded; {_COPIED}",
     ),
     PublishedInertia(
-        "Bitcraze firmware, Lee",
+        "Bitcraze firmware (Lee)",
         "Crazyflie 2.x",
         (16.571710e-6, 16.655602e-6, 29.261652e-6, 0.0, 0.0, 0.0),
         X_FORWARD,
@@ -99,7 +100,7 @@ INERTIA = (
     ),
     PublishedInertia(
         "crazyflow",
-        "2.x, all propellers",
+        "2.x, L250, P250, T350",
         (16.8e-6, 16.8e-6, 29.8e-6, 0.0, 0.0, 0.0),
         X_FORWARD,
         CRAZYFLOW,
@@ -141,7 +142,7 @@ def _thesis_speed_rad_s(command: float) -> float:
 
 
 THRUST_N = (
-    Published("thesis", "Crazyflie 2.0", tuple(map(_thesis_thrust_n, COMMANDS)), f"{THESIS}, appendix A"),
+    Published("thesis", "Crazyflie 2.0", tuple(map(_thesis_thrust_n, COMMANDS)), APPENDIX_A),
     Published(
         "Bitcraze 2015",
         "Crazyflie 2.0",
@@ -151,7 +152,7 @@ THRUST_N = (
     ),
 )
 SPEED_RAD_S = (
-    Published("thesis", "Crazyflie 2.0", tuple(map(_thesis_speed_rad_s, COMMANDS)), f"{THESIS}, appendix A"),
+    Published("thesis", "Crazyflie 2.0", tuple(map(_thesis_speed_rad_s, COMMANDS)), APPENDIX_A),
     Published("Bitcraze 2015", "Crazyflie 2.0", tuple(_RPM * x for x in (10885, 15924, 20539, 23882)), STAND_2015),
     Published(
         "Luis and Le Ny",
@@ -179,7 +180,7 @@ THRUST_AT_SPEED_N = (
         "thesis",
         "Crazyflie 2.0",
         tuple(_thesis_thrust_n((speed - 380.8359) / 0.04076521) for speed in SPEEDS_RAD_S),
-        f"{THESIS}, appendix A",
+        APPENDIX_A,
         note="its two maps of the command, one put into the other",
     ),
     Published(
@@ -196,19 +197,15 @@ THRUST_AT_SPEED_N = (
         STAND_2021,
         note="k ω² with k from 1.90e-8 to 2.02e-8 N s²/rad², calculated from the steady parts of cf21_stock2.csv",
     ),
-    Published(
-        "crazyflow", "2.x, L250 propellers", _of_rpm(0.0, -5.382196214637237e-7, 2.4582929831265485e-10), CRAZYFLOW
-    ),
-    Published(
-        "crazyflow", "2.x, P250 propellers", _of_rpm(0.0, -3.6200226530383495e-7, 1.6060924304100328e-10), CRAZYFLOW
-    ),
+    Published("crazyflow", "2.x, L250", _of_rpm(0.0, -5.382196214637237e-7, 2.4582929831265485e-10), CRAZYFLOW),
+    Published("crazyflow", "2.x, P250", _of_rpm(0.0, -3.6200226530383495e-7, 1.6060924304100328e-10), CRAZYFLOW),
     Published("RotorPy", "Crazyflie", _squared(2.3e-8), ROTORPY, note="from 14.5 g at 2500 rad/s, as the file says"),
     Published("gym-pybullet-drones", "2.x", _of_rpm(0.0, 0.0, 3.16e-10), PYBULLET, note="N/rpm² there"),
     Published("Luis and Le Ny", "Crazyflie 2.0", _of_rpm(0.0, 0.0, 3.1582e-10), LUIS, note=f"N/rpm²; {_QUOTED}"),
 )
 
 TORQUE_PER_THRUST_M = (
-    Published("thesis", "Crazyflie 2.0", (0.005964552,), f"{THESIS}, appendix A", note="its slope; the line misses 0"),
+    Published("thesis", "Crazyflie 2.0", (0.005964552,), APPENDIX_A, note="its slope; the line misses 0"),
     Published("Bitcraze firmware", "2.x, legacy propellers", (0.007350862856566459,), f"{FIRMWARE}, THRUST2TORQUE"),
     Published("Bitcraze firmware", "2.1+", (0.0069928948992470565,), f"{FIRMWARE}, THRUST2TORQUE"),
     Published("Bitcraze firmware", "2.x, thrust upgrade kit", (0.0051648627905205285,), f"{FIRMWARE}, THRUST2TORQUE"),
@@ -257,24 +254,24 @@ def _first_order(gain_n: float, pole: float) -> tuple[float, float]:
 
 _LATE = "of its pole; the latency of its stamps was left out"
 DYNAMICS = (
-    Published("thesis (3.16)", "2.0", _first_order(7.2345374e-8, 0.9695404), f"{THESIS}, appendix A", note=_LATE),
+    Published("thesis (3.16)", "2.0", _first_order(7.2345374e-8, 0.9695404), APPENDIX_A, note=_LATE),
     Published("thesis (3.15)", "2.0", _first_order(6.0705967e-8, 0.9745210), f"{THESIS}, eq. 3.15", note=_LATE),
     Published("RotorPy", "Crazyflie", (0.072, None), ROTORPY, note="of the rotor's speed, from flights"),
     Published("RotorPy", "Brushless", (0.050, None), ROTORPY_BL, note="of the rotor's speed"),
     *(
         Published("crazyflow", vehicle, (value, None), CRAZYFLOW_LAG, note="of the thrust")
         for vehicle, value in (
-            ("2.x, L250 propellers", 0.0858607),
-            ("2.x, P250 propellers", 0.0578952),
-            ("2.x, T350 propellers", 0.05062676),
+            ("2.x, L250", 0.0858607),
+            ("2.x, P250", 0.0578952),
+            ("2.x, T350", 0.05062676),
             ("2.1 Brushless", 0.02055366),
         )
     ),
 )
 
 DRAG_KG_PER_RAD = (
-    Published("thesis, simple", "2.0", (-9.1785e-7, -9.1785e-7, -10.311e-7), f"{THESIS}, appendix A"),
-    Published("thesis, cross", "2.0", (-10.2506e-7, -10.2506e-7, -7.5530e-7), f"{THESIS}, appendix A", "the diagonal"),
+    Published("thesis (simple)", "2.0", (-9.1785e-7, -9.1785e-7, -10.311e-7), APPENDIX_A),
+    Published("thesis (cross)", "2.0", (-10.2506e-7, -10.2506e-7, -7.5530e-7), APPENDIX_A, "diagonal of its matrix"),
     Published(
         "RotorPy",
         "Crazyflie",
@@ -293,8 +290,8 @@ DRAG_KG_PER_RAD = (
 DRAG_KG_PER_S = tuple(
     Published("crazyflow", vehicle, values, CRAZYFLOW, note="in proportion to velocity alone")
     for vehicle, values in (
-        ("2.x, L250 propellers", (-0.01471782, -0.01471782, -0.01277641)),
-        ("2.x, P250 propellers", (-0.01351483, -0.01351483, -0.01677452)),
+        ("2.x, L250", (-0.01471782, -0.01471782, -0.01277641)),
+        ("2.x, P250", (-0.01351483, -0.01351483, -0.01677452)),
         ("2.1 Brushless", (-0.02149163, -0.02149163, -0.02359736)),
     )
 )

@@ -45,14 +45,13 @@ _ESCAPED = str.maketrans(
         **dict(zip("äöüÄÖÜß", (r"\"a", r"\"o", r"\"u", r"\"A", r"\"O", r"\"U", r"\ss{}"), strict=True)),
     }
 )
-_WIDTH_CM = 26.0  # of the text on a landscape page
-_HEAD = rf"""\documentclass[a4paper,landscape,10pt]{{article}}
-\usepackage{{longtable}}
+_HEAD = r"""\documentclass[a4paper,landscape,10pt]{article}
+\usepackage{longtable}
 \ifdefined\pdfpagewidth\pdfpagewidth=\paperwidth\pdfpageheight=\paperheight\fi
-\setlength{{\textwidth}}{{{_WIDTH_CM}cm}}\setlength{{\oddsidemargin}}{{-0.8cm}}\setlength{{\textheight}}{{16.5cm}}
-\setlength{{\topmargin}}{{-1.6cm}}\setlength{{\LTleft}}{{0pt}}\setlength{{\parindent}}{{0pt}}
-\setlength{{\tabcolsep}}{{4pt}}\sloppy
-\begin{{document}}"""
+\setlength{\textwidth}{26cm}\setlength{\oddsidemargin}{-0.8cm}\setlength{\textheight}{16.5cm}
+\setlength{\topmargin}{-1.6cm}\setlength{\LTleft}{0pt}\setlength{\parindent}{0pt}
+\setlength{\tabcolsep}{4pt}\sloppy
+\begin{document}"""
 
 
 def as_tex(report: Report) -> str:
@@ -104,9 +103,8 @@ def _published(report: Report) -> Iterator[str]:
         yield rf"\subsection*{{{_tex(comparison.title)} {_tex(f'({unit})' if unit else '')}}}"
         yield _tex(comparison.about)
         grid = grids.comparison_grid(comparison, sources)
-        each_cm = 2.6 if len(comparison.columns) > 4 else 3.1
-        remark_cm = _WIDTH_CM - 7.2 - each_cm * len(comparison.columns)
-        yield from _longtable(grid, f"p{{3.2cm}}p{{3.2cm}}{'l' * len(comparison.columns)}p{{{remark_cm:.1f}cm}}")
+        yield from _longtable(grid, "l" * len(grid.head))
+        yield _tex(" ".join(grids.comparison_notes(comparison)))
     yield r"\begin{enumerate}"
     yield from (rf"\item {_tex(source)}" for source in sources)
     yield r"\end{enumerate}"

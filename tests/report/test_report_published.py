@@ -9,7 +9,7 @@ from cfid.report.comparison import Comparison
 from cfid.report.grids import comparison_grid, sources_of
 from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, new_campaign, number, put, put_appendix_a, report_of
 
-COPIED = {"Bitcraze Gazebo model", "Bitcraze firmware, Brescianini", "Bitcraze firmware, Lee"}
+COPIED = {"Bitcraze Gazebo model", "Bitcraze firmware (Brescianini)", "Bitcraze firmware (Lee)"}
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_others_are_told_in_per_cent_of_yours_or_as_a_multiple(campaign: Campaig
     cells = {row[0]: row[2] for row in comparison_grid(torque, sources_of((torque,))).rows}
 
     assert cells["this campaign"] == "5.965 ± 0.060"
-    assert cells["thesis"] == "5.965 (+0.0 %)"
+    assert cells["thesis"] == "5.965 (0.0 %)"
     assert cells["RotorPy"] == "33.91 (5.7 times)"
 
 
