@@ -9,7 +9,6 @@ from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.campaign import Campaign
-    from cfid.sim.truth_file import SimTruth
 
 
 def demo(
@@ -18,46 +17,73 @@ def demo(
     truth: Annotated[
         Path | None, typer.Option(help="TOML file of what the rig really is, as `cfid rig sim` takes it.")
     ] = None,
+    wire: Annotated[
+        bool, typer.Option("--wire", help="In real time over the devices' own wires: a shorter list, two minutes.")
+    ] = False,
     figures: Annotated[bool, typer.Option(help="Draw figures.")] = True,
 ) -> None:
     """Make a campaign on the simulated rig, fit and report it, and compare with the truth that the simulation knows.
 
     Every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind. Lists are
-    thinned where the thesis has dozens, and the load cell samples at 1 kHz.
+    thinned where the thesis has dozens, and the load cell samples at 1 kHz (the steps at 7 kHz).
 
     Example: [bold]cfid demo my-demo --seed 7[/bold]
     """
-    from cfid.cli.demo_fits import fit_everything, print_comparison
-    from cfid.cli.demo_recordings import write_runs
-    from cfid.sim.demo import simulate_demo
+    from cfid.cli.demo_fits import FITS, FITS_OVER_WIRES, HANDED_ON, print_comparison, run_all
 
-    real = _truth(truth)
+    _check(folder, truth)
     campaign = _new_campaign(folder)
     try:
-        typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
-        known, runs = simulate_demo(campaign.rig, real, seed=seed)
-        folders = write_runs(campaign, runs)
-        typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
-        fit_everything(campaign, figures=figures)
+        known = (_record_over_wires if wire else _record)(campaign, truth, seed)
+        run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
+        run_all(campaign, ("report",) if wire else HANDED_ON, figures=figures)
         print_comparison(campaign, known)
+        typer.echo(f"the campaign is {folder}: open {folder / 'report.html'}; look at rig.toml, runs, figures.")
     except KeyboardInterrupt:
         typer.echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
         raise
 
 
-def _truth(path: Path | None) -> "SimTruth":
-    from cfid.sim.demo import DEMO_TRUTH
+def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
+    """Simulate everything as fast as it goes; return the truth by the parameters' names."""
+    from cfid.cli.demo_fits import ARM_M, ARM_STD_M
+    from cfid.cli.demo_recordings import write_runs
+    from cfid.cli.parameters import set_by_hand
+    from cfid.sim.demo import DEMO_TRUTH, simulate_demo
     from cfid.sim.truth_file import load_truth
 
-    return DEMO_TRUTH if path is None else load_truth(path)
+    typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
+    known, runs = simulate_demo(campaign.rig, DEMO_TRUTH if truth is None else load_truth(truth), seed=seed)
+    folders = write_runs(campaign, runs)
+    typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
+    set_by_hand("arm_m", ARM_M, std=ARM_STD_M, campaign=campaign.folder)
+    return known
 
 
-def _new_campaign(folder: Path) -> "Campaign":
-    from cfid.campaign import RIG_FILE, find_campaign
-    from cfid.cli.campaign import make_campaign
+def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
+    from cfid.cli.demo_wire import record_over_wires
+    from cfid.sim.demo import true_motors
+    from cfid.sim.truth_file import USUAL_TRUTH, load_truth
+
+    record_over_wires(campaign, truth=truth, seed=seed)
+    return true_motors(USUAL_TRUTH if truth is None else load_truth(truth))
+
+
+def _check(folder: Path, truth: Path | None) -> None:
+    """Refuse what cannot be done before anything is made. Raises ConfigError."""
+    from cfid.campaign import RIG_FILE
+    from cfid.sim.truth_file import load_truth
 
     if (folder / RIG_FILE).exists():
         raise ConfigError(f"{folder} holds a campaign already: delete it, or give another folder.")
+    if truth is not None:
+        load_truth(truth)
+
+
+def _new_campaign(folder: Path) -> "Campaign":
+    from cfid.campaign import find_campaign
+    from cfid.cli.campaign import make_campaign
+
     make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None  # it was named

@@ -4,7 +4,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -19,40 +19,49 @@ if TYPE_CHECKING:
 _COVERED = 1.96
 _AT_ONCE = 2  # fits, which is as many as a small computer has processors
 
-# The longest first, so that no processor waits for it at the end; names of runs stand for their kinds.
-COMMANDS = (
+# The longest first, so that no processor waits for it at the end.
+FITS = (
     "fit inertia",
-    "fit rotor {steps}",
-    "fit dynamics {steps}",
+    "fit rotor {thrust[1]}",
+    "fit dynamics {thrust[1]}",
     "tf identify",
     "fit drag --markers 2",
     "fit friction",
-    "fit thrust {stairs} {speed} --markers 2",
+    "fit thrust {thrust[0]} {speed[0]} --markers 2",
     "fit testbody",
-    "fit torque {stairs}",
-    "fit speed {speed} --markers 2",
-    "tf latency {ping}",
+    "fit torque {thrust[0]}",
+    "fit speed {speed[0]} --markers 2",
+    "tf latency {ping[0]}",
 )
+FITS_OVER_WIRES = (
+    "fit swing {swing[0]}",
+    "fit thrust {thrust[0]}",
+    "fit torque {thrust[0]}",
+    "tf identify --yaw-deg 0",  # nobody turned the simulated vehicle on its load cell
+    "tf latency {ping[0]}",
+)
+HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
+ARM_M, ARM_STD_M = 0.046, 0.0005
 
 
-def fit_everything(campaign: "Campaign", *, figures: bool) -> None:
-    """Fit all runs of a demo, two commands at once, and print what they say in order.
+def run_all(campaign: "Campaign", commands: Sequence[str], *, figures: bool) -> None:
+    """Run commands of cfid, two at once, and print what they say in order; names of runs stand for their kinds.
 
     Raises FitError that names the command which failed.
     """
-    names, fits = _names(campaign), Fits(campaign, figures=figures)
+    names, processes = _names(campaign), _Processes(campaign, figures=figures)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        running = [(words, pool.submit(fits.run, words)) for words in (each.format(**names) for each in COMMANDS)]
+        running = [(words, pool.submit(processes.run, words)) for words in (each.format(**names) for each in commands)]
         try:
             for words, said in running:
                 _tell(words, *said.result())
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            fits.end()
+            processes.end()
             raise
 
 
-class Fits:
+class _Processes:
     """Commands of cfid in processes of their own, each in the campaign's folder."""
 
     def __init__(self, campaign: "Campaign", *, figures: bool) -> None:
@@ -62,10 +71,11 @@ class Fits:
 
     def run(self, words: str) -> tuple[int, str, str]:
         """Run a command to its end; return exit code, and what it said on both ways."""
+        drawn = self._drawn if words.startswith(("fit", "tf")) else []
         # Several at once leave each a processor: more threads of the linear algebra would stand in each other's way.
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         process = subprocess.Popen(
-            [sys.executable, "-m", "cfid.cli.main", *words.split(), *self._drawn],
+            [sys.executable, "-m", "cfid.cli.main", *words.split(), *drawn],
             cwd=self._folder,
             env=environment,
             stdout=subprocess.PIPE,
@@ -89,16 +99,15 @@ def _tell(words: str, code: int, out: str, err: str) -> None:
         raise FitError(f"cfid {words} failed: {err.strip()}")
 
 
-def _names(campaign: "Campaign") -> dict[str, str]:
-    """Return the names of those runs that a command is to be told, as there is another of the kind."""
+def _names(campaign: "Campaign") -> dict[str, list[str]]:
+    """Return the names of the campaign's runs by kind, the first recorded first."""
     from cfid.run import Run, list_runs
 
-    runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    of_kind = {
-        kind: [run.folder.name for run in runs if run.header.kind == kind] for kind in ("thrust", "speed", "ping")
-    }
-    stairs, steps = of_kind["thrust"]
-    return {"stairs": stairs, "steps": steps, "speed": of_kind["speed"][0], "ping": of_kind["ping"][0]}
+    found: dict[str, list[str]] = {}
+    for run in list_runs(campaign.runs_folder):
+        if isinstance(run, Run):
+            found.setdefault(run.header.kind, []).append(run.folder.name)
+    return found
 
 
 def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
@@ -121,7 +130,6 @@ def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
     Console().print(table)
     inside = sum(covers(true, value, std) for _, true, value, std in rows)
     typer.echo(f"{inside} of {len(rows)} lie in their 95 % interval; one in twenty lies outside by chance.")
-    typer.echo(f"the campaign is {campaign.folder}: look at its rig.toml, runs, figures and parameters.toml.")
 
 
 def compared(

@@ -22,7 +22,7 @@ def simulate_demo(rig: Rig, truth: SimTruth, *, seed: int) -> tuple[dict[str, fl
     runs, testbody = record_chapter_2(rig, truth, of_swings)
     runs += record_chapter_3(truth, of_motors)
     runs += record_chapter_4(truth, of_wind)
-    return {**_of_bodies(truth, testbody), **_of_motors(truth), **_of_wind(truth)}, runs
+    return {**_of_bodies(truth, testbody), **true_motors(truth), **_of_wind(truth)}, runs
 
 
 def _of_bodies(truth: SimTruth, testbody: Mapping[str, float]) -> dict[str, float]:
@@ -37,8 +37,8 @@ def _of_bodies(truth: SimTruth, testbody: Mapping[str, float]) -> dict[str, floa
     }
 
 
-def _of_motors(truth: SimTruth) -> dict[str, float]:
-    """Speed is linear in the command and thrust goes with its square: eq. 3.3 and 3.4 have these coefficients."""
+def true_motors(truth: SimTruth) -> dict[str, float]:
+    """Return the truth of chapter 3: speed is linear in the command, thrust goes with its square (eq. 3.3, 3.4)."""
     rotors = truth.rotors
     slope, idle, k = rotors.rad_per_s_per_command, rotors.idle_rad_per_s, rotors.thrust_ns2_per_rad2
     radio, bench = truth.radio, Bench(radio=truth.radio)
@@ -50,12 +50,10 @@ def _of_motors(truth: SimTruth) -> dict[str, float]:
         "motor.speed_poly [1]": idle,
         "motor.torque_poly [0]": rotors.torque_m,
         "motor.thrust_per_speed_squared_n_s2": k,
-        "dynamics.time_constant_s": rotors.time_constant_s,
         "tf.time_constant_s": rotors.time_constant_s,
         "tf.static_gain_n": 2 * k * slope * (idle + slope * MIDDLE),
         "tf.delay_s": bench.delay_s,
         "latency.rtt_mean_s": 2 * radio.latency_s,
-        "latency.rtt_min_s": 2 * (radio.latency_s - radio.jitter_s),
     }
 
 
