@@ -2,20 +2,17 @@
 
 import json
 import math
-import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from cfid.campaign import RUNS_FOLDER
-from cfid.run import list_runs, read_run
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind import WindTruth
-from tests.cli.flying_in_a_folder import Bench, Pilot, bench_in
+from tests.cli.flying_in_a_folder import Pilot, bench_in
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
