@@ -53,7 +53,8 @@ class Experiment:
     def anchor(self) -> str:
         """Its name where a link may lead."""
         stem = "".join(letter if letter.isalnum() else "-" for letter in self.name)
-        return f"{stem}-{self.found:%Y%m%d%H%M%S}"
+        first = self.sources[0].sha256[:8] if self.sources else "0"
+        return f"{stem}-{self.found:%Y%m%d%H%M%S}-{first}"  # two fits may end in the same second
 
 
 def experiments(measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit]) -> tuple[Experiment, ...]:

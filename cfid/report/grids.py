@@ -51,10 +51,16 @@ def row_grid(rows: tuple[Row, ...], heading: str = "") -> Grid:
 
 
 def _power(row: Row, family: list[float | None]) -> int:
-    """Return the family's power of ten, or the row's own where that would leave nothing but zeros."""
-    shared = power_of_ten(family)
+    """Return the family's power of ten, or the row's own where that would leave nothing but zeros.
+
+    A value that is known to very many digits, as a time since 1970, is printed in its unit.
+    """
     sizes = [abs(x) for x in (row.value, row.std) if x]
-    return shared if all(size >= _SMALLEST * 10.0**shared for size in sizes) else power_of_ten(sizes)
+    shared, own = power_of_ten(family), power_of_ten(sizes)
+    for power in (shared, own):
+        if all(size >= _SMALLEST * 10.0**power for size in sizes):
+            return power
+    return min(own, 0)
 
 
 def verdict(believed: bool | None) -> str:

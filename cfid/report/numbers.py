@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 COVERED = 1.96  # standard deviations either side of a normal distribution's 95 %
 
 _DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
-_MOST_DECIMALS = 9
+_MOST_DECIMALS = 12
 _PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

@@ -155,3 +155,10 @@ def test_numbers_of_one_quantity_share_a_power_of_ten_unless_one_would_vanish(ca
     put(campaign, "thrust", {"motor.thrust_poly": poly})
     experiment = next(one for one in report_of(campaign).experiments if one.name == "thrust")
     assert [row[1] for row in row_grid(experiment.parameters).rows] == ["30.00", "600.0", "2.000"]
+
+
+def test_a_value_that_is_known_to_many_digits_is_printed_with_them(campaign: Campaign) -> None:
+    put(campaign, "latency", {"latency.clock_offset_s": number(1795287566.25, "s", 0.0012)})
+    (experiment,) = report_of(campaign).experiments
+
+    assert row_grid(experiment.parameters).rows[0][1:3] == ("1795287566.2500", "0.0012")
