@@ -118,7 +118,9 @@ def thrust(
         quality={
             "voltage_rms_n": voltage.voltage_rms if voltage else None,
             "command_rms_n": voltage.command_rms if voltage else None,
+            "better_form": voltage.better if voltage else None,
             "verification_rms_n": verification.rms_n if verification else None,
+            "verification_rms_percent": verification.rms_percent if verification else None,
         },
     )
 

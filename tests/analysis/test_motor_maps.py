@@ -106,7 +106,7 @@ MAPS: dict[str, tuple[Callable[[MotorPoints], MotorMap], Array, tuple[float, ...
 @pytest.mark.parametrize("quantity", MAPS)
 def test_the_95_percent_band_holds_the_true_map_in_93_to_97_of_100_noisy_staircases(quantity: str) -> None:
     fit, x, equation = MAPS[quantity]
-    maps = [fit(running(noisy(seed))).fit for seed in range(1000)]
+    maps = [fit(running(noisy(seed))).fit for seed in range(400)]
     held = np.mean([np.abs(one.at(x) - np.polyval(equation, x)) <= one.confidence(x) for one in maps])
     print(f"{quantity}: {held:.3f}")
 

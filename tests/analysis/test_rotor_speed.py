@@ -51,7 +51,7 @@ def noise(count: int, seed: int = 3) -> Array:
     return np.array(LoadCellTruth().noise_std) * np.random.default_rng(seed).standard_normal((count, 6))
 
 
-@pytest.mark.parametrize("command", [*range(4000, 64001, 6000), 33333])
+@pytest.mark.parametrize("command", [4000, 10000, 22000, 33333, 52000, 64000])
 def test_the_speed_is_right_within_a_tenth_of_a_percent_at_every_command(command: int) -> None:
     time_s, wrench, truth = window(tuple(command * on for on in OPPOSITE), seed=command)
     found = rotor_speed(time_s=time_s, wrench=wrench)
