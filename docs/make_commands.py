@@ -1,0 +1,81 @@
+"""Write docs/reference/commands.md from the program's own help: `python docs/make_commands.py`."""
+
+import html
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from typer.main import get_command
+
+from cfid.cli.main import app
+
+PAGE = Path(__file__).parent / "reference" / "commands.md"
+
+HEAD = """# Commands
+
+This page is written by `python docs/make_commands.py` from what `--help` says, and a test compares the two.
+Each command has `--help` (or `-h`), which is left out below. `cfid --install-completion` teaches the shell to
+complete commands and options.
+
+Square brackets in the usage mark what may be left out. [Exit codes](exit-codes.md) are the same everywhere.
+"""
+
+
+def commands_page() -> str:
+    """Return the page: every command with its usage, help and options."""
+    return HEAD + "".join(_sections(get_command(app), "cfid", None))
+
+
+def _sections(command: Any, name: str, parent: Any) -> Iterator[str]:
+    context = command.context_class(command, info_name=name.rpartition(" ")[2], parent=parent)
+    yield _section(command, name, context)
+    for word, below in getattr(command, "commands", {}).items():
+        yield from _sections(below, f"{name} {word}", context)
+
+
+def _section(command: Any, name: str, context: Any) -> str:
+    usage = " ".join([name, *command.collect_usage_pieces(context)])
+    parts = [f"\n## {name}\n", f"    {usage}\n", _prose(command.help or "")]
+    rows = [record for each in command.params if (record := _row(each, context))]
+    if rows:
+        parts.append("| option | meaning |\n|---|---|\n" + "\n".join(rows) + "\n")
+    return "\n".join(parts)
+
+
+def _row(parameter: Any, context: Any) -> str | None:
+    record = parameter.get_help_record(context)
+    if record is None or parameter.name == "help":
+        return None
+    words, said = (" ".join(text.split()) for text in record)
+    return f"| {_code(words)} | {_plain(said)} |"
+
+
+def _code(words: str) -> str:
+    """Return words as code; a bar would end the table's cell, as a tag's character it does not."""
+    return f"<code>{html.escape(words).replace('|', '&#124;')}</code>" if "|" in words else f"`{words}`"
+
+
+def _prose(text: str) -> str:
+    paragraphs = [" ".join(each.split()) for each in text.split("\n\n")]
+    return "\n\n".join(_plain(each) for each in paragraphs) + "\n"
+
+
+def _plain(text: str) -> str:
+    """Return help as Markdown: what is bold on the terminal is a command, and nothing is a tag."""
+    bold = re.sub(r"\[bold\](.*?)\[/bold\]", r"`\1`", text)
+    pieces = bold.split("`")  # every second one stands in backticks
+    return "`".join(piece if number % 2 else _escaped(piece) for number, piece in enumerate(pieces))
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([<>*_\[\]|])", r"\\\1", text)
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(commands_page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

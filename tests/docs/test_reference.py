@@ -1,0 +1,105 @@
+"""The reference says what the program has: commands, keys of rig.toml, keys of parameters."""
+
+import ast
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+from cfid.campaign import Mount, Rig
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "docs" / "reference"
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_commands_is_what_the_program_says() -> None:
+    written = script("make_commands").commands_page()
+
+    assert (REFERENCE / "commands.md").read_text(encoding="utf-8") == written, "run `python docs/make_commands.py`"
+
+
+def test_every_key_of_rig_toml_is_told_with_its_default() -> None:
+    text = (REFERENCE / "rig-toml.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"^\| `([a-z][^`]*)` \| (.*?) \|", text, re.MULTILINE))
+
+    assert told == dict(_keys(Rig, ""))
+
+
+def _keys(model: type[BaseModel], before: str) -> Iterator[tuple[str, str]]:
+    for name, field in model.model_fields.items():
+        for below, place in _tables(field.annotation):
+            if below is Mount and before:
+                yield f"{before}{name}.NAME", "as `mounts.NAME`"
+            else:
+                yield from _keys(below, f"{before}{name}{place}.")
+        if not list(_tables(field.annotation)):
+            yield f"{before}{name}", "required" if field.is_required() else _as_toml(field.default)
+
+
+def _tables(kind: Any) -> Iterator[tuple[type[BaseModel], str]]:
+    """Yield the tables below a key, each with what stands behind its name."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield kind, ""
+        return
+    origin = getattr(kind, "__origin__", None)
+    place = ".NAME" if origin is dict else "[]" if origin is tuple else ""
+    for part in get_args(kind):
+        for below, deeper in _tables(part):
+            yield below, place + deeper
+
+
+def _as_toml(default: Any) -> str:
+    if default is None:
+        return "none"
+    if isinstance(default, str):
+        return f'`"{default}"`'
+    return f"`{list(default)}`" if isinstance(default, tuple) else f"`{default}`"
+
+
+def test_every_key_of_a_parameter_is_told() -> None:
+    text = (REFERENCE / "parameters.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE))
+
+    for key in _made_keys():
+        pattern = re.sub(r"<\w+>", "#", key)
+        assert any(re.fullmatch(_pattern(pattern), re.sub(r"<\w+>", "x", name)) for name in told), key
+
+
+def _pattern(key: str) -> str:
+    return re.escape(key).replace(r"\#", "#").replace("#", r"[\w.]*")
+
+
+def _made_keys() -> Iterator[str]:
+    """Yield every key that a command writes down as a string: what is filled in is a #."""
+    prefixes = r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|drag)\."
+    for path in (ROOT / "cfid" / "cli").glob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Dict):
+                names = [*node.keys]
+            elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
+                names = [node.targets[0].slice]
+            else:
+                continue
+            yield from (text for name in names if name and re.match(prefixes, text := _text(name)))
+
+
+def _text(node: ast.expr) -> str:
+    if isinstance(node, ast.Constant):
+        return str(node.value)
+    if isinstance(node, ast.JoinedStr):
+        return "".join(part.value if isinstance(part, ast.Constant) else "#" for part in node.values)  # type: ignore[misc]
+    return ""
