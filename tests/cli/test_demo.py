@@ -1,0 +1,113 @@
+"""`cfid demo`: a whole campaign with a known truth, alone in its folder, and honest about its intervals."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.campaign import find_campaign
+from cfid.cli.demo_fits import compared, covers
+from cfid.fits import Fit, list_fits
+from cfid.parameters import load_sections
+from cfid.sim.demo import DEMO_TRUTH, simulate_demo
+
+SECTIONS = {
+    "inertia",
+    "friction",
+    "testbody",
+    "thrust",
+    "torque",
+    "speed",
+    "rotor",
+    "dynamics",
+    "tf",
+    "latency",
+    "drag",
+}
+SEEDS = 50
+
+
+def command(*words: object) -> list[str]:
+    return [sys.executable, "-m", "cfid.cli.main", "demo", *map(str, words)]
+
+
+def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | None]]:
+    """Return name, truth, estimate and deviation of what a demo found."""
+    campaign = find_campaign(folder, start=folder)
+    assert campaign is not None
+    truth, _ = simulate_demo(campaign.rig, DEMO_TRUTH, seed=seed)
+    return list(compared(load_sections(campaign.parameters_file).values(), truth))
+
+
+def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    done = subprocess.run(command(folder, "--no-figures"), capture_output=True, text=True, check=False)
+
+    assert done.returncode == 0, done.stderr
+    fits = [fit for fit in list_fits(folder / "fits") if isinstance(fit, Fit)]
+    assert {fit.name.split()[0] for fit in fits} == SECTIONS
+    assert {path.name for path in folder.iterdir()} >= {"report.html", "exports", "runs", "fits", "parameters.toml"}
+    found = numbers(folder, seed=1)
+    assert len(found) == 25
+    far = [name for name, true, value, std in found if std is None or abs(value - true) > 4 * std]
+    assert far == []
+    assert f"{sum(covers(*row[1:]) for row in found)} of 25 lie in their 95 % interval" in done.stdout
+
+    before = (folder / "parameters.toml").read_bytes()
+    again = subprocess.run(command(folder, "--seed", 2), capture_output=True, text=True, check=False)
+    assert again.returncode == 2
+    assert "delete it, or give another folder" in again.stderr
+    assert (folder / "parameters.toml").read_bytes() == before
+
+
+def test_a_demo_that_was_killed_says_what_to_delete(tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    running = subprocess.Popen(command(folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline_s = time.monotonic() + 60
+    while not list(folder.glob("runs/*")) and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    again = subprocess.run(command(folder), capture_output=True, text=True, check=False)
+
+    assert again.returncode == 2
+    assert f"{folder} holds a campaign already: delete it" in again.stderr
+
+
+def test_a_truth_that_is_none_makes_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text("[rotors]\nnonsense = 1\n")
+    said = subprocess.run(
+        command(tmp_path / "demo", "--truth", tmp_path / "truth.toml"), capture_output=True, text=True, check=False
+    )
+
+    assert said.returncode == 2
+    assert "rotors.nonsense: there is no such key" in said.stderr
+    assert not (tmp_path / "demo").exists()
+
+
+@pytest.mark.slow
+def test_the_truth_lies_within_the_interval_of_nineteen_in_twenty_parameters(tmp_path: Path) -> None:
+    inside = []
+    for seed in range(SEEDS):
+        folder = tmp_path / f"demo{seed}"
+        subprocess.run(command(folder, "--no-figures", "--seed", seed), check=True, capture_output=True)
+        inside += [covers(*row[1:]) for row in numbers(folder, seed)]
+    print(f"\n{100 * np.mean(inside):.1f} % of {len(inside)} parameters of {SEEDS} demos lie in their 95 % interval")
+
+    assert np.mean(inside) > 0.93
+
+
+@pytest.mark.slow
+def test_a_demo_over_the_wires_measures_in_real_time(tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    done = subprocess.run(command(folder, "--wire", "--no-figures"), capture_output=True, text=True, check=False)
+
+    assert done.returncode == 0, done.stderr
+    names = {fit.name.split()[0] for fit in list_fits(folder / "fits") if isinstance(fit, Fit)}
+    assert names == {"swing", "thrust", "torque", "tf", "latency"}
+    assert "tf.time_constant_s" in done.stdout
