@@ -207,20 +207,21 @@ def fit_lines(
     )
 
 
-def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tuple[Array, Array]:
-    """Return by how much the frequency departs from a fit's in parts of the record, and with what deviations."""
-    first, departures, stds = fit.families[0], [], []
+def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tuple[Array, Array, Array]:
+    """Return by how much the frequency departs from a fit's in parts of the record, its deviation and the evidence."""
+    first, found = fit.families[0], []
     comb = Comb(first.harmonics, first.harmonics)
     for part in np.array_split(np.arange(len(time_s)), parts):
         middle_s = (time_s[part[0]] + time_s[part[-1]]) / 2
         here = first.rad_per_s * (1 + fit.drift_per_s * middle_s)
         seen = spectrum(signal=signal[part], interval_s=float(np.median(np.diff(time_s[part]))))
         grid = comb.candidates(seen, (here * (1 - _NEAR), here * (1 + _NEAR)))
-        start = first._replace(rad_per_s=float(grid[np.argmax(comb.score(comb.lines(seen, grid)))]))
+        score = comb.score(comb.lines(seen, grid))
+        start = first._replace(rad_per_s=float(grid[np.argmax(score)]))
         own = fit_lines(time_s=time_s[part] - middle_s, signal=signal[part], families=[start], drifting=False)
-        departures.append(own.families[0].rad_per_s - here)
-        stds.append(math.sqrt(own.covariance[0, 0]))
-    return np.array(departures), np.array(stds)
+        found.append((own.families[0].rad_per_s - here, math.sqrt(own.covariance[0, 0]), score.max()))
+    departure, std, evidence = np.array(found).T
+    return departure, std, evidence
 
 
 class _Point(NamedTuple):

@@ -27,7 +27,7 @@ _HEARD, _LINE = 20.0, 8.0  # evidence that rules out noise, over thousands of sp
 _SURE = 5.0  # log odds against another octave
 _HUMS, _BESIDE = 1e-3, 3.0  # of its frequency, that hum keeps to; resolutions within which it spoils a line
 _OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
-_SAME, _ASIDE = 0.02, 0.2  # of a speed, within which another is the same, and within which others are looked for
+_SAME, _ASIDE = 0.02, 0.4  # of a speed, within which another is the same, and within which others are looked for
 _CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the window
 _PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
 _SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
@@ -96,7 +96,7 @@ def rotor_speed(
     """Return the speed of the rotors that shake a load cell in one steady window.
 
     `time_s` (n,), `wrench` (n, 6) in any unit per channel. `expected_rad_per_s` bounds the search. Where several
-    `rotors` run at nearly one speed they are told apart as far as the window allows. Lines at multiples of
+    `rotors` run within 40 % of one speed they are told apart as far as the window allows. Lines at multiples of
     `mains_hz` and those in `rest_wrench` (k, 6), sampled alike with the rotors at rest, are not taken for a rotor's.
 
     The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
@@ -274,8 +274,9 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int)
         std = math.hypot(std, hidden / 6)  # how far apart rotors may be, and their shares of the line, are uniform
         warnings.append(f"{count} of {asked} rotors are told apart: the deviation allows for others in the same lines.")
     elif count == 1 and parts >= _FEWEST_PARTS:
-        departure, parts_std = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
-        if chdtrc(parts - 2, np.sum((departure / parts_std) ** 2)) < _CHANCE:
+        departure, parts_std, evidence = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
+        # A part too short to be heard in locks onto noise, and would pass for a change of speed.
+        if evidence.min() > _HEARD and chdtrc(parts - 2, np.sum((departure / parts_std) ** 2)) < _CHANCE:
             wander = float(np.std(departure, ddof=2))
             speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
             rotors = [rotors[0]._replace(speed_rad_per_s=speed, std_rad_per_s=std)]

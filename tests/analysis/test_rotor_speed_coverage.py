@@ -44,7 +44,8 @@ def scores(
         one = rotor_speed(time_s=time_s, wrench=change(wrench, rng))
         found.append(one)
         if one.believed:
-            assert one.speed_rad_per_s == pytest.approx(truth[0], rel=1e-3)
+            # No believed speed is another line's: off by more than 0.1 % only where its own deviation says so.
+            assert abs(one.speed_rad_per_s - truth[0]) < max(1e-3 * truth[0], 4 * one.std_rad_per_s)
             off.append((one.speed_rad_per_s - truth[0]) / one.std_rad_per_s)
     return np.array(off), found
 
