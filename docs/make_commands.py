@@ -63,7 +63,7 @@ def _prose(text: str) -> str:
 
 def _plain(text: str) -> str:
     """Return help as Markdown: what is bold on the terminal is a command, and nothing is a tag."""
-    bold = re.sub(r"\[bold\](.*?)\[/bold\]", r"`\1`", text)
+    bold = re.sub(r"\[bold\](.*?)\[/bold\]", r"`\1`", text).replace(r"\[", "[")
     pieces = bold.split("`")  # every second one stands in backticks
     return "`".join(piece if number % 2 else _escaped(piece) for number, piece in enumerate(pieces))
 

@@ -1,0 +1,21 @@
+"""Take the app's README, which lies beside docs, into the site; links in docs stay as they are read on disk."""
+
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[2]
+BESIDE = "firmware_patches/README.md"
+
+
+def on_files(files: Files, /, *, config: MkDocsConfig) -> Files:
+    """Add the page."""
+    files.append(File.generated(config, BESIDE, content=(ROOT / BESIDE).read_text(encoding="utf-8")))
+    return files
+
+
+def on_page_markdown(markdown: str, /, *, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let links that leave docs for that page find it in the site, one folder nearer."""
+    return markdown.replace(f"](../../{BESIDE}", f"](../{BESIDE}").replace(f"](../../docs/{BESIDE}", f"]({BESIDE}")

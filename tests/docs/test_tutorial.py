@@ -1,0 +1,109 @@
+"""The tutorial runs from its first line to its last, and prints the numbers that stand in it."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "tutorial" / "first-campaign.md"
+BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+MARK = "--- end of a block ---"
+
+
+def steps(page: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield each shell block with the lines that the page shows of its output."""
+    blocks: list[tuple[str, list[str]]] = []
+    for kind, text in BLOCK.findall(page):
+        if kind == "sh":
+            blocks.append((text, []))
+        else:
+            blocks[-1][1].extend(text.splitlines())
+    return iter(blocks)
+
+
+def alike(text: str, folder: Path) -> str:
+    """Return a text without what no two runs share: dates in names, the folder, and spaces at ends of lines."""
+    text = re.sub(r"\d{4}-\d\d-\d\d_\d{6}", "DATE", text.replace(str(folder), "..."))
+    return "\n".join(line.rstrip() for line in text.splitlines())
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Return whether a printed line is one that the page shows; `   ...` at its end stands for anything.
+
+    Whole numbers and words are the same. Other numbers may differ by two of their last digit, or by one in ten
+    thousand: times stand on the disk as Unix time, to a quarter of a microsecond, so that a recording of the same
+    seed is rounded otherwise at another hour, which moves an estimate by a few hundredths of its deviation.
+    """
+    if shown.endswith("   ..."):
+        shown = shown.removesuffix("...").rstrip()
+        printed = printed[: len(shown)]
+    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
+        return False
+    return all(map(_near, NUMBER.findall(shown), NUMBER.findall(printed)))
+
+
+def _near(shown: str, printed: str) -> bool:
+    if "." not in shown:
+        return shown == printed
+    mantissa, _, exponent = shown.partition("e")
+    digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    return abs(float(shown) - float(printed)) <= max(2.01 * digit, 1e-4 * abs(float(shown)))
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, list[str], str]]:
+    """Run the page in one shell, as its reader would; return each block, what it shall print, and what it printed."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    page = list(steps(PAGE.read_text(encoding="utf-8")))
+    script = "set -e\n" + f"\necho '{MARK}'\n".join(block for block, _ in page)
+    environment = {
+        **os.environ,
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "CFID_LOCKS": str(folder / "locks"),
+        "COLUMNS": "80",
+        "NO_COLOR": "1",
+    }
+    # A file rather than a pipe: nothing that stays in the background can keep this waiting.
+    with (folder / "said.txt").open("w+", encoding="utf-8") as said:
+        code = subprocess.run(
+            ["bash", "-c", script],
+            check=False,
+            cwd=folder,
+            env=environment,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            timeout=900,
+        ).returncode
+        said.seek(0)
+        text = said.read()
+    assert code == 0, text[-3000:]
+    printed = alike(text, folder).split(f"{MARK}\n")
+    return [(block, lines, output) for (block, lines), output in zip(page, printed, strict=True)]
+
+
+def test_every_line_that_the_tutorial_shows_is_printed_in_its_order(outputs: list[tuple[str, list[str], str]]) -> None:
+    for block, lines, output in outputs:
+        rest = iter(output.splitlines())
+        for line in (alike(line, Path("/nowhere")) for line in lines if line != "..."):
+            assert any(agrees(line, each) for each in rest), f"{block}\ndoes not print\n{line}\nbut\n{output}"
+
+
+def test_numbers_are_compared_to_their_last_digits() -> None:
+    assert agrees("x 1.6420e-05 to 3", "x 1.6422e-05 to 3")
+    assert not agrees("x 1.6420e-05 to 3", "x 1.6423e-05 to 3")
+    assert not agrees("x 1.6420e-05 to 3", "x 1.6420e-05 to 4")
+    assert agrees("a   ...", "a b 1")
+    assert not agrees("a 1", "a 1 2")
+
+
+def test_the_tutorial_shows_what_it_runs() -> None:
+    page = list(steps(PAGE.read_text(encoding="utf-8")))
+
+    assert len(page) > 8
+    assert sum(bool(lines) for _, lines in page) > 6
