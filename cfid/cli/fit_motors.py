@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
 Words = Annotated[
     list[str] | None,
-    typer.Argument(metavar="COMMAND=FILE|RUN ...", help="Load-cell files by command, or runs of cfid log."),
+    typer.Argument(
+        metavar="COMMAND=FILE|RUN ...",
+        help="Load-cell files by command, or runs of cfid log; default: all complete ones.",
+    ),
 ]
 
 
@@ -77,7 +80,7 @@ def thrust(
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
     gravity = workplace.rig.site.gravity_mps2
-    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
+    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
     order = fit.chosen(2)
     with noted_first(found):
         mapped = fit_thrust(
@@ -149,7 +152,9 @@ def speed(
 
     _ = listening.expected_rad_s  # what is no range is told before any file is read
     workplace = open_workplace(rig)
-    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method, listening=listening)
+    found = read_evidence(
+        runs or [], stand, reading, scale, workplace, kind="speed", method=method, listening=listening
+    )
     with noted_first(found):
         mapped = fit_speed(
             found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
@@ -191,7 +196,7 @@ def torque(
     from cfid.cli import motor_results as told
 
     workplace = open_workplace(rig)
-    found = read_evidence(runs or [], stand, reading, scale, workplace, method=method)
+    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
     with noted_first(found):
         mapped = fit_torque(
             found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None

@@ -9,6 +9,7 @@ from cfid.cli.motor_files import of_file, of_run
 from cfid.cli.motor_hearing import RotorOptions
 from cfid.cli.motor_tables import of_table
 from cfid.cli.options import LoadCellOptions, ReadingOptions
+from cfid.cli.run_words import chosen, labelled
 from cfid.errors import ConfigError, FitError
 
 
@@ -19,16 +20,19 @@ def read_evidence(
     scale: LoadCellOptions,
     workplace: Workplace,
     *,
+    kind: str,
     method: str,
     listening: RotorOptions | None = None,
 ) -> Evidence:
     """Read COMMAND=FILE, RUN and --table, and put all their points together; `listening` hears speeds nobody told.
 
+    Without any of them the campaign's complete runs of a `kind` are taken.
+
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
     _ = stand.window_s  # a window that is none is told before any file is read
     parts = [] if stand.table is None else [of_table(stand.table, stand, reading, workplace)]
-    for word in words:
+    for word in _meant(words, parts, workplace, kind):
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
@@ -42,6 +46,12 @@ def read_evidence(
     if not any(len(part.points.command) for part in parts):
         raise FitError(" ".join(["no step settles.", *(part.warnings[-1] for part in parts if part.warnings)]))
     return together(parts)
+
+
+def _meant(words: Sequence[str], tables: Sequence[Evidence], workplace: Workplace, kind: str) -> Sequence[str]:
+    if workplace.campaign is None or (tables and not words):
+        return words
+    return chosen(words, workplace.campaign, suits=labelled(kind), wanted=f"runs of cfid log {kind}")
 
 
 def _command(text: str, word: str) -> int:

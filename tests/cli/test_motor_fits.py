@@ -341,3 +341,15 @@ def test_what_cannot_be_meant_so_is_told(cfid: Cfid, words: str, code: int, told
     assert said.returncode == code, said.stderr
     assert told in said.stderr
     assert "Traceback" not in said.stderr
+
+
+def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed((0, 16000, 32000, 48000), hold_s=1.5), steps=(0, 16000, 32000, 48000))
+    named = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
+    taken = cfid("fit", "thrust", "--campaign", str(campaign), "--json")
+
+    assert "takes 1 complete runs of cfid log thrust." in taken.stderr
+    assert json.loads(taken.stdout)["parameters"]["motor.thrust_poly"] == named["motor.thrust_poly"]
+    none = cfid("fit", "speed", "--campaign", str(campaign))
+    assert none.returncode == 2
+    assert "no complete runs of cfid log speed: record one, or name runs." in none.stderr
