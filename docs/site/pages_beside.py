@@ -1,4 +1,4 @@
-"""Take the app's README, which lies beside docs, into the site; links in docs stay as they are read on disk."""
+"""Take all decisions, and the app's README beside docs, into the site; links in docs stay as they are read on disk."""
 
 from pathlib import Path
 
@@ -10,6 +10,16 @@ ROOT = Path(__file__).parents[2]
 BESIDE = "firmware_patches/README.md"
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """List the decisions under their own headings."""
+    pages = sorted((ROOT / "docs" / "decisions").glob("*.md"))
+    config.nav = [
+        {"Decisions": [f"decisions/{page.name}" for page in pages]} if "Decisions" in entry else entry
+        for entry in config.nav or []
+    ]
+    return config
+
+
 def on_files(files: Files, /, *, config: MkDocsConfig) -> Files:
     """Add the page."""
     files.append(File.generated(config, BESIDE, content=(ROOT / BESIDE).read_text(encoding="utf-8")))
@@ -18,4 +28,4 @@ def on_files(files: Files, /, *, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, /, *, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Let links that leave docs for that page find it in the site, one folder nearer."""
-    return markdown.replace(f"](../../{BESIDE}", f"](../{BESIDE}").replace(f"](../../docs/{BESIDE}", f"]({BESIDE}")
+    return markdown.replace(f"](../../{BESIDE}", f"](../{BESIDE}")
