@@ -31,6 +31,8 @@ class Repeats:
     mean: float
     mean_std: float
     scatter: float
+    chi_squared: float
+    freedom: int
     probability: float | None
     drift_per_day: float | None
     drift_std_per_day: float | None
@@ -59,6 +61,8 @@ def repeats(*, time_s: Array, value: Array, std: Array) -> Repeats:
         mean=mean,
         mean_std=max(shared, _widened(chi_squared, freedom, stated) / math.sqrt(weight.sum())),
         scatter=float(np.std(value, ddof=1)),
+        chi_squared=chi_squared,
+        freedom=freedom,
         probability=float(chdtrc(freedom, chi_squared)) if stated else None,
         drift_per_day=drift,
         drift_std_per_day=drift_std,

@@ -5,10 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+import numpy as np
+
+from cfid.analysis.repeats import LEAST_PROBABILITY, repeats
 from cfid.report.known import entries
 from cfid.report.measurements import Measurement
-
-AGREE_FROM = 0.05  # probability of a chi-squared as large as this by chance
 
 # How a swing was released, and how many of its peaks were used, is no property of the vehicle.
 _OF_THE_RUN = ("swing.start_", "swing.zero_rad", "swing.peaks_used", "drag.sse_n2")
@@ -36,8 +37,8 @@ class Made:
 class Repeat:
     """A quantity's readings, one for each measurement (None: it lacks it), and the test of those that count.
 
-    The mean is weighted by 1/std^2; chi-squared is sum((value - mean)^2/std^2), and `probability` that of a larger
-    one if the deviations are right and the readings independent. Drift is the last reading less the first.
+    Mean, chi-squared and `probability` are those of `analysis.repeats`: deviations may have causes in common, which no
+    repetition averages out. Drift is the last reading less the first.
     All None where fewer than two readings count.
     """
 
@@ -55,7 +56,7 @@ class Repeat:
     @property
     def agrees(self) -> bool | None:
         """Whether the readings agree within their deviations; None where that cannot be said."""
-        return None if self.probability is None else self.probability >= AGREE_FROM
+        return None if self.probability is None else self.probability >= LEAST_PROBABILITY
 
 
 @dataclass(frozen=True)
@@ -104,26 +105,22 @@ def _is_repeated(row: Sequence[Reading | None]) -> bool:
 
 def compared(quantity: str, unit: str, readings: tuple[Reading | None, ...]) -> Repeat:
     """Return readings of one quantity with their mean, drift and chi-squared."""
-    from scipy.special import chdtrc
-
     counting = [(one.value, one.std) for one in readings if one is not None and one.counts and one.std]
     if len(counting) < 2:
         return Repeat(quantity, unit, readings, None, None, None, 0, None, None, None)
-    weights = [std**-2 for _, std in counting]
-    mean = sum(w * value for w, (value, _) in zip(weights, counting, strict=True)) / sum(weights)
-    chi_squared = sum(w * (value - mean) ** 2 for w, (value, _) in zip(weights, counting, strict=True))
-    (first, first_std), (last, last_std) = counting[0], counting[-1]
+    values, stds = np.array(counting).T
+    found = repeats(time_s=np.arange(len(values), dtype=np.float64), value=values, std=stds)
     return Repeat(
         quantity=quantity,
         unit=unit,
         readings=readings,
-        mean=mean,
-        mean_std=sum(weights) ** -0.5,
-        chi_squared=chi_squared,
-        freedom=len(counting) - 1,
-        probability=float(chdtrc(len(counting) - 1, chi_squared)),
-        drift=last - first,
-        drift_std=math.hypot(first_std, last_std),
+        mean=found.mean,
+        mean_std=found.mean_std,
+        chi_squared=found.chi_squared,
+        freedom=found.freedom,
+        probability=found.probability,
+        drift=float(values[-1] - values[0]),
+        drift_std=math.hypot(stds[0], stds[-1]),
     )
 
 

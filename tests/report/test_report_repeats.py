@@ -51,7 +51,7 @@ def test_readings_within_their_deviations_agree(campaign: Campaign) -> None:
     assert quantity.probability == pytest.approx(0.4795, abs=1e-4)
     assert quantity.agrees
     assert quantity.mean == pytest.approx(6.05)
-    assert quantity.mean_std == pytest.approx(0.1 / 2**0.5)
+    assert quantity.mean_std == pytest.approx(0.1)  # what both may have in common does not average out
     assert quantity.drift == pytest.approx(0.1)
     assert quantity.drift_std == pytest.approx(0.1 * 2**0.5)
 
@@ -110,7 +110,7 @@ def test_how_a_swing_was_released_is_no_quantity_that_repeats(campaign: Campaign
     assert [quantity.quantity for quantity in fit.quantities] == ["swing.axis_inertia_kg_m2"]
 
 
-def test_readings_with_true_deviations_disagree_five_times_in_a_hundred() -> None:
+def test_readings_with_true_deviations_disagree_once_in_a_hundred() -> None:
     rng = np.random.default_rng(1)
     draws = rng.normal(6.0, (0.1, 0.2, 0.3), size=(4000, 3))
     disagree = [
@@ -118,4 +118,4 @@ def test_readings_with_true_deviations_disagree_five_times_in_a_hundred() -> Non
         for row in draws.tolist()
     ]
 
-    assert np.mean(disagree) == pytest.approx(0.05, abs=0.01)
+    assert np.mean(disagree) == pytest.approx(0.01, abs=0.004)
