@@ -11,6 +11,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from cfid.campaign import Mount, Rig
+from cfid.errors import CfidError
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "docs" / "reference"
@@ -67,6 +68,13 @@ def _as_toml(default: Any) -> str:
     if isinstance(default, str):
         return f'`"{default}"`'
     return f"`{list(default)}`" if isinstance(default, tuple) else f"`{default}`"
+
+
+def test_every_exit_code_is_told() -> None:
+    text = (REFERENCE / "exit-codes.md").read_text(encoding="utf-8")
+    codes = {kind.exit_code for kind in CfidError.__subclasses__()}
+
+    assert set(map(int, re.findall(r"^\| (\d+) \|", text, re.MULTILINE))) == codes | {0, 1, 130}
 
 
 def test_every_key_of_a_parameter_is_told() -> None:
