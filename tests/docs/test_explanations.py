@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -39,3 +40,14 @@ def test_every_label_in_the_code_is_in_the_literature_list() -> None:
     used = set(re.findall(r"(?:^|[ (])(\[(?:[A-Z]{2,4}|[A-Z][a-z]{2}|vN)\])", docstrings, re.MULTILINE))
 
     assert used == listed
+
+
+def test_the_picture_of_the_rooms_has_those_that_the_import_contract_has() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = [re.findall(r"\w+", layer) for layer in contracts[0]["layers"]]
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
+    picture = re.search(r"^    cli .*?^    errors ", text, re.MULTILINE | re.DOTALL)
+    assert picture is not None
+
+    drawn = [re.findall(r"\w+", re.split(r"  +(?=\S)", line.strip())[0]) for line in picture[0].splitlines()]
+    assert [room for line in drawn for room in line] == [room for layer in layers for room in layer]
