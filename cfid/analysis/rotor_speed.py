@@ -275,8 +275,11 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int)
         warnings.append(f"{count} of {asked} rotors are told apart: the deviation allows for others in the same lines.")
     elif count == 1 and parts >= _FEWEST_PARTS:
         departure, parts_std, evidence = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
-        # A part too short to be heard in locks onto noise, and would pass for a change of speed.
-        if evidence.min() > _HEARD and chdtrc(parts - 2, np.sum((departure / parts_std) ** 2)) < _CHANCE:
+        # What would pass for a change of speed: noise less flat than a part can tell, which shows in the whole window;
+        # and a part that locks onto noise, as it is too short to be heard in, or one in many.
+        parts_std = np.maximum(parts_std, std * parts**1.5)
+        apart = np.sort((departure / parts_std) ** 2)[:-1].sum()
+        if evidence.min() > _HEARD and chdtrc(parts - 3, apart) < _CHANCE:
             wander = float(np.std(departure, ddof=2))
             speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
             rotors = [rotors[0]._replace(speed_rad_per_s=speed, std_rad_per_s=std)]
