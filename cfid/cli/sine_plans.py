@@ -6,6 +6,7 @@ from dataclasses import dataclass
 _FASTEST_HZ = 12.5  # up to which the thesis fits its transfer functions, and `cfid tf identify`
 _SAMPLES_PER_S = 500
 _COUNT = 24
+_FEWEST_PERIODS = 2  # one alone cannot be told from a drift
 _NEAR = 0.1  # of a frequency, within which a divisor of N is taken for it
 
 
@@ -41,18 +42,21 @@ THESIS_SECOND = SineSeries(
 
 
 def log_spaced(samples: int) -> SineSeries:
-    """Return about twenty sines, evenly over the logarithm of frequency, from one period up to 12.5 Hz.
+    """Return about twenty sines, evenly over the logarithm of frequency, from two periods up to 12.5 Hz.
 
-    Where a divisor of N is near it is taken: whole periods then fill whole samples, and no spectrum leaks.
+    Where a divisor of N is near it is taken: whole periods then fill whole samples, and no spectrum leaks. Every
+    second one comes first, rising, the others follow, falling: where frequency rises with time, a battery that
+    empties passes for a time constant (decision 10).
     """
-    most = max(int(samples * _FASTEST_HZ / _SAMPLES_PER_S), 1)
+    most = max(int(samples * _FASTEST_HZ / _SAMPLES_PER_S), _FEWEST_PERIODS)
     divisors = [l for l in range(1, most + 1) if samples % l == 0]  # noqa: E741
     periods = set()
     for place in range(_COUNT):
-        wanted = most ** (place / (_COUNT - 1))
+        wanted = _FEWEST_PERIODS * (most / _FEWEST_PERIODS) ** (place / (_COUNT - 1))
         nearest = min(divisors, key=lambda l: abs(math.log(l / wanted)))  # noqa: E741
         near = abs(math.log(nearest / wanted)) <= _NEAR
-        periods.add(nearest if near else round(wanted))
+        periods.add(max(nearest if near else round(wanted), _FEWEST_PERIODS))
+    rising = sorted(periods)
     whole = sum(l in divisors for l in periods)  # noqa: E741
     told = f"{len(periods)} sines, evenly over the logarithm of frequency up to {_FASTEST_HZ:g} Hz; {whole} divide N."
-    return SineSeries(periods=tuple(sorted(periods)), samples=samples, told=told)
+    return SineSeries(periods=(*rising[::2], *rising[1::2][::-1]), samples=samples, told=told)

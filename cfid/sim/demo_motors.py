@@ -18,7 +18,7 @@ RATE_HZ, FULL_RATE_HZ = 1000.0, 7000.0  # the latter where vibration tells the s
 STEPS = tuple(range(0, 64001, 4000))  # where the thesis has steps of 2000
 QUICK_STEPS = (20000, 40000, 60000)
 MOTORS = (1, 3)
-PERIODS = (1, 2, 4, 7, 12, 20, 33, 50, 70, 100)  # of N = 4000 samples; the thesis has 43 runs
+PERIODS = (2, 7, 20, 50, 100, 70, 33, 12, 4)  # of N = 4000 samples, up and down; the thesis has 43 runs
 SAMPLES, AMPLITUDE = 4000, 20000
 PINGS = 300
 
