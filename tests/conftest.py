@@ -6,6 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
+# Tests run on all processors already: threads of the linear algebra, also of programs that tests start, would wait
+# for each other. Read when NumPy is imported, hence here.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 @pytest.fixture(autouse=True, scope="session")
 def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:

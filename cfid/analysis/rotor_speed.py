@@ -6,12 +6,10 @@ A rotor shakes the cell at its own frequency (unbalance), at blade pass and at f
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import chdtrc
 
 from cfid.analysis.rotor_lines import Comb, Family, LineFit, even_times, fit_lines, fit_parts, spectrum
@@ -22,8 +20,8 @@ Array = npt.NDArray[np.float64]
 
 PLAUSIBLE_RAD_PER_S = (200.0, 5000.0)  # of rotors on a vehicle of some ten grams
 FRAME_S = 1.0  # in which a speed that drifts by 0.5 % in ten seconds still makes one line
-_FEWEST = 64
-_HEARD, _LINE = 20.0, 8.0  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
+FEWEST = 64
+HEARD, _LINE = 20.0, 8.0  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
 _SURE = 5.0  # log odds against another octave
 _HUMS, _BESIDE = 1e-3, 3.0  # of its frequency, that hum keeps to; resolutions within which it spoils a line
 _OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
@@ -32,7 +30,6 @@ _CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the wi
 _PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
 _SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
 _TOLD = 5.0  # standard deviations between speeds
-_BENT = 0.1  # of a change of speed within a window, by which a straight line may miss its mean
 
 
 class Rotor(NamedTuple):
@@ -74,15 +71,6 @@ class RotorSpeed:
         return not self.doubts
 
 
-class SpeedRidge(NamedTuple):
-    """A rotor's speed at times (f,), the middles of windows; NaN where none is heard, that is without evidence."""
-
-    time_s: Array
-    speed_rad_per_s: Array
-    std_rad_per_s: Array
-    evidence: Array
-
-
 def rotor_speed(
     *,
     time_s: Array,
@@ -102,14 +90,17 @@ def rotor_speed(
     The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
     over ever longer parts of the window. The deviation is Cramer and Rao's bound in the noise found around the lines
     or, where the speed wanders by more, its scatter between parts of the window; the samples' clock counts as true.
+    A speed is doubted where one that is expected as well would have its blade pass above half the sampling rate.
 
     Raises FitError when the window is too short, or sampled too slowly for any rotor.
     """
-    if len(time_s) < _FEWEST:
-        raise FitError(f"a window of {len(time_s)} samples tells no rotor speed: it takes {_FEWEST} or more.")
+    if len(time_s) < FEWEST:
+        raise FitError(f"a window of {len(time_s)} samples tells no rotor speed: it takes {FEWEST} or more.")
     time, interval_s, jitter_s = even_times(time_s)
     clean, hum_hz = _without_hum(time, wrench, mains_hz, rest_wrench)
-    found = _search(clean, interval_s, _comb(blades), expected_rad_per_s or PLAUSIBLE_RAD_PER_S)
+    between = expected_rad_per_s or PLAUSIBLE_RAD_PER_S
+    found = _search(clean, interval_s, rotor_comb(blades), between)
+    found.doubts.extend(folded(interval_s, blades, between[1]))
     own_hz = {h: h * found.family.rad_per_s / (2 * math.pi) for h in found.family.harmonics}
     apart = tuple(h for h in own_hz if all(abs(own_hz[h] - hz) * (time[-1] - time[0]) > _BESIDE for hz in hum_hz))
     if hum_hz and (found.doubts or not apart):
@@ -121,59 +112,15 @@ def rotor_speed(
     return replace(result, warnings=said + result.warnings)
 
 
-def speed_ridge(
-    *,
-    time_s: Array,
-    wrench: Array,
-    window_s: float,
-    step_s: float,
-    expected_rad_per_s: tuple[float, float] | None = None,
-    blades: int = 2,
-    largest_rate_rad_per_s2: float = 4e4,
-) -> SpeedRidge:
-    """Return a rotor's speed over time, through steps and ramps, in windows of `window_s` every `step_s`.
-
-    `time_s` (n,) and `wrench` (n, 6) as for `rotor_speed`. Of all courses that change no faster than
-    `largest_rate_rad_per_s2` the one with the most evidence is found by dynamic programming (Viterbi); each window then
-    gives its speed by least squares, with a drift of its own: a mean over the window, weighted with a parabola. Windows
-    longer than a rotor's time constant blur its steps; those that overlap share their noise.
-    """
-    time, interval_s, _ = even_times(time_s)
-    length = round(window_s / interval_s)
-    frames = [slice(begin, begin + length) for begin in range(0, len(time) - length + 1, round(step_s / interval_s))]
-    if length < _FEWEST or len(frames) < 2:
-        raise FitError(f"{len(frames)} windows of {length} samples: it takes two or more, of {_FEWEST} or more.")
-    look, comb = partial(spectrum, interval_s=interval_s, length_s=window_s), _comb(blades)
-    grid = comb.candidates(look(signal=wrench[:length]), expected_rad_per_s or PLAUSIBLE_RAD_PER_S)
-    lines = [comb.lines(look(signal=wrench[frame]), grid) for frame in frames]
-    score = np.array([comb.score(line) for line in lines])
-    path = _path(score, reach=max(int(largest_rate_rad_per_s2 * step_s / (grid[1] - grid[0])), 1))
-    drift_per_s = np.gradient(grid[path], step_s) / grid[path]
-    speed, std = np.full((2, len(frames)), math.nan)
-    for k, (frame, best) in enumerate(zip(frames, path, strict=True)):
-        if score[k, best] > _HEARD:
-            family = Family(grid[best], _shown(comb, lines[k][:, best]))
-            own = time[frame] - (time[frame][0] + time[frame][-1]) / 2
-            fit = fit_lines(time_s=own, signal=wrench[frame], families=[family], drift_per_s=drift_per_s[k])
-            if abs(fit.families[0].rad_per_s - grid[best]) * window_s * max(family.harmonics) < math.pi:
-                speed[k], std[k] = fit.families[0].rad_per_s, math.sqrt(fit.covariance[0, 0])
-    change = np.gradient(np.where(np.isnan(speed), grid[path], speed), step_s) * window_s
-    middles = np.array([(time_s[frame][0] + time_s[frame][-1]) / 2 for frame in frames])
-    return SpeedRidge(middles, speed, np.hypot(std, _BENT * change), score[np.arange(len(path)), path])
-
-
-def _path(score: Array, reach: int) -> npt.NDArray[np.intp]:
-    """Return the candidates (f,) of the course with most evidence (f, g), that moves by `reach` a frame at most."""
-    hurry = np.log1p(np.arange(-reach, reach + 1.0) ** 2)
-    best, came = score[0], []
-    for here in score[1:]:
-        moves = sliding_window_view(np.pad(best, reach, constant_values=-math.inf), 2 * reach + 1) - hurry
-        came.append(moves.argmax(axis=1) + np.arange(len(best)) - reach)
-        best = here + moves.max(axis=1)
-    path = [int(best.argmax())]
-    for step in reversed(came):
-        path.append(int(step[path[-1]]))
-    return np.array(path[::-1])
+def folded(interval_s: float, blades: int, largest_rad_per_s: float) -> list[str]:
+    """Return, as a sentence, that lines may stand where sampling folds them to; none where it cannot be."""
+    clear_rad_per_s = math.pi / (blades * interval_s)
+    if largest_rad_per_s <= clear_rad_per_s:
+        return []
+    return [
+        f"at {1 / interval_s:.0f} samples a second blade pass of a rotor above {clear_rad_per_s:.0f} rad/s folds back "
+        "and passes for another rotor: record faster, or say what speed is expected."
+    ]
 
 
 class _Found(NamedTuple):
@@ -182,7 +129,7 @@ class _Found(NamedTuple):
     doubts: list[str]
 
 
-def _comb(blades: int) -> Comb:
+def rotor_comb(blades: int) -> Comb:
     """Return what a rotor shows: its line and blade pass for certain, up to twice blade pass others perhaps."""
     return Comb(tuple(range(1, 2 * blades + 1)), (1, blades))
 
@@ -193,8 +140,8 @@ def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array
     seen = spectrum(signal=wrench, interval_s=interval_s)
     known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
     if rest is not None:
-        known += list(spectrum(signal=rest, interval_s=interval_s).lines_hz(evidence=_HEARD))
-    there = seen.lines_hz(evidence=_HEARD)
+        known += list(spectrum(signal=rest, interval_s=interval_s).lines_hz(evidence=HEARD))
+    there = seen.lines_hz(evidence=HEARD)
     off_hz = np.abs(np.subtract.outer(there, known)).min(axis=1, initial=math.inf)
     hum = [Family(2 * math.pi * hz, (1,)) for hz in there[off_hz < _HUMS * there + 0.5 / seen.length_s]]
     if not hum:
@@ -203,7 +150,7 @@ def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array
     return fit.residual, [family.rad_per_s / (2 * math.pi) for family in fit.families]
 
 
-def _shown(comb: Comb, lines: Array) -> tuple[int, ...]:
+def clear_lines(comb: Comb, lines: Array) -> tuple[int, ...]:
     """Return which lines of a candidate (h,) are worth fitting: the highest, and all that are clear."""
     return tuple(h for h, line in zip(comb.harmonics, lines, strict=True) if line >= min(_LINE, lines.max()))
 
@@ -219,8 +166,8 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
     best, *rivals = np.argsort(score)[::-1]
     margin = float(score[best] - score[rivals[0]]) if rivals else math.inf
     doubts: list[str] = []
-    if score[best] < _HEARD:
-        doubts.append(f"no rotor is heard: the evidence is {score[best]:.0f} where {_HEARD:.0f} is needed.")
+    if score[best] < HEARD:
+        doubts.append(f"no rotor is heard: the evidence is {score[best]:.0f} where {HEARD:.0f} is needed.")
     elif margin < _SURE:
         other, one = multiples[[rivals[0], best]]
         doubts.append(f"the lines fit {other:.0f} rad/s as well as {one:.0f}: say what speed is expected (--expect).")
@@ -228,7 +175,7 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
     centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
     around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
     start = around[np.argmax(comb.score(comb.lines(centre, around)))]
-    return _Found(Family(float(start), _shown(comb, lines[:, best])), margin, doubts)
+    return _Found(Family(float(start), clear_lines(comb, lines[:, best])), margin, doubts)
 
 
 def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
@@ -279,7 +226,7 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int)
         # and a part that locks onto noise, as it is too short to be heard in, or one in many.
         parts_std = np.maximum(parts_std, std * parts**1.5)
         apart = np.sort((departure / parts_std) ** 2)[:-1].sum()
-        if evidence.min() > _HEARD and chdtrc(parts - 3, apart) < _CHANCE:
+        if evidence.min() > HEARD and chdtrc(parts - 3, apart) < _CHANCE:
             wander = float(np.std(departure, ddof=2))
             speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
             rotors = [rotors[0]._replace(speed_rad_per_s=speed, std_rad_per_s=std)]

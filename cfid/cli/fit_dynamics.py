@@ -123,7 +123,7 @@ def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Cour
 def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, scale: LoadCellOptions) -> Course:
     import numpy as np
 
-    from cfid.analysis.rotor_speed import speed_ridge
+    from cfid.analysis.rotor_ridge import speed_ridge
     from cfid.flight import begin_s
     from cfid.wrench import LOADCELL, read_wrench
 

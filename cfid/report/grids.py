@@ -18,7 +18,8 @@ ABOUT_REPEATS = (
     "the first. χ² adds up the squared distances from the mean in deviations; “by chance” is how often independent "
     "readings with these deviations would scatter as much or more. Below 1 % they do not agree, and one quantity in a "
     "hundred falls below by chance. What all readings share, as mass and geometry, is in each deviation but does not "
-    "scatter: agreement is no proof of that part, and the mean's deviation keeps it. Readings that are not believed are shown and left out of the test."
+    "scatter: agreement is no proof of that part, and the mean's deviation keeps it. Readings that are not believed "
+    "are shown and left out of the test."
 )
 ABOUT_PUBLISHED = (
     "What others publish, in one unit, with how far it is from yours. Vehicles, propellers, batteries and loads "

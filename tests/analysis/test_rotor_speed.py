@@ -264,3 +264,15 @@ def test_the_spectrum_shows_a_line_with_its_amplitude_above_the_noise() -> None:
     assert seen.amplitude[at, [0, 2]] == pytest.approx([0.02, 0.05], rel=0.02)
     expected = np.array(LoadCellTruth().noise_std) * 2 * math.sqrt(1.5 / HZ)
     np.testing.assert_allclose(np.median(seen.floor, axis=0), expected, rtol=0.1)
+
+
+def test_blade_pass_that_sampling_folds_is_no_second_rotor() -> None:
+    time_s, wrench, truth = window((40000, 0, 40000, 0))  # 320 Hz, blade pass 640 Hz: 360 Hz at 1000 samples a second
+    seventh = slice(None, None, 7)
+    folded = rotor_speed(time_s=time_s[seventh], wrench=wrench[seventh], rotors=2)
+    slower = rotor_speed(time_s=time_s[seventh], wrench=wrench[seventh], expected_rad_per_s=(300.0, 1500.0))
+
+    assert rotor_speed(time_s=time_s, wrench=wrench).speed_rad_per_s == pytest.approx(truth[0], rel=1e-3)
+    assert not folded.believed
+    assert "blade pass of a rotor above 1571 rad/s folds back and passes for another rotor" in folded.doubts[-1]
+    assert not any("folds back" in doubt for doubt in slower.doubts)

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from scipy.special import roots_jacobi
 
-from cfid.analysis.rotor_speed import SpeedRidge, speed_ridge
+from cfid.analysis.rotor_ridge import SpeedRidge, speed_ridge
 from cfid.errors import FitError
 from cfid.sim.loadcell import LoadCell, LoadCellTruth
 from cfid.sim.rotors import Rotors, RotorTruth
@@ -101,3 +101,16 @@ def test_windows_too_short_or_longer_than_the_record_are_refused() -> None:
     for window_s in (0.005, 2.0):
         with pytest.raises(FitError, match="windows of"):
             speed_ridge(time_s=np.arange(HZ) / HZ, wrench=noise(HZ), window_s=window_s, step_s=0.05)
+
+
+def test_a_ridge_where_blade_pass_may_fold_is_refused_unless_slower_rotors_are_expected() -> None:
+    time = np.arange(2 * HZ) / HZ
+    seventh = slice(None, None, 7)  # 1000 samples a second
+    wrench = rotating(1200 * time)[seventh]
+    with pytest.raises(FitError, match="blade pass of a rotor above 1571 rad/s folds back"):
+        speed_ridge(time_s=time[seventh], wrench=wrench, window_s=0.2, step_s=0.1)
+    ridge = speed_ridge(
+        time_s=time[seventh], wrench=wrench, window_s=0.2, step_s=0.1, expected_rad_per_s=(400.0, 1500.0)
+    )
+
+    np.testing.assert_allclose(ridge.speed_rad_per_s, 1200, rtol=1e-3)
