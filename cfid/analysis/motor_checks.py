@@ -32,7 +32,7 @@ def check_thrust(command: Array, thrust_n: Array) -> None:
     if running.min() < -_STANDING_N and running.max() < _STANDING_N:
         raise FitError(
             f"the thrust is negative throughout, down to {running.min():.3g} N: Fz counts downwards here. Was the "
-            "vehicle mounted upside down, or the load cell? Change the sign of Fz, or turn it round."
+            "vehicle mounted upside down, or the load cell? --flip-fz changes the sign of Fz; leave it out where it was given."
         )
     if running.max() < _STANDING_N:
         raise FitError(

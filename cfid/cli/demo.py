@@ -38,7 +38,9 @@ def demo(
         run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
         run_all(campaign, ("report",) if wire else HANDED_ON, figures=figures)
         print_comparison(campaign, known)
-        typer.echo(f"the campaign is {folder}: open {folder / 'report.html'}; look at rig.toml, runs, figures.")
+        typer.echo(
+            f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known."
+        )
     except KeyboardInterrupt:
         typer.echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
         raise

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cfid.cli.swing_set import SwingSet
 
 _UNLIKELY_DEVIATIONS = 4.0
+_ANOTHER_DEVIATIONS = 20.0  # no calliper errs so
 
 
 @flat
@@ -81,9 +82,9 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
         method=method,
         parameters=parameters,
         quality={"swings": swings.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
-        warnings=workplace.notes + swings.warnings + _apart(comparisons),
+        warnings=workplace.notes + swings.warnings + _apart(comparisons, _UNLIKELY_DEVIATIONS, _ANOTHER_DEVIATIONS),
         sources=swings.sources,
-        doubts=swings.doubts,
+        doubts=swings.doubts + _apart(comparisons, _ANOTHER_DEVIATIONS, float("inf")),
         lines=(
             *swings.lines,
             *(
@@ -96,10 +97,10 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
     )
 
 
-def _apart(comparisons: "list[Comparison]") -> tuple[str, ...]:
+def _apart(comparisons: "list[Comparison]", at_least: float, below: float) -> tuple[str, ...]:
     return tuple(
-        f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard deviations apart: check the mount's "
-        "distance, the body's lengths, and that nothing slips."
+        f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard deviations apart: check which axis was "
+        "swung, the mount's distance, the body's lengths, and that nothing slips."
         for c in comparisons
-        if _UNLIKELY_DEVIATIONS < c.deviations < float("inf")
+        if at_least < c.deviations < below
     )

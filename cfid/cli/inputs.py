@@ -83,7 +83,8 @@ def find_recording(word: str, workplace: Workplace) -> Path:
         return folder / word if (folder / word).is_dir() else path
     found = sorted(at.parent for at in folder.glob(f"{'*' if word == LAST else word}/{RUN_FILE}"))
     if not found or (word != LAST and len(found) > 1):
-        raise ConfigError(f"{word}: {len(found) or 'no'} runs in {folder} are called so, and one is wanted.")
+        told = "nothing is recorded yet" if word == LAST else f"{len(found) or 'no'} runs are called so, one is wanted"
+        raise ConfigError(f"{word}: {told} ({folder}).")
     return found[-1]
 
 

@@ -132,13 +132,14 @@ def _climb(
     question: str | None,
 ) -> None:
     """Climb with an instrument that records by itself, or, with a question, one that the operator reads."""
-    from cfid.cli.resume import missing
+    from cfid.cli.resume import interrupted, missing
     from cfid.rig.log import Plan
     from cfid.rig.ready_instruments import typed_readings
     from cfid.run import Label
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    wanted = missing(resume, kind=kind) if resume is not None else wanted
+    if resume is not None:
+        wanted = missing(interrupted(resume, campaign, kind=kind), kind=kind)
     if stairs.dry_run:
         announce(wanted)
         return

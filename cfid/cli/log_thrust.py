@@ -58,7 +58,8 @@ class StairOptions:
 
 
 Resume = Annotated[
-    Path | None, typer.Option(metavar="RUN", help="Do what an interrupted run lacks.", rich_help_panel=_STAIRS)
+    Path | None,
+    typer.Option(metavar="RUN", help="Do what an interrupted run lacks; a name, or last.", rich_help_panel=_STAIRS),
 ]
 Note = Annotated[str | None, typer.Option(help="A note, kept with the run.")]
 
@@ -79,14 +80,15 @@ def thrust(
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1 --motor 3[/bold]
     """
-    from cfid.cli.resume import missing
+    from cfid.cli.resume import interrupted, missing
     from cfid.rig.log import Plan, ready_loadcell
     from cfid.rig.procedures import climb
     from cfid.run import Label
 
     campaign, devices, simulated = rig_of(keep.campaign)
     wanted = stairs.stairs(tuple(motor or (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
-    wanted = missing(resume, kind="thrust") if resume is not None else wanted
+    if resume is not None:
+        wanted = missing(interrupted(resume, campaign, kind="thrust"), kind="thrust")
     if stairs.dry_run:
         announce(wanted)
         return

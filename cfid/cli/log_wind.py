@@ -128,11 +128,13 @@ def wind(
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
+    from cfid.cli.resume import interrupted
     from cfid.rig.log import ready_loadcell
     from cfid.rig.ready_instruments import typed_readings
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    setting, wanted = _wanted(options, sweep, resume)
+    resumed = None if resume is None else interrupted(resume, campaign, kind=KIND)
+    setting, wanted = _wanted(options, sweep, resumed)
     asks = sweep.tachometer == "typed" and setting.max_mps > 0
     if sweep.dry_run:
         _announce(setting, wanted, campaign, simulated=simulated, asks=asks)

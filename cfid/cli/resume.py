@@ -5,14 +5,33 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cfid.cli.run_words import LAST
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
+    from cfid.campaign import Campaign
     from cfid.rig.procedures import Staircase
     from cfid.run import Run
     from cfid.table import Array
 
 _ENOUGH = 0.98  # of the time that a step is held
+
+
+def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
+    """Return the folder of the run that a word names: a path, a run of the campaign, or `last`, of its kind.
+
+    Raises ConfigError when there is no run of this kind.
+    """
+    from cfid.errors import DataError
+    from cfid.run import list_runs
+
+    if str(word) != LAST:
+        return word if word.exists() else campaign.runs_folder / word
+    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
+    of_kind = [run.folder for run in runs if run.header.kind == kind]
+    if not of_kind:
+        raise ConfigError(f"last: {campaign.runs_folder} has no run of `cfid log {kind}` yet.")
+    return of_kind[-1]
 
 
 def missing(folder: Path, *, kind: str, by_readings: bool = True) -> "Staircase":

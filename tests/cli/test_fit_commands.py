@@ -227,3 +227,21 @@ def test_show_draws_a_file_or_the_terminal(cfid: Cfid, files: Path, tmp_path: Pa
     assert drawn.returncode == terminal.returncode == 0
     assert (tmp_path / "x_recording.png").exists()
     assert "angle, degrees" in terminal.stdout
+
+
+def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path) -> None:
+    x, z = (next((bodies / "runs").glob(f"*_swing_testbody_{axis}")) for axis in "xz")
+    right = cfid("fit", "testbody", f"x={x}", f"z={z}", "--campaign", bodies, "--no-figures")
+    exchanged = cfid("fit", "testbody", f"x={z}", f"z={x}", "--campaign", bodies, "--no-figures")
+
+    assert right.returncode == 0
+    assert exchanged.returncode == 5
+    assert "standard deviations apart: check which axis was swung" in exchanged.stderr
+
+
+def test_the_last_run_of_a_campaign_without_any_is_told(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", "mine").returncode == 0
+    said = cfid("show", "last", "--campaign", tmp_path / "mine")
+
+    assert said.returncode == 2
+    assert "last: nothing is recorded yet" in said.stderr

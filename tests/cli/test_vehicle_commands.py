@@ -272,7 +272,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0
     first = bench.run()
-    again = bench.start("log", "thrust", "--resume", first.folder, "--yes")
+    again = bench.start("log", "thrust", "--resume", "last", "--yes")
     assert again.end() == 0, again.err
 
     second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
