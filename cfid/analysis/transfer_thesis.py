@@ -174,6 +174,8 @@ def least_squares(value: Complex, omega_rad: Array, weights: Array, settings: Th
     weighted = weights[:, None] * np.concatenate([columns, -value[:, None]], axis=1)
     rows = np.concatenate([weighted.real, weighted.imag])
     scale = np.linalg.norm(rows[:, :-1], axis=0)
+    if not scale.all():
+        raise FitError("all responses have weight zero: give --weight-low or --weight-high above it.")
     found = np.linalg.lstsq(rows[:, :-1] / scale, rows[:, -1], rcond=None)[0] / scale
     return found[len(poles) :], np.concatenate([[1.0], found[: len(poles)]])
 
@@ -197,7 +199,7 @@ def _fft_samples(run: RecordedSine, samples: int, settle_samples: int) -> int:
     if run.plan.periods == 1:
         taken = left
     else:
-        period = round(run.plan.samples / run.plan.periods)
+        period = math.floor(run.plan.samples / run.plan.periods + 0.5)  # MATLAB rounds halves up
         taken = left // period * period
     if taken < 3:
         raise DataError(

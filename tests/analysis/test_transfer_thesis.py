@@ -59,7 +59,7 @@ def test_l_0_is_left_out_with_a_sentence_and_what_is_above_the_cut_off_too() -> 
     assert fit.notes[1] == "l = 200: l = 200 is above 100 and left out."
 
 
-@pytest.mark.parametrize(("periods", "taken"), [(1, 3500), (2, 2000), (12, 3330), (100, 3480)])
+@pytest.mark.parametrize(("periods", "taken"), [(1, 3500), (2, 2000), (12, 3330), (64, 3465), (100, 3480)])
 def test_whole_periods_are_transformed_each_rounded_to_samples(periods: int, taken: int) -> None:
     response = thesis_response(exact(*EQUATIONS[0], periods=[periods], samples=4000)[0])
 
