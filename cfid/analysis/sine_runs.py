@@ -101,9 +101,9 @@ def thrust_of(
     """
     if channel == "Fz":
         return force_n[:, 2]
+    if motor not in _ARMS_DEG:
+        raise DataError("all motors together make no torque about an arm: take Fz.")
     if channel == "arm":
-        if motor not in _ARMS_DEG:
-            raise DataError("all motors together make no torque about an arm: take Fz.")
         angle = math.radians(_ARMS_DEG[motor] + yaw_deg)
         return np.asarray((math.sin(angle) * torque_nm[:, 0] - math.cos(angle) * torque_nm[:, 1]) / arm_m)
     return np.asarray(torque_nm[:, 0 if channel == "Tx" else 1] / arm_m)

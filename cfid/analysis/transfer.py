@@ -36,6 +36,8 @@ Array = npt.NDArray[np.float64]
 
 LEAST_PROBABILITY = 1e-3
 BELIEVED_MISFIT = 0.03
+_FELT = 5.0  # deviations of the static gain from zero: what is closer may be noise
+_INSTANT = 0.01  # of a sample: a lag that is shorter is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,22 +113,38 @@ class TransferFit:
         return chi_squared_exceeds(self.chi_squared, freedom=self.freedom)
 
     @property
-    def believed(self) -> bool:
-        """Whether the model describes the responses: within noise, or as well as a motor is linear."""
+    def described(self) -> bool:
+        """Whether the responses are those of the model: within noise, or as well as a motor is linear."""
         return self.probability >= LEAST_PROBABILITY or self.misfit <= BELIEVED_MISFIT
 
     @property
+    def believed(self) -> bool:
+        """Whether the model describes the responses, and these tell a gain and a time constant."""
+        return self.described and not self._untold
+
+    @property
     def doubts(self) -> tuple[str, ...]:
-        """Return, as sentences, where the model does not describe the responses."""
+        """Return, as sentences, where the model does not describe the responses, or these tell nothing of it."""
         if self.probability >= LEAST_PROBABILITY:
-            return ()
-        verdict = (
-            "the motor is no such plant, or some runs are wrong" if not self.believed else "deviations are widened"
-        )
+            return self._untold
+        verdict = "deviations are widened" if self.described else "the motor is no such plant, or some runs are wrong"
         return (
             f"chi-squared is {self.chi_squared:.0f} for {self.freedom} degrees of freedom: the responses differ from "
             f"the model by {100 * self.misfit:.2g} % beyond their noise: {verdict}.",
+            *self._untold,
         )
+
+    @property
+    def _untold(self) -> tuple[str, ...]:
+        gain_n, std_n = self.dynamics.static_gain_n, self.std.static_gain_n
+        if abs(gain_n) < _FELT * std_n:
+            return (
+                f"the static gain, {gain_n:.2g} +- {std_n:.2g} N, may be noise alone: are --channel and the motor "
+                "those of the runs?",
+            )
+        if self.time_constant_s < _INSTANT * self.sample_s:
+            return ("the responses tell no time constant, the delay alone: record sines over a wider range.",)
+        return ()
 
     def response(self, omega_rad_s: Array, *, series: str | None = None) -> Complex:
         """Return force over commands at frequencies (n,), with a series' delay after its quickest reports, or none."""

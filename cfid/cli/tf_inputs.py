@@ -89,6 +89,7 @@ class _Reader:
     sources: "list[Source]" = field(default_factory=list)
     _cells: "dict[Path, WrenchRecord]" = field(default_factory=dict)
     _thrusts: dict[tuple[Path, int], Any] = field(default_factory=dict)
+    _names: dict[str, str] = field(default_factory=dict)  # of the run that has crossings of a hash
 
     def add_row(self, row: IndexRow) -> None:
         """Take a run that a row of an index names."""
@@ -132,6 +133,9 @@ class _Reader:
         from cfid.analysis.sine_runs import RecordedSine
         from cfid.analysis.sine_runs_reports import Reports
 
+        if (known := self._names.get(crossings.source.sha256)) is not None:
+            raise DataError(f"{plan.name}: its crossings are those of {known} too: name each run once.")
+        self._names[crossings.source.sha256] = plan.name
         time_s, force_n = self._thrust(loadcell, plan.motor)
         reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
         recorded = RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=force_n)

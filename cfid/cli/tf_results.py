@@ -91,7 +91,7 @@ def fit_lines(found: "Identified") -> list[str]:
     return [
         *convention_lines(fit.numerator, fit.denominator, form=fit.form, sample_s=fit.sample_s),
         f"chi-squared {fit.chi_squared:.1f} for {fit.freedom} degrees of freedom (probability {fit.probability:.2g}): "
-        f"the model {'describes' if fit.believed else 'does not describe'} {len(fit.model)} frequencies",
+        f"the model {'describes' if fit.described else 'does not describe'} {len(fit.model)} frequencies",
         *([f"corrected AIC above the best: {aicc}"] if aicc else []),
         *each,
         *(_delay_line(name, found) for name in fit.delays),

@@ -124,6 +124,12 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
     ),
     "an index of nothing": (rewritten("index.csv", lambda lines: lines[:1]), 4, ("a head and no rows",)),
     "all motors about an arm": (replaced("index.csv", "20000,1", "20000,0"), 4, ("take Fz",)),
+    "a run twice": (rewritten("index.csv", lambda lines: [*lines, lines[2]]), 4, ("l = 5", "name each run once")),
+    "a run by two names": (
+        rewritten("index.csv", lambda lines: [*lines, lines[2].replace("crossings", "./crossings")]),
+        4,
+        ("l = 5 (crossings_5.csv): its crossings are those of l = 5", "name each run once"),
+    ),
     "one frequency": (rewritten("index.csv", lambda lines: lines[:2]), 5, ("are too few", "record more sines")),
 }  # fmt: skip
 
@@ -160,6 +166,19 @@ def test_a_load_cell_that_felt_nothing_gives_no_numbers(tf: Here, index: Path) -
     (index.parent / "cell_0.csv").write_text("\n".join(still) + "\n")
     refused(tf("identify", "--index", index, "--no-figures"), 5, "felt nothing")
     refused(tf("identify", "--index", index, "--method", "thesis"), 5, "felt nothing")
+
+
+def test_a_channel_that_does_not_feel_the_motor_gives_no_numbers(tf: Here, index: Path) -> None:
+    said = tf("identify", "--index", index, "--channel", "Tx", "--no-figures")
+    assert said.returncode == 5
+    assert "may be noise alone: are --channel and the motor those of the runs?" in said.stderr
+    replaced("index.csv", "20000,1", "20000,0")(index.parent)
+    refused(tf("identify", "--index", index, "--channel", "Ty", "--no-figures"), 4, "take Fz")
+
+
+def test_weights_of_zero_leave_the_thesis_nothing(tf: Here, index: Path) -> None:
+    weightless = ("--method", "thesis", "--weight-low", 0, "--weight-high", 0)
+    refused(tf("identify", "--index", index, *weightless), 5, "weight zero", "--weight-low")
 
 
 def test_what_the_options_cannot_mean_is_said(tf: Here, index: Path) -> None:
