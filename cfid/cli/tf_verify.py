@@ -1,5 +1,7 @@
 """`cfid tf verify`: an identified transfer function against sine runs that it was not made from (figure 3.16)."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from cfid.analysis.transfer_verify import Verification
 
 _FUNCTION = "Transfer function"
+_VAGUE = 0.1  # of the sine, one deviation
+_LONGEST_S = 10.0  # a delay, of either sign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,18 +46,24 @@ class FunctionOptions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Function:
-    """What is verified: coefficients, and the delay after average or, if it is known, after quickest reports."""
+    """What is verified: coefficients, and the delay after average or, if it is known, after quickest reports.
+
+    `delay_std_s` is one deviation of the one that counts, 0 where nobody said.
+    """
 
     equation: "DifferenceEquation"
     delay_s: float
+    delay_std_s: float
     after_quickest_s: float | None
     used: frozenset[str]
 
     def delay_in(self, series: "SineSeries") -> tuple[float, float]:
         """Return the delay after the quickest reports of a series, and what is uncertain about it there."""
+        from math import hypot
+
         if self.after_quickest_s is not None:
-            return self.after_quickest_s, 0.0
-        return self.delay_s + series.mean_lateness_s, series.mean_lateness_std_s
+            return self.after_quickest_s, self.delay_std_s
+        return self.delay_s + series.mean_lateness_s, hypot(self.delay_std_s, series.mean_lateness_std_s)
 
 
 @flat
@@ -82,6 +92,8 @@ def verify(
     if not runs and inputs.index is None:
         raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
     sines = read_sines(runs or [], inputs, reading, scale, workplace)
+    if still := [run.plan.name for run in sines.runs if run.plan.periods == 0]:
+        raise DataError(f"{still[0]}: has no frequency, and nothing to compare: leave it out.")
     compared: list[tuple[SineRun, Verification]] = []
     for recorded in sines.series.values():
         series = align(recorded, sign=inputs.sign)
@@ -104,6 +116,8 @@ def _function(options: FunctionOptions, workplace: Workplace) -> Function:
 
     from cfid.analysis.transfer_models import DifferenceEquation
 
+    if options.delay_s is not None and not abs(options.delay_s) <= _LONGEST_S:
+        raise ConfigError(f"--delay-s {options.delay_s:g}: should be from {-_LONGEST_S:g} to {_LONGEST_S:g} s.")
     if options.numerator is None and options.denominator is None:
         return _of_campaign(options, workplace)
     if options.numerator is None or options.denominator is None:
@@ -112,8 +126,19 @@ def _function(options: FunctionOptions, workplace: Workplace) -> Function:
     under = _coefficients(options.denominator, "--denominator")
     if under[0] != 1:
         raise ConfigError(f"--denominator {options.denominator}: should begin with its leading 1.")
-    equation = DifferenceEquation(numerator=np.array(over), denominator=np.array(under))
-    return Function(equation=equation, delay_s=options.delay_s or 0.0, after_quickest_s=None, used=frozenset())
+    if not any(over):
+        raise ConfigError(
+            f"--numerator {options.numerator}: nothing is left of any command: give one that is not zero."
+        )
+    if np.max(np.abs(np.roots(under)), initial=0.0) >= 1:
+        raise ConfigError(f"--denominator {options.denominator}: never settles, which no motor does: is a sign wrong?")
+    return Function(
+        equation=DifferenceEquation(numerator=np.array(over), denominator=np.array(under)),
+        delay_s=options.delay_s or 0.0,
+        delay_std_s=0.0,
+        after_quickest_s=None,
+        used=frozenset(),
+    )
 
 
 def _of_campaign(options: FunctionOptions, workplace: Workplace) -> Function:
@@ -129,26 +154,30 @@ def _of_campaign(options: FunctionOptions, workplace: Workplace) -> Function:
     if section is None:
         raise ConfigError(f"{path}: has no transfer function yet: run `cfid tf identify`, or say --numerator ...")
     try:
-        values = {key: section.parameters[f"tf.{key}"].value for key in ("numerator", "denominator", "delay_s")}
+        found = {key: section.parameters[f"tf.{key}"] for key in ("numerator", "denominator", "delay_s")}
     except KeyError as error:
         raise DataError(f"{path}: section {SECTION} has no {error.args[0]}: run `cfid tf identify` again.") from None
     quickest = section.parameters.get("tf.delay_after_quickest_s")
-    told = options.delay_s is None and quickest is not None
+    counts = found["delay_s"] if quickest is None else quickest
+    by_hand = options.delay_s
     return Function(
         equation=DifferenceEquation(
-            numerator=np.array(values["numerator"]), denominator=np.array(values["denominator"])
+            numerator=np.array(found["numerator"].value), denominator=np.array(found["denominator"].value)
         ),
-        delay_s=values["delay_s"] if options.delay_s is None else options.delay_s,
-        after_quickest_s=quickest.value if told and quickest is not None else None,
+        delay_s=found["delay_s"].value if by_hand is None else by_hand,
+        delay_std_s=counts.std or 0.0 if by_hand is None else 0.0,
+        after_quickest_s=quickest.value if by_hand is None and quickest is not None else None,
         used=frozenset(source.sha256 for source in section.sources),
     )
 
 
 def _coefficients(text: str, option: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split(",")]
-    except ValueError:
-        raise ConfigError(f"{option} {text}: should be numbers with commas between, as 1,-0.97.") from None
+    from cfid.lines import is_finite
+
+    words = [word.strip() for word in text.split(",")]
+    if not all(map(is_finite, words)):
+        raise ConfigError(f"{option} {text}: should be numbers with commas between, as 1,-0.97.")
+    return [float(word) for word in words]
 
 
 def _outcome(
@@ -157,8 +186,10 @@ def _outcome(
     from cfid.parameters import Parameter
 
     parameters: dict[str, Parameter] = {}
-    for _, own in compared:
-        key = f"tf.verify.{own.name.partition(' (')[2].removesuffix(')').removesuffix('.csv')}"
+    keys = _apart(own.name.partition(" (")[2].removesuffix(")").removesuffix(".csv") for _, own in compared)
+    names = _apart(own.name for _, own in compared)
+    for name, (_, own) in zip(keys, compared, strict=True):
+        key = f"tf.verify.{name}"
         parameters |= {
             f"{key}.fit_percent": Parameter(value=own.fit_percent, unit="%"),
             f"{key}.residual_rms_n": Parameter(value=own.residual_rms_n, unit="N"),
@@ -169,15 +200,16 @@ def _outcome(
     def drawings() -> "dict[str, Figure]":
         from cfid.report.transfer_figures import verification_figure
 
-        return {f"tf_verify_l{run.plan.periods}": verification_figure(run, own) for run, own in compared}
+        figures = _apart(f"tf_verify_l{run.plan.periods}" for run, _ in compared)
+        return {name: verification_figure(run, own) for name, (run, own) in zip(figures, compared, strict=True)}
 
     return Outcome(
         command="tf verify",
         section="tf verify",
         method="default",
         parameters=parameters,
-        quality={"runs": {own.name: _quality(own) for _, own in compared}},
-        warnings=(*sines.warnings, *_reused(known, sines)),
+        quality={"runs": {name: _quality(own) for name, (_, own) in zip(names, compared, strict=True)}},
+        warnings=(*sines.warnings, *_reused(known, sines), *_vague(own for _, own in compared)),
         sources=sines.sources,
         doubts=tuple(
             f"{own.name}: the measured sine differs from the simulated one by {100 * own.off:.0f} % of it, with a "
@@ -201,6 +233,25 @@ def _line(own: "Verification") -> str:
         f"{1e3 * own.residual_rms_n:.2g} mN rms; measured {1e3 * own.late_s:+.2f} +- {1e3 * own.late_std_s:.2g} ms "
         f"later and {own.gain_ratio:.4f} +- {own.gain_ratio_std:.2g} times as large as simulated"
     )
+
+
+def _apart(names: Iterable[str]) -> list[str]:
+    """Return names of which no two are alike: files of different folders may be called the same."""
+    seen: Counter[str] = Counter()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
+    return found
+
+
+def _vague(compared: "Iterable[Verification]") -> list[str]:
+    """Return a word on runs whose noise lets them fit almost any function."""
+    return [
+        f"{own.name}: is known to {100 * own.off_std:.0f} % of the sine only: it verifies little."
+        for own in compared
+        if own.off_std > _VAGUE
+    ]
 
 
 def _reused(known: Function, sines: SineSet) -> list[str]:

@@ -34,6 +34,9 @@ def campaign(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
     return tmp_path
 
 
+BY_NUMBERS = ("--numerator", "0,6.07e-8", "--denominator", "1,-0.97453", "--delay-s", "-0.0274")
+
+
 def name_of(campaign: Path, l: int) -> str:  # noqa: E741
     (folder,) = (campaign / "runs").glob(f"*_sine_l{l}")
     return folder.name
@@ -115,8 +118,42 @@ def test_what_cannot_be_verified_is_said(tf: Here, tmp_path: Path, runs: list[Si
     wrong = ("verify", "--index", index, "--denominator", "2,-1")
     refused(tf(*wrong, "--numerator", "1"), 2, "should begin with its leading 1.")
     refused(tf(*wrong, "--numerator", "a"), 2, "--numerator a: should be numbers with commas between")
+    refused(tf(*wrong, "--numerator", "nan"), 2, "--numerator nan: should be numbers with commas between")
+    known = ("verify", "--index", index, "--numerator", "0,6e-8")
+    refused(tf(*known[:4], "0,0", "--denominator", "1,-0.97"), 2, "--numerator 0,0: nothing is left of any command")
+    refused(tf(*known, "--denominator", "1,-1.5"), 2, "--denominator 1,-1.5: never settles")
+    for delay_s in ("nan", "1e9", "-1e9"):
+        refused(tf(*known, "--denominator", "1,-0.97", "--delay-s", delay_s), 2, "should be from -10 to 10 s.")
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     refused(tf("verify", "--index", index), 2, "has no transfer function yet: run `cfid tf identify`")
+
+
+def test_a_run_without_frequency_cannot_be_compared(tf: Here, tmp_path: Path) -> None:
+    index = write_index(tmp_path, {"": sines((0, 10))}, cells=1)
+    said = tf("verify", "--index", index, *BY_NUMBERS)
+    refused(said, 4, "l = 0 (crossings_0.csv): has no frequency")
+
+
+def test_a_run_in_which_noise_drowns_the_sine_verifies_little(tf: Here, tmp_path: Path) -> None:
+    index = write_index(tmp_path, {"": sines((1,))}, cells=1)
+    warnings = tf.json("verify", "--index", index, *BY_NUMBERS)["warnings"]
+
+    assert any("l = 1 (crossings_1.csv): is known to" in said and "verifies little" in said for said in warnings)
+
+
+def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tf: Here, tmp_path: Path) -> None:
+    for folder, seed in (("one", 0), ("other", 1)):
+        (tmp_path / folder).mkdir()
+        write_index(tmp_path / folder, {"": sines((10,), seed=seed)}, cells=1)
+    rows = [(tmp_path / folder / "index.csv").read_text().splitlines() for folder in ("one", "other")]
+    lines = [row[1].replace(",c", f",{at}/c") for at, row in zip(("one", "other"), rows, strict=True)]
+    (tmp_path / "both.csv").write_text("\n".join([rows[0][0], *lines]) + "\n")
+    content = tf.json("verify", "--index", "both.csv", *BY_NUMBERS)
+
+    assert len([key for key in content["parameters"] if key.endswith("gain_ratio")]) == 2
+    assert len(content["quality"]["runs"]) == 2
+    assert tf("verify", "--index", "both.csv", *BY_NUMBERS).returncode == 0
+    assert {"tf_verify_l10.png", "tf_verify_l10_2.png"} <= {path.name for path in tmp_path.rglob("*.png")}
 
 
 # Latency
