@@ -12,7 +12,7 @@ from typing import Any
 
 from cfid.durable import alone_in, write_whole
 from cfid.errors import ConfigError, DataError
-from cfid.parameters import Section, plain
+from cfid.parameters import Section, bent, plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,13 +71,17 @@ def _read(path: Path) -> Fit:
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        return TypeAdapter(Fit).validate_json(path.read_bytes())
+        fit = TypeAdapter(Fit).validate_json(path.read_bytes())
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise DataError(f"{path}: not as cfid writes it: {where}: {first['msg']}. Delete it and fit again.") from None
+        fault = f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}"
+    else:
+        fault = bent(fit.section)
+        if not fault:
+            return fit
+    raise DataError(f"{path}: not as cfid writes it: {fault}. Delete it and fit again.")
 
 
 def _text(value: Any) -> str:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from cfid.campaign import RIG_FILE, RUNS_FOLDER, find_campaign
 from cfid.errors import CfidError, ConfigError, DataError
-from cfid.parameters import Section, Source, load_sections, scalars
+from cfid.parameters import Section, Source, Value, load_sections, scalars
 from cfid.run import Run, list_runs
 
 
@@ -70,11 +70,22 @@ def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
 
 def _numbers(section: Section, recorded: datetime) -> list[Known]:
     return [
-        Known(name, float(value), None if std is None else float(std), parameter.unit, recorded, section.believed)
+        Known(
+            name,
+            float(value),
+            float(std) if isinstance(std, int | float) else None,
+            parameter.unit,
+            recorded,
+            section.believed,
+        )
         for key, parameter in section.parameters.items()
         for name, value, std in scalars(key, parameter)
         if isinstance(value, int | float) and not isinstance(value, bool)
     ]
+
+
+def _number(value: Value) -> float | None:
+    return float(value) if isinstance(value, int | float) else None
 
 
 def _doubt(folder: Path, source: Source) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 from cfid.durable import alone_in, first_fault, read_toml, write_toml
 from cfid.errors import ConfigError, DataError
+from cfid.shapes import misshapen
 
 _MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
@@ -78,13 +79,18 @@ def scalars(name: str, parameter: Parameter) -> Iterator[tuple[str, Value, Value
         return
     if not isinstance(value, list):
         yield name, value, std
-    elif len(value) == 3 and isinstance(value[0], list):
+    elif len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
         entries = _MATRIX if all(value[j][i] == value[i][j] for i, j in _MATRIX.values()) else _ALL_ENTRIES
         for entry, (i, j) in entries.items():
-            yield f"{name} {entry}", value[i][j], std[i][j] if std else None
+            yield f"{name} {entry}", value[i][j], part(part(std, i), j)
     else:
         for i, item in enumerate(value):
-            yield f"{name} [{i}]", item, std[i] if std else None
+            yield f"{name} [{i}]", item, part(std, i)
+
+
+def part(std: Value, place: int) -> Value:
+    """Return a part of a deviation, None where it has none: what was edited may not be shaped as its value."""
+    return std[place] if isinstance(std, list) and place < len(std) else None
 
 
 def load_sections(path: Path) -> dict[str, Section]:
@@ -120,10 +126,22 @@ def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        return TypeAdapter(dict[str, Section]).validate_python(content)
+        sections = TypeAdapter(dict[str, Section]).validate_python(content)
     except ValidationError as error:
         fault = first_fault(error, content)
-        raise DataError(f"{path}: not as cfid writes it: {fault} Move it away and fit again.") from None
+    else:
+        fault = next((f"{name}.{said}." for name, section in sections.items() if (said := bent(section))), "")
+        if not fault:
+            return sections
+    raise DataError(f"{path}: not as cfid writes it: {fault} Move it away and fit again.")
+
+
+def bent(section: Section) -> str:
+    """Return which parameter of a section that was read has no shape that cfid writes, and why; "" where all have."""
+    for key, parameter in section.parameters.items():
+        if said := misshapen(key, parameter.value, parameter.std):
+            return f"parameters.{key}: {said}"
+    return ""
 
 
 def _table(section: Section) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cfid.campaign import BodyFrame, Rig
-from cfid.parameters import Parameter, Section, plain
+from cfid.parameters import Parameter, Section, part, plain
 
 _SYMMETRIC = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _ALL = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
@@ -58,13 +58,18 @@ def entries(parameter: Parameter) -> Iterator[Entry]:
 
 def _numbers(place: str, value: Any, std: Any) -> Iterator[Entry]:
     if not isinstance(value, list):
-        yield Entry(place, value, std)
+        if _may_be_number(value):
+            yield Entry(place, value, std if _may_be_number(std) else None)
     elif len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
         for name, (i, j) in (_SYMMETRIC if _is_symmetric(value) else _ALL).items():
-            yield Entry(f"{place} {name}".strip(), value[i][j], std[i][j] if std else None)
+            yield from _numbers(f"{place} {name}".strip(), value[i][j], part(part(std, i), j))
     else:
         for i, item in enumerate(value):
-            yield from _numbers(f"{place} {i}".strip(), item, std[i] if std else None)
+            yield from _numbers(f"{place} {i}".strip(), item, part(std, i))
+
+
+def _may_be_number(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
 def is_rows(value: Any) -> bool:

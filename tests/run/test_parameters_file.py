@@ -3,6 +3,7 @@
 import json
 import math
 import tomllib
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
-from cfid.parameters import Parameter, Section, Source, load_sections, plain, store_section
+from cfid.parameters import Parameter, Section, Source, load_sections, plain, scalars, store_section
 
 FOUND = datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC)
 
@@ -61,7 +62,7 @@ def test_a_campaign_that_has_found_nothing_has_no_sections(tmp_path: Path) -> No
 
 def test_a_section_is_read_back_as_it_was(tmp_path: Path) -> None:
     file = tmp_path / "parameters.toml"
-    whole = section(**{"inertia.matrix_kg_m2": [[1.0, 2.5], [3e-5, -0.0]], "swing.peaks_used": 12})
+    whole = section(**{"a.matrix_kg_m2": [[1.0, 2.5], [3e-5, -0.0]], "swing.peaks_used": 12})
     store_section(file, "inertia", whole)
     assert load_sections(file) == {"inertia": whole}
     assert load_sections(file)["inertia"].found.tzinfo is not None
@@ -261,3 +262,39 @@ def test_no_temporary_file_is_left(tmp_path: Path) -> None:
     with pytest.raises(TypeError):
         store_section(tmp_path / "parameters.toml", "fit", section(x=object()))
     assert [path.name for path in tmp_path.iterdir()] == ["parameters.toml"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("inertia.matrix_kg_m2", [1e-5, 2e-5, 3e-5], "should be a matrix of 3 times 3 numbers"),
+        ("motor.thrust_poly", 1.0, "should be a list of coefficients"),
+        ("motor.speed_poly", ["x"], "should be made of numbers"),
+        ("motor.max_thrust_n", [0.15], "should be a number"),
+        ("motor.torque_poly", [{"cmd": 1.0}], "should be made of numbers"),
+        ("motor.table", 1.0, "should be a list of rows"),
+        ("motor.table", [{"thrust_n": 0.1}], "should have a number cmd in each row"),
+        ("dynamics.rising", [1.0], "should be a list of 2 numbers"),
+    ],
+)
+def test_a_value_that_a_calculation_cannot_take_is_refused_by_its_key(
+    tmp_path: Path, key: str, value: Any, said: str
+) -> None:
+    file = tmp_path / "parameters.toml"
+    one = replace(section(), parameters={key: Parameter(value=value, unit="u")})
+    store_section(file, "fit", one)
+
+    with pytest.raises(DataError) as caught:
+        load_sections(file)
+    assert f"parameters.toml: not as cfid writes it: fit.parameters.{key}: {said}." in str(caught.value)
+
+
+def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_and_else_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.toml"
+    poly = Parameter(value=[1.0, 2.0], std=[1.0], unit="u")
+    store_section(file, "fit", replace(section(), parameters={"motor.speed_poly": poly}))
+    with pytest.raises(DataError, match="its deviation should be shaped alike"):
+        load_sections(file)
+
+    named = list(scalars("a", Parameter(value=[1.0, 2.0], std=0.5)))
+    assert named == [("a [0]", 1.0, None), ("a [1]", 2.0, None)]
