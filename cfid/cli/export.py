@@ -53,8 +53,11 @@ def _vehicle(campaign: "Campaign") -> "Vehicle":
     from cfid.campaign import RIG_FILE
     from cfid.export.vehicle import collect
     from cfid.parameters import load_sections
+    from cfid.run import Run, list_runs
 
-    return collect(campaign.rig, load_sections(campaign.parameters_file), rig_file=RIG_FILE)
+    runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
+    simulated = {run.folder.name for run in runs if run.header.simulated}
+    return collect(campaign.rig, load_sections(campaign.parameters_file), rig_file=RIG_FILE, simulated=simulated)
 
 
 def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> None:
@@ -77,8 +80,10 @@ def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> No
 
 
 def _warn(target: "Target", vehicle: "Vehicle") -> None:
-    from cfid.export.target import asked_for, caveats, doubted, left_out
+    from cfid.export.target import asked_for, caveats, doubted, left_out, simulated
 
+    if keys := simulated(target, vehicle):
+        note(f"SIMULATED, no vehicle was measured: {', '.join(keys)}. The file says so.")
     for sentence in caveats(target, vehicle):
         note(sentence)
     for key in doubted(target, vehicle):

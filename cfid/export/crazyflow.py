@@ -31,7 +31,7 @@ def write(vehicle: Vehicle) -> str:
 [{identifier(vehicle.name)}]
 mass = {number(vehicle["mass"])}  # kg
 J = {rows(inertia_kg_m2(vehicle))}  # kg m^2
-thrust_min = {number(vehicle["thrust_range"][0]["thrust_min_n"])}  # N of one motor, the least of the measured map
+thrust_min = {number(vehicle["thrust_range"][0]["thrust_min_n"])}  # N of one motor, where its map begins to rise
 thrust_max = {number(vehicle["max_thrust"])}  # N of one motor
 L = {number(arm_per_axis_m(vehicle))}  # m, distance from the forward and the left axis: the diagonal arm / sqrt(2)
 prop_inertia = {number(spin)}  # {spin_words}

@@ -119,12 +119,16 @@ def lags_s(vehicle: Vehicle) -> tuple[float, float]:
 
     From `rising` and `falling`, w' = a (u - w) + b (u^2 - w^2), whose slope there is -(a + 2 b w); else from
     `thrust_lag`, both ways.
+
+    Raises DataError when the slope is not negative there: speeds would run away.
     """
     if not _has_rotor_model(vehicle):
         return float(vehicle["thrust_lag"]), float(vehicle["thrust_lag"])
     speed = hover_speed_rad_s(vehicle)
-    up, down = (1 / (a + 2 * b * speed) for a, b in (vehicle["rising"], vehicle["falling"]))
-    return up, down
+    rising, falling = (a + 2 * b * speed for a, b in (vehicle["rising"], vehicle["falling"]))
+    if rising <= 0 or falling <= 0:
+        raise DataError(f"dynamics.rising and dynamics.falling make no lag at hovering, {speed:.0f} rad/s.")
+    return 1 / rising, 1 / falling
 
 
 def value_of(poly: Sequence[float], x: float) -> float:

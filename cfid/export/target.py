@@ -74,12 +74,20 @@ def text_of(target: Target, vehicle: Vehicle) -> str:
     if lacking:
         asked = "; ".join(asked_for(need) for need in lacking)
         raise DataError(f"{target.name} cannot do without what is not measured yet: {asked}.")
+    _refuse_senseless(target, vehicle)
     body = target.write(vehicle)
     head = commented(_heading(target, vehicle), target.comment)
     if body.startswith("<?xml"):  # nothing may stand before an XML declaration
         declaration, _, rest = body.partition("\n")
         return f"{declaration}\n{head}{rest}"
     return head + body
+
+
+def _refuse_senseless(target: Target, vehicle: Vehicle) -> None:
+    """Raise DataError for what divides, or is a size, and is not above zero: --force keeps such fits, too."""
+    for quantity in _taken(target, vehicle):
+        if isinstance(quantity.value, int | float) and quantity.value <= 0:
+            raise DataError(f"{quantity.key} is {told(quantity.value)}, and {target.name} needs it above zero.")
 
 
 def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
@@ -89,7 +97,13 @@ def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
 
 def caveats(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return what has to be known of what a target takes, a sentence each."""
-    return tuple(f"{q.key}: {q.caveat}" for q in _taken(target, vehicle) if q.caveat)
+    said = [f"{q.key}: {q.caveat}" for q in _taken(target, vehicle) if q.caveat]
+    return (*said, *(line.strip() for line in _hovering(vehicle) if "EXTRAPOLATED" in line))
+
+
+def simulated(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the keys of what a target takes although it was measured on a simulated rig."""
+    return tuple(q.key for q in _taken(target, vehicle) if q.simulated)
 
 
 def left_out(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
@@ -99,6 +113,8 @@ def left_out(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
 
 def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
     yield f"{target.about} of {vehicle.name}, written by cfid {__version__}."
+    if simulated(target, vehicle):
+        yield "WARNING: made of SIMULATED recordings: what is marked so below was measured on no vehicle."
     yield ""
     if target.directional:
         yield from _frame(vehicle)
@@ -152,6 +168,9 @@ def _hovering(vehicle: Vehicle) -> Iterator[str]:
         yield f"WARNING: {error}"
         return
     yield f"By this it hovers at {hover_thrust_n(vehicle):.4g} N of each motor, command {command:.0f} of {FULL}."
+    measured = vehicle.quantities["thrust_of_command"].commands
+    if measured is not None and not measured[0] <= command <= measured[1]:
+        yield f"  EXTRAPOLATED: hovering's command {command:.0f}; {measured[0]:.0f} to {measured[1]:.0f} were measured."
     if "speed_of_command" in vehicle:
         speed = value_of(vehicle["speed_of_command"], command)
         yield f"  rotor speed {speed:.1f} rad/s ({speed / RPM:.0f} rpm) by motor.speed_poly at that command"
@@ -166,6 +185,8 @@ def _told(quantity: Quantity) -> Iterator[str]:
     yield f"    {quantity.origin}"
     if quantity.caveat:
         yield f"    {quantity.caveat}"
+    if quantity.simulated:
+        yield "    SIMULATED: no vehicle was measured."
     if not quantity.believed:
         yield "    NOT BELIEVED: the fit does not describe its data; it was kept by force."
 

@@ -1,13 +1,14 @@
 """What a campaign knows of its vehicle, collected once for all exports; nothing is turned or converted here."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cfid.campaign import BodyFrame, Rig
+from cfid.campaign import RUNS_FOLDER, BodyFrame, Rig
 from cfid.errors import ConfigError
-from cfid.parameters import Parameter, Section, Value, plain
+from cfid.parameters import Section, Value, plain
+from cfid.parameters import Source as File
 
 FULL = 65535  # the largest command of a motor, 16 bits
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
@@ -55,7 +56,8 @@ SOURCES: Mapping[str, Source] = {
 class Quantity:
     """A value with one standard deviation of its shape (None where there is none), its unit and where it came from.
 
-    `caveat` is what else has to be known before it is used.
+    `caveat` is what else has to be known before it is used, `commands` the least and the largest command of a motor
+    that its fit had, where it had any. `simulated` says that some of its recordings are of no vehicle.
     """
 
     key: str
@@ -65,6 +67,8 @@ class Quantity:
     origin: str
     believed: bool = True
     caveat: str = ""
+    commands: tuple[float, float] | None = None
+    simulated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +93,12 @@ class Vehicle:
         return self.quantities[name].value
 
 
-def collect(rig: Rig, sections: Mapping[str, Section], *, rig_file: str = "rig.toml") -> Vehicle:
+def collect(
+    rig: Rig, sections: Mapping[str, Section], *, rig_file: str = "rig.toml", simulated: Collection[str] = ()
+) -> Vehicle:
     """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
+
+    `simulated` are the names of the runs that were recorded on a simulated rig.
 
     Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
     """
@@ -102,7 +110,7 @@ def collect(rig: Rig, sections: Mapping[str, Section], *, rig_file: str = "rig.t
     x, y, z = (0.001 * length for length in rig.vehicle.centre_of_mass_mm)
     quantities: dict[str, Quantity] = {}
     for name, source in SOURCES.items():
-        found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
+        found = next((q for key in source.keys if (q := _find(sections, key, simulated)) is not None), None)
         if found is not None:
             quantities[name] = found
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
@@ -120,7 +128,7 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
     return Quantity(key="mass_kg", value=rig.vehicle.mass_kg, std=std, unit="kg", origin=rig_file)
 
 
-def _find(sections: Mapping[str, Section], key: str) -> Quantity | None:
+def _find(sections: Mapping[str, Section], key: str, simulated: Collection[str]) -> Quantity | None:
     """Return what stands under a key: where several sections have it, a believed one, and the latest of those."""
     holding = [
         (section.believed, section.found, name)
@@ -131,11 +139,13 @@ def _find(sections: Mapping[str, Section], key: str) -> Quantity | None:
         return None
     name = max(holding)[-1]
     section = sections[name]
-    return _quantity(key, section.parameters[key], name, section)
+    return _quantity(key, name, section, simulated)
 
 
-def _quantity(key: str, parameter: Parameter, name: str, section: Section) -> Quantity:
-    runs = ", ".join(dict.fromkeys(Path(source.path).name for source in section.sources))
+def _quantity(key: str, name: str, section: Section, simulated: Collection[str]) -> Quantity:
+    parameter, commands = section.parameters[key], _commands(section)
+    recordings = dict.fromkeys(map(_recording, section.sources))
+    runs = ", ".join(recordings)
     parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
     return Quantity(
         key=key,
@@ -144,17 +154,30 @@ def _quantity(key: str, parameter: Parameter, name: str, section: Section) -> Qu
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
         believed=section.believed,
-        caveat=_extrapolated(section) if key in _AT_FULL_COMMAND else "",
+        caveat=_extrapolated(commands) if key in _AT_FULL_COMMAND else "",
+        commands=commands,
+        simulated=any(run in simulated for run in recordings),
     )
 
 
-def _extrapolated(section: Section) -> str:
-    """Return a sentence where the motors were measured well below the full command, else nothing."""
+def _recording(source: File) -> str:
+    """Return the run that a file belongs to, or the name of a file that is in none."""
+    path = Path(source.path)
+    in_run = path.parts[0] == RUNS_FOLDER and len(path.parts) > 1
+    return path.parts[1] if in_run else path.name
+
+
+def _commands(section: Section) -> tuple[float, float] | None:
     table = section.parameters.get("motor.table")
-    most = max((row["cmd"] for row in plain(table.value)), default=FULL) if table is not None else FULL
-    if most >= _FAR * FULL:
+    known = [row["cmd"] for row in plain(table.value) if row["cmd"] is not None] if table is not None else []
+    return (min(known), max(known)) if known else None
+
+
+def _extrapolated(commands: tuple[float, float] | None) -> str:
+    """Return a sentence where the motors were measured well below the full command, else nothing."""
+    if commands is None or commands[1] >= _FAR * FULL:
         return ""
-    return f"EXTRAPOLATED at the full command: {most:.0f} of {FULL} is the largest that was measured."
+    return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL} is the largest that was measured."
 
 
 def _known(value: Value) -> bool:

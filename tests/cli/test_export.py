@@ -4,6 +4,7 @@ import json
 import subprocess
 import tomllib
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from cfid.campaign import new_rig_text
 from cfid.export.catalogue import TARGETS
 from cfid.parameters import store_section
+from cfid.run import DeviceRecord, Label, create_run
 from tests.export.thesis_vehicle import section, sections
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -142,3 +144,22 @@ def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:
 
     assert "#define ARM_LENGTH 0.05f" in text
     assert "#define CF_MASS 0.0301f" in text
+
+
+def test_numbers_of_a_simulated_run_are_said_to_be_of_no_vehicle(cfid: Cfid, campaign: Path) -> None:
+    writer = create_run(
+        campaign / "runs",
+        kind="swing",
+        label=Label(axis="x"),
+        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
+        started=datetime(2026, 11, 21, 8, 30, tzinfo=UTC),
+        cfid_version="0",
+        simulated=True,
+    )
+    writer.close("complete")
+    found = section(sections()["inertia"].parameters, run=writer.folder.name)
+    store_section(campaign / "parameters.toml", "inertia", found)
+    said = cfid("export", "crazyswarm2", "--out", "-")
+
+    assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(said.stderr.split())
+    assert "made of SIMULATED recordings" in said.stdout

@@ -45,7 +45,7 @@ def test_every_file_says_by_which_fit_of_which_run_and_when(name: str) -> None:
     text = words(export(name, vehicle()))
 
     assert "mass_kg = 0.028 +- 3e-05 kg rig.toml" in text
-    assert "method thesis; 2015-08-31 12:30 UTC; cfid 9.8.7; from loadcell.csv, run_1" in text or name == "crazyswarm2"
+    assert "method thesis; 2015-08-31 12:30 UTC; cfid 9.8.7; from run_1" in text or name == "crazyswarm2"
 
 
 @pytest.mark.parametrize("name", DIRECTIONAL)
@@ -116,6 +116,38 @@ def test_a_thrust_beyond_the_measured_commands_is_marked(most: int, marked: bool
     text = export("firmware", known)
     assert (f"EXTRAPOLATED at the full command: {most} of 65535" in text) == marked
     assert bool(caveats(TARGETS["firmware"], known)) == marked
+
+
+@pytest.mark.parametrize(("most", "marked"), [(37000, True), (37500, False)])
+def test_hovering_beyond_the_measured_commands_is_marked(most: int, marked: bool) -> None:
+    table = [{"cmd": 2000.0, "thrust_n": 0.01}, {"cmd": float(most), "thrust_n": 0.1}]
+    thrust = section({**sections()["thrust"].parameters, "motor.table": table})
+    known = collect(thesis_rig(), {**sections(), "thrust": thrust})
+
+    sentence = f"EXTRAPOLATED: hovering's command 37287; 2000 to {most} were measured."
+    assert (sentence in words(export("safe-control-gym", known))) == marked
+    assert (sentence in caveats(TARGETS["safe-control-gym"], known)) == marked
+
+
+@pytest.mark.parametrize("name", [name for name in EVERY if "inertia" in TARGETS[name].needs])
+def test_what_was_recorded_on_a_simulated_rig_is_marked(name: str) -> None:
+    of_no_vehicle = collect(thesis_rig(), sections(), simulated={"2026-11-21_083012_swing_x"})
+
+    text = words(export(name, of_no_vehicle))
+    assert "made of SIMULATED recordings" in text
+    assert text.count("SIMULATED: no vehicle was measured") == 1
+    assert "SIMULATED" not in export(name, vehicle())
+
+
+@pytest.mark.parametrize("value", [0.0, -2e-8])
+def test_a_coefficient_that_is_not_above_zero_is_refused(value: float) -> None:
+    with pytest.raises(DataError, match=r"motor\.thrust_per_speed_squared_n_s2 is .* needs it above zero"):
+        export("firmware", with_value(vehicle(), "thrust_per_speed_squared", value))
+
+
+def test_a_rotor_that_runs_away_has_no_lag() -> None:
+    with pytest.raises(DataError, match="make no lag at hovering"):
+        export("rotorpy", with_value(vehicle(), "rising", [7.0, -0.002]))
 
 
 # What is missing
