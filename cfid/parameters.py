@@ -4,7 +4,7 @@ One section per fit; a later fit replaces its own section and touches no other.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -106,10 +106,18 @@ def store_section(path: Path, name: str, section: Section) -> None:
 
     Raises DataError when the file cannot be understood, ConfigError when it cannot be written; it is unchanged then.
     """
+    change_section(path, name, lambda _: section)
+
+
+def change_section(path: Path, name: str, change: Callable[[Section | None], Section]) -> None:
+    """Replace one section by what becomes of it, None where there is none yet; else as `store_section`.
+
+    No other process writes the file in between.
+    """
     try:
         with alone_in(path.parent):
             content = _load(path)
-            _sections(path, content)
+            section = change(_sections(path, content).get(name))
             write_toml(path, dict(sorted((content | {name: _table(section)}).items())))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cfid.durable import first_fault, read_toml, write_toml
+from cfid.durable import alone_in, first_fault, read_toml, write_toml
 from cfid.errors import ConfigError, DataError
 from cfid.rows import RowFile
 
@@ -119,18 +119,24 @@ def read_run(folder: Path) -> Run:
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:
     """Write into run.toml why fits shall leave a run out ("" takes that back), or another note; rows stay as they are.
 
-    Raises DataError when the file cannot be written.
+    What run.toml says by now stays, whatever it said when the run was read. Raises DataError when the file cannot be
+    written.
     """
-    header = run.header
-    if excluded is not None:
-        header = header.model_copy(update={"excluded": excluded})
-    if note is not None:
-        header = header.model_copy(update={"label": header.label.model_copy(update={"note": note or None})})
     try:
-        _write_header(run.folder, header)
+        with alone_in(run.folder):
+            header = read_run(run.folder).header
+            if excluded is not None:
+                header = header.model_copy(update={"excluded": excluded})
+            if note is not None:
+                header = _noted(header, note or None)
+            _write_header(run.folder, header)
     except OSError as error:
         raise DataError(f"{run.folder / RUN_FILE}: cannot be written: {error.strerror}. It is as it was.") from None
     return Run(folder=run.folder, header=header)
+
+
+def _noted(header: RunHeader, note: str | None) -> RunHeader:
+    return header.model_copy(update={"label": header.label.model_copy(update={"note": note})})
 
 
 def list_runs(runs_folder: Path) -> list[Run | DataError]:
@@ -204,7 +210,9 @@ class RunWriter:
         final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
         try:
             (self.folder / _RESERVE_FILE).unlink(missing_ok=True)
-            _write_header(self.folder, final)
+            with alone_in(self.folder):
+                final = self._amended(final)
+                _write_header(self.folder, final)
         except OSError as error:
             path = self.folder / RUN_FILE
             raise DataError(
@@ -212,6 +220,14 @@ class RunWriter:
             ) from None
         self.header = final
         return Run(folder=self.folder, header=self.header)
+
+    def _amended(self, final: RunHeader) -> RunHeader:
+        """Return a header with what the operator wrote into run.toml while the run was being recorded."""
+        try:
+            written = read_run(self.folder).header
+        except DataError:
+            return final
+        return _noted(final, written.label.note).model_copy(update={"excluded": written.excluded})
 
     def _closed(self, name: str, record: DeviceRecord) -> DeviceRecord:
         file = self._files[name]

@@ -88,21 +88,22 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
     import tomlkit
 
     from cfid.campaign import RIG_FILE, check_rig
-    from cfid.durable import write_whole
+    from cfid.durable import alone_in, write_whole
 
     table, key, std_key = _IN_RIG[name]
     path = campaign.folder / RIG_FILE
-    document = tomlkit.parse(path.read_text("utf-8-sig"))
-    section = document.setdefault(table, tomlkit.table())
-    section[key] = value
-    if std is not None:
-        section[std_key] = std
-    elif std_key in section:
-        note(f"the deviation in rig.toml stays {section[std_key]:g}: say --std for another.")
-    text = tomlkit.dumps(document)
-    check_rig(text, name=str(path))
     try:
-        write_whole(path, text.encode())
+        with alone_in(campaign.folder):
+            document = tomlkit.parse(path.read_text("utf-8-sig"))
+            section = document.setdefault(table, tomlkit.table())
+            section[key] = value
+            if std is not None:
+                section[std_key] = std
+            elif std_key in section:
+                note(f"the deviation in rig.toml stays {section[std_key]:g}: say --std for another.")
+            text = tomlkit.dumps(document)
+            check_rig(text, name=str(path))
+            write_whole(path, text.encode())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
     return f"{path}, {table}.{key}. Fits made before have the old number: make them anew."
@@ -112,23 +113,32 @@ def _into_parameters(campaign: "Campaign", name: str, value: float, std: float |
     from datetime import UTC, datetime
 
     from cfid import __version__
-    from cfid.parameters import Parameter, Section, load_sections, store_section
+    from cfid.parameters import Parameter, Section, change_section
 
-    known = unit or next((text for suffix, text in _UNITS.items() if name.endswith(f"_{suffix}")), "")
+    known = unit or _unit_of(name)
     if not known:
         units = ", ".join(_UNITS)
         raise ConfigError(f"'{name}': its unit is not known: end the name with one ({units}), or say --unit.")
-    before = load_sections(campaign.parameters_file).get(BY_HAND)
-    section = Section(
-        method="by hand",
-        found=datetime.now(UTC).replace(microsecond=0),
-        cfid_version=__version__,
-        believed=True,
-        sources=(),
-        parameters={**(before.parameters if before else {}), name: Parameter(value=value, std=std, unit=known)},
-    )
-    store_section(campaign.parameters_file, BY_HAND, section)
+
+    def with_it(before: Section | None) -> Section:
+        return Section(
+            method="by hand",
+            found=datetime.now(UTC).replace(microsecond=0),
+            cfid_version=__version__,
+            believed=True,
+            sources=(),
+            parameters={**(before.parameters if before else {}), name: Parameter(value=value, std=std, unit=known)},
+        )
+
+    change_section(campaign.parameters_file, BY_HAND, with_it)
     return f"{campaign.parameters_file}, section {BY_HAND}."
+
+
+def _unit_of(name: str) -> str:
+    """Return the unit that a name ends with, "" where it ends with none, or with a part of one as in `_m_per_s`."""
+    suffix = next((suffix for suffix in _UNITS if name.endswith(f"_{suffix}")), "")
+    before = name.removesuffix(f"_{suffix}").rpartition("_")[-1]
+    return "" if not suffix or before in {"per", *_UNITS} else _UNITS[suffix]
 
 
 def _print_json(sections: "dict[str, Section]") -> None:

@@ -25,19 +25,25 @@ def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: S
     the form NAME=FILE, stay as they are. `wanted` is what a suitable run is, for a person. Raises ConfigError when a
     word finds nothing.
     """
+    words = words or ()
+    finding = not words or any(_is_search(word) for word in words)
+    there = _readable(campaign) if campaign is not None and finding else []
+    runs = [run for run in there if suits(run)]
     if not words:
-        return _every(campaign, suits, wanted)
+        return _every(runs, campaign, wanted)
     found: list[str] = []
     for word in words:
-        if Path(word).exists() or "=" in word:
+        if not _is_search(word):
             found.append(word)
-        elif word == LAST:
-            found.append(_every(campaign, suits, wanted, quietly=True)[-1])
-        elif is_glob(word):
-            found += _matching(word, campaign, suits, wanted)
-        else:
-            found.append(word)
+            continue
+        names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, runs, campaign, wanted)
+        found += [name for name in names if name not in found]  # no run counts twice because two words mean it
     return found
+
+
+def _is_search(word: str) -> bool:
+    """Return whether a word is `last` or a glob, and no path that there is."""
+    return not Path(word).exists() and "=" not in word and (word == LAST or is_glob(word))
 
 
 def is_glob(word: str) -> bool:
@@ -50,43 +56,61 @@ def labelled(kind: str, *bodies: str) -> Suits:
     return lambda run: run.header.kind == kind and (not bodies or (run.header.label.body or "crazyflie") in bodies)
 
 
-def _every(campaign: "Campaign | None", suits: Suits, wanted: str, *, quietly: bool = False) -> list[str]:
-    if campaign is None:
-        raise ConfigError(f"there is no campaign here to look for runs in: name files or runs: {wanted}.")
-    runs = [run for run in _readable(campaign) if suits(run)]
-    taken = [run.folder.name for run in runs if _is_taken(run)]
-    if not taken:
-        unfit = f" ({', '.join(map(_why_left, runs))})" if runs else ""
-        raise ConfigError(f"{campaign.runs_folder}: no complete {wanted}{unfit}: record one, or name runs.")
-    if not quietly:
-        left = [_why_left(run) for run in runs if not _is_taken(run)]
-        note(f"takes {len(taken)} complete {wanted}" + (f"; left out: {', '.join(left)}." if left else "."))
+def _every(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
+    taken = _taken(runs, campaign, wanted)
+    left = _left(runs)
+    note(f"takes {len(taken)} complete {wanted}" + (f"; left out: {left}." if left else "."))
     return taken
 
 
-def _matching(glob: str, campaign: "Campaign | None", suits: Suits, wanted: str) -> list[str]:
+def _latest(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> str:
+    last = _taken(runs, campaign, wanted)[-1]
+    if newer := _left([run for run in runs if run.folder.name > last]):
+        note(f"{LAST} is {last}; newer ones are left out: {newer}.")
+    return last
+
+
+def _taken(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
     if campaign is None:
-        raise ConfigError(f"{glob}: there is no campaign here whose runs it could stand for.")
-    runs = [run for run in _readable(campaign) if fnmatch(run.folder.name, glob) and suits(run)]
+        raise ConfigError(f"there is no campaign here to look for runs in: name files or runs: {wanted}.")
     taken = [run.folder.name for run in runs if _is_taken(run)]
     if not taken:
-        unfit = f" but {', '.join(map(_why_left, runs))}" if runs else ""
+        unfit = f" ({_left(runs)})" if runs else ""
+        raise ConfigError(f"{campaign.runs_folder}: no complete {wanted}{unfit}: record one, or name runs.")
+    return taken
+
+
+def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
+    if campaign is None:
+        raise ConfigError(f"{glob}: there is no campaign here whose runs it could stand for.")
+    named = [run for run in runs if fnmatch(run.folder.name, glob)]
+    taken, left = [run.folder.name for run in named if _is_taken(run)], _left(named)
+    if not taken:
+        unfit = f" but {left}" if left else ""
         raise ConfigError(f"{glob}: no complete {wanted} in {campaign.runs_folder} has such a name{unfit}.")
-    left = [_why_left(run) for run in runs if not _is_taken(run)]
     if left:
-        note(f"{glob}: left out: {', '.join(left)}.")
+        note(f"{glob}: left out: {left}.")
     return taken
 
 
 def _readable(campaign: "Campaign") -> "list[Run]":
-    from cfid.errors import DataError
-    from cfid.run import list_runs
+    """Return the campaign's runs; of those that cannot be read nobody knows whether they are meant: that is said."""
+    from cfid.run import Run, list_runs
 
-    return [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
+    found = list_runs(campaign.runs_folder)
+    for fault in found:
+        if not isinstance(fault, Run):
+            note(f"a run is left out: {fault}")
+    return [run for run in found if isinstance(run, Run)]
 
 
 def _is_taken(run: "Run") -> bool:
     return run.header.state == "complete" and not run.header.excluded
+
+
+def _left(runs: "Sequence[Run]") -> str:
+    """Return which runs are not taken, and why."""
+    return ", ".join(_why_left(run) for run in runs if not _is_taken(run))
 
 
 def _why_left(run: "Run") -> str:

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Literal
@@ -11,6 +12,7 @@ import pytest
 
 from cfid.campaign import Campaign, find_campaign
 from cfid.cli.campaign import make_campaign
+from cfid.cli.parameters import set_by_hand
 from cfid.cli.run_words import chosen, labelled
 from cfid.errors import ConfigError
 from cfid.parameters import load_sections
@@ -85,6 +87,33 @@ def test_last_is_the_last_complete_run_of_the_kind(campaign: Campaign) -> None:
     assert words(campaign, "last") == [first]
 
 
+def test_last_says_which_newer_runs_it_is_not(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    first, _, third, *_ = names(campaign)
+    words(campaign, "last")
+    assert capsys.readouterr().err == ""
+
+    amend_run(read_run(campaign.runs_folder / third), excluded="the line slipped")
+    words(campaign, "last")
+    told = f"note: last is {first}; newer ones are left out: "
+    assert capsys.readouterr().err.startswith(told)
+
+
+def test_a_run_that_two_words_mean_counts_once(campaign: Campaign) -> None:
+    first, _, third, *_ = names(campaign)
+
+    assert words(campaign, "*drop*", "last", "2026*") == [first, third]
+
+
+@pytest.mark.parametrize("given", [[], ["last"], ["*drop*"]])
+def test_a_run_that_cannot_be_read_is_told(
+    campaign: Campaign, given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = names(campaign)[0]
+    (campaign.runs_folder / first / "run.toml").write_text("kind = ")
+    assert first not in words(campaign, *given)
+    assert f"a run is left out: {campaign.runs_folder / first}" in capsys.readouterr().err
+
+
 def test_a_glob_finds_complete_runs_of_the_kind_alone(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     first, second, third, *_ = names(campaign)
 
@@ -155,6 +184,40 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
     writer.close("failed")
 
 
+def test_what_is_said_of_a_run_while_it_is_recorded_stays_when_it_ends(campaign: Campaign) -> None:
+    writer = create_run(
+        campaign.runs_folder,
+        kind="speed",
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "rpm"))},
+        started=datetime.now(UTC),
+        cfid_version="0",
+    )
+    amend_run(read_run(writer.folder), excluded="the marker came off", note="old propeller")
+    writer.append("readings", ([1.0], [9000.0]))
+    writer.close("complete")
+
+    header = read_run(writer.folder).header
+    assert (header.state, header.excluded, header.label.note) == ("complete", "the marker came off", "old propeller")
+    assert header.devices["readings"].rows == 1
+
+
+def test_a_run_that_ended_since_it_was_read_keeps_its_end(campaign: Campaign) -> None:
+    writer = create_run(
+        campaign.runs_folder,
+        kind="drop",
+        label=Label(),
+        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
+        started=datetime.now(UTC),
+        cfid_version="0",
+    )
+    early = read_run(writer.folder)
+    writer.close("complete")
+    amend_run(early, excluded="the line slipped")
+
+    assert read_run(writer.folder).header.state == "complete"
+
+
 def test_a_name_that_no_run_has_is_told(cfid: Cfid, campaign: Campaign) -> None:
     said = cfid("runs", "exclude", "nothing")
 
@@ -195,6 +258,8 @@ def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: 
     ("given", "told"),
     [
         ("mass_kg 0", "vehicle.mass_kg: should be greater than 0"),
+        ("wind_m_per_s 3", "its unit is not known"),
+        ("damping_n_m 3", "its unit is not known"),
         ("thing 3", "its unit is not known: end the name with one"),
         ("Arm_m 3", "a name has small letters"),
         ("arm_m nan", "finite numbers"),
@@ -209,6 +274,14 @@ def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, gi
     assert told in said.stderr
     assert (campaign.folder / "rig.toml").read_bytes() == before
     assert not campaign.parameters_file.exists()
+
+
+def test_what_two_hands_note_at_once_is_both_kept(campaign: Campaign) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        for job in [pool.submit(set_by_hand, f"thing{i}_m", 1.0, campaign=campaign.folder) for i in range(12)]:
+            job.result()
+
+    assert len(load_sections(campaign.parameters_file)["set"].parameters) == 12
 
 
 def test_a_campaign_that_knows_nothing_says_what_to_do(cfid: Cfid, campaign: Campaign) -> None:
