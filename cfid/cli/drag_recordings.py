@@ -24,6 +24,8 @@ _STANDING_UP_TO = 1000  # the command up to which rotors stand (section 3.3.2)
 _RAD_S_TO_RPM = 9.549296585513721  # 60/(2 pi)
 _LISTENED_S = 3.0  # of a window: enough to tell a speed to a thousandth
 _HEARD_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others
+_HEARD_ANY_FROM_HZ = 3300.0  # the same at 5000 rad/s
+_SLOWEST_RAD_S, _USUAL_RAD_S = 200.0, 3000.0  # a Crazyflie's rotors stay below
 _UNHEARD = "no tachometer reading, and vibration does not tell the rotors' speed"
 _BY_HAND = "The columns from_s and to_s of the index give a window by hand."
 _AT_ONCE = 2  # files: while one waits for the disk or is parsed, another is averaged
@@ -94,12 +96,19 @@ def shown_rpm(
         raise FitError(f"{name}: {_UNHEARD}, sampled at {rate_hz:.0f} Hz: 2000 are needed. Give the reading.")
     begin_s, end_s = mean.window_s
     try:
-        heard = Ear(record, RotorOptions()).hear(begin_s, min(begin_s + _LISTENED_S, end_s), rotors=1)
+        heard = Ear(record, RotorOptions(expect=_turning(rate_hz))).hear(
+            begin_s, min(begin_s + _LISTENED_S, end_s), rotors=1
+        )
     except CfidError as error:
         raise FitError(f"{name}: {_UNHEARD}: {error} Give the reading.") from None
     if not heard.believed:
         raise FitError(f"{name}: {_UNHEARD}: {' '.join(heard.doubts)} Give the reading.")
     return _RAD_S_TO_RPM * how.markers * heard.speed_rad_per_s
+
+
+def _turning(rate_hz: float) -> str | None:
+    """Return how fast rotors may turn, where blade pass of faster ones would fold back; None where it does not."""
+    return f"{_SLOWEST_RAD_S:g}:{_USUAL_RAD_S:g}" if rate_hz < _HEARD_ANY_FROM_HZ else None
 
 
 def wind_run(mean: "MeanForce", shown: float, *, name: str, command: int, place: WindRow | WindSetting) -> "WindRun":
