@@ -24,6 +24,11 @@ class CrossFit:
     unresolved: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    @property
+    def mended(self) -> bool:
+        """Whether kappa_4 multiplies |v_xy|."""
+        return self.fit.model is CROSS_MENDED
+
 
 def fit_cross(
     experiments: DragExperiments,

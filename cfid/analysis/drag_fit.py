@@ -1,5 +1,6 @@
 """One model of drag fitted to experiments: plain least squares as the thesis, or weighted by all that is uncertain."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ Array = npt.NDArray[np.float64]
 BELIEVED_UNEXPLAINED = 0.5  # sum of squared errors over sum of squared forces
 
 _DRIVEN = 0.2  # cosine between all forces and all velocities
+_ACROSS = 0.5  # the same across velocities: 30 degrees, where there is no noise
 _DEPENDENT = 1e-9  # smallest over largest singular value of columns that no longer differ
 _ROUNDS, _SETTLED = 20, 1e-7
 
@@ -102,7 +104,7 @@ def fit_drag(
         noise_scale=found.errors.scale,
         freedom=rows.shape[0] - rows.shape[1],
         condition=condition,
-        doubts=(*_driving(experiments), *_unexplained(experiments.force_n, residual)),
+        doubts=(*_driving(experiments), *_turned(experiments), *_unexplained(experiments.force_n, residual)),
     )
 
 
@@ -181,6 +183,20 @@ def _driving(experiments: DragExperiments) -> list[str]:
                 "at yaw, azimuth, angle and the signs of force and velocity."
             )
     return doubts
+
+
+def _turned(experiments: DragExperiments) -> list[str]:
+    """Return a doubt where forces in x and y stand across the wind, as after a wrong yaw."""
+    force, against = experiments.force_n[:, :2], -experiments.velocity_mps[:, :2]
+    along = float(np.sum(force * against))
+    leftward = float(np.sum(against[:, 0] * force[:, 1] - against[:, 1] * force[:, 0]))
+    if abs(leftward) <= _ACROSS * np.linalg.norm(force) * np.linalg.norm(against):
+        return []
+    degrees = math.degrees(math.atan2(leftward, along))
+    return [
+        f"in x and y the forces point {abs(degrees):.0f} degrees {'left' if degrees > 0 else 'right'} of the wind that "
+        "should make them: look at yaw and azimuth."
+    ]
 
 
 def _unexplained(force: Array, residual: Array) -> list[str]:

@@ -25,6 +25,8 @@ from cfid.errors import DataError
 
 Array = npt.NDArray[np.float64]
 
+_HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
+
 
 @dataclass(frozen=True, kw_only=True)
 class WindRun:
@@ -168,6 +170,11 @@ def _check(runs: Sequence[WindRun]) -> None:
             raise DataError(f"{run.name}: its mean force is no number: look at the recording and its window.")
         if run.windy and (run.angle_deg is None or not math.isfinite(run.angle_deg)):
             raise DataError(f"{run.name}: wind of {run.max_mps:g} m/s without an angle: say where it came from.")
+        if run.windy and run.angle_deg is not None and not 0 <= run.angle_deg <= _HIGHEST_DEG:
+            raise DataError(
+                f"{run.name}: an angle of {run.angle_deg:g} degrees: it counts from 0, straight above, to 180; the "
+                "side is the azimuth's."
+            )
         if run.windy and not (run.standing or run.shown_rpm > 0):
             raise DataError(
                 f"{run.name}: a tachometer reading of {run.shown_rpm:g} rpm at command {run.command}: measure the "

@@ -24,6 +24,11 @@ NO_INTERCEPTS = (
     "them from an intercept."
 )
 
+MENDED = (
+    "the cross-coupling model is the mended one: kappa_4, twice in the third row, multiplies |v_xy|; the matrix times "
+    "v is not its force."
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class DragChoices:
@@ -87,6 +92,8 @@ def fit_models(experiments: DragExperiments, choices: DragChoices) -> DragResult
     groups = _tried(lambda: group_simple(experiments), said)
     if choices.intercepts and complex_ is not None:
         said.append(NO_INTERCEPTS)
+    if cross is not None and cross.mended:
+        said.append(MENDED)
     models = [fit.model for fit in (simple, cross and cross.fit, complex_) if fit]
     comparison = _tried(lambda: compare_models(experiments, models, weighted=choices.weighted), said)
     value, std, residual = simple.value, simple.std, simple.residual_n

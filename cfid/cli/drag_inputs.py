@@ -12,10 +12,10 @@ from cfid.cli.drag_files import WindRow, read_reduced, read_wind_index
 from cfid.cli.drag_recordings import Recordings, Reduced, reduce_rows
 from cfid.cli.drag_runs import reduce_run, sagged
 from cfid.cli.inputs import Workplace, find_recording
-from cfid.cli.options import LoadCellOptions, Method, ReadingOptions
+from cfid.cli.options import LoadCellOptions, Method, ReadingOptions, finite
 from cfid.cli.run_words import chosen, labelled
 from cfid.cli.wind_run import KIND
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.analysis.drag_experiments import DragExperiments
@@ -54,7 +54,11 @@ class WindInputs:
     ] = 0.4967
     yaw_deg: Annotated[
         float,
-        typer.Option(help="How far left of the vehicle's x axis the load cell's x axis lies.", rich_help_panel=_INPUT),
+        typer.Option(
+            help="How far left of the vehicle's x axis the load cell's x axis lies: -45 where the vehicle is turned "
+            "left by 45.",
+            rich_help_panel=_INPUT,
+        ),
     ] = 45.0
     markers: Annotated[
         int, typer.Option(min=1, help="Reflective markers that the tachometer counted.", rich_help_panel=_INPUT)
@@ -94,6 +98,7 @@ def read_wind_evidence(
     parts = reduce_rows(rows, how)
     paths = [find_recording(word, workplace) for word in words]
     parts += [reduce_run(path, how) for path in paths]
+    _check_once(parts)
     sources += [source for part in parts for source in part.sources]
     return _reduced(parts, inputs, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
 
@@ -126,8 +131,8 @@ def _reduced(
 
     found = reduce_runs(
         [run for part in parts for run in part.runs],
-        azimuth_rad=inputs.azimuth_rad,
-        yaw_rad=math.radians(inputs.yaw_deg),
+        azimuth_rad=finite(inputs.azimuth_rad, "--azimuth-rad"),
+        yaw_rad=math.radians(finite(inputs.yaw_deg, "--yaw-deg")),
         markers=inputs.markers,
     )
     return WindEvidence(
@@ -137,6 +142,15 @@ def _reduced(
         sources=tuple(sources),
         paths=tuple(paths),
     )
+
+
+def _check_once(parts: Sequence[Reduced]) -> None:
+    """Refuse a recording that is there twice, whatever its name: it would count as two."""
+    seen: dict[str, str] = {}
+    for recording in (part.sources[0] for part in parts):
+        if (known := seen.get(recording.sha256)) is not None:
+            raise DataError(f"{recording.path}: the same recording as {known}: name each once.")
+        seen[recording.sha256] = recording.path
 
 
 def _counted(parts: Sequence[Reduced]) -> list[str]:

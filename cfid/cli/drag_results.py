@@ -65,6 +65,7 @@ def drag_quality(found: "DragResult") -> dict[str, Any]:
         "wind_settings": runs.settings,
         "mean_wind_mps": runs.wind_mps.mean(),
         "mean_speed_sum_rad_s": runs.speed_sum_rad_s.mean(),
+        "kappa_4_times": _sideways(found),
         "unresolved": found.cross.unresolved if found.cross else (),
         "margin_nats": compared.margin if compared else None,
         "normalised_squared": _normalised(found.complex_.value, runs).squared if found.complex_ else None,
@@ -93,6 +94,13 @@ def drag_lines(found: "DragResult", grouping: Grouping | None) -> list[str]:
     if grouping is not None and found.groups is not None:
         lines += [_row_line(row) for row in group_rows(found, grouping)]
     return lines
+
+
+def _sideways(found: "DragResult") -> str | None:
+    """Return what kappa_4 multiplies beside the sum of rotor speeds."""
+    if found.cross is None:
+        return None
+    return "|v_xy|" if found.cross.mended else "v_x + v_y"
 
 
 def _complex(fit: "DragFit", runs: "DragExperiments") -> "dict[str, Parameter]":

@@ -10,7 +10,7 @@ import typer
 
 from cfid.cli.live import LiveLine
 from cfid.cli.log_thrust import LARGEST_COMMAND, Note, Resume, announce
-from cfid.cli.options import flat, positive
+from cfid.cli.options import finite, flat, positive
 from cfid.cli.recorded import KeepOptions, record, rig_of
 from cfid.cli.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.cli.wind_run import KIND, WindSetting, missing_lines, recorded, setting_of
@@ -61,6 +61,8 @@ class WindOptions:
             raise ConfigError(f"--wind {self.wind}: say --angle DEG too, the wind generator's to the vertical.")
         if not 0 <= self.angle <= _HIGHEST_DEG:
             raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {_HIGHEST_DEG:g} degrees.")
+        if self.azimuth_rad is not None:
+            finite(self.azimuth_rad, "--azimuth-rad")
         fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage")
         return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_rad=self.azimuth_rad)
 

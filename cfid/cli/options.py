@@ -189,6 +189,16 @@ def positive(value: float, option: str) -> float:
     return value
 
 
+def finite(value: float, option: str) -> float:
+    """Return a number that may be any.
+
+    Raises ConfigError when it is none.
+    """
+    if not abs(value) < float("inf"):
+        raise ConfigError(f"{option} {value:g}: has to be a number.")
+    return value
+
+
 def _default(field: "Field[Any]") -> Any:
     return inspect.Parameter.empty if field.default is MISSING else field.default
 

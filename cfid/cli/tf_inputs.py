@@ -9,7 +9,7 @@ import typer
 
 from cfid.cli.index_files import IndexRow, read_index
 from cfid.cli.inputs import Workplace, find_recording
-from cfid.cli.options import LoadCellOptions, ReadingOptions, positive
+from cfid.cli.options import LoadCellOptions, ReadingOptions, finite, positive
 from cfid.cli.run_words import chosen
 from cfid.errors import ConfigError, DataError
 
@@ -55,7 +55,11 @@ class SineInputs:
         46.0
     )
     yaw_deg: Annotated[
-        float, typer.Option(help="How far left the vehicle is turned on the load cell.", rich_help_panel=_INPUT)
+        float,
+        typer.Option(
+            help="How far left the vehicle is turned on the load cell; `cfid fit drag` counts the other way.",
+            rich_help_panel=_INPUT,
+        ),
     ] = 45.0
     offset: Annotated[
         float, typer.Option(min=0, max=_MOST_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
@@ -152,9 +156,8 @@ class _Reader:
             if cell.begin_s is None:
                 raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
             arm_m = 1e-3 * positive(inputs.arm_mm, "--arm-mm")
-            thrust = thrust_of(
-                inputs.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=inputs.yaw_deg
-            )
+            yaw_deg = finite(inputs.yaw_deg, "--yaw-deg")
+            thrust = thrust_of(inputs.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
         time_s, thrust = self._thrusts[path, motor]
         return time_s, thrust

@@ -1,6 +1,7 @@
 """Drag from recordings, tables and runs, as an operator has them fitted: `cfid fit drag`."""
 
 import json
+import math
 import re
 import subprocess
 from collections.abc import Callable
@@ -165,6 +166,8 @@ def test_the_mended_kappa_4_is_unresolved_from_one_azimuth_and_found_from_two(
     one = fit_models(read(nowhere, index=both.write(head=head)).experiments, choices)
 
     assert drag_quality(one)["unresolved"] == ("kappa_4",)
+    assert drag_quality(one)["kappa_4_times"] == "|v_xy|"
+    assert any("the matrix times v is not its force" in warning for warning in one.warnings)
     assert any("one azimuth" in warning for warning in one.warnings)
     assert drag_quality(two)["unresolved"] == ()
     assert two.cross is not None
@@ -275,6 +278,11 @@ def spoil_file(text: str) -> Spoil:
     return lambda tunnel: (tunnel.folder / path).write_text(text)
 
 
+def copy_file(tunnel: WindFolder) -> None:
+    copied = tunnel.folder / name_of(DRIVEN[0], WINDS[1])
+    (tunnel.folder / name_of(DRIVEN[1], WINDS[1])).write_bytes(copied.read_bytes())
+
+
 NOISE = "t,Fx,Fy,Fz,Tx,Ty,Tz\n" + "".join(f"{0.0025 * i:.4f},1,2,{i % 7},4,5,6\n" for i in range(2400))
 SPOILT: dict[str, tuple[Spoil, str]] = {
     "a missing reference": (without(20000), "no run without wind at command 20000: 4 run(s) in wind need it"),
@@ -290,6 +298,12 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
         change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])),
         "is the file of wind.csv:9 too: which is it?",
     ),
+    "an angle round the circle": (
+        change(20000, WINDS[1], angle_deg="400"),
+        "an angle of 400 degrees: it counts from 0",
+    ),
+    "an angle below zero": (change(20000, WINDS[1], angle_deg="-48.4"), "an angle of -48.4 degrees: it counts from 0"),
+    "a copy of a file": (copy_file, "the same recording as"),
     "a file of another kind": (spoil_file("t,phi\n" + "0.1,2\n" * 30), "no column Fx, Fy"),
     "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n"), "'nan' in column 'Fy' is no number"),
     "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
@@ -340,6 +354,24 @@ def test_a_table_beside_runs_and_nothing_at_all_are_usage_errors(nowhere: Workpl
         read(nowhere, "somewhere", table=tmp_path / "forces.csv")
     with pytest.raises(ConfigError, match="nothing to fit"):
         read(nowhere)
+
+
+def test_a_direction_that_is_no_number_is_a_usage_error(nowhere: Workplace, tunnel: WindFolder) -> None:
+    index = tunnel.write()
+    with pytest.raises(ConfigError, match="--azimuth-rad nan: has to be a number"):
+        read(nowhere, index=index, azimuth_rad=math.nan)
+    with pytest.raises(ConfigError, match="--yaw-deg inf: has to be a number"):
+        read(nowhere, index=index, yaw_deg=math.inf)
+
+
+@pytest.mark.parametrize(("yaw_deg", "told"), [(-45.0, "8[78] degrees right"), (135.0, "9[23] degrees left")])
+def test_a_vehicle_that_was_turned_the_other_way_is_doubted(
+    nowhere: Workplace, tunnel: WindFolder, yaw_deg: float, told: str
+) -> None:
+    experiments = read(nowhere, index=tunnel.write(), yaw_deg=yaw_deg).experiments
+    (doubt,) = fit_models(experiments, DragChoices()).chosen.doubts
+
+    assert re.search(f"in x and y the forces point {told} of the wind that should make them: look at yaw", doubt)
 
 
 def test_too_few_experiments_are_told(nowhere: Workplace, tmp_path: Path) -> None:

@@ -132,6 +132,12 @@ def test_a_file_is_no_run(campaign: Path) -> None:
         read(campaign, campaign / "some.csv")
 
 
+def test_a_run_that_is_named_twice_is_told(campaign: Path) -> None:
+    still, windy = blown(campaign, WINDS[0]), blown(campaign, WINDS[2])
+    with pytest.raises(DataError, match=r"the same recording as .*: name each once"):
+        read(campaign, still.folder.name, windy.folder.name, windy.folder)
+
+
 def test_wind_without_any_reference_is_told(campaign: Path) -> None:
     blown(campaign, WINDS[2])
     with pytest.raises(DataError, match="no run without wind at command 20000, 40000"):

@@ -187,6 +187,7 @@ def test_what_the_options_cannot_mean_is_said(tf: Here, index: Path) -> None:
     refused(tf("identify", index.parent / "crossings_2.csv"), 4, "files of sines need an index")
     refused(tf("identify", "--index", "missing.csv"), 4, "missing.csv: no such file.")
     refused(tf("identify", "--index", index, "--arm-mm", 0), 2, "--arm-mm 0: has to be above zero.")
+    refused(tf("identify", "--index", index, "--yaw-deg", "nan"), 2, "--yaw-deg nan: has to be a number.")
     refused(tf("identify", "--index", index, "--rate-hz", 500, "--columns", "Fx,Fy,Fz,Tx,Ty,Tz"), 2, "--rate-hz")
     refused(tf("identify", "--index", index, "--cutoff-hz", 0.1), 5, "no sine run is left", "--cutoff-hz")
     refused(tf("identify", "--index", index, "--settle-s", 3.9), 5, "too few for a sine")
