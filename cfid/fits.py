@@ -40,9 +40,10 @@ class Fit:
 def keep_fit(folder: Path, fit: Fit) -> Path:
     """Write a fit into a file of its own, never over another, and return its path.
 
+    A file name that is no UTF-8 keeps a question mark for each odd byte, so that the fit stays readable.
     Raises ConfigError when the folder cannot be written.
     """
-    content = json.dumps(plain(asdict(fit)), indent=1, allow_nan=False, default=_text)
+    content = json.dumps(plain(asdict(fit)), indent=1, allow_nan=False, default=_text, ensure_ascii=False)
     stem = f"{fit.section.found:%Y-%m-%d_%H%M%S}_{fit.name}"
     try:
         folder.mkdir(exist_ok=True)
@@ -50,7 +51,7 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
             number = 1
             while (path := folder / f"{stem}{f'-{number}' if number > 1 else ''}.json").exists():
                 number += 1
-            write_whole(path, content.encode())
+            write_whole(path, content.encode("utf-8", "replace"))
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     return path

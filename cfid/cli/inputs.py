@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,7 +82,8 @@ def find_recording(word: str, workplace: Workplace) -> Path:
     folder = workplace.campaign.runs_folder
     if word != LAST and not is_glob(word):
         return folder / word if (folder / word).is_dir() else path
-    found = sorted(at.parent for at in folder.glob(f"{'*' if word == LAST else word}/{RUN_FILE}"))
+    pattern = "*" if word == LAST else word
+    found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if fnmatch(at.parent.name, pattern))
     if not found or (word != LAST and len(found) > 1):
         told = "nothing is recorded yet" if word == LAST else f"{len(found) or 'no'} runs are called so, one is wanted"
         raise ConfigError(f"{word}: {told} ({folder}).")

@@ -18,12 +18,12 @@ _MARK = re.compile(rb"(cfid [\w.+-]+ report )([0-9a-f]{64})")
 
 
 def write_report(path: Path, text: str, *, force: bool = False) -> None:
-    """Write a rendered report with its mark.
+    """Write a rendered report with its mark; of a name that is no UTF-8 each odd byte becomes a question mark.
 
     Raises ConfigError when a file of that name is not a report as cfid made it and `force` was not said, or when the
     folder cannot be written.
     """
-    content = _sealed(text.encode())
+    content = _sealed(text.encode("utf-8", "replace"))
     try:
         if path.exists() and not force and not _is_ours(path.read_bytes()):
             raise ConfigError(

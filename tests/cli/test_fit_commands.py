@@ -245,3 +245,12 @@ def test_the_last_run_of_a_campaign_without_any_is_told(cfid: Cfid, tmp_path: Pa
 
     assert said.returncode == 2
     assert "last: nothing is recorded yet" in said.stderr
+
+
+@pytest.mark.parametrize("glob", ["/somewhere/*", "**x"])
+def test_a_glob_that_no_run_can_have_as_its_name_is_told(cfid: Cfid, tmp_path: Path, glob: str) -> None:
+    assert cfid("new", "mine").returncode == 0
+    said = cfid("show", glob, "--campaign", tmp_path / "mine")
+
+    assert said.returncode == 2
+    assert "no runs are called so, one is wanted" in " ".join(said.stderr.split())

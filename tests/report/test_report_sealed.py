@@ -54,3 +54,9 @@ def test_a_folder_is_made_and_one_that_cannot_be_is_told(tmp_path: Path) -> None
         write_report(tmp_path / "file" / "report.md", TEXT)
     with pytest.raises(ConfigError, match="no report can be written"):
         write_report(tmp_path / "new", TEXT)
+
+
+def test_a_name_that_is_no_utf_8_does_not_hinder_a_report(tmp_path: Path) -> None:
+    write_report(tmp_path / "a.md", TEXT + "campaign \udcff\n")
+
+    assert (tmp_path / "a.md").read_text().endswith("campaign ?\n")

@@ -1,5 +1,6 @@
 """Fits as they were delivered: each in a file of its own, whole, readable again."""
 
+import json
 import threading
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -73,3 +74,23 @@ def test_fits_of_the_same_files_are_one_measurement() -> None:
     again = replace(FIT, section=replace(FIT.section, method="thesis"))
 
     assert again.hashes == FIT.hashes
+
+
+def test_a_fit_of_a_file_whose_name_is_no_utf_8_stays_readable(tmp_path: Path) -> None:
+    odd = replace(FIT, section=replace(FIT.section, sources=(Source("/x/a\udcff.csv", "0" * 64),)))
+    keep_fit(tmp_path, odd)
+    (found,) = list_fits(tmp_path)
+
+    assert isinstance(found, Fit)
+    assert found.section.sources[0].path == "/x/a?.csv"
+
+
+def test_a_fit_whose_numbers_were_edited_into_no_matrix_is_told(tmp_path: Path) -> None:
+    path = keep_fit(tmp_path, replace(FIT, section=replace(FIT.section, parameters={})))
+    content = json.loads(path.read_text())
+    content["section"]["parameters"] = {"inertia.matrix_kg_m2": {"value": 1.0, "unit": "kg m^2"}}
+    path.write_text(json.dumps(content))
+    (broken,) = list_fits(tmp_path)
+
+    assert isinstance(broken, DataError)
+    assert "inertia.matrix_kg_m2: should be a matrix of 3 times 3 numbers. Delete it" in str(broken)
