@@ -108,6 +108,20 @@ class TransferFit:
         return self.std.lags_s[int(np.argmax(self.dynamics.lags_s))]
 
     @property
+    def mean_delay(self) -> Delay:
+        """The mean of the series' delays, which share the errors of gain and lags."""
+        own, count = list(self.delays.values()), len(self.delays)
+        shared = 0.0 if self.shape == "first" else float(self.covariance[-count:, -count:].sum())
+        after_std_s = math.sqrt(max(shared, 0.0)) / count
+        lateness_std_s = math.hypot(*(series.mean_lateness_std_s for series in self.measured)) / count
+        return Delay(
+            delay_s=sum(delay.delay_s for delay in own) / count,
+            std_s=math.hypot(after_std_s, lateness_std_s),
+            after_quickest_s=sum(delay.after_quickest_s for delay in own) / count,
+            after_quickest_std_s=after_std_s,
+        )
+
+    @property
     def probability(self) -> float:
         """How likely noise alone makes chi-squared as large."""
         return chi_squared_exceeds(self.chi_squared, freedom=self.freedom)

@@ -85,7 +85,7 @@ def identify_all(sines: SineSet, options: FitOptions, *, sign: Literal["auto", "
         aicc=aicc,
         aligned=aligned,
         used=used,
-        warnings=(*warnings, *_preferred(chosen, aicc)),
+        warnings=(*warnings, *_downward(fit), *_preferred(chosen, aicc)),
     )
 
 
@@ -113,6 +113,12 @@ def _each(measured: "list[Measured]", shape: "Shape", warnings: list[str]) -> "d
         except FitError as error:
             warnings.append(f"{series.name} for itself: {error}")
     return each
+
+
+def _downward(fit: "TransferFit") -> list[str]:
+    if fit.dynamics.static_gain_n > 0:
+        return []
+    return ["the static gain is negative: thrust falls where the command rises. Is --sign that of the channel?"]
 
 
 def _preferred(shape: "Shape", aicc: "dict[Shape, float]") -> list[str]:

@@ -8,6 +8,7 @@ from cfid.cli.inputs import Workplace, find_recording, open_workplace
 from cfid.cli.options import Delivery, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
 from cfid.cli.run_words import chosen, labelled
+from cfid.errors import DataError
 
 if TYPE_CHECKING:
     from cfid.analysis.clocks import ClockLine
@@ -38,6 +39,9 @@ def latency(
     workplace = open_workplace(rig)
     words = chosen(runs, workplace.campaign, suits=labelled("ping"), wanted="runs of pings")
     records = [read_pings(find_recording(word, workplace)) for word in words]
+    for place, record in enumerate(records):
+        if any(record.source.sha256 == before.source.sha256 for before in records[:place]):
+            raise DataError(f"{record.name}: the same pings as before: name each run once.")
     deliver(_outcome(records, workplace), delivery, workplace.campaign)
 
 

@@ -137,22 +137,13 @@ def _keyed(key: str, found: Mapping[str, tuple[Any, Any, str]]) -> "dict[str, Pa
 
 def _delays(key: str, fit: "TransferFit") -> "dict[str, Parameter]":
     """Return the delay from stamps as they come on average and from the quickest; of several series the mean."""
-    from math import hypot
-
     from cfid.parameters import Parameter
 
-    count = len(fit.delays)
-    own = list(fit.delays.values())
+    mean = fit.mean_delay
     return {
-        f"{key}.delay_s": Parameter(
-            value=sum(delay.delay_s for delay in own) / count,
-            std=hypot(*(delay.std_s for delay in own)) / count,
-            unit="s",
-        ),
+        f"{key}.delay_s": Parameter(value=mean.delay_s, std=mean.std_s, unit="s"),
         f"{key}.delay_after_quickest_s": Parameter(
-            value=sum(delay.after_quickest_s for delay in own) / count,
-            std=hypot(*(delay.after_quickest_std_s for delay in own)) / count,
-            unit="s",
+            value=mean.after_quickest_s, std=mean.after_quickest_std_s, unit="s"
         ),
     }
 

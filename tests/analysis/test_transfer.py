@@ -1,5 +1,6 @@
 """Transfer functions with delay from series of sines: as accurate as promised, orders, series together, verdicts."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -202,6 +203,18 @@ def test_two_series_share_their_dynamics_and_keep_their_delays() -> None:
     assert set(each) == {"first", "second"}
     assert each["second"].delays.keys() == {"second"}
     assert joint.freedom == 2 * len(first.responses + second.responses) - 4
+
+
+def test_the_mean_of_two_delays_has_the_error_of_their_dynamics_once() -> None:
+    fit = fit_transfer([measured(log_spaced(17, 100), seed=seed, name=str(seed)) for seed in (1, 2)])
+    one, other = fit.delays.values()
+    mean, alone = fit.mean_delay, math.hypot(one.after_quickest_std_s, other.after_quickest_std_s) / 2
+    together = 2 * fit.covariance[-1, -2] / 4
+
+    assert mean.delay_s == pytest.approx((one.delay_s + other.delay_s) / 2)
+    assert mean.after_quickest_std_s == pytest.approx(math.sqrt(alone**2 + together))
+    assert mean.after_quickest_std_s > alone
+    assert mean.std_s > mean.after_quickest_std_s
 
 
 def test_the_order_of_the_runs_does_not_matter() -> None:

@@ -124,15 +124,16 @@ def test_every_channel_that_feels_the_motor_tells_the_same(
     assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
 
 
-def test_the_sign_that_is_given_is_kept(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
+def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_told(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+) -> None:
     index = write_index(tmp_path, {"": first})
-    gains = [
-        found(tf, "--index", index, "--channel", "Ty", "--sign", sign)["parameters"]["tf.static_gain_n"]["value"]
-        for sign in ("+", "-")
-    ]
+    down, up = (found(tf, "--index", index, "--channel", "Ty", "--sign", sign) for sign in ("+", "-"))
 
-    assert gains[0] == pytest.approx(-GAIN_N, rel=0.01)
-    assert gains[1] == pytest.approx(GAIN_N, rel=0.01)
+    assert down["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(-GAIN_N, rel=0.01)
+    assert up["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert any("the static gain is negative" in said and "--sign" in said for said in down["warnings"])
+    assert not any("negative" in said for said in up["warnings"])
 
 
 def test_units_of_the_load_cell_are_as_the_operator_says(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:

@@ -219,6 +219,7 @@ def test_files_with_round_trips_alone_tell_no_clock(tf: Here, tmp_path: Path) ->
 
     assert parameters["latency.rtt_mean_s"]["value"] == pytest.approx(0.0595)
     assert "latency.clock_skew" not in parameters
+    refused(tf("latency", path, path), 4, "the same pings as before: name each run once.")
     path.write_text("t,delay\n1,2\n2,3\n")
     refused(tf("latency", path), 4, "no column rtt_s among t, delay")
     path.write_text("rtt_s\n0.05\n-0.05\n")
