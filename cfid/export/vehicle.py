@@ -163,7 +163,7 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str])
 def _recording(source: File) -> str:
     """Return the run that a file belongs to, or the name of a file that is in none."""
     path = Path(source.path)
-    in_run = path.parts[0] == RUNS_FOLDER and len(path.parts) > 1
+    in_run = path.parts[:1] == (RUNS_FOLDER,) and len(path.parts) > 1
     return path.parts[1] if in_run else path.name
 
 

@@ -16,6 +16,7 @@ from cfid.report.known import Known
 from cfid.report.measurements import measurements
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import Group, sheet
+from cfid.report.stale import stale_in
 from cfid.run import Run, list_runs
 
 FORMAT = 1  # of the JSON object
@@ -82,10 +83,11 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
     doubts = {name: fit.doubts for name, fit in latest.items()}
+    stale = stale_in(campaign.folder, runs)
     return Report(
         about=_about(campaign, runs, fits, now),
-        sheet=sheet(known, commands, doubts),
-        experiments=experiments(measured, fits),
+        sheet=sheet(known, commands, doubts, stale),
+        experiments=experiments(measured, fits, stale),
         repeats=repeated_fits(measured),
         comparisons=comparisons(known),
         runs=tuple(_line(run) for run in runs),

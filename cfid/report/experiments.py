@@ -10,6 +10,7 @@ from cfid.parameters import Source
 from cfid.report.known import entries
 from cfid.report.measurements import Measurement
 from cfid.report.sheet import Row
+from cfid.report.stale import Stale
 from cfid.report.tables import Table, parameter_tables, quality_tables
 
 _TITLES = {
@@ -57,12 +58,14 @@ class Experiment:
         return f"{stem}-{self.found:%Y%m%d%H%M%S}-{first}"  # two fits may end in the same second
 
 
-def experiments(measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit]) -> tuple[Experiment, ...]:
+def experiments(
+    measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit], stale: Stale
+) -> tuple[Experiment, ...]:
     """Return all measurements in the order of the thesis' chapters, of one kind the latest first."""
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit draws over an earlier one's
     kinds = sorted(measured, key=_place)
     return tuple(
-        _experiment(one, drawn_by, latest=one is measured[kind][-1])
+        _experiment(one, drawn_by, stale(one.fit.section), latest=one is measured[kind][-1])
         for kind in kinds
         for one in reversed(measured[kind])
     )
@@ -79,7 +82,9 @@ def _place(name: str) -> int:
     return _KINDS.index(kind) if kind in _KINDS else len(_KINDS)
 
 
-def _experiment(measurement: Measurement, drawn_by: Mapping[str, Fit], *, latest: bool) -> Experiment:
+def _experiment(
+    measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], *, latest: bool
+) -> Experiment:
     fit = measurement.fit
     title = title_of(fit.name) if latest else f"{title_of(fit.name)}, earlier: {fit.section.found:%Y-%m-%d %H:%M}"
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
@@ -93,7 +98,7 @@ def _experiment(measurement: Measurement, drawn_by: Mapping[str, Fit], *, latest
         found=fit.section.found,
         cfid_version=fit.section.cfid_version,
         believed=fit.section.believed,
-        doubts=fit.doubts,
+        doubts=(*fit.doubts, *stale),
         warnings=_together(fit.warnings, _recordings(fit)),
         parameters=tuple(
             Row(f"{key} {entry.place}".rstrip(), entry.value, entry.std, parameter.unit)

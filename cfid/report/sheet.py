@@ -12,6 +12,7 @@ from typing import NamedTuple
 from cfid.campaign import RUNS_FOLDER
 from cfid.parameters import Section
 from cfid.report.known import Entry, Known, entries
+from cfid.report.stale import Stale
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,15 @@ class _Wanted(NamedTuple):
     gives: str
 
 
-def sheet(known: Known, commands: Mapping[str, str], doubts: Doubts) -> tuple[Group, ...]:
-    """Return the sheet. `commands` is what made the last fit of a section, `doubts` why it is not believed."""
+def sheet(known: Known, commands: Mapping[str, str], doubts: Doubts, stale: Stale) -> tuple[Group, ...]:
+    """Return the sheet. `commands` is what made the last fit of a section, `doubts` why it is not believed.
+
+    `stale` tells why a section is no longer current.
+    """
+    doubts = {
+        name: (*(() if section.believed else doubts.get(name, ())), *stale(section))
+        for name, section in known.sections.items()
+    }
     groups = [("Inertia", _mass(known), _INERTIA), ("Motors: mappings", None, _MAPS)]
     groups += [("Motors: transfer function", None, _TRANSFER), ("Drag", None, _DRAG)]
     return tuple(
@@ -123,16 +131,15 @@ def origin_of(name: str, section: Section, commands: Mapping[str, str], doubts: 
     """Return how a section of parameters.toml came about."""
     command = commands.get(name, f"fit {name}")
     method = "" if section.method == "default" else f", method {section.method}"
-    why = () if section.believed else doubts.get(name, ())
     paths = [PurePath(source.path) for source in section.sources]
-    in_runs = [path for path in paths if path.parts[0] == RUNS_FOLDER]
+    in_runs = [path for path in paths if path.parts[:1] == (RUNS_FOLDER,)]
     return Origin(
         how=f"cfid {command}{method}",
         found=section.found,
         recordings=len({path.parent for path in in_runs}),  # a run's devices have a file each
         files=len(set(paths)) - len(set(in_runs)),
         believed=section.believed,
-        doubts=why,
+        doubts=doubts.get(name, ()),
     )
 
 

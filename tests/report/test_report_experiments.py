@@ -1,14 +1,18 @@
 """Each experiment tells what its fit kept: figures, windows, budget, warnings, origin."""
 
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
 
 from cfid.campaign import Campaign
+from cfid.parameters import Source, store_section
 from cfid.report.html import LARGEST_SVG_BYTES, as_html
 from cfid.report.save import save_figure
-from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, report_of
+from cfid.run import DeviceRecord, Label, amend_run, create_run
+from tests.report.fits_by_hand import APPENDIX_A, NOON, new_campaign, number, put, report_of
 
 
 @pytest.fixture
@@ -150,3 +154,34 @@ def test_runs_and_fits_that_cannot_be_read_are_named(campaign: Campaign) -> None
 
     assert len(report_of(campaign).unreadable) == 2
     assert "What could not be read" in page_of(campaign)
+
+
+def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_current(campaign: Campaign) -> None:
+    writer = create_run(
+        campaign.runs_folder,
+        kind="thrust",
+        label=Label(),
+        devices={"loadcell": DeviceRecord(file="data.csv", columns=("t", "fz"))},
+        started=NOON,
+        cfid_version="0",
+    )
+    run = writer.close("complete")
+    file = run.device_file("loadcell")
+    fitted = Source(f"runs/{run.folder.name}/data.csv", sha256(file.read_bytes()).hexdigest())
+    fit = put(campaign, "thrust", APPENDIX_A["thrust"])
+    store_section(campaign.parameters_file, "thrust", replace(fit.section, sources=(fitted,)))
+    assert not said_of_thrust(campaign)
+
+    file.write_text("t,fz\n1,2\n")
+    amend_run(run, excluded="the cable touched")
+    assert said_of_thrust(campaign) == (
+        f"changed since it was fitted: {fitted.path}: fit again.",
+        f"made of what is excluded now: {run.folder.name} (the cable touched): fit again without.",
+    )
+
+
+def said_of_thrust(campaign: Campaign) -> tuple[str, ...]:
+    quantities = [quantity for group in report_of(campaign).sheet for quantity in group.quantities]
+    (origin,) = (one.origin for one in quantities if one.keys == ("motor.thrust_poly",))
+    assert origin is not None
+    return origin.doubts
