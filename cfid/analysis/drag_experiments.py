@@ -12,6 +12,7 @@ Indices = npt.NDArray[np.intp]
 
 UNSTATED_WIND_STD = 0.05  # relative, where nobody said how far the wind's readings spread
 
+_LARGEST = 1e6  # of any column, in its unit: beyond, squares of it overflow, and no vehicle has it
 _SAME = 1e-6  # in m/s: velocities closer than this are those of one wind setting
 
 
@@ -111,3 +112,6 @@ def _check(given: dict[str, Array]) -> None:
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             raise DataError(f"row {bad[0, 0] + 1} of {name} is no number: complete the row or leave it out.")
+        wrong = np.argwhere((np.abs(values) > _LARGEST) | ((values < 0) & (name == "speed_sum_rad_s")))
+        if len(wrong):
+            raise DataError(f"row {wrong[0, 0] + 1} of {name} is {values[tuple(wrong[0])]:g}: no vehicle has that.")

@@ -25,6 +25,7 @@ from cfid.errors import DataError
 
 Array = npt.NDArray[np.float64]
 
+_FASTEST_MPS = 100.0  # a wind that is more is one in another unit
 _HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
 
 
@@ -161,7 +162,9 @@ def _check(runs: Sequence[WindRun]) -> None:
     for run in runs:
         if math.isnan(run.min_mps) or math.isnan(run.max_mps):
             raise DataError(f"{run.name}: no wind speed: say its lowest and highest reading, 0 and 0 for a reference.")
-        if not 0 <= run.min_mps <= run.max_mps < math.inf:
+        if run.max_mps > _FASTEST_MPS:
+            raise DataError(f"{run.name}: wind of {run.max_mps:g} m/s: give it in m/s, up to {_FASTEST_MPS:g}.")
+        if not 0 <= run.min_mps <= run.max_mps:
             raise DataError(
                 f"{run.name}: wind between {run.min_mps:g} and {run.max_mps:g} m/s: give the lowest reading, then the "
                 "highest, none below zero."

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _WIND, _COMMANDS = "Wind", "Commands"
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
 _ALL_MOTORS = (1, 2, 3, 4)
-_HIGHEST_DEG = 180.0
+_HIGHEST_DEG, _FASTEST_MPS = 180.0, 100.0  # the latter as `cfid fit drag` takes it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ def _speeds(text: str) -> tuple[float, float]:
         low, high = (float(word) for word in (words if len(words) > 1 else 2 * words))
     except ValueError:
         low = high = -1.0
-    if not 0 <= low <= high < float("inf"):
+    if not 0 <= low <= high <= _FASTEST_MPS:
         raise ConfigError(f"--wind {text}: should be the lowest and the highest speed in m/s, as 2.0,3.7, or 0.")
     return low, high
 

@@ -298,6 +298,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
         change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])),
         "is the file of wind.csv:9 too: which is it?",
     ),
+    "wind in mm/s": (change(20000, WINDS[1], wind_max_mps="2600"), "wind of 2600 m/s: give it in m/s, up to 100"),
     "an angle round the circle": (
         change(20000, WINDS[1], angle_deg="400"),
         "an angle of 400 degrees: it counts from 0",
@@ -340,6 +341,8 @@ def test_an_index_that_is_none_is_told(nowhere: Workplace, tmp_path: Path, writt
     [
         ("command,fx_n\n1,2\n", "no column angle_deg, vx_mps"),
         (f"{TABLE}\n10000,0,0,0,3,nan,0,0,-0.01\n", "'nan' in column 'speed_sum_rad_s' is no number"),
+        (f"{TABLE}\n10000,0,0,0,3,-4000,0,0,-0.01\n", "row 1 of speed_sum_rad_s is -4000: no vehicle has that"),
+        (f"{TABLE}\n10000,0,0,0,3,4000,0,0,-1e200\n", "row 1 of force_n is -1e+200: no vehicle has that"),
         (f"{TABLE}\n10000,0,0,0,0,4000,0,0,-0.01\n", "no row has both wind and turning rotors"),
     ],
 )
