@@ -186,6 +186,8 @@ def _plan_of(run: "Run") -> "SinePlan":
     if missing:
         told = f"its run.toml does not say {', '.join(missing)} of a sine"
         raise DataError(f"{run.folder}: a run of {run.header.kind}, no sine: {told}.")
+    if not 0 <= 2 * asked["l"] <= asked["n"] or asked["n"] < 1:
+        raise DataError(f"{run.folder}: its run.toml says l = {asked['l']} and n = {asked['n']}, which is no sine.")
     return SinePlan(
         name=f"l = {asked['l']} ({run.folder.name})",
         periods=asked["l"],

@@ -214,6 +214,17 @@ def test_a_run_of_something_else_is_no_sine(tf: Here, tmp_path: Path, runs: list
     refused(tf("identify", sine.folder), 4, "crossings.csv: no such file.")
 
 
+@pytest.mark.parametrize(("old", "new"), [("n = 2000", "n = 0"), ("l = 5", "l = -5"), ("l = 5", "l = 1500")])
+def test_a_run_whose_file_says_an_impossible_sine_is_refused(
+    tf: Here, tmp_path: Path, runs: list[SimulatedSine], old: str, new: str
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    (_, other, *_) = (write_run(tmp_path, run).folder for run in runs)
+    header = (other / "run.toml").read_text()
+    (other / "run.toml").write_text(header.replace(old, new))
+    refused(tf("identify"), 4, new, "which is no sine.")
+
+
 def test_an_interrupted_run_says_so(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     run = write_run(tmp_path, runs[1])
