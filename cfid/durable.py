@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import stat
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -17,11 +18,15 @@ if TYPE_CHECKING:
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that a crash leaves the old content or the new one, never a part.
 
-    The temporary file lies beside it, since a rename is atomic only within one file system. Raises OSError.
+    The temporary file lies beside it, since a rename is atomic only within one file system. A file that is there
+    keeps its permissions, and a link to it stays one. Raises OSError.
     """
+    path = path.resolve()
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:
+            with contextlib.suppress(FileNotFoundError):
+                temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

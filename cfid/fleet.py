@@ -56,7 +56,9 @@ def summarise(folder: Path) -> Summary | CfidError:
         vehicle=campaign.rig.vehicle.name,
         complete_runs=complete,
         other_runs=len(runs) - complete,
-        known=tuple(known for section in sections.values() for known in _numbers(section, _recorded(section, runs))),
+        known=tuple(
+            known for name, section in sections.items() for known in _numbers(name, section, _recorded(section, runs))
+        ),
         doubts=tuple(filter(None, (_doubt(folder, source) for source in sorted(sources, key=lambda own: own.path)))),
     )
 
@@ -68,16 +70,12 @@ def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
     return max(found, default=section.found)
 
 
-def _numbers(section: Section, recorded: datetime) -> list[Known]:
+def _numbers(section_name: str, section: Section, recorded: datetime) -> list[Known]:
+    """Return a section's numbers; of a kind that has several sections, as `swing x`, each is named with its own."""
+    which = section_name.partition(" ")[2]
+    own = f" ({which})" if which else ""
     return [
-        Known(
-            name,
-            float(value),
-            float(std) if isinstance(std, int | float) else None,
-            parameter.unit,
-            recorded,
-            section.believed,
-        )
+        Known(name + own, float(value), _number(std), parameter.unit, recorded, section.believed)
         for key, parameter in section.parameters.items()
         for name, value, std in scalars(key, parameter)
         if isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,5 +1,6 @@
 """`cfid fleet`: many campaigns side by side, one vehicle or one day each."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,7 +32,8 @@ def fleet(
     """
     from cfid.fleet import Summary
 
-    answers = _summaries([folder.resolve() for folder in folders], jobs=jobs, scheduler=scheduler)
+    # A campaign that is named twice would agree with itself.
+    answers = _summaries(list(dict.fromkeys(folder.resolve() for folder in folders)), jobs=jobs, scheduler=scheduler)
     summaries = [answer for answer in answers if isinstance(answer, Summary)]
     if not summaries:
         raise ConfigError(" ".join(str(answer) for answer in answers))
@@ -80,10 +82,14 @@ def _doubts(summary: "Summary") -> list[str]:
 
 
 def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[Known | None]]":
-    """Return each number with its value in each campaign."""
-    tables = [{known.name: known for known in summary.known} for summary in summaries]
-    names = dict.fromkeys(name for table in tables for name in table)
-    return {name: [table.get(name) for table in tables] for name in names}
+    """Return each number with its value in each campaign; what has another unit is another number."""
+    tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
+    keys = dict.fromkeys(key for table in tables for key in table)
+    units = Counter(name for name, _ in keys)
+    return {
+        name if units[name] == 1 else f"{name}, {unit}": [table.get((name, unit)) for table in tables]
+        for name, unit in keys
+    }
 
 
 def _compared(row: "Sequence[Known | None]") -> "Repeats | None":

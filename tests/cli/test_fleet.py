@@ -97,6 +97,45 @@ def test_a_folder_that_is_no_campaign_does_not_hide_the_others(cfid: Cfid, tmp_p
     assert cfid("fleet", nothing).returncode == 2
 
 
+def noted(folder: Path, name: str, key: str, value: float, unit: str) -> None:
+    one = Section(
+        method="default",
+        found=DAY_0,
+        cfid_version="0",
+        believed=True,
+        sources=(),
+        parameters={key: Parameter(value=value, std=0.1, unit=unit)},
+    )
+    store_section(folder / "parameters.toml", name, one)
+
+
+def test_swings_about_two_axes_are_two_numbers(cfid: Cfid, tmp_path: Path) -> None:
+    one, other = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
+    noted(one, "swing x", "swing.zero_rad", 1.0, "rad")
+    noted(one, "swing z", "swing.zero_rad", 2.0, "rad")
+    noted(other, "swing x", "swing.zero_rad", 3.0, "rad")
+    found = compared(cfid, one, other)["parameters"]
+
+    assert found["swing.zero_rad (x)"]["values"] == [1.0, 3.0]
+    assert found["swing.zero_rad (z)"]["values"] == [2.0, None]
+
+
+def test_numbers_of_different_units_are_not_compared(cfid: Cfid, tmp_path: Path) -> None:
+    one, other = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
+    noted(one, "set", "thing", 46.0, "mm")
+    noted(other, "set", "thing", 0.046, "m")
+    found = compared(cfid, one, other)["parameters"]
+
+    assert found["thing, mm"]["values"] == [46.0, None]
+    assert found["thing, m"]["values"] == [None, 0.046]
+
+
+def test_a_campaign_that_is_named_twice_counts_once(cfid: Cfid, tmp_path: Path) -> None:
+    one = campaign(tmp_path / "one", 0, 0.028)
+
+    assert compared(cfid, one, tmp_path / "." / "one")["parameters"]["thing.mass_kg"]["repeats"] is None
+
+
 def test_several_processes_find_the_same(cfid: Cfid, tmp_path: Path) -> None:
     folders = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in range(9)]
 

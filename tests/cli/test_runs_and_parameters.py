@@ -241,6 +241,18 @@ def test_the_mass_is_changed_in_rig_toml_with_every_comment_kept(cfid: Cfid, cam
     assert all("#" in line for line in changed)
 
 
+def test_a_rig_file_that_is_a_link_stays_one_and_keeps_its_permissions(cfid: Cfid, campaign: Campaign) -> None:
+    link, file = campaign.folder / "rig.toml", campaign.folder / "shared.toml"
+    link.rename(file)
+    file.chmod(0o600)
+    link.symlink_to(file)
+    assert cfid("set", "mass_kg", "0.0301").returncode == 0
+
+    assert link.is_symlink()
+    assert "0.0301" in file.read_text()
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
 def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: Campaign) -> None:
     cfid("set", "arm_m", "0.046", "--std", "0.0005")
     cfid("set", "thing", "3", "--unit", "1")
