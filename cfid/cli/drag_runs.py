@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cfid.cli.drag_recordings import HEARD, Recordings, Reduced, shown_rpm, wind_run
 from cfid.cli.wind_run import setting_of
-from cfid.errors import CfidError, DataError
+from cfid.errors import CfidError, DataError, FitError
 
 if TYPE_CHECKING:
     from cfid.analysis.staircase import Point
@@ -19,7 +19,10 @@ _SAG = 0.005  # of the voltage: thrust then changes by a hundredth, which is as 
 
 
 def reduce_run(path: Path, how: Recordings) -> Reduced:
-    """Reduce each command of a run. Raises DataError or FitError that name the run."""
+    """Reduce each command of a run, and say which lack the rotors' speed.
+
+    Raises DataError or FitError that name the run, the latter where all of them lack it.
+    """
     from cfid.analysis.drag_recording import of_point
     from cfid.flight import READINGS, begin_s, holds, read_rows
     from cfid.stamps import run_at
@@ -32,17 +35,25 @@ def reduce_run(path: Path, how: Recordings) -> Reduced:
     began_s = begin_s(run.device_file(LOADCELL))
     points, said, source = _settled(run, record, began_s)
     readings = read_rows(run, READINGS) if holds(run, READINGS) else None
-    windy, runs = setting.max_mps > 0, []
+    windy, runs, kept, unheard = setting.max_mps > 0, [], [], []
     for point in points:
         typed, mean, name = _typed(readings, began_s, point), of_point(point), f"{record.name} command {point.command}"
+        try:
+            shown = shown_rpm(typed, record, mean, how, name=name, windy=windy)
+        except FitError as error:
+            unheard.append(error)
+            continue
         said += [HEARD] if windy and not typed else []
-        shown = shown_rpm(typed, record, mean, how, name=name, windy=windy)
         runs.append(wind_run(mean, shown, name=name, command=point.command or 0, place=setting))
+        kept.append(point)
+    if not runs:
+        raise unheard[0]
+    said += [f"{error} It is left out." for error in unheard]
     return Reduced(
         runs=tuple(runs),
         notes=(*record.notes, *said),
         sources=(record.source, source, *([readings.source] if readings else [])),
-        volts=_volts(run, began_s, points),
+        volts=_volts(run, began_s, kept),
     )
 
 

@@ -170,7 +170,7 @@ def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "
     if resume is None:
         return options.setting(), sweep.stairs()
     options.refuse(resume)
-    return setting_of(read_run(resume)), missing(resume, kind=KIND, by_readings=False)
+    return setting_of(read_run(resume)), missing(resume, kind=KIND)
 
 
 def _plan(

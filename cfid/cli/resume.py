@@ -34,10 +34,10 @@ def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
     return of_kind[-1]
 
 
-def missing(folder: Path, *, kind: str, by_readings: bool = True) -> "Staircase":
+def missing(folder: Path, *, kind: str) -> "Staircase":
     """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
-    With `by_readings` false a step counts as done without a reading. Raises ConfigError when the run is no staircase
+    The latter counts where no reading was asked for. Raises ConfigError when the run is no staircase
     of this kind, or lacks nothing.
     """
     from cfid.flight import READINGS, read_rows
@@ -48,7 +48,7 @@ def missing(folder: Path, *, kind: str, by_readings: bool = True) -> "Staircase"
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(asked):
         raise ConfigError(f"{folder}: is no run of `cfid log {kind}` that could be resumed.")
     before = _stairs(run)
-    if by_readings and READINGS in run.header.devices:
+    if READINGS in run.header.devices:
         typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
         done = Counter(map(int, typed))
     else:

@@ -15,6 +15,7 @@ import pytest
 
 from cfid.campaign import RIG_FILE, new_rig_text
 from cfid.cli.log_wind import SweepOptions, WindOptions
+from cfid.cli.resume import missing
 from cfid.errors import ConfigError
 from cfid.run import list_runs, read_run
 from cfid.sim.loadcell import LoadCellTruth
@@ -143,6 +144,20 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
     assert resumed.asked["steps"] == [40000]
     assert resumed.asked["angle_deg"] == 48.4
     assert "48.4 deg, 8 V   10000, 30000, 37300, 50000" in second.out
+
+
+def test_a_command_whose_reading_was_not_typed_is_done_again(bench: Bench) -> None:
+    pilot = bench.start(*IN_WIND, "--yes", stdin=subprocess.PIPE)
+    assert pilot.process.stdin is not None
+    pilot.process.stdin.write(b"22000\n")
+    pilot.process.stdin.flush()
+    bench.wait_until(lambda: 40000 in bench.motors or pilot.process.poll() is not None, pilot)
+    time.sleep(0.9)  # held to its end
+    pilot.send(signal.SIGINT)
+    assert pilot.end() == 0, pilot.err
+
+    assert 40000 in missing(bench.run().folder, kind="wind").steps
+    assert 20000 not in missing(bench.run().folder, kind="wind").steps
 
 
 def test_nonsense_typed_for_a_reading_ends_the_run_and_stops_the_motors(bench: Bench) -> None:

@@ -41,7 +41,7 @@ def shown_rpm(command: int) -> float:
 
 
 def blown(
-    folder: Path, wind: WindTruth, *, volts: float = 3.7, typed: bool = True, rate_hz: float = 1000.0, seed: int = 3
+    folder: Path, wind: WindTruth, *, volts: float = 3.7, typed: int = 2, rate_hz: float = 1000.0, seed: int = 3
 ) -> Run:
     """Write what `cfid log wind` records in a wind that was read within 2 %."""
     record = climbed(COMMANDS, motors=(1, 2, 3, 4), battery=BatteryTruth(volts=volts), rate_hz=rate_hz, seed=seed)
@@ -66,7 +66,8 @@ def blown(
     run.append("crazyflie", (BEGIN_S + record.tick_s, ms, np.round(record.volts, 3)))
     if windy and typed:
         at_s = np.array([2.9, 5.9])
-        run.append("readings", (BEGIN_S + at_s, np.array(COMMANDS), np.array([shown_rpm(c) for c in COMMANDS])))
+        columns = (BEGIN_S + at_s, np.array(COMMANDS), np.array([shown_rpm(c) for c in COMMANDS]))
+        run.append("readings", tuple(column[:typed] for column in columns))
     return run.close("complete")
 
 
@@ -96,7 +97,7 @@ def test_all_runs_of_a_campaign_give_the_coefficients_that_act(campaign: Path) -
 
 
 def test_a_reading_that_was_not_typed_is_heard(campaign: Path) -> None:
-    still, windy = blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=False, rate_hz=2000.0)
+    still, windy = blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0, rate_hz=2000.0)
     found = read(campaign, still.folder.name, windy.folder.name)
 
     assert any("heard in the vibration" in warning for warning in found.warnings)
@@ -106,9 +107,18 @@ def test_a_reading_that_was_not_typed_is_heard(campaign: Path) -> None:
 
 def test_what_is_sampled_too_slowly_to_be_heard_is_asked_for(campaign: Path) -> None:
     blown(campaign, WINDS[0])
-    blown(campaign, WINDS[2], typed=False)
+    blown(campaign, WINDS[2], typed=0)
     with pytest.raises(FitError, match="sampled at 1000 Hz: 2000 are needed"):
         read(campaign)
+
+
+def test_a_command_without_a_reading_is_left_out_beside_one_that_has_it(campaign: Path) -> None:
+    blown(campaign, WINDS[0])
+    blown(campaign, WINDS[2], typed=1)
+    found = read(campaign)
+
+    assert found.experiments.command.tolist() == [20000]
+    assert any("command 40000: no tachometer reading" in said and "It is left out." in said for said in found.warnings)
 
 
 def test_a_battery_below_that_of_the_reference_is_told(campaign: Path) -> None:
