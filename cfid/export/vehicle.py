@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cfid.campaign import RUNS_FOLDER, BodyFrame, Rig
+from cfid.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
 from cfid.errors import ConfigError
 from cfid.parameters import Section, Value, plain
 from cfid.parameters import Source as File
@@ -124,8 +124,16 @@ def collect(
 
 
 def _weighed(rig: Rig, rig_file: str) -> Quantity:
-    std = rig.vehicle.mass_std_kg or None
-    return Quantity(key="mass_kg", value=rig.vehicle.mass_kg, std=std, unit="kg", origin=rig_file)
+    own, preset = rig.vehicle, thesis_rig().vehicle
+    unweighed = (own.mass_kg, own.mass_std_kg) == (preset.mass_kg, preset.mass_std_kg)
+    return Quantity(
+        key="mass_kg",
+        value=own.mass_kg,
+        std=own.mass_std_kg or None,
+        unit="kg",
+        origin=rig_file,
+        caveat=f"As `cfid new` writes it, which is the thesis' vehicle: was yours weighed? ({rig_file})" * unweighed,
+    )
 
 
 def _find(sections: Mapping[str, Section], key: str, simulated: Collection[str]) -> Quantity | None:

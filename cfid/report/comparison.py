@@ -77,7 +77,7 @@ def _inertia(known: Known) -> Comparison:
         "Yours and the thesis' matrix are turned there from their own frame. The others stand as they are used.",
         columns=tuple(turned(_matrix((0.0,) * 6), frame)),
         unit="kg m^2",
-        yours=_yours(known, values, f"turned from {frame_text(frame)}") if values else None,
+        yours=_yours(known, values, (found,), f"turned from {frame_text(frame)}") if values else None,
         yours_std=std,
         others=others,
     )
@@ -101,11 +101,13 @@ def _turned_line(one: PublishedInertia) -> Line:
 
 
 def _over_command(known: Known, title: str, key: str, unit: str, others: tuple[Published, ...]) -> Comparison:
+    found = known.find(key)
     return _compared(
         known,
         title,
         others,
-        _polynomial(known.find(key), published.COMMANDS, "cmd"),
+        _polynomial(found, published.COMMANDS, "cmd"),
+        by=(found,),
         columns=tuple(f"{100 * command / 65536:.4g} %" for command in published.COMMANDS),
         unit=unit,
         about="At a share of full scale; one motor. Empty beyond the commands that this campaign measured.",
@@ -128,11 +130,13 @@ def _value(lowest_first: Sequence[float], x: float) -> float:
 
 
 def _thrust_at_speed(known: Known) -> Comparison:
+    found = known.find("motor.thrust_speed_poly")
     return _compared(
         known,
         "Thrust of the rotor's speed",
         published.THRUST_AT_SPEED_N,
-        _polynomial(known.find("motor.thrust_speed_poly"), published.SPEEDS_RAD_S, "speed_rad_s"),
+        _polynomial(found, published.SPEEDS_RAD_S, "speed_rad_s"),
+        by=(found,),
         columns=tuple(f"{speed:.0f} rad/s" for speed in published.SPEEDS_RAD_S),
         unit="N",
         about="One rotor; each form evaluated at the same speeds.",
@@ -146,6 +150,7 @@ def _thrust_at_voltage(known: Known) -> Comparison:
         "Thrust of the motor's voltage",
         published.THRUST_AT_VOLTAGE_N,
         () if found is None else tuple(_value(found.parameter.value, volts) for volts in published.VOLTS),
+        by=(found,),
         columns=tuple(f"{volts:g} V" for volts in published.VOLTS),
         unit="N",
         about="One motor; its voltage is the battery's by the share of the command. A polynomial may be continued here "
@@ -161,7 +166,8 @@ def _torque(known: Known) -> Comparison:
         values, std = (found.parameter.value[0],), (found.parameter.std[0],) if found.parameter.std else ()
     about = "The slope of a straight line, N m of torque for N of thrust."
     others = published.TORQUE_PER_THRUST_M
-    return _compared(known, "Torque per thrust", others, values, std, columns=("slope",), unit="m", about=about)
+    title = "Torque per thrust"
+    return _compared(known, title, others, values, std, by=(found,), columns=("slope",), unit="m", about=about)
 
 
 def _dynamics(known: Known) -> Iterator[Comparison]:
@@ -174,7 +180,7 @@ def _dynamics(known: Known) -> Iterator[Comparison]:
         others = tuple(one for one in others if one.values[0] is not None)
         found = known.find(key)
         own: tuple[Values, Values] = ((), ()) if found is None else ((found.parameter.value,), (found.parameter.std,))
-        yield _compared(known, title, others, *own, columns=(column,), unit=unit)
+        yield _compared(known, title, others, *own, by=(found,), columns=(column,), unit=unit)
 
 
 def _drag(known: Known) -> tuple[Comparison, Comparison]:
@@ -192,6 +198,7 @@ def _drag(known: Known) -> tuple[Comparison, Comparison]:
             published.DRAG_KG_PER_RAD,
             values,
             std,
+            by=(found,),
             columns=columns,
             unit="kg/rad",
             about="Force along an axis for velocity along it and the sum of the rotors' speeds.",
@@ -201,6 +208,7 @@ def _drag(known: Known) -> tuple[Comparison, Comparison]:
             "Drag per velocity",
             published.DRAG_KG_PER_S,
             () if speed_sum is None else tuple(value * speed_sum for value in values),
+            by=(found, known.find("motor.thrust_poly"), known.find("motor.speed_poly")),
             columns=columns,
             unit="kg/s",
             about="Another model, of another unit: force for velocity alone. Yours is the one above at the rotors' "
@@ -230,13 +238,17 @@ def _compared(
     values: Values = (),
     std: Values = (),
     *,
+    by: Sequence[Found | None] = (),
     columns: tuple[str, ...],
     unit: str,
     about: str = "",
 ) -> Comparison:
+    """Return a comparison; `by` is what the campaign's own values are made of."""
     lines = tuple(Line(one.who, one.vehicle, one.values, "", one.source, one.note) for one in others)
-    return Comparison(title, about, columns, unit, _yours(known, values) if values else None, std, lines)
+    return Comparison(title, about, columns, unit, _yours(known, values, by) if values else None, std, lines)
 
 
-def _yours(known: Known, values: Values, frame: str = "") -> Line:
-    return Line("this campaign", known.rig.vehicle.name, values, frame, "", "")
+def _yours(known: Known, values: Values, by: Sequence[Found | None], frame: str = "") -> Line:
+    doubted = dict.fromkeys(found.name for found in by if found is not None and not found.section.believed)
+    note = f"NOT BELIEVED: by a fit that does not describe its data ({', '.join(doubted)})" if doubted else ""
+    return Line("this campaign", known.rig.vehicle.name, values, frame, "", note)

@@ -115,7 +115,7 @@ def test_a_thrust_beyond_the_measured_commands_is_marked(most: int, marked: bool
 
     text = export("firmware", known)
     assert (f"EXTRAPOLATED at the full command: {most} of 65535" in text) == marked
-    assert bool(caveats(TARGETS["firmware"], known)) == marked
+    assert any("EXTRAPOLATED" in said for said in caveats(TARGETS["firmware"], known)) == marked
 
 
 @pytest.mark.parametrize(("most", "marked"), [(37000, True), (37500, False)])
@@ -208,6 +208,14 @@ def test_a_vehicle_too_heavy_to_hover_is_refused_where_hovering_matters() -> Non
     with pytest.raises(DataError, match=r"no command hovers 0\.1 kg"):
         text_of(TARGETS["safe-control-gym"], collect(heavy, sections()))
     assert "WARNING: no command hovers 0.1 kg" in text_of(TARGETS["mujoco"], collect(heavy, sections()))
+
+
+def test_a_mass_that_nobody_changed_since_the_campaign_was_made_is_asked_about() -> None:
+    rig = thesis_rig()
+    weighed = rig.model_copy(update={"vehicle": rig.vehicle.model_copy(update={"mass_kg": 0.0281})})
+
+    assert "which is the thesis' vehicle: was yours weighed?" in text_of(TARGETS["firmware"], collect(rig, {}))
+    assert "was yours weighed?" not in text_of(TARGETS["firmware"], collect(weighed, {}))
 
 
 # The body frame

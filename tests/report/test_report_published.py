@@ -6,7 +6,7 @@ import pytest
 
 from cfid.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
 from cfid.report.comparison import Comparison
-from cfid.report.grids import comparison_grid, sources_of
+from cfid.report.grids import comparison_grid, comparison_notes, sources_of
 from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, new_campaign, number, put, put_appendix_a, report_of
 
 COPIED = {"Bitcraze Gazebo model", "Bitcraze firmware (Brescianini)", "Bitcraze firmware (Lee)"}
@@ -35,6 +35,32 @@ def test_the_thesis_vehicle_is_the_thesis_vehicle(campaign: Campaign) -> None:
         one = comparison(campaign, title)
         assert one.yours is not None
         assert one.others[0].values == pytest.approx(one.yours.values), title
+
+
+@pytest.mark.parametrize(
+    ("section", "title"),
+    [
+        ("inertia", "Inertia"),
+        ("thrust", "Thrust of the command"),
+        ("torque", "Torque"),
+        ("tf", "Time constant"),
+        ("drag", "Drag per rotor"),
+        ("speed", "Drag per velocity"),
+    ],
+)
+def test_what_its_fit_does_not_believe_is_marked_beside_the_published(
+    campaign: Campaign, section: str, title: str
+) -> None:
+    put_appendix_a(campaign)
+    believed = comparison(campaign, title)
+    put(campaign, section, APPENDIX_A[section], believed=False, minutes=1)
+    doubted = comparison(campaign, title)
+
+    assert not any("NOT BELIEVED" in note for note in comparison_notes(believed))
+    assert any(
+        f"NOT BELIEVED: by a fit that does not describe its data ({section})" in note
+        for note in comparison_notes(doubted)
+    )
 
 
 def test_the_thesis_matrix_is_turned_from_its_pitch_axis_and_its_copies_are_marked(campaign: Campaign) -> None:
