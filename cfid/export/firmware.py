@@ -2,18 +2,20 @@
 
 from collections.abc import Iterator
 
-from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m
+from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m, thrust_of_voltage
 from cfid.export.target import Target, has
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import SLASHES, number
 
 _NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_CUBIC = 4  # coefficients
 
 
 def write(vehicle: Vehicle) -> str:
-    """Return the header: a macro for everything that is known."""
+    """Return the header: a macro for everything that is known.
+
+    Raises DataError when the thrust over motor voltage is no cubic.
+    """
     lines = ["", "#pragma once", ""]
     for name, value, words in _macros(vehicle):
         lines += [f"#undef {name}", f"#define {name} {number(value)}f  // {words}"]
@@ -28,8 +30,8 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
         yield "THRUST2TORQUE", moment_per_thrust_m(vehicle), "m, slope of torque (N m) over thrust (N) at hovering"
     if "max_thrust" in vehicle:
         yield "THRUST_MAX", vehicle["max_thrust"], "N of one motor"
-    if "thrust_of_voltage" in vehicle and len(vehicle["thrust_of_voltage"]) == _CUBIC:
-        for power, coefficient in enumerate(vehicle["thrust_of_voltage"]):
+    if "thrust_of_voltage" in vehicle:
+        for power, coefficient in enumerate(thrust_of_voltage(vehicle)):
             yield f"VMOTOR2THRUST{power}", coefficient, f"N/V^{power} of one motor" if power else "N of one motor"
     if has(vehicle, "drag+thrust_per_speed_squared"):
         for axis, drag in zip("XYZ", drag_n_s_per_m(vehicle), strict=True):

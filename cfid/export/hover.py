@@ -12,6 +12,8 @@ from cfid.export.vehicle import FULL, Vehicle
 
 RPM = 2 * math.pi / 60  # rad/s of one revolution per minute
 
+_CUBIC = 4  # coefficients
+
 # The motors m1 to m4 of a Crazyflie, seen from above: (forward, left) in arm lengths, and the sign of the yaw
 # moment that a rotor's drag gives the vehicle. m1 is in front on the right and turns counter-clockwise; its air
 # turns the vehicle clockwise.
@@ -73,16 +75,39 @@ def hover_speed_rad_s(vehicle: Vehicle) -> float:
 
 
 def most_speed_rad_s(vehicle: Vehicle) -> float:
-    """Return the rotor speed at the full command, from `speed_of_command`."""
-    return value_of(vehicle["speed_of_command"], FULL)
+    """Return the rotor speed at the full command, from `speed_of_command`.
+
+    Raises DataError when it is not above zero.
+    """
+    return _above_zero(value_of(vehicle["speed_of_command"], FULL), "motor.speed_poly at the full command")
+
+
+def thrust_of_voltage(vehicle: Vehicle) -> Sequence[float]:
+    """Return the four coefficients of thrust over motor voltage, lowest power first.
+
+    Raises DataError when the campaign has another polynomial: firmware and its tools have a cubic.
+    """
+    cubic: Sequence[float] = vehicle["thrust_of_voltage"]
+    if len(cubic) != _CUBIC:
+        raise DataError(f"motor.thrust_voltage_poly has {len(cubic)} numbers; the firmware takes a cubic, of {_CUBIC}.")
+    return cubic
 
 
 def moment_per_thrust_m(vehicle: Vehicle) -> float:
     """Return the slope of a rotor's torque over its thrust at hovering, from `torque_of_thrust`.
 
     The slope is what yaws: a constant part of the torque cancels between the two pairs of rotors.
+
+    Raises DataError when it is not above zero: the vehicle would yaw the other way.
     """
-    return slope_of(vehicle["torque_of_thrust"], hover_thrust_n(vehicle))
+    slope = slope_of(vehicle["torque_of_thrust"], hover_thrust_n(vehicle))
+    return _above_zero(slope, "the slope of motor.torque_poly at hovering")
+
+
+def _above_zero(value: float, what: str) -> float:
+    if value <= 0:
+        raise DataError(f"{what} is {value:.4g}: it should be above zero.")
+    return value
 
 
 def moment_per_speed_squared_nm_s2(vehicle: Vehicle) -> float:

@@ -2,14 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 
-from cfid.errors import DataError
 from cfid.export.crazyflow import rotor_coefficients, rpm_to_thrust, rpm_to_torque
-from cfid.export.hover import moment_per_thrust_m
+from cfid.export.hover import moment_per_thrust_m, thrust_of_voltage
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, number, numbers
-
-_CUBIC = 4  # coefficients
 
 
 def write(vehicle: Vehicle) -> str:
@@ -17,11 +14,7 @@ def write(vehicle: Vehicle) -> str:
 
     Raises DataError when the thrust over motor voltage is no cubic.
     """
-    cubic = vehicle["thrust_of_voltage"]
-    if len(cubic) != _CUBIC:
-        raise DataError(
-            f"system-id has a cubic of the motor voltage; motor.thrust_voltage_poly has {len(cubic)} numbers."
-        )
+    cubic = thrust_of_voltage(vehicle)
     return "\n" + "".join(f"{name} = {value}  # {words}\n" for name, value, words in _entries(vehicle, cubic))
 
 

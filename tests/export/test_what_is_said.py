@@ -145,6 +145,20 @@ def test_a_coefficient_that_is_not_above_zero_is_refused(value: float) -> None:
         export("firmware", with_value(vehicle(), "thrust_per_speed_squared", value))
 
 
+@pytest.mark.parametrize(
+    ("name", "quantity", "value", "said"),
+    [
+        ("mujoco", "torque_of_thrust", [-0.006, 1e-5], r"slope of motor\.torque_poly at hovering is -0\.006"),
+        ("gazebo", "speed_of_command", [0.0, -3.0], r"motor\.speed_poly at the full command is -3"),
+        ("firmware", "thrust_of_voltage", [0.1, 0.2], r"motor\.thrust_voltage_poly has 2 numbers"),
+        ("system-id", "thrust_of_voltage", [0.1, 0.2], r"motor\.thrust_voltage_poly has 2 numbers"),
+    ],
+)
+def test_a_map_that_no_target_can_mean_is_refused(name: str, quantity: str, value: list[float], said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        export(name, with_value(vehicle(), quantity, value))
+
+
 def test_a_rotor_that_runs_away_has_no_lag() -> None:
     with pytest.raises(DataError, match="make no lag at hovering"):
         export("rotorpy", with_value(vehicle(), "rising", [7.0, -0.002]))
