@@ -79,6 +79,19 @@ class ThesisFit:
         pole = float(np.max(np.abs(np.roots(self.denominator)), initial=0.0))
         return -SAMPLE_S / math.log(pole) if 0 < pole < 1 else None
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return, as sentences, why this is no motor's transfer function."""
+        elsewhere = sum(own.elsewhere for own in self.responses)
+        drowned = (
+            f"in {elsewhere} of {len(self.responses)} runs the force's largest peak is not at the sine: are --channel "
+            "and the motor those of the runs?"
+        )
+        return (
+            *(() if self.time_constant_s else ("its slowest pole is no decay, which no motor has.",)),
+            *((drowned,) if 2 * elsewhere > len(self.responses) else ()),
+        )
+
 
 def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRST_SERIES) -> ThesisFit:
     """Identify a series as C.2.5 does; forces are in newtons and have the sign of thrust, the bias still in them.

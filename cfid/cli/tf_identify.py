@@ -126,7 +126,7 @@ def _of_thesis(found: "AsThesis", sines: SineSet, workplace: Workplace, compare:
         },
         warnings=(*sines.warnings, *fit.notes, *slope.warnings),
         sources=sines.sources,
-        doubts=() if fit.time_constant_s else ("its slowest pole is no decay, which no motor has.",),
+        doubts=fit.doubts,
         lines=(
             *told.convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
             "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",

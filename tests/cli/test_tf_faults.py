@@ -172,6 +172,8 @@ def test_a_channel_that_does_not_feel_the_motor_gives_no_numbers(tf: Here, index
     said = tf("identify", "--index", index, "--channel", "Tx", "--no-figures")
     assert said.returncode == 5
     assert "may be noise alone: are --channel and the motor those of the runs?" in said.stderr
+    as_thesis = tf.json("identify", "--index", index, "--channel", "Tx", "--method", "thesis", code=5)
+    assert any("the force's largest peak is not at the sine" in doubt for doubt in as_thesis["quality"]["doubts"])
     replaced("index.csv", "20000,1", "20000,0")(index.parent)
     refused(tf("identify", "--index", index, "--channel", "Ty", "--no-figures"), 4, "take Fz")
 
