@@ -73,10 +73,11 @@ def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> d
 
 def _check(folder: Path, truth: Path | None) -> None:
     """Refuse what cannot be done before anything is made. Raises ConfigError."""
-    from cfid.campaign import RIG_FILE
+    from cfid.campaign import RIG_FILE, RUNS_FOLDER
     from cfid.sim.truth_file import load_truth
 
-    if (folder / RIG_FILE).exists():
+    left = (folder / RIG_FILE, folder / "parameters.toml", folder / "fits", *(folder / RUNS_FOLDER).glob("*"))
+    if any(path.exists() for path in left):
         raise ConfigError(f"{folder} holds a campaign already: delete it, or give another folder.")
     if truth is not None:
         load_truth(truth)

@@ -53,11 +53,18 @@ def _vehicle(campaign: "Campaign") -> "Vehicle":
     from cfid.campaign import RIG_FILE
     from cfid.export.vehicle import collect
     from cfid.parameters import load_sections
+    from cfid.report.stale import stale_in
     from cfid.run import Run, list_runs
 
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     simulated = {run.folder.name for run in runs if run.header.simulated}
-    return collect(campaign.rig, load_sections(campaign.parameters_file), rig_file=RIG_FILE, simulated=simulated)
+    return collect(
+        campaign.rig,
+        load_sections(campaign.parameters_file),
+        rig_file=RIG_FILE,
+        simulated=simulated,
+        stale=stale_in(campaign.folder, runs),
+    )
 
 
 def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> None:

@@ -1,7 +1,7 @@
 """What a campaign knows of its vehicle, collected once for all exports; nothing is turned or converted here."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from cfid.parameters import Source as File
 
 FULL = 65535  # the largest command of a motor, 16 bits
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
+Stale = Callable[[Section], Sequence[str]]
 _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 
 
@@ -94,11 +95,17 @@ class Vehicle:
 
 
 def collect(
-    rig: Rig, sections: Mapping[str, Section], *, rig_file: str = "rig.toml", simulated: Collection[str] = ()
+    rig: Rig,
+    sections: Mapping[str, Section],
+    *,
+    rig_file: str = "rig.toml",
+    simulated: Collection[str] = (),
+    stale: Stale = lambda _: (),
 ) -> Vehicle:
     """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
 
-    `simulated` are the names of the runs that were recorded on a simulated rig.
+    `simulated` are the names of the runs that were recorded on a simulated rig, `stale` tells why a section is no
+    longer current.
 
     Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
     """
@@ -110,9 +117,9 @@ def collect(
     x, y, z = (0.001 * length for length in rig.vehicle.centre_of_mass_mm)
     quantities: dict[str, Quantity] = {}
     for name, source in SOURCES.items():
-        found = next((q for key in source.keys if (q := _find(sections, key, simulated)) is not None), None)
+        found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
         if found is not None:
-            quantities[name] = found
+            quantities[name] = _quantity(*found, simulated, stale)
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
     return Vehicle(
         name=rig.vehicle.name,
@@ -136,8 +143,8 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
     )
 
 
-def _find(sections: Mapping[str, Section], key: str, simulated: Collection[str]) -> Quantity | None:
-    """Return what stands under a key: where several sections have it, a believed one, and the latest of those."""
+def _find(sections: Mapping[str, Section], key: str) -> tuple[str, str, Section] | None:
+    """Return a key with its section, named: where several have it, a believed one, and the latest of those."""
     holding = [
         (section.believed, section.found, name)
         for name, section in sections.items()
@@ -146,14 +153,14 @@ def _find(sections: Mapping[str, Section], key: str, simulated: Collection[str])
     if not holding:
         return None
     name = max(holding)[-1]
-    section = sections[name]
-    return _quantity(key, name, section, simulated)
+    return key, name, sections[name]
 
 
-def _quantity(key: str, name: str, section: Section, simulated: Collection[str]) -> Quantity:
+def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> Quantity:
     parameter, commands = section.parameters[key], _commands(section)
     recordings = dict.fromkeys(map(_recording, section.sources))
     runs = ", ".join(recordings)
+    said = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
     parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
     return Quantity(
         key=key,
@@ -162,7 +169,7 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str])
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
         believed=section.believed,
-        caveat=_extrapolated(commands) if key in _AT_FULL_COMMAND else "",
+        caveat=" ".join([*([said] if said else []), *stale(section)]),
         commands=commands,
         simulated=any(run in simulated for run in recordings),
     )

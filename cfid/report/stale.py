@@ -33,8 +33,8 @@ def stale_in(folder: Path, runs: Sequence[Run]) -> Stale:
         names = dict.fromkeys(path.parts[1] for path in paths if path.parts[:1] == (RUNS_FOLDER,) and path.parts[1:])
         left = [f"{name} ({excluded[name]})" for name in names if name in excluded]
         return (
-            *([f"changed since it was fitted: {', '.join(other)}: fit again."] if other else []),
-            *([f"made of what is excluded now: {', '.join(left)}: fit again without."] if left else []),
+            *([f"Changed since it was fitted: {', '.join(other)}: fit again."] if other else []),
+            *([f"Made of what is excluded now: {', '.join(left)}: fit again without."] if left else []),
         )
 
     return tell

@@ -111,3 +111,13 @@ def test_a_demo_over_the_wires_measures_in_real_time(tmp_path: Path) -> None:
     names = {fit.name.split()[0] for fit in list_fits(folder / "fits") if isinstance(fit, Fit)}
     assert names == {"swing", "thrust", "torque", "tf", "latency"}
     assert "tf.time_constant_s" in done.stdout
+
+
+@pytest.mark.parametrize("left", ["parameters.toml", "fits", "runs/2026-11-21_083012_swing_x"])
+def test_a_demo_does_not_mix_with_what_another_left(tmp_path: Path, left: str) -> None:
+    (tmp_path / left).mkdir(parents=True)
+    said = subprocess.run(command(tmp_path), capture_output=True, text=True, check=False)
+
+    assert said.returncode == 2
+    assert "holds a campaign already: delete it" in said.stderr
+    assert not (tmp_path / "rig.toml").exists()

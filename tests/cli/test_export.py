@@ -12,7 +12,7 @@ import pytest
 from cfid.campaign import new_rig_text
 from cfid.export.catalogue import TARGETS
 from cfid.parameters import store_section
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label, amend_run, create_run
 from tests.export.thesis_vehicle import section, sections
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -146,7 +146,7 @@ def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:
     assert "#define CF_MASS 0.0301f" in text
 
 
-def test_numbers_of_a_simulated_run_are_said_to_be_of_no_vehicle(cfid: Cfid, campaign: Path) -> None:
+def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, campaign: Path) -> None:
     writer = create_run(
         campaign / "runs",
         kind="swing",
@@ -156,10 +156,13 @@ def test_numbers_of_a_simulated_run_are_said_to_be_of_no_vehicle(cfid: Cfid, cam
         cfid_version="0",
         simulated=True,
     )
-    writer.close("complete")
+    amend_run(writer.close("complete"), excluded="the cable touched")
     found = section(sections()["inertia"].parameters, run=writer.folder.name)
     store_section(campaign / "parameters.toml", "inertia", found)
     said = cfid("export", "crazyswarm2", "--out", "-")
 
     assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(said.stderr.split())
     assert "made of SIMULATED recordings" in said.stdout
+    excluded = f"Made of what is excluded now: {writer.folder.name} (the cable touched): fit again without."
+    assert f"inertia.matrix_kg_m2: {excluded}" in " ".join(said.stderr.split())
+    assert excluded in said.stdout

@@ -175,8 +175,8 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
     file.write_text("t,fz\n1,2\n")
     amend_run(run, excluded="the cable touched")
     assert said_of_thrust(campaign) == (
-        f"changed since it was fitted: {fitted.path}: fit again.",
-        f"made of what is excluded now: {run.folder.name} (the cable touched): fit again without.",
+        f"Changed since it was fitted: {fitted.path}: fit again.",
+        f"Made of what is excluded now: {run.folder.name} (the cable touched): fit again without.",
     )
 
 
