@@ -34,15 +34,15 @@ class WindRow(NamedTuple):
     window_s: tuple[float, float] | None
 
 
-def read_wind_index(path: Path) -> "tuple[list[WindRow], Source]":
-    """Read an index of recordings in wind and without.
+def read_wind_index(path: Path) -> "tuple[list[WindRow], Source, tuple[str, ...]]":
+    """Read an index of recordings in wind and without; with its source and what is to be said of it.
 
     Raises DataError with file and line for what is missing or no number, and for a file that two rows name.
     """
-    rows, source = read_index(path, columns=INDEX_COLUMNS, optional=INDEX_MAY_HAVE)
+    rows, source, notes = read_index(path, columns=INDEX_COLUMNS, optional=INDEX_MAY_HAVE)
     found = [_row(row) for row in rows]
     _check_files(found)
-    return found, source
+    return found, source, notes
 
 
 def read_reduced(path: Path) -> "tuple[DragExperiments, Source, tuple[str, ...]]":

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,13 +94,14 @@ def read_wind_evidence(
     if inputs.index is None:
         words = _runs(words, workplace)
     how = Recordings(reading=scale.reading(reading), method=method, markers=inputs.markers)
-    rows, sources = ([], []) if inputs.index is None else _rows(inputs.index)
+    rows, sources, notes = ([], [], ()) if inputs.index is None else _rows(inputs.index)
     parts = reduce_rows(rows, how)
     paths = [find_recording(word, workplace) for word in words]
     parts += [reduce_run(path, how) for path in paths]
     _check_once(parts)
     sources += [source for part in parts for source in part.sources]
-    return _reduced(parts, inputs, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
+    found = _reduced(parts, inputs, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
+    return replace(found, warnings=(*notes, *found.warnings))
 
 
 def _runs(words: Sequence[str], workplace: Workplace) -> list[str]:
@@ -110,9 +111,9 @@ def _runs(words: Sequence[str], workplace: Workplace) -> list[str]:
     return chosen(words, workplace.campaign, suits=labelled(KIND), wanted="runs in wind and without")
 
 
-def _rows(index: Path) -> "tuple[list[WindRow], list[Source]]":
-    rows, source = read_wind_index(index)
-    return rows, [source]
+def _rows(index: Path) -> "tuple[list[WindRow], list[Source], tuple[str, ...]]":
+    rows, source, notes = read_wind_index(index)
+    return rows, [source], notes
 
 
 def _of_table(table: Path, words: Sequence[str], index: Path | None) -> WindEvidence:

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from cfid.errors import DataError
 
@@ -46,7 +46,15 @@ class IndexRow:
         return DataError(f"{self.path}:{self.line}: {what}")
 
 
-def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> "tuple[list[IndexRow], Source]":
+class Index(NamedTuple):
+    """The rows of an index, the file, and what is to be said of it."""
+
+    rows: list[IndexRow]
+    source: "Source"
+    notes: tuple[str, ...]
+
+
+def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> "Index":
     """Read an index with the named columns, in any order. Raises DataError with file, line and next step."""
     from cfid.lines import fields_of, filled_lines, read_text, separator_of, whole_lines
     from cfid.parameters import Source
@@ -70,4 +78,7 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
         rows.append(IndexRow(path=path, line=line.number, fields=dict(zip(names, fields, strict=True))))
     if not rows:
         raise DataError(f"{path}: a head and no rows: it names no run.")
-    return rows, Source(str(path), hashlib.sha256(content).hexdigest())
+    unused = [name for name in names if name not in {*columns, *optional}]
+    known = f"it may have {', '.join(optional)}"
+    notes = (f"{path.name}: not used: column {', '.join(unused)}; {known}.",) if unused else ()
+    return Index(rows, Source(str(path), hashlib.sha256(content).hexdigest()), notes)

@@ -221,8 +221,9 @@ def read_sines(
 
     reader = _Reader(inputs, reading, scale)
     if inputs.index is not None:
-        rows, source = read_index(inputs.index, columns=_COLUMNS, optional=("series",))
+        rows, source, notes = read_index(inputs.index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(source)
+        reader.warnings += notes
         reader.read_cells(row.file("loadcell") for row in rows)
         for row in rows:
             reader.add_row(row)

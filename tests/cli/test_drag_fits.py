@@ -359,6 +359,15 @@ def test_a_table_beside_runs_and_nothing_at_all_are_usage_errors(nowhere: Workpl
         read(nowhere)
 
 
+def test_a_column_that_nobody_reads_is_told(nowhere: Workplace, tunnel: WindFolder) -> None:
+    for row in tunnel.rows:
+        row["azimuth_deg"] = "90"
+    said = read(nowhere, index=tunnel.write(head=(*HEAD, "azimuth_deg"))).warnings
+
+    assert said[0] == "wind.csv: not used: column azimuth_deg; it may have azimuth_rad, from_s, to_s."
+    assert not any("not used: column" in each for each in read(nowhere, index=tunnel.write()).warnings)
+
+
 def test_a_direction_that_is_no_number_is_a_usage_error(nowhere: Workplace, tunnel: WindFolder) -> None:
     index = tunnel.write()
     with pytest.raises(ConfigError, match="--azimuth-rad nan: has to be a number"):

@@ -124,6 +124,13 @@ def test_every_channel_that_feels_the_motor_tells_the_same(
     assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
 
 
+def test_a_column_that_nobody_reads_is_told(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
+    index = write_index(tmp_path, {"first": first})
+    index.write_text(index.read_text().replace("series", "Series", 1))
+
+    assert "index.csv: not used: column Series; it may have series." in found(tf, "--index", index)["warnings"]
+
+
 def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_told(
     tf: Here, tmp_path: Path, first: list[SimulatedSine]
 ) -> None:
