@@ -145,7 +145,9 @@ def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
 
 
 def bent(section: Section) -> str:
-    """Return which parameter of a section that was read has no shape that cfid writes, and why; "" where all have."""
+    """Return what of a section that was read is not as cfid writes it, and why: its time, or a parameter's shape."""
+    if section.found.tzinfo is None:
+        return "found: should have a time zone"
     for key, parameter in section.parameters.items():
         if said := misshapen(key, parameter.value, parameter.std):
             return f"parameters.{key}: {said}"

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from cfid.durable import alone_in, first_fault, read_toml, write_toml
 from cfid.errors import ConfigError, DataError
@@ -62,7 +62,7 @@ class RunHeader(_Section):
 
     format: int = FORMAT
     kind: str
-    started: datetime
+    started: AwareDatetime
     state: State
     reason: str = ""
     cfid_version: str = ""

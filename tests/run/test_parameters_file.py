@@ -298,3 +298,11 @@ def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_an
 
     named = list(scalars("a", Parameter(value=[1.0, 2.0], std=0.5)))
     assert named == [("a [0]", 1.0, None), ("a [1]", 2.0, None)]
+
+
+def test_a_time_without_a_zone_is_refused_for_it_has_no_place_among_others(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.toml"
+    store_section(file, "fit", replace(section(), found=FOUND.replace(tzinfo=None)))
+
+    with pytest.raises(DataError, match=r"fit\.found: should have a time zone\."):
+        load_sections(file)

@@ -283,6 +283,7 @@ def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> No
         (lambda c: c["label"].update(weight_g=-5), "label.weight_g: should be greater than 0, not -5"),
         (lambda c: c["label"].update(weight_g="20"), "label.weight_g: should be a valid number, not '20'"),
         (lambda c: c["label"].update(body="cat"), "label.body: should be 'crazyflie', 'testbody' or 'fixture'"),
+        (lambda c: c.update(started=datetime(2026, 11, 21, 8)), "started: "),
         (lambda c: c.update(label=3), "label: should be a table"),
         (lambda c: c.update(devices=[]), "devices: should be a table"),
         (lambda c: c["devices"]["encoder"].pop("file"), "devices.encoder.file: is missing"),
