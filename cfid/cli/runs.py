@@ -79,7 +79,10 @@ def _amend(word: str, folder: Path | None, *, told: str, excluded: str | None = 
 
 
 def _meant(word: str, folder: Path | None) -> "list[Run]":
-    """Return the runs that a word names, in whatever state they are. Raises ConfigError when there is none."""
+    """Return the runs that a word names, in whatever state they are.
+
+    Raises ConfigError when there is none, DataError for one that cannot be read.
+    """
     from fnmatch import fnmatch
 
     from cfid.errors import DataError
@@ -87,8 +90,14 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
 
     if (Path(word) / RUN_FILE).is_file():
         return [read_run(Path(word))]
-    there = [run for run in list_runs(here(folder).runs_folder) if not isinstance(run, DataError)]
-    found = there[-1:] if word == LAST else [run for run in there if fnmatch(run.folder.name, word)]
+    runs_folder = here(folder).runs_folder
+    if (runs_folder / word / RUN_FILE).is_file():
+        return [read_run(runs_folder / word)]
+    there = list_runs(runs_folder)
+    if word == LAST and there and isinstance(there[-1], DataError):
+        raise there[-1]
+    readable = [run for run in there if not isinstance(run, DataError)]
+    found = readable[-1:] if word == LAST else [run for run in readable if fnmatch(run.folder.name, word)]
     if not found:
         raise ConfigError(f"{word}: no run of this campaign has such a name: `cfid runs` lists them.")
     return found

@@ -225,6 +225,16 @@ def test_a_name_that_no_run_has_is_told(cfid: Cfid, campaign: Campaign) -> None:
     assert "nothing: no run of this campaign has such a name: `cfid runs` lists them." in said.stderr
 
 
+@pytest.mark.parametrize("by_name", [True, False])
+def test_a_run_that_cannot_be_read_is_not_taken_for_another(cfid: Cfid, campaign: Campaign, by_name: bool) -> None:
+    last = names(campaign)[-1]
+    (campaign.runs_folder / last / "run.toml").write_text("kind = ")
+    said = cfid("runs", "exclude", last if by_name else "last")
+
+    assert (said.returncode, said.stdout) == (4, "")
+    assert "no valid TOML" in said.stderr
+
+
 # cfid parameters, cfid set
 
 
