@@ -128,9 +128,13 @@ def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
         loop.callFromThread(ending.ask, signal.Signals(number).name)
 
     before = {number: signal.signal(number, handle) for number in _heeded()}
+    # The handler itself runs in this thread alone. A signal that meets another thread, or this one just before it
+    # begins to wait, would be slept through: the interpreter's own part of the handler wakes the loop.
+    woken = signal.set_wakeup_fd(loop.waker.o, warn_on_full_buffer=False)
     try:
         yield
     finally:
+        signal.set_wakeup_fd(woken)
         for number, handler in before.items():
             signal.signal(number, handler)
 

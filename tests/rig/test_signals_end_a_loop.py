@@ -121,6 +121,30 @@ run_until_done(main)
     assert still_there
 
 
+def test_a_signal_that_another_thread_receives_is_not_slept_through() -> None:
+    process = start(
+        """
+import threading
+
+def receives_it():
+    time.sleep(0.3)  # the loop waits by now, without any timer
+    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+
+async def main(loop, ending):
+    threading.Thread(target=receives_it).start()
+    say("ready")
+    await ending.within(None)
+    return ending.signal
+
+say(run_until_done(main))
+"""
+    )
+    with process:
+        assert process.wait(10) == 0
+        assert process.stdout is not None
+        assert process.stdout.read() == "SIGTERM\n"
+
+
 def test_the_first_of_many_signals_is_the_one_that_counts() -> None:
     process = start(
         """
