@@ -32,8 +32,8 @@ def check_thrust(command: Array, thrust_n: Array) -> None:
     if running.min() < -_STANDING_N and running.max() < _STANDING_N:
         raise FitError(
             f"the thrust is negative throughout, down to {running.min():.3g} N: Fz counts downwards here. Was the "
-            "vehicle mounted upside down, or the load cell? --flip-fz changes the sign of Fz; leave it out where it was "
-            "given."
+            "vehicle mounted upside down, or the load cell? --flip-fz changes the sign of Fz; leave it out where it "
+            "was given."
         )
     if running.max() < _STANDING_N:
         raise FitError(
