@@ -44,6 +44,7 @@ def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | No
     return list(compared(load_sections(campaign.parameters_file).values(), truth))
 
 
+@pytest.mark.slow  # the tutorial, which is run as a test, begins with a demo too
 def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     done = subprocess.run(command(folder, "--no-figures"), capture_output=True, text=True, check=False)
