@@ -27,7 +27,8 @@ def write_runs(campaign: "Campaign", runs: "Iterable[SimulatedRun]") -> "list[Pa
 def _write(campaign: "Campaign", run: "SimulatedRun", started: datetime) -> "Path":
     import numpy as np
 
-    from cfid.run import DeviceRecord, Label, create_run
+    from cfid.run import DeviceRecord, Label
+    from cfid.run_writer import create_run
 
     scale = campaign.rig.encoder.counts_per_turn
     records = {

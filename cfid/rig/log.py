@@ -22,7 +22,8 @@ from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say
 from cfid.rig.serial_line import serial_lines
-from cfid.run import DeviceRecord, Label, Run, create_run
+from cfid.run import DeviceRecord, Label, Run
+from cfid.run_writer import create_run
 
 Open = Callable[[Loop, HostClock], Instrument]
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name

@@ -13,7 +13,8 @@ from cfid.cli.inputs import open_workplace
 from cfid.cli.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.cli.wind_run import WindSetting
 from cfid.errors import DataError, FitError
-from cfid.run import DeviceRecord, Label, Run, create_run
+from cfid.run import DeviceRecord, Label, Run
+from cfid.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind import WindTruth

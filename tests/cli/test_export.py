@@ -12,7 +12,8 @@ import pytest
 from cfid.campaign import new_rig_text
 from cfid.export.catalogue import TARGETS
 from cfid.parameters import store_section
-from cfid.run import DeviceRecord, Label, amend_run, create_run
+from cfid.run import DeviceRecord, Label, amend_run
+from cfid.run_writer import create_run
 from tests.export.thesis_vehicle import section, sections
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

@@ -9,7 +9,8 @@ import pytest
 
 from cfid.cli.campaign import make_campaign
 from cfid.parameters import Parameter, Section, Source, store_section
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 from tests.cli.conftest import Cfid
 
 DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)

@@ -16,7 +16,8 @@ from cfid.cli.parameters import set_by_hand
 from cfid.cli.run_words import chosen, labelled
 from cfid.errors import ConfigError
 from cfid.parameters import load_sections
-from cfid.run import DeviceRecord, Label, Run, amend_run, create_run, read_run
+from cfid.run import DeviceRecord, Label, Run, amend_run, read_run
+from cfid.run_writer import create_run
 from tests.cli.conftest import Cfid
 
 DROPS = labelled("drop")

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 from tests.cli.conftest import Cfid
 
 T = 1.7e9 + np.arange(5.0)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -9,7 +9,8 @@ import pytest
 
 from cfid.campaign import RIG_FILE, new_rig_text
 from cfid.parameters import load_sections
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
 from tests.cli.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run

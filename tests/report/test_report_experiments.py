@@ -11,7 +11,8 @@ from cfid.campaign import Campaign
 from cfid.parameters import Source, store_section
 from cfid.report.html import LARGEST_SVG_BYTES, as_html
 from cfid.report.save import save_figure
-from cfid.run import DeviceRecord, Label, amend_run, create_run
+from cfid.run import DeviceRecord, Label, amend_run
+from cfid.run_writer import create_run
 from tests.report.fits_by_hand import APPENDIX_A, NOON, new_campaign, number, put, report_of
 
 

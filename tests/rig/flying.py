@@ -25,7 +25,8 @@ from cfid.rig.recorder import Instrument, Recorder
 from cfid.rig.stock_motors import StockMotors
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
-from cfid.run import DeviceRecord, Label, Run, create_run, read_run
+from cfid.run import DeviceRecord, Label, Run, read_run
+from cfid.run_writer import create_run
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth

@@ -20,7 +20,8 @@ from twisted.python.failure import Failure
 from cfid.errors import DataError, DeviceError
 from cfid.rig.loop import Ending
 from cfid.rig.recorder import Block, Progress, Recorder, no_rows, sleep
-from cfid.run import DeviceRecord, Label, Run, RunWriter, create_run, read_run
+from cfid.run import DeviceRecord, Label, Run, read_run
+from cfid.run_writer import RunWriter, create_run
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.rig.streaming_rig import ROOT

@@ -18,7 +18,8 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.loop import Ending
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, Inbox
 from cfid.rig.recorder import Instrument, Recorder
-from cfid.run import DeviceRecord, Label, Run, create_run, read_run
+from cfid.run import DeviceRecord, Label, Run, read_run
+from cfid.run_writer import create_run
 from cfid.sim.e201 import E201Device
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import EncoderFaults, LoadCellFaults

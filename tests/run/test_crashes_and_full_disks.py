@@ -24,7 +24,8 @@ from pathlib import Path
 import numpy as np
 from cfid.errors import CfidError
 from cfid.parameters import Parameter, Section, Source, store_section
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 from cfid.wire.rls import encode_positions
 
 place = Path(sys.argv[1])

@@ -10,7 +10,8 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.recording import Reading, read_angle
-from cfid.run import DeviceRecord, Label, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 from cfid.wrench import WrenchReading, read_wrench
 
 EPOCH_S = 1_763_712_345.0

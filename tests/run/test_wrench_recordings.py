@@ -13,7 +13,8 @@ import tomli_w
 
 from cfid.errors import ConfigError, DataError
 from cfid.recording import Reading, read_angle
-from cfid.run import DeviceRecord, Label, RunWriter, create_run
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import RunWriter, create_run
 from cfid.wrench import WrenchReading, WrenchRecord, holds_wrench, read_wrench
 
 HEAD = "t,Fx,Fy,Fz,Tx,Ty,Tz"
