@@ -5,10 +5,16 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
 
 # Tests run on all processors already: threads of the linear algebra, also of programs that tests start, would wait
 # for each other. Read when NumPy is imported, hence here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+# The same examples every time; how long one takes is the computer's business.
+settings.register_profile("cfid", deadline=None, derandomize=True)
+settings.load_profile("cfid")
 
 
 @pytest.fixture(autouse=True, scope="session")

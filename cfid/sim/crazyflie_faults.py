@@ -16,6 +16,7 @@ from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet
 _OLD_PROTOCOL = 3
 _LOW_V = 2.9
 _ACTIVE_S = 1.0  # since it was heard last, a client counts as talking
+_ROUNDING_S = 1e-9
 
 Datagram = tuple[bytes, Address]
 
@@ -140,7 +141,7 @@ class FaultyCrazyflie:
         return sorted(time_s for time_s in times if after_s < time_s <= until_s)
 
     def _suffer(self, now_s: float) -> None:
-        elapsed_s = now_s - self._opened_s
+        elapsed_s = now_s - self._opened_s + _ROUNDING_S  # a turn's own time, counted from zero and back, is not late
         faults, vehicle = self.faults, self.vehicle
         if within(elapsed_s, faults.reboot_after_s, None) and not self._rebooted:
             self._rebooted = True

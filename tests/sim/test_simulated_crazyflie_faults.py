@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cfid.sim.battery import BatteryTruth
@@ -199,6 +199,7 @@ def test_what_the_radio_loses_is_counted_and_no_ping() -> None:
         silent_after_s=st.none() | st.floats(0, 0.5),
     ),
 )
+@example(steps_s=[0.046875], faults=CrazyflieFaults(reboot_after_s=0.03260903043399844))
 def test_how_often_the_server_looks_changes_nothing(steps_s: list[float], faults: CrazyflieFaults) -> None:
     def heard(looks_s: list[float]) -> list[bytes]:
         bench = Bench(CrazyflieTruth(firmware="old"), faults=faults, radio=RadioTruth(latency_s=0.01, jitter_s=0.005))
