@@ -1,6 +1,7 @@
 """The program `cfid`: its groups of commands, and the one place where errors become exit codes."""
 
 import sys
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -116,10 +117,10 @@ def cfid(
     """
 
 
-def main() -> None:
-    """Run the program. Every expected error ends in a sentence on stderr and its exit code."""
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the program with its arguments, or others; an expected error ends in a sentence on stderr and its exit code."""
     try:
-        app(prog_name="cfid")
+        app(words, prog_name="cfid")
     except CfidError as error:
         fault(str(error))
         sys.exit(error.exit_code)

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import socket
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 from urllib.parse import parse_qs, urlsplit
@@ -68,8 +69,8 @@ class NetFTServer:
         udp: UdpPort = self._reactor.listenUDP(self._wanted.rdt, _Requests(self), self._address)
         self._open = [udp]
         self._socket = udp.socket
-        for port, protocol in ((self._wanted.http, _Page), (self._wanted.tcp, _SingleReading)):
-            factory = Factory.forProtocol(partial(protocol, self._box, self._reactor))
+        for port, answer in ((self._wanted.http, _page), (self._wanted.tcp, _readings)):
+            factory = Factory.forProtocol(partial(_Conversation, self._box, self._reactor, answer))
             self._open.append(self._reactor.listenTCP(port, factory, interface=self._address))
         return Ports(*(port.getHost().port for port in self._open))
 
@@ -113,14 +114,26 @@ class _Requests(DatagramProtocol):
         self._server.heard(datagram, addr)
 
 
+class _Reply(NamedTuple):
+    """What is sent, what was heard beyond the questions answered, and whether nothing more is said."""
+
+    sent: bytes
+    left: bytes
+    over: bool
+
+
+_Answer = Callable[[FaultyNetFT, bytes, float], _Reply]  # the box, what was heard, and the time
+
+
 class _Conversation(Protocol):
     """Questions that each get an answer, later when the box is slow; none from a box without power."""
 
     transport: Connection  # type: ignore[assignment]  # twisted tells types only what every transport has
 
-    def __init__(self, box: FaultyNetFT, reactor: PosixReactorBase) -> None:
+    def __init__(self, box: FaultyNetFT, reactor: PosixReactorBase, answer: _Answer) -> None:
         self._box = box
         self._reactor = reactor
+        self._answer_to = answer
         self._heard = b""
 
     def connectionMade(self) -> None:  # noqa: N802 (twisted's name)
@@ -134,42 +147,40 @@ class _Conversation(Protocol):
     def _answer(self) -> None:
         if not self.connected:
             return
-        if self._box.alive(self._reactor.seconds()):
-            self._answer_heard()
-        else:
+        if not self._box.alive(self._reactor.seconds()):
             self.transport.abortConnection()
-
-    def _answer_heard(self) -> None:
-        raise NotImplementedError
-
-
-class _Page(_Conversation):
-    """One GET a connection, as HTTP 1.0 has it."""
-
-    def _answer_heard(self) -> None:
-        if _BLANK_LINE not in self._heard:
-            if len(self._heard) > _LONGEST_HTTP_REQUEST:
-                self.transport.abortConnection()
             return
-        words = self._heard.split(b"\r\n", 1)[0].decode("latin-1").split()
-        body = self._body(words[1]) if len(words) == 3 and words[0] == "GET" else None
-        status = "404 Not Found" if body is None else "200 OK"
-        content = (body or "").encode()
-        kind = "text/xml" if body and body.startswith("<?xml") else "text/html"
-        head = f"HTTP/1.0 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(content)}\r\n\r\n"
-        self.transport.write(head.encode() + content)
-        self.transport.loseConnection()
-
-    def _body(self, path_and_query: str) -> str | None:
-        target = urlsplit(path_and_query)
-        if target.path == CONFIGURATION_PATH:
-            index = parse_qs(target.query).get("index", [""])[-1]
-            return self._box.page(int(index) if index.isdecimal() else None)
-        return "<html>done</html>" if self._box.apply(path_and_query) else None
+        sent, self._heard, over = self._answer_to(self._box, self._heard, self._reactor.seconds())
+        self.transport.write(sent)
+        if over:
+            self.transport.loseConnection()
 
 
-class _SingleReading(_Conversation):
-    def _answer_heard(self) -> None:
-        while len(self._heard) >= COMMAND_BYTES:
-            command, self._heard = self._heard[:COMMAND_BYTES], self._heard[COMMAND_BYTES:]
-            self.transport.write(self._box.answer(command, self._reactor.seconds()))
+def _page(box: FaultyNetFT, heard: bytes, now_s: float) -> _Reply:
+    """Answer one GET a connection, as HTTP 1.0 has it."""
+    if _BLANK_LINE not in heard:
+        return _Reply(b"", heard, over=len(heard) > _LONGEST_HTTP_REQUEST)
+    words = heard.split(b"\r\n", 1)[0].decode("latin-1").split()
+    body = _body(box, words[1]) if len(words) == 3 and words[0] == "GET" else None
+    status = "404 Not Found" if body is None else "200 OK"
+    content = (body or "").encode()
+    kind = "text/xml" if body and body.startswith("<?xml") else "text/html"
+    head = f"HTTP/1.0 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(content)}\r\n\r\n"
+    return _Reply(head.encode() + content, heard, over=True)
+
+
+def _body(box: FaultyNetFT, path_and_query: str) -> str | None:
+    target = urlsplit(path_and_query)
+    if target.path == CONFIGURATION_PATH:
+        index = parse_qs(target.query).get("index", [""])[-1]
+        return box.page(int(index) if index.isdecimal() else None)
+    return "<html>done</html>" if box.apply(path_and_query) else None
+
+
+def _readings(box: FaultyNetFT, heard: bytes, now_s: float) -> _Reply:
+    """Answer each whole command over TCP."""
+    sent = b""
+    while len(heard) >= COMMAND_BYTES:
+        command, heard = heard[:COMMAND_BYTES], heard[COMMAND_BYTES:]
+        sent += box.answer(command, now_s)
+    return _Reply(sent, heard, over=False)

@@ -1,7 +1,6 @@
 """Sine runs as files: an index with load-cell files that runs share, and run folders, from the simulated bench."""
 
 import json
-import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -36,13 +35,12 @@ class Here:
     """`cfid tf` run within this process, as starting one for each question would take minutes."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._monkeypatch, self._capsys = monkeypatch, capsys
+        self._capsys = capsys
         monkeypatch.chdir(folder)
 
     def __call__(self, *words: object) -> Said:
-        self._monkeypatch.setattr(sys, "argv", ["cfid", "tf", *map(str, words)])
         with pytest.raises(SystemExit) as ended:
-            main()
+            main(["tf", *map(str, words)])
         told = self._capsys.readouterr()
         return Said(int(ended.value.code or 0), told.out, told.err)
 
