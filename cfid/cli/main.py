@@ -118,7 +118,7 @@ def cfid(
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the program with its arguments, or others; an expected error ends in a sentence on stderr and its exit code."""
+    """Run the program with its arguments, or others. Expected errors end in a sentence on stderr and an exit code."""
     try:
         app(words, prog_name="cfid")
     except CfidError as error:
