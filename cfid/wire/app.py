@@ -16,7 +16,8 @@ ALL_MOTORS_THRUST = 4  # as motor of a thrust request; single ones are 0 to 3
 ALL_MOTORS_SINE = 0  # as motor of a sine request; single ones are 1 to 4
 SAMPLES_PER_S = 500
 KEEP_ALIVE_S = 0.5  # after the last one the app stops the motors
-PROTOCOL = 1
+PROTOCOLS = (1, 2)  # from 2 on requests and keep-alives carry their owner
+NO_OWNER = 0
 
 _THRUST = struct.Struct("<Hi")
 _THRUST_ANSWER = struct.Struct("<HiB4HI")
@@ -29,6 +30,7 @@ _HELLO = struct.Struct("<4sBHHQ")
 _ALIVE = struct.Struct("<I")
 _STATE = struct.Struct("<IB4HI")
 _MICROSECONDS = struct.Struct("<Q")
+_OWNER = struct.Struct("<I")
 _MAGIC = b"cfid"
 _DONE_MARK = ord("a")
 
@@ -78,6 +80,7 @@ class Verdict(IntEnum):
     NO_SAMPLES = 6
     NO_FREQUENCY = 7
     NO_WHOLE_PERIODS = 8
+    NOT_OWNER = 9
 
 
 VERDICTS = {
@@ -90,6 +93,7 @@ VERDICTS = {
     Verdict.NO_SAMPLES: "N is zero",
     Verdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
     Verdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
+    Verdict.NOT_OWNER: "another program holds the motors, or a stop ended this one's hold",
 }
 
 
@@ -116,6 +120,7 @@ class Flags(IntFlag):
     MOTORS_ALLOWED = 1
     KEEP_ALIVE_FRESH = 2
     SINE_RUNNING = 4
+    NOT_OWNER = 8  # of the keep-alive that this answers: it counted for nothing
 
 
 class ThrustRequest(NamedTuple):
@@ -191,9 +196,9 @@ class AppState(NamedTuple):
     microseconds: int
 
 
-def encode_thrust(request: ThrustRequest) -> bytes:
-    """Return `<Hi`, the thesis' struct of C.2.1."""
-    return _THRUST.pack(*request)
+def encode_thrust(request: ThrustRequest, owner: int = NO_OWNER) -> bytes:
+    """Return `<Hi`, the thesis' struct of C.2.1, and the owner's number where there is one."""
+    return _THRUST.pack(*request) + _owned(owner)
 
 
 def decode_thrust(payload: bytes) -> ThrustRequest | None:
@@ -214,9 +219,9 @@ def decode_thrust_answer(payload: bytes) -> ThrustAnswer | None:
     return ThrustAnswer(command, motor, verdict, (m1, m2, m3, m4), microseconds)
 
 
-def encode_sine(request: SineRequest) -> bytes:
-    """Return `<HHfI`, the thesis' struct of C.2.4; omega becomes a float32 there."""
-    return _SINE.pack(*request)
+def encode_sine(request: SineRequest, owner: int = NO_OWNER) -> bytes:
+    """Return `<HHfI`, the thesis' struct of C.2.4, and the owner's number; omega becomes a float32 there."""
+    return _SINE.pack(*request) + _owned(owner)
 
 
 def decode_sine(payload: bytes) -> SineRequest | None:
@@ -279,9 +284,9 @@ def decode_hello(payload: bytes) -> Hello | None:
     return Hello._make(_HELLO.unpack(payload)[1:])
 
 
-def encode_alive(number: int) -> bytes:
-    """Return a keep-alive or a stop, whose number comes back with the state."""
-    return _ALIVE.pack(number)
+def encode_alive(number: int, owner: int = NO_OWNER) -> bytes:
+    """Return a keep-alive or a stop, whose number comes back with the state; a stop needs no owner."""
+    return _ALIVE.pack(number) + _owned(owner)
 
 
 def decode_alive(payload: bytes) -> int | None:
@@ -317,3 +322,7 @@ def decode_ping_answer(request: bytes, payload: bytes) -> int | None:
 def omega_of(periods: int, samples: int) -> float:
     """Return the thesis' Omega_l = 2 pi l / N in rad per sample (eq. 3.6)."""
     return 2 * math.pi * periods / samples
+
+
+def _owned(owner: int) -> bytes:
+    return _OWNER.pack(owner) if owner != NO_OWNER else b""

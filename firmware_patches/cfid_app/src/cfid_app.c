@@ -17,6 +17,7 @@
 #include "controller.h"
 #include "controller_pid.h"
 #include "crtp.h"
+#include "param.h"
 #include "supervisor.h"
 #include "usec_time.h"
 
@@ -98,22 +99,68 @@ static void take_ping(CRTPPacket *packet)
     take(CFID_PING, packet);
 }
 
-/* Keeps a fresh null setpoint with the commander while the core holds the motors.
-
-   With an old one, which any client may have left there, the supervisor locks the vehicle two seconds after motors
-   start. On letting go the high-level commander goes on with null setpoints of its own, as after a start; otherwise the
-   supervisor would lock the vehicle two seconds after motors stop. */
-static void feed(bool held)
+/* Keeps a fresh null setpoint with the commander, for with an old one, which any client may have left there, the
+   supervisor locks the vehicle. Afterwards the high-level commander goes on with null setpoints of its own, as after a
+   start. */
+static void feed(bool fresh)
 {
     static setpoint_t null_setpoint;
     static uint32_t ticks;
-    if (held && ticks++ % FEED_TICKS == 0) {
+    if (fresh && ticks++ % FEED_TICKS == 0) {
         commanderSetSetpoint(&null_setpoint, COMMANDER_PRIORITY_CRTP);
-    } else if (!held && ticks > 0) {
+    } else if (!fresh && ticks > 0) {
         commanderRelaxPriority();
         ticks = 0;
     }
 }
+
+#ifdef CONFIG_MOTORS_REQUIRE_ARMING
+
+static paramVarId_t idle_parameter;
+static uint16_t idle_thrust; /* as its owner set it */
+
+static void find_idle_thrust(void)
+{
+    idle_parameter = paramGetVarId("powerDist", "idleThrust");
+    ASSERT(PARAM_VARID_IS_VALID(idle_parameter));
+}
+
+static struct cfid_vehicle look(void)
+{
+    return (struct cfid_vehicle){
+        .can_fly = supervisorCanFly(), .flying = supervisorIsFlying(), .needs_arming = true, .idle = idle_thrust};
+}
+
+/* Takes idle thrust away and gives it back as it was found: a vehicle without it cannot be armed by anybody. */
+static void obey(const struct cfid_orders *orders)
+{
+    static bool off;
+    if (!off)
+        idle_thrust = (uint16_t)paramGetUint(idle_parameter);
+    if (off != orders->idles_off)
+        paramSetInt(idle_parameter, orders->idles_off ? 0 : idle_thrust);
+    off = orders->idles_off;
+    if (orders->disarms)
+        supervisorRequestArming(false);
+}
+
+#else
+
+static void find_idle_thrust(void)
+{
+}
+
+static struct cfid_vehicle look(void)
+{
+    return (struct cfid_vehicle){.can_fly = supervisorCanFly(), .flying = supervisorIsFlying()};
+}
+
+static void obey(const struct cfid_orders *orders)
+{
+    (void)orders; /* a brushed vehicle arms itself and has no idle thrust */
+}
+
+#endif
 
 /* Packets that find no room stay in the core's outbox. */
 static void hand_out(void)
@@ -132,6 +179,7 @@ void controllerOutOfTreeInit(void)
     arrivals = xQueueCreateStatic(ARRIVALS, sizeof(struct arrival), arrivals_storage, &arrivals_state);
     departures = xQueueCreateStatic(DEPARTURES, sizeof(struct cfid_packet), departures_storage, &departures_state);
     ASSERT(arrivals && departures);
+    find_idle_thrust();
     crtpRegisterPortCB(CFID_PORT_THRUST, take_thrust);
     crtpRegisterPortCB(CFID_PORT_SINE, take_sine);
     crtpRegisterPortCB(CFID_PORT_PING, take_ping);
@@ -145,22 +193,22 @@ bool controllerOutOfTreeTest(void)
 void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const sensorData_t *sensors,
                          const state_t *state, const stabilizerStep_t step)
 {
-    /* Stricter than supervisorAreMotorsAllowedToRun, which is also true while motors spin up after arming. */
-    const bool allowed = supervisorCanFly();
-    uint16_t commands[CFID_MOTORS];
+    const struct cfid_vehicle vehicle = look();
+    struct cfid_orders orders;
     struct arrival arrival;
     while (xQueueReceive(arrivals, &arrival, 0) == pdTRUE)
-        cfid_core_receive(&core, &arrival.packet, arrival.us, allowed);
-    const bool held = cfid_core_tick(&core, usecTimestamp(), allowed, commands);
-    feed(held);
+        cfid_core_receive(&core, &arrival.packet, arrival.us, &vehicle);
+    cfid_core_tick(&core, usecTimestamp(), &vehicle, &orders);
+    feed(orders.feeds);
+    obey(&orders);
     hand_out();
-    if (!held) {
+    if (!orders.holds) {
         controllerPid(control, setpoint, sensors, state, step);
         return;
     }
     control->controlMode = controlModeForce;
     for (int motor = 0; motor < CFID_MOTORS; motor++) /* times 65535 in float and cut, each gives its command back */
-        control->normalizedForces[motor] = (float)commands[motor] / (float)UINT16_MAX;
+        control->normalizedForces[motor] = (float)orders.commands[motor] / (float)UINT16_MAX;
 }
 
 void appMain(void)

@@ -8,7 +8,7 @@ enum {
     LARGEST_COMMAND = 65535,
     ALL_MOTORS_THRUST = CFID_MOTORS, /* as motor of a thrust request; single ones are 0 to 3 */
     ALL_MOTORS_SINE = 0,             /* as motor of a sine request; single ones are 1 to 4 */
-    PROTOCOL = 1,
+    PROTOCOL = 2,
     SAMPLES_PER_S = 500,
     KEEP_ALIVE_MS = 500,
     US_PER_MS = 1000,
@@ -25,6 +25,7 @@ enum {
     THRUST_BYTES = 2 + 4,
     THRUST_ANSWER_BYTES = THRUST_BYTES + 1 + 2 * CFID_MOTORS + 4,
     SINE_BYTES = 2 + 2 + 4 + 4,
+    OWNER_BYTES = 4, /* behind a request's or a keep-alive's own fields, from protocol 2 on */
     SINE_ANSWER_BYTES = SINE_BYTES + 1 + 1 + 4,
     ALIVE_BYTES = 4,
     STATE_BYTES = 4 + 1 + 2 * CFID_MOTORS + 4,
@@ -51,11 +52,12 @@ enum verdict {
     NO_SAMPLES,
     NO_FREQUENCY,
     NO_WHOLE_PERIODS,
+    NOT_OWNER,
 };
 
 enum outcome { FINISHED, STOPPED, KEEP_ALIVE_LOST, NOT_ALLOWED };
 
-enum flag { FLAG_ALLOWED = 1, FLAG_HEARD = 2, FLAG_SINE = 4 };
+enum flag { FLAG_ALLOWED = 1, FLAG_HEARD = 2, FLAG_SINE = 4, FLAG_NOT_OWNER = 8 };
 
 /* A sine plays, then its motors are off and it waits to say so, then it rests until it may send its `a`. */
 enum stage { NO_SINE, PLAYING, OFF, RESTING };
@@ -90,10 +92,22 @@ static void put_commands(struct cfid_packet *packet, const uint16_t commands[CFI
         put(packet, commands[motor], 2);
 }
 
-/* Repeats a request's bytes; zeros stand for one of the wrong length. */
+/* Returns whether a payload has a length, or that with an owner behind it. */
+static bool has_length(const struct cfid_packet *request, uint8_t bytes)
+{
+    return request->size == bytes || request->size == bytes + OWNER_BYTES;
+}
+
+/* Returns the owner behind a payload's own bytes, 0 where there is none: a client of protocol 1. */
+static uint32_t owner_of(const struct cfid_packet *request, uint8_t bytes)
+{
+    return request->size == bytes + OWNER_BYTES ? (uint32_t)get(request->data + bytes, OWNER_BYTES) : 0;
+}
+
+/* Repeats a request's own bytes; zeros stand for one of the wrong length. */
 static void put_echo(struct cfid_packet *packet, const struct cfid_packet *request, uint8_t bytes)
 {
-    if (request->size == bytes)
+    if (has_length(request, bytes))
         memcpy(packet->data, request->data, bytes);
     packet->size = bytes;
 }
@@ -180,7 +194,7 @@ static enum verdict find_periods(struct cfid_sine *sine, float omega)
 
 static enum verdict read_sine(struct cfid_sine *sine, const struct cfid_packet *request)
 {
-    if (request->size != SINE_BYTES)
+    if (!has_length(request, SINE_BYTES))
         return WRONG_LENGTH;
     const uint16_t motor = (uint16_t)get(request->data, 2);
     if (motor > CFID_MOTORS)
@@ -282,26 +296,38 @@ static void play(struct cfid_core *core, uint64_t now_us)
 
 /* Requests. */
 
-static enum verdict judge_thrust(const struct cfid_core *core, uint16_t command, int32_t motor, bool allowed)
+/* Judges a request that would make motors turn, or turn otherwise. */
+static enum verdict judge_owner(const struct cfid_core *core, uint32_t owner, bool allowed)
+{
+    if (!core->heard)
+        return NO_KEEP_ALIVE;
+    if (owner != core->owner)
+        return NOT_OWNER;
+    return allowed ? ACCEPTED : MOTORS_NOT_ALLOWED;
+}
+
+/* All motors to zero is a stop, which anybody may ask for. */
+static enum verdict judge_thrust(const struct cfid_core *core, uint16_t command, int32_t motor, uint32_t owner,
+                                 bool allowed)
 {
     if (motor < 0 || motor > ALL_MOTORS_THRUST)
         return NO_SUCH_MOTOR;
-    if (core->sine.stage != NO_SINE)
-        return command == 0 && motor == ALL_MOTORS_THRUST ? ACCEPTED : SINE_IS_RUNNING;
-    if (command == 0)
+    if (command == 0 && motor == ALL_MOTORS_THRUST)
         return ACCEPTED;
-    if (!core->heard)
-        return NO_KEEP_ALIVE;
-    return allowed ? ACCEPTED : MOTORS_NOT_ALLOWED;
+    if (core->sine.stage != NO_SINE)
+        return SINE_IS_RUNNING;
+    if (command == 0 && (!core->heard || owner == core->owner))
+        return ACCEPTED;
+    return judge_owner(core, owner, allowed);
 }
 
 static void receive_thrust(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed)
 {
     enum verdict verdict = WRONG_LENGTH;
-    if (request->size == THRUST_BYTES) {
+    if (has_length(request, THRUST_BYTES)) {
         const uint16_t command = (uint16_t)get(request->data, 2);
         const int32_t motor = (int32_t)(uint32_t)get(request->data + 2, 4);
-        verdict = judge_thrust(core, command, motor, allowed);
+        verdict = judge_thrust(core, command, motor, owner_of(request, THRUST_BYTES), allowed);
         if (verdict == ACCEPTED && command == 0 && motor == ALL_MOTORS_THRUST)
             stop(core, STOPPED, now_us);
         else if (verdict == ACCEPTED)
@@ -315,21 +341,13 @@ static void receive_thrust(struct cfid_core *core, const struct cfid_packet *req
     post(core, &answer);
 }
 
-static enum verdict judge_start(const struct cfid_core *core, bool allowed)
-{
-    if (core->sine.stage != NO_SINE)
-        return SINE_IS_RUNNING;
-    if (!core->heard)
-        return NO_KEEP_ALIVE;
-    return allowed ? ACCEPTED : MOTORS_NOT_ALLOWED;
-}
-
 static void receive_sine(struct cfid_core *core, const struct cfid_packet *request, bool allowed)
 {
     struct cfid_sine sine = {.stage = PLAYING};
     enum verdict verdict = read_sine(&sine, request);
     if (verdict == ACCEPTED)
-        verdict = judge_start(core, allowed);
+        verdict = core->sine.stage != NO_SINE ? SINE_IS_RUNNING
+                                              : judge_owner(core, owner_of(request, SINE_BYTES), allowed);
     if (verdict == ACCEPTED) {
         drive(core, ALL_MOTORS_THRUST, 0);
         core->sine = sine;
@@ -354,10 +372,12 @@ static void answer_hello(struct cfid_core *core, uint64_t now_us)
     post(core, &hello);
 }
 
-static void answer_state(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed)
+/* A stop counts from everybody, a keep-alive from the owner alone. */
+static void answer_state(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed,
+                         bool counts)
 {
     const int flags = (allowed ? FLAG_ALLOWED : 0) | (core->heard ? FLAG_HEARD : 0) |
-                      (core->sine.stage != NO_SINE ? FLAG_SINE : 0);
+                      (core->sine.stage != NO_SINE ? FLAG_SINE : 0) | (counts ? 0 : FLAG_NOT_OWNER);
     struct cfid_packet state = new_packet(CFID_PING, request->channel);
     put_echo(&state, request, ALIVE_BYTES);
     put(&state, (uint64_t)flags, 1);
@@ -366,18 +386,31 @@ static void answer_state(struct cfid_core *core, const struct cfid_packet *reque
     post(core, &state);
 }
 
+/* Takes a keep-alive and returns whether it counts: not while another client's is fresh, and never again from one whose
+   motors a stop ended, should it have slept meanwhile. */
+static bool keep_alive(struct cfid_core *core, uint32_t owner, uint64_t now_us)
+{
+    if ((core->heard && owner != core->owner) || (owner != 0 && owner == core->revoked))
+        return false;
+    core->heard = true;
+    core->owner = owner;
+    core->alive_us = now_us;
+    return true;
+}
+
 static void receive_ping(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed)
 {
     if (request->channel == PING_HELLO) {
         answer_hello(core, now_us);
-    } else if (request->channel == PING_ALIVE && request->size == ALIVE_BYTES) {
-        core->heard = true;
-        core->alive_us = now_us;
-        answer_state(core, request, now_us, allowed);
+    } else if (request->channel == PING_ALIVE && has_length(request, ALIVE_BYTES)) {
+        const bool counts = keep_alive(core, owner_of(request, ALIVE_BYTES), now_us);
+        answer_state(core, request, now_us, allowed, counts);
     } else if (request->channel == PING_STOP) { /* whatever its length: a stop that came damaged is still one */
         core->heard = false;
+        core->revoked = core->owner;
+        core->stopped = true;
         stop(core, STOPPED, now_us);
-        answer_state(core, request, now_us, allowed);
+        answer_state(core, request, now_us, allowed, true);
     }
 }
 
@@ -391,25 +424,56 @@ void cfid_core_init(struct cfid_core *core)
     memset(core, 0, sizeof *core);
 }
 
-void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet, uint64_t now_us, bool allowed)
+void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet, uint64_t now_us,
+                       const struct cfid_vehicle *vehicle)
 {
-    watch(core, now_us, allowed);
+    watch(core, now_us, vehicle->can_fly);
     if (packet->service == CFID_THRUST && packet->channel == THRUST_SET)
-        receive_thrust(core, packet, now_us, allowed);
+        receive_thrust(core, packet, now_us, vehicle->can_fly);
     else if (packet->service == CFID_SINE && packet->channel == SINE_START)
-        receive_sine(core, packet, allowed);
+        receive_sine(core, packet, vehicle->can_fly);
     else if (packet->service == CFID_PING)
-        receive_ping(core, packet, now_us, allowed);
+        receive_ping(core, packet, now_us, vehicle->can_fly);
 }
 
-bool cfid_core_tick(struct cfid_core *core, uint64_t now_us, bool allowed, uint16_t commands[CFID_MOTORS])
+/* What the vehicle shall do besides the commands.
+
+   Its setpoint stays fresh until it has left Flying: there the supervisor locks it when a setpoint grows old that any
+   client may have left, and every client of the stock library leaves one on closing.
+
+   A vehicle that has to be armed is disarmed when its motors stop. Rotors that coast down from idle thrust would pass
+   1 to 499 rpm, where the supervisor, if it lets them run, takes them for blocked ones and locks the vehicle.
+
+   For the same reason a motor at zero beside running ones keeps its idle thrust, and so does one below half of it: the
+   supervisor saw at least 1000 rpm at idle thrust before it let the vehicle run, so half of it gives 500. */
+static void give_orders(struct cfid_core *core, const struct cfid_vehicle *vehicle, struct cfid_orders *orders)
 {
-    watch(core, now_us, allowed);
+    bool runs = core->sine.stage == PLAYING;
+    uint16_t slowest = LARGEST_COMMAND;
+    for (int motor = 0; motor < CFID_MOTORS; motor++) {
+        runs = runs || core->commands[motor] != 0;
+        slowest = core->commands[motor] < slowest ? core->commands[motor] : slowest;
+    }
+    memcpy(orders->commands, core->commands, sizeof core->commands);
+    orders->holds = core->heard;
+    orders->feeds = core->heard || (core->fed && vehicle->flying);
+    orders->idles_off = core->heard && vehicle->can_fly && vehicle->idle > 0 && 2 * slowest >= vehicle->idle;
+    orders->disarms = vehicle->needs_arming &&
+                      (core->stopped || (core->ran && !runs) || (core->held && !core->heard));
+    core->held = core->heard;
+    core->ran = runs;
+    core->fed = orders->feeds;
+    core->stopped = false;
+}
+
+void cfid_core_tick(struct cfid_core *core, uint64_t now_us, const struct cfid_vehicle *vehicle,
+                    struct cfid_orders *orders)
+{
+    watch(core, now_us, vehicle->can_fly);
     if (core->sine.stage == PLAYING)
         play(core, now_us);
     settle(core, now_us);
-    memcpy(commands, core->commands, sizeof core->commands);
-    return core->heard;
+    give_orders(core, vehicle, orders);
 }
 
 bool cfid_core_send(struct cfid_core *core, struct cfid_packet *out)

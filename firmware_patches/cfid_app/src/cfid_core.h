@@ -1,8 +1,8 @@
 /* What cfid's app does on the vehicle, without its operating system: the services thrust, sine and ping.
 
    They are those of the thesis (C.2.1, C.2.4, C.2.6). The bytes are those of cfid/wire/app.py, little-endian, the
-   thesis' fields first. The core keeps no time of its own: every call says how late it is, in microseconds that never
-   run back, and whether the supervisor lets motors run. All calls with one core come from one task. */
+   thesis' fields first. The core keeps no time of its own: every call passes the time, in microseconds that never run
+   back, and the vehicle's state. All calls with one core come from one task. */
 
 #ifndef CFID_CORE_H
 #define CFID_CORE_H
@@ -40,9 +40,29 @@ struct cfid_sine {
     uint64_t off_us;    /* when its motors were turned off */
 };
 
+/* What the core has to know of the vehicle, as its supervisor sees it now. */
+struct cfid_vehicle {
+    bool can_fly;      /* stricter than that motors may run, which is also true while they spin up after arming */
+    bool flying;       /* until two seconds after the last command above idle thrust */
+    bool needs_arming; /* by a client; brushed vehicles arm themselves */
+    uint16_t idle;     /* powerDist.idleThrust as its owner set it, 0 where there is none */
+};
+
+/* What the core wants of the firmware until the next tick. */
+struct cfid_orders {
+    uint16_t commands[CFID_MOTORS];
+    bool holds;     /* drive these commands, which may be zero; otherwise the motors are the stock controller's */
+    bool feeds;     /* keep a fresh null setpoint with the commander */
+    bool idles_off; /* no idle thrust: every motor turns fast enough without it */
+    bool disarms;   /* now */
+};
+
 struct cfid_core {
     uint64_t alive_us; /* the last keep-alive, while heard */
     bool heard;        /* a keep-alive that is neither too old nor revoked */
+    uint32_t owner;    /* of the last keep-alive that counted: a client's random number, 0 for one that has none */
+    uint32_t revoked;  /* the owner that the last stop ended; 0 for none */
+    bool held, ran, fed, stopped; /* at the tick before; stopped: a stop came since */
     uint16_t commands[CFID_MOTORS];
     struct cfid_sine sine;
     struct cfid_packet outbox[CFID_OUTBOX];
@@ -56,13 +76,12 @@ size_t cfid_core_size(void);
 void cfid_core_init(struct cfid_core *core);
 
 /* Takes a packet that arrived at now_us. */
-void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet, uint64_t now_us, bool allowed);
+void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet, uint64_t now_us,
+                       const struct cfid_vehicle *vehicle);
 
-/* Does what is due, once a millisecond; a sample of a sine lasts two of these ticks: 500 Hz.
-
-   Returns whether the core holds the motors, which it does while keep-alives come, and drives these commands, which may
-   be zero; when it does not, the motors are the stock controller's. */
-bool cfid_core_tick(struct cfid_core *core, uint64_t now_us, bool allowed, uint16_t commands[CFID_MOTORS]);
+/* Does what is due, once a millisecond; a sample of a sine lasts two of these ticks: 500 Hz. */
+void cfid_core_tick(struct cfid_core *core, uint64_t now_us, const struct cfid_vehicle *vehicle,
+                    struct cfid_orders *orders);
 
 /* Takes the oldest packet out of the outbox; returns false when it is empty. */
 bool cfid_core_send(struct cfid_core *core, struct cfid_packet *out);
