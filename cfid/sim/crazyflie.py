@@ -14,7 +14,7 @@ from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
 from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, ModulesOf2015, NoModules, Orders
 from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
-from cfid.sim.crazyflie_supervisor import LOOK_MS, Supervisor
+from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, LOOK_STEPS, Supervisor
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.motor_power_set import overriding
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
@@ -84,7 +84,11 @@ class Leaving(NamedTuple):
 
 
 class Crazyflie:
-    """The vehicle; `load_app` makes the core of its app anew at each start, `on_motors` hears of each change."""
+    """The vehicle; `load_app` makes the core of its app anew at each start, `on_motors` hears of each change.
+
+    The stabilizer's loop takes a step a millisecond, by its sensors' clock. `rtos_ms` returns how many milliseconds the
+    operating system has counted when it takes one: time limits of the firmware count those.
+    """
 
     def __init__(
         self,
@@ -95,13 +99,14 @@ class Crazyflie:
         opened_s: float,
         ports: Ports = USUAL_PORTS,
         on_motors: OnMotors = lambda time_s, motors: None,
+        rtos_ms: Callable[[int], int] = lambda step: step,
     ) -> None:
         """Start it as long before `opened_s` as its truth says."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
         self._load_app = {"app": load_app, "stock": NoModules, "old": ModulesOf2015}[truth.firmware]
         self._services = {ports.thrust: THRUST, ports.sine: SINE, ports.ping: PING}
-        self._ports = ports
+        self._ports, self._rtos_ms = ports, rtos_ms
         self._motors, self._ticks = STILL, 0
         self.acc_z_g = 1.0
         self._begin(opened_s - truth.powered_for_s)
@@ -211,6 +216,10 @@ class Crazyflie:
         """Idle thrust in force; brushed motors have none, whatever the parameter says."""
         return int(self._parameters[IDLE]) if self._truth.brushless else 0
 
+    @property
+    def _now_ms(self) -> int:
+        return self._rtos_ms(self._ticks)
+
     def _time_s(self, tick: int) -> float:
         return self._powered_s + tick / _TICKS_PER_S
 
@@ -221,7 +230,7 @@ class Crazyflie:
         now_us = self._microseconds(now_s)
         self._propulsion.advance(now_s)
         self._supervise()
-        orders = self._glue.tick(now_us=now_us, now_ms=self._ticks)
+        orders = self._glue.tick(now_us=now_us, now_ms=self._now_ms)
         self._set(overriding(self._parameters, volts=self.volts) or self._driven(orders), now_s)
         if any(self._motors) or orders.feeds or self._glue.app.alive(now_us=now_us):
             self._stay_awake()
@@ -234,10 +243,10 @@ class Crazyflie:
 
     def _supervise(self) -> None:
         """Let the commander and the supervisor do what is due in this millisecond."""
-        self.commander.go_on(self._ticks, can_fly=self.supervisor.can_fly)
-        if self._ticks % LOOK_MS == 0:
+        self.commander.go_on(self._ticks, self._now_ms, can_fly=self.supervisor.can_fly)
+        if self._ticks % LOOK_STEPS == 0:
             self.supervisor.look(
-                self._ticks,
+                self._now_ms,
                 acc_z_g=self.acc_z_g,
                 setpoint_ms=self.commander.setpoint_ms,
                 motors=self._motors,
@@ -247,9 +256,9 @@ class Crazyflie:
 
     def _rest(self, last: int) -> None:
         """Go on to the supervisor's next look that can change something, or to `last`: all else is at rest."""
-        settled = self.supervisor.settled_until(self._ticks, acc_z_g=self.acc_z_g)
+        settled = self.supervisor.settled_until(self._now_ms, acc_z_g=self.acc_z_g)
         calm = last if settled is None else min(max(settled, self._ticks), last)
-        self._ticks = min((calm // LOOK_MS + 1) * LOOK_MS, last)
+        self._ticks = min((calm // LOOK_STEPS + 1) * LOOK_STEPS, last)
         self._supervise()
 
     def _driven(self, orders: Orders) -> Four:
@@ -277,7 +286,7 @@ class Crazyflie:
         if port in self._services:
             yield from self._ask_app(packet, now_s)
         elif port in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
-            self.commander.hear(port, channel, payload, self._ticks)
+            self.commander.hear(port, channel, payload, self._now_ms)
         elif port in self._answering:
             try:
                 answer = self._answering[port](channel, payload)
@@ -296,8 +305,9 @@ class Crazyflie:
         return self._log.answer(channel, payload, self._ticks)
 
     def _answer_supervisor(self, channel: int, payload: bytes) -> bytes | None:
-        self._stay_awake()  # motors may spin up, or stop
-        return self.supervisor.answer(channel, payload, self._ticks)
+        if channel != INFO_CHANNEL:
+            self._stay_awake()  # motors may spin up, or stop
+        return self.supervisor.answer(channel, payload, self._now_ms)
 
     def _answer_platform(self, channel: int, payload: bytes) -> bytes | None:
         if channel == VERSION_CHANNEL:

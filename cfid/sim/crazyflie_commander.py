@@ -4,7 +4,7 @@ from enum import IntEnum
 
 SETPOINT_PORT, GENERIC_SETPOINT_PORT = 3, 7
 
-_HIGH_LEVEL_MS = 10  # from one setpoint of the high-level commander to the next
+_HIGH_LEVEL_STEPS = 10  # of the loop, from one setpoint of the high-level commander to the next
 _SET_CHANNEL, _META_CHANNEL = 0, 1
 _STOP_NOTIFIED = 0
 
@@ -34,9 +34,9 @@ class Commander:
         """Let the high-level commander go on."""
         self.priority = Priority.HIGH_LEVEL
 
-    def go_on(self, now_ms: int, *, can_fly: bool) -> None:
+    def go_on(self, step: int, now_ms: int, *, can_fly: bool) -> None:
         """Let the high-level commander, which is at rest, set the null setpoint that is due."""
-        if can_fly and now_ms % _HIGH_LEVEL_MS == 0:
+        if can_fly and step % _HIGH_LEVEL_STEPS == 0:
             self.set(Priority.HIGH_LEVEL, now_ms)
 
     def hear(self, port: int, channel: int, payload: bytes, now_ms: int) -> None:

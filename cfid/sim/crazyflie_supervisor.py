@@ -1,6 +1,6 @@
 """The vehicle's supervisor as the firmware has it: it looks 25 times a second, and what it finds decides its state.
 
-Times are milliseconds since the vehicle was switched on. Parameters motorPowerSet do not ask it.
+Times are the ticks that the firmware counts, milliseconds since power-on. Parameters motorPowerSet do not ask it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,8 @@ from cfid.sim import supervisor_states as states
 from cfid.sim.propulsion import Four
 from cfid.sim.supervisor_states import CAN_FLY, MOTORS_MAY_RUN, State, next_state
 
-LOOK_MS = 40
+LOOK_STEPS = 40  # of the stabilizer's loop
+INFO_CHANNEL = 0
 
 _FLYING_MS = 2000  # since the last command above idle thrust
 _OLD_MS, _TOO_OLD_MS = 500, 2000
@@ -19,7 +20,7 @@ _UPSIDE_DOWN_G, _UPSIDE_DOWN_MS = -0.2, 100
 _ROTORS_MS = 200
 _SPINNING_RPM, _BLOCKED_RPM = range(1000, 3501), range(1, 500)
 
-_INFO_CHANNEL, _COMMAND_CHANNEL = 0, 1
+_COMMAND_CHANNEL = 1
 _ANSWER = 0x80
 _ALL_BITS = 0x0C  # commands below it ask for a single bit
 _ARM, _RECOVER, _EMERGENCY_STOP, _WATCHDOG = 1, 2, 3, 4
@@ -101,8 +102,7 @@ class Supervisor:
 
     def settled_until(self, now_ms: int, *, acc_z_g: float) -> int | None:
         """Return up to when no look changes anything while motors and client rest, None for ever."""
-        flying = self._thrust_ms is not None and now_ms - self._thrust_ms < _FLYING_MS
-        moving = flying or acc_z_g < _TILTED_G or self.tumbled
+        moving = self._is_flying(now_ms) or acc_z_g < _TILTED_G or self.tumbled
         if moving or self._emergency(now_ms) or self._watched_ms is not None:
             return None if self.state is State.LOCKED else now_ms
         if self.state is State.READY and self.armed:
@@ -116,7 +116,7 @@ class Supervisor:
         if not payload:
             return None
         command = payload[0]
-        if channel == _INFO_CHANNEL and 0 < command <= _ALL_BITS:
+        if channel == INFO_CHANNEL and 0 < command <= _ALL_BITS:
             single = bytes([self.bits >> (command - 1) & 1])
             return bytes([_ANSWER | command]) + (self.bits.to_bytes(2, "little") if command == _ALL_BITS else single)
         if channel != _COMMAND_CHANNEL:
@@ -141,6 +141,9 @@ class Supervisor:
         limit_ms = _UPSIDE_DOWN_MS if acc_z_g < _UPSIDE_DOWN_G else _TILTED_MS
         return now_ms - self._tilted_ms > limit_ms and bool(self._parameters["supervisor.tmblChckEn"])
 
+    def _is_flying(self, now_ms: int) -> bool:
+        return self._thrust_ms is not None and now_ms - self._thrust_ms < _FLYING_MS
+
     def _emergency(self, now_ms: int) -> bool:
         expired = self._watched_ms is not None and now_ms >= self._watched_ms + _WATCHDOG_MS
         return self._stopped or expired or bool(self._parameters["stabilizer.stop"])
@@ -152,7 +155,7 @@ class Supervisor:
         spins_up, ready = self.state is State.ARMING, self.state is State.READY
         found = {
             states.ARMED: self.armed,
-            states.IS_FLYING: self._thrust_ms is not None and now_ms - self._thrust_ms < _FLYING_MS,
+            states.IS_FLYING: self._is_flying(now_ms),
             states.TUMBLED: self.tumbled,
             states.OLD_SETPOINT: age_ms > _OLD_MS,
             states.TOO_OLD_SETPOINT: age_ms > _TOO_OLD_MS,
