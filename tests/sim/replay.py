@@ -225,7 +225,8 @@ class _Replay:
     def _do(self, happening: Packet | Line, time_ms: float) -> None:
         at_s = ON_S + time_ms / 1000
         if isinstance(happening, Packet):
-            self._hear(self._vehicle.receive(encode_packet(_renumbered(happening, own=True)), at_s))
+            answers = self._vehicle.receive(encode_packet(_renumbered(happening, own=True)), at_s)
+            self._hear(answers, polled=happening is POLL)
         elif happening["what"] == "acc_z":
             self._vehicle.turn(happening["g"])
         elif happening["what"] == "power_off":
@@ -234,11 +235,11 @@ class _Replay:
             self._vehicle.restart(at_s, boot_s=0.0)
             self._see_state(time_ms)
 
-    def _hear(self, leaving: list[Leaving]) -> None:
+    def _hear(self, leaving: list[Leaving], *, polled: bool = False) -> None:
         for time_s, datagram in leaving:
             packet = decode_packet(datagram)
             assert packet is not None
-            if packet[:2] == WORD and len(packet.payload) == 3:
+            if polled and packet[:2] == WORD:
                 keep(self.behaviour.words, 1000 * (time_s - ON_S), packet.payload.hex())
             else:
                 self.behaviour.answer(_renumbered(packet, own=False))
