@@ -21,7 +21,7 @@ from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, Leaving
 from cfid.sim.crazyflie_modules import App
 from cfid.sim.crazyflie_supervisor import LOOK_STEPS
-from cfid.sim.crazyflie_tables import parameters
+from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.propulsion import STILL, Propulsion
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.wire.app import Ports
@@ -36,7 +36,8 @@ LATE_MS = 100  # that a replay goes on after the last line, for what comes a loo
 APP_MS = 1.0  # that packets for the app wait in its queue
 RAW = ("link source",)  # the note of the first of the raw requests
 POLL = Packet(9, 0, b"\x0c")
-WORD, ROW, ALIVE = (9, 0), (5, 2), (12, 2)
+WORD, LOG_CONTROL, ROW, ALIVE = (9, 0), (5, 1), (5, 2), (12, 2)
+CREATE, APPEND = 6, 7  # a log block
 
 # The recorded vehicle's numbers of the parameters that the traces name.
 NUMBERS = {
@@ -49,6 +50,8 @@ NUMBERS = {
     0x79: "stabilizer.stop",
 }
 OWN = [parameter.name for parameter in parameters(rpm_deck=False)]
+# And of the log variables.
+VARIABLES = {0: "pm.vbat", 2: "motor.m1", 3: "motor.m2"}
 NUMBER_AT = {(2, 0): 1, (2, 1): 0, (2, 2): 0, (2, 3): 1}  # in a payload about a parameter
 
 
@@ -225,7 +228,8 @@ class _Replay:
     def _do(self, happening: Packet | Line, time_ms: float) -> None:
         at_s = ON_S + time_ms / 1000
         if isinstance(happening, Packet):
-            answers = self._vehicle.receive(encode_packet(_renumbered(happening, own=True)), at_s)
+            request = self._with_own_variables(_renumbered(happening, own=True))
+            answers = self._vehicle.receive(encode_packet(request), at_s)
             self._hear(answers, polled=happening is POLL)
         elif happening["what"] == "acc_z":
             self._vehicle.turn(happening["g"])
@@ -243,6 +247,15 @@ class _Replay:
                 keep(self.behaviour.words, 1000 * (time_s - ON_S), packet.payload.hex())
             else:
                 self.behaviour.answer(_renumbered(packet, own=False))
+
+    def _with_own_variables(self, packet: Packet) -> Packet:
+        """Return a request about a log block with the simulated vehicle's numbers of the variables."""
+        if packet[:2] != LOG_CONTROL or packet.payload[0] not in (CREATE, APPEND):
+            return packet
+        own = [variable.name for variable in variables(self._vehicle, rpm_deck=False, brushless=False)]
+        entries = struct.iter_unpack("<BH", packet.payload[2:])
+        mine = [(kind, own.index(VARIABLES[number]) if number in VARIABLES else number) for kind, number in entries]
+        return Packet(*LOG_CONTROL, packet.payload[:2] + b"".join(struct.pack("<BH", *entry) for entry in mine))
 
     def _see_state(self, time_ms: float) -> None:
         keep(self.behaviour.states, time_ms, self._vehicle.supervisor.state.value)

@@ -39,7 +39,7 @@ def test_a_command_goes_straight_to_one_motor_or_to_all_and_stays() -> None:
     assert bench.motors == (0, 10000, 10000, 10000)
     bench.wait(60.0)  # no watchdog
     assert bench.motors == (0, 10000, 10000, 10000)
-    bench.vehicle.supervisor.tumble()  # no supervisor
+    bench.vehicle.turn(-1.0)  # no supervisor
     bench.wait(1.0)
     assert bench.motors == (0, 10000, 10000, 10000)
 

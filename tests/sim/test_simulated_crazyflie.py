@@ -11,6 +11,7 @@ from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Leaving
 from cfid.sim.motor_power_set import compensated
 from cfid.sim.propulsion import STILL
+from cfid.sim.rotors import BRUSHLESS as ROTORS_OF_BRUSHLESS
 from cfid.sim.rotors import RotorTruth
 from cfid.wire.app import (
     PingChannel,
@@ -23,7 +24,8 @@ from cfid.wire.app import (
 from tests.sim.vehicle import OPENED_S, WITH_APP, Bench, rows_of
 
 THRUST, _SINE, PING = Ports()
-WITH_DECK, BRUSHLESS = CrazyflieTruth(rpm_deck=True), CrazyflieTruth(brushless=True)
+CRASHED, LOCKED = b"\xa4\2", b"\x44\2"
+WITH_DECK, BRUSHLESS = CrazyflieTruth(rpm_deck=True), CrazyflieTruth(platform="cf21bl")
 
 
 # Who it is
@@ -38,9 +40,9 @@ WITH_DECK, BRUSHLESS = CrazyflieTruth(rpm_deck=True), CrazyflieTruth(brushless=T
         ("dd00", "dd000c000000"),
         ("dd01", "dd01" + b"2026.08".hex()),
         ("dd02", "dd02" + b"Crazyflie 2.1".hex()),
-        ("4c01", "400100"),
+        ("4c01", "400102"),
         ("5d05", "5d050000"),
-        ("9c0c", "908c0e00"),  # armed, by itself, and can fly
+        ("9c0c", "908c0e02"),  # armed, by itself, and can fly
         ("9c02", "908201"),
         ("9d0101", "91810101"),
     ],
@@ -51,7 +53,7 @@ def test_it_answers_as_the_firmware_does(request_: str, answer: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "request_", ["", "00", "3c0000", "dd03", "dc0001", "5f00", "4c05", "9d", "9e01", "fe00", "ff" * 32]
+    "request_", ["", "00", "3c0000", "dd03", "ff01", "5f00", "4c05", "9d", "9e01", "fe00", "ff" * 32]
 )
 def test_what_the_firmware_does_not_answer_it_does_not_either(request_: str) -> None:
     assert Bench().vehicle.receive(bytes.fromhex(request_), OPENED_S) == []
@@ -60,12 +62,18 @@ def test_what_the_firmware_does_not_answer_it_does_not_either(request_: str) -> 
 def test_a_brushless_vehicle_says_so_and_waits_to_be_armed() -> None:
     bench = Bench(BRUSHLESS)
     assert b"Brushless" in bench.ask(13, 1, b"\2")
-    assert bench.ask(9, 0, b"\x0c") == b"\x8c\x01\0"
-    assert not bench.vehicle.supervisor.allowed
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c\x01\2"
+    bench.wait(60.0)
     assert bench.ask(9, 1, b"\1\1") == b"\x81\1\1"
-    assert bench.vehicle.supervisor.allowed
+    bench.wait(0.2)
+    assert bench.motors == (7000,) * 4
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c\x02\2"
+    bench.wait(0.2)
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c\x0a\2"
     assert bench.ask(9, 1, b"\1\0") == b"\x81\1\0"
-    assert not bench.vehicle.supervisor.allowed
+    bench.wait(0.1)
+    assert bench.motors == STILL
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c\x01\2"
 
 
 # Parameters
@@ -137,11 +145,13 @@ def test_motors_of_motor_power_set_outlive_tumble_emergency_stop_and_a_client_th
     bench = Bench()
     bench.drive((30000,) * 4)
     bench.wait(0.1)
-    bench.vehicle.supervisor.tumble()
+    bench.vehicle.turn(-1.0)
+    bench.wait(1.0)
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + CRASHED
     bench.say(9, 1, b"\3")
     bench.wait(30.0)
     assert bench.motors == (30000,) * 4
-    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + (0x04 | 0x10 | 0x20 | 0x40 | 0x80).to_bytes(2, "little")
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + (0x264 | 0x80).to_bytes(2, "little")  # locked, too
 
 
 # Motors by the app
@@ -173,6 +183,11 @@ def test_motors_of_the_app_obey_an_emergency_stop_but_a_brushed_vehicle_arms_its
     bench.say(THRUST, ThrustChannel.SET, encode_thrust(ThrustRequest(25000, 4)))
     bench.wait(0.01)
     bench.say(9, 1, payload)
+    bench.wait(0.05)
+    assert bench.motors == STILL
+    bench.wait(0.25)
+    bench.keep_alive()
+    bench.say(THRUST, ThrustChannel.SET, encode_thrust(ThrustRequest(25000, 4)))
     bench.wait(0.01)
     assert bench.motors == (STILL if payload == b"\3" else (25000,) * 4)
 
@@ -181,11 +196,13 @@ def test_the_parameter_stabilizer_stop_is_an_emergency_stop() -> None:
     bench = Bench()
     bench.keep_alive()
     bench.say(THRUST, ThrustChannel.SET, encode_thrust(ThrustRequest(25000, 4)))
+    bench.wait(0.1)
     bench.set("stabilizer.stop", 1)
-    bench.wait(0.01)
+    bench.wait(0.1)
     assert bench.motors == STILL
     bench.set("stabilizer.stop", 0)
-    assert not bench.vehicle.supervisor.allowed
+    bench.wait(0.1)
+    assert bench.ask(9, 0, b"\x0c") == b"\x8c" + LOCKED
 
 
 def test_a_ping_is_answered_at_once_with_the_vehicles_time() -> None:
@@ -270,7 +287,7 @@ def test_wrong_requests_for_blocks_are_answered_with_their_error() -> None:
     for command in (2, 3, 4, 7, 8):
         assert bench.ask(5, 1, bytes([command, 9])) == bytes([command, 9, 2])  # no such block
     assert bench.ask(5, 1, b"\0\1") == b"\0\1\x08"  # no such command
-    assert bench.ask(5, 1, b"\6\1\7\xff\xff") == b"\6\1\2"  # no such variable
+    assert bench.ask(5, 1, b"\6\1\7\xfe\xff") == b"\6\1\2"  # no such variable
     assert bench.ask(5, 1, b"\6\1" + entry) == b"\6\1\x11"  # exists
     assert bench.ask(5, 1, b"\6\2" + 6 * entry) == b"\6\2\0"
     assert bench.ask(5, 1, b"\7\2" + entry) == b"\7\2\7"  # 28 of 26 bytes
@@ -291,14 +308,17 @@ def test_a_client_that_is_gone_is_logged_to_no_more_and_the_vehicle_rests() -> N
 
 
 def test_speeds_are_logged_by_those_that_can_measure_them() -> None:
-    steady = RotorTruth().steady_rad_per_s(np.array(40000.0), volts=3.7) * 60 / (2 * np.pi)
     assert not [name for name in Bench().table() if "rpm" in name]
-    for truth, name in ((WITH_DECK, "rpm.m2"), (BRUSHLESS, "motor.m2_rpm")):
+    for truth, name, rotors in (
+        (WITH_DECK, "rpm.m2", RotorTruth()),
+        (BRUSHLESS, "motor.m2_rpm", RotorTruth(**ROTORS_OF_BRUSHLESS)),
+    ):
+        steady = rotors.steady_rad_per_s(np.array(40000.0), volts=3.7) * 60 / (2 * np.pi)
         bench = Bench(truth)
         bench.drive((0, 40000, 0, 0))
         bench.wait(2.0)
         bench.log(name, period_ms=10)
-        assert rows_of(bench.wait(0.01), "H")[0][2] == (int(steady),)
+        assert rows_of(bench.wait(0.01), "H")[0][2] == (pytest.approx(steady, abs=1),)
 
 
 def test_vehicles_with_other_tables_are_told_apart_by_their_sums() -> None:
@@ -311,11 +331,11 @@ def test_vehicles_with_other_tables_are_told_apart_by_their_sums() -> None:
 def test_the_log_says_what_the_supervisor_thinks() -> None:
     bench = Bench()
     bench.drive((2000, 0, 0, 0))
-    bench.wait(0.01)
-    bench.log("supervisor.info", "sys.canfly", "sys.isFlying", "sys.isTumbled", period_ms=10)
-    bench.wait(0.012)
-    bench.vehicle.supervisor.tumble()
-    assert rows_of(bench.wait(0.01), "HBBB")[0][2] == (0x04 | 0x10 | 0x20 | 0x80, 0, 1, 1)
+    bench.wait(0.1)
+    bench.log("supervisor.info", "sys.canfly", "sys.isFlying", "sys.isTumbled", "acc.z", period_ms=10)
+    assert rows_of(bench.wait(0.012), "HBBBf")[0][2] == (0x21E, 1, 1, 0, 1.0)
+    bench.vehicle.turn(-1.0)
+    assert rows_of(bench.wait(0.3), "HBBBf")[-1][2] == (0x2A4, 0, 0, 1, -1.0)
 
 
 # Time

@@ -101,19 +101,21 @@ def test_a_second_client_is_answered_unless_the_vehicle_is_busy() -> None:
 # The vehicle
 
 
-@pytest.mark.parametrize("faults", [TUMBLE, EMERGENCY, CrazyflieFaults(reboot_after_s=0.5)])
-def test_what_stops_a_flight_stops_the_apps_motors_then_and_for_good(faults: CrazyflieFaults) -> None:
+@pytest.mark.parametrize(
+    ("faults", "within_s"), [(TUMBLE, 0.2), (EMERGENCY, 0.05), (CrazyflieFaults(reboot_after_s=0.5), 0.002)]
+)
+def test_what_stops_a_flight_stops_the_apps_motors_then_and_for_good(faults: CrazyflieFaults, within_s: float) -> None:
     bench = Bench(faults=faults)
     _run_app(bench, for_s=2.0)
     assert [motors for _, motors in bench.changes] == [RUNNING, STILL]
-    assert bench.changes[1][0] == pytest.approx(0.5, abs=2e-3)
+    assert 0.5 <= bench.changes[1][0] <= 0.5 + within_s
 
 
 def test_a_vehicle_that_tumbled_or_took_an_emergency_stop_says_so() -> None:
-    for faults, bits in ((TUMBLE, 0x04 | 0x20 | 0x80), (EMERGENCY, 0x04 | 0x40)):
+    for faults, bits in ((TUMBLE, 0x2A4), (EMERGENCY, 0x244)):
         bench = Bench(faults=faults)
-        assert bench.ask(9, 0, b"\x0c") == b"\x8c\x0e\0"
-        bench.wait(0.6)
+        assert bench.ask(9, 0, b"\x0c") == b"\x8c\x0e\2"
+        _run_app(bench, for_s=1.0)
         assert bench.ask(9, 0, b"\x0c") == b"\x8c" + struct.pack("<H", bits)
         assert bench.ask(9, 1, b"\1\1") == b"\x81\0\0"
         assert bench.ask(9, 1, b"\2") == b"\x82" + bytes([faults is not TUMBLE] * 2)

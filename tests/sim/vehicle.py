@@ -8,12 +8,12 @@ import numpy as np
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
-from cfid.sim.crazyflie_modules import PING, THRUST, Sent
+from cfid.sim.crazyflie_modules import PING, THRUST, Orders, Seen, Sent
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.wire.app import PingChannel, Ports, ThrustChannel, decode_thrust
 from cfid.wire.crtp import Packet, encode_packet
 
@@ -30,7 +30,7 @@ class LittleApp:
     def __init__(self) -> None:
         self.commands, self.kept_us, self.outbox = STILL, -1_000_000, list[Sent]()
 
-    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, allowed: bool) -> None:
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         request = decode_thrust(payload)
         if service == PING:
             self.kept_us = now_us
@@ -38,10 +38,11 @@ class LittleApp:
             self.commands = (request.command,) * 4
             self.outbox.append((THRUST, ThrustChannel.ANSWER, payload))
 
-    def tick(self, *, now_us: int, allowed: bool) -> Four | None:
-        if not allowed or not self.alive(now_us=now_us):
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
+        alive = self.alive(now_us=now_us)
+        if not vehicle.can_fly or not alive:
             self.commands = STILL
-        return self.commands
+        return Orders(self.commands, feeds=alive)
 
     def sent(self) -> list[Sent]:
         sent, self.outbox = self.outbox, []
@@ -66,7 +67,8 @@ class Bench:
         rotor_rng, radio_rng = np.random.default_rng(5).spawn(2)
         self.now_s = 0.0
         self.changes: list[tuple[float, Four]] = []
-        self.propulsion = Propulsion(RotorTruth(), battery, rng=rotor_rng, begin_s=OPENED_S)
+        rotors = RotorTruth(**BRUSHLESS) if truth.brushless else RotorTruth()
+        self.propulsion = Propulsion(rotors, battery, rng=rotor_rng, begin_s=OPENED_S)
         self.vehicle = Crazyflie(
             truth,
             self.propulsion,
