@@ -43,7 +43,7 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, _ALL, crazyflie.limits.largest_command, yes=vehicle.yes)
+        confirm(crazyflie, _ALL, [crazyflie.limits.largest_command], yes=vehicle.yes)
         live.tell(HELP)
         _drive(
             crazyflie,
@@ -78,7 +78,7 @@ def set_motors(
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, chosen, command, yes=vehicle.yes)
+        confirm(crazyflie, chosen, [command], yes=vehicle.yes)
         _drive(crazyflie, live, lambda there, loop: hold(there["commands"], command, chosen, for_s=for_s, loop=loop))
 
 

@@ -16,9 +16,6 @@ ECHO_PORT, ECHO_CHANNEL = 15, 0
 PARAMETER_PORT = 2
 READ_CHANNEL, WRITE_CHANNEL = 1, 2
 
-SUPERVISOR_PORT, COMMAND_CHANNEL = 9, 1
-ARM = b"\x01\x01"
-
 LOG_PORT = 5
 LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL = 1, 2
 LONGEST_LOG_ROW = 26
@@ -39,6 +36,7 @@ class Packet(NamedTuple):
 class LogCommand(IntEnum):
     """What is asked on the log's control channel."""
 
+    DELETE = 2
     STOP = 4
     CREATE = 6
     START_MS = 8  # cflib knows only an older one, in tens of milliseconds
@@ -132,6 +130,11 @@ def encode_start_log(block: int, period_ms: int) -> bytes:
 def encode_stop_log(block: int) -> bytes:
     """Return the request to send a block no more."""
     return bytes([LogCommand.STOP, block])
+
+
+def encode_delete_log(block: int) -> bytes:
+    """Return the request to forget a block, whose number may then be given to other variables."""
+    return bytes([LogCommand.DELETE, block])
 
 
 def decode_log_answer(payload: bytes) -> LogAnswer | None:

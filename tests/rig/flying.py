@@ -23,13 +23,14 @@ from cfid.rig.motors import Firmware, Limits
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument, Recorder
 from cfid.rig.stock_motors import StockMotors
+from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
 from cfid.run import DeviceRecord, Label, Run, read_run
 from cfid.run_writer import create_run
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth
+from cfid.sim.crazyflie import PROTOCOL, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.faults import CrazyflieFaults
@@ -156,6 +157,7 @@ class Flight:
         self.link = SimulatedLink(self.sim, self.truth, clock)
         self.vehicle = Vehicle(self.link, loop=clock)
         self.firmware = Firmware(kind=KINDS[firmware], ports=Ports())  # type: ignore[arg-type]
+        self.supervisor = Supervisor(self.vehicle, protocol=PROTOCOL)
         self.limits = limits or Limits()
         self.host = HostClock(UNIX_S)
         self.ending = Ending(clock)
@@ -166,14 +168,18 @@ class Flight:
     def its_motors(self) -> Any:
         if self.firmware.kind == "stock":
             return StockMotors(self.vehicle, self.limits)
-        kind = AppMotors if self.firmware.kind == "app" else ThesisMotors
-        return kind(self.vehicle, self.firmware, self.limits)
+        if self.firmware.kind == "thesis":
+            return ThesisMotors(self.vehicle, self.firmware, self.limits)
+        return AppMotors(self.vehicle, self.firmware, self.limits, self.supervisor)
 
     def commands(self) -> MotorCommands:
         return MotorCommands(self.its_motors(), loop=self.clock, clock=self.host)
 
     def crossings(self) -> Crossings:
         return Crossings(self.its_motors(), self.vehicle, self.firmware, loop=self.clock, clock=self.host)
+
+    def states(self) -> SupervisorLog:
+        return SupervisorLog(self.supervisor, self.vehicle, loop=self.clock, clock=self.host)
 
     def pings(self) -> Pings:
         return Pings(self.vehicle, self.firmware, loop=self.clock, clock=self.host)
