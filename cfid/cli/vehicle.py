@@ -72,9 +72,7 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
     if vehicle.state is not None:
         note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")
     if vehicle.firmware.kind == "app" and not vehicle.firmware.knows_owners:
-        note(
-            "the app on it is older than this cfid: another program's keep-alives prolong commands there. Flash it anew."
-        )
+        note("the app on it is older than this cfid: another program's keep-alives prolong commands there. Flash it.")
     return vehicle
 
 
@@ -102,7 +100,8 @@ def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[i
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
-    question = f"{vehicle.uri}: {which} will turn at commands up to {largest}. Is the vehicle fastened and everyone clear? [y/N] "
+    turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}."
+    question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
     typer.echo(question, nl=False, err=True)
     answer = _line()
     if not answer:

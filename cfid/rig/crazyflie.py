@@ -39,8 +39,8 @@ _HEARD_EVERY_S = 0.02
 _MOST_LEAVING = 64  # packets that wait for the driver
 
 
-class RepeatingUdp(UdpDriver):
-    """cflib's UDP driver, with requests repeated until they are answered: a datagram may be lost as well as a radio's."""
+class RepeatingUdp(UdpDriver):  # type: ignore[misc]
+    """cflib's UDP driver, with requests repeated until they are answered: datagrams get lost too."""
 
     def __init__(self) -> None:
         """Make a driver that is not connected yet."""
@@ -187,8 +187,8 @@ class Link:
             )
         if spent_s > _CONNECT_S:
             raise DeviceError(
-                f"{self.uri}: answers, but no connection was completed within {_CONNECT_S:g} s: the link loses packets. "
-                "Bring the vehicle closer, change the channel, or quieten the network."
+                f"{self.uri}: answers, but no connection was completed within {_CONNECT_S:g} s: the link loses "
+                "packets. Bring the vehicle closer, change the channel, or quieten the network."
             )
 
     def _opened(self) -> bool:

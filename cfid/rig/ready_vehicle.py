@@ -66,8 +66,9 @@ class ReadyVehicle:
             return
         if not self.firmware.knows_owners:
             raise DeviceError(
-                f"{self.uri}: the app on this vehicle is older than this cfid and leaves a vehicle that has to be armed "
-                "without idle thrust when the link dies: flash the app that came with cfid (firmware_patches/README.md)."
+                f"{self.uri}: the app on this vehicle is older than this cfid and leaves a vehicle that has to be "
+                "armed without idle thrust when the link dies: flash the app that came with cfid "
+                "(firmware_patches/README.md)."
             )
         if not self.idle_thrust:
             raise DeviceError(

@@ -95,7 +95,7 @@ class Supervisor:
         return self.state
 
     async def arm(self, *, wanted: bool = True) -> bool:
-        """Ask the vehicle to arm or disarm and return whether that was granted. Raises DeviceError without an answer."""
+        """Ask the vehicle to arm or disarm; return whether that was granted. Raises DeviceError without an answer."""
         request = encode_arming(wanted=wanted, protocol=self._protocol)
 
         def answered(payload: bytes) -> bool | None:
@@ -133,7 +133,7 @@ class Supervisor:
             return f"the vehicle does not get ready: it is {self.state.name}"
         return (
             f"the vehicle did not get ready within {_SPIN_UP_S:g} s of arming ({self.state.name}): each rotor has to "
-            "show 1000 to 3500 rpm at idle thrust. Is one blocked, a propeller missing, or powerDist.idleThrust changed?"
+            "show 1000 to 3500 rpm at idle thrust. Is one blocked, or powerDist.idleThrust changed?"
         )
 
     def _hear(self, payload: bytes, arrived_s: float) -> None:
