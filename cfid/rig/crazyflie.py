@@ -33,7 +33,6 @@ _SILENT_S = 2.0  # without any packet
 _STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nobody sends it again
 _CONNECT_S = 12.0
 _FOREIGN_TRIES = 3  # connections in which something answered, but never as a Crazyflie does
-_VALUES_S = 5.0  # for the parameters' values, without which one can go on
 _CLOSE_S = 2.5
 _HEARD_EVERY_S = 0.02
 _MOST_LEAVING = 64  # packets that wait for the driver
@@ -193,10 +192,10 @@ class Link:
 
     def _opened(self) -> bool:
         """Open and wait until the tables are there; False when a lost packet stopped that."""
-        connected, complete = threading.Event(), threading.Event()
+        connected = threading.Event()
         cf = self._cf
         cf.connected.add_callback(lambda uri: connected.set())
-        cf.fully_connected.add_callback(lambda uri: complete.set())
+        cf.param.request_update_of_all_params = lambda: None  # cfid reads the few values that it needs
         # cflib's own way closes the link from whichever thread met the error, and waits for itself there.
         cf._link_error_cb = self._failed
         cf.connection_failed.add_callback(lambda uri, reason: self._failed(reason))
@@ -211,7 +210,6 @@ class Link:
             if self.heard_s and self.firmware_protocol < 0 and time.monotonic() - begun_s > _STUCK_S:
                 return False
         self._stamp(cf.link)
-        complete.wait(_VALUES_S)
         self._check_answers()
         return True
 
