@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -68,6 +68,10 @@ class SimOptions:
     """What is simulated."""
 
     truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None
+    platform: Annotated[
+        Literal["cf2", "cf21bl"] | None,
+        typer.Option(help="The vehicle: a Crazyflie 2.x, or a 2.1 Brushless; default: the truth file's, or cf2."),
+    ] = None
     seed: Annotated[int, typer.Option(min=0, help="Another seed, another rig and other noise.")] = 1
     axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="What swings: the vehicle on this mount.")] = None
     weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="A weight drops instead.")] = None
@@ -119,15 +123,16 @@ def _simulated(
 ) -> "SimulatedRig":
     from cfid.sim.faults import parse_faults
     from cfid.sim.service import SimulatedRig
-    from cfid.sim.truth_file import SimTruth, load_truth
+    from cfid.sim.truth_file import load_truth, usual_truth
 
+    platform = options.platform
     encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(options.fault or ())
     return SimulatedRig(
         campaign.rig,
         reactor=loop,
         folder=folder,
         seed=options.seed,
-        truth=load_truth(options.truth) if options.truth else SimTruth(),
+        truth=load_truth(options.truth, platform=platform) if options.truth else usual_truth(platform or "cf2"),
         encoder_faults=encoder_faults,
         loadcell_faults=loadcell_faults,
         crazyflie_faults=crazyflie_faults,

@@ -1,4 +1,4 @@
-"""The vehicle's app on this machine: the very C that runs on the vehicle, or the same in Python without a compiler.
+"""The vehicle's app on this machine: the very C that runs on the vehicle.
 
 Compiles the core, without what ties it to the firmware, into a shared object of this process; leaves no file behind.
 """
@@ -9,21 +9,18 @@ import subprocess
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
+from typing import Any
 
-from cfid.sim.app_core_python import PythonCore
-from cfid.sim.crazyflie_modules import App, Sent
-from cfid.sim.propulsion import Four
+from cfid.errors import DeviceError
+from cfid.sim.crazyflie_modules import Orders, Seen, Sent
 
 _PACKAGE = Path(__file__).parents[1]
 _PLACES = (_PACKAGE, _PACKAGE.parent)  # in an installed package; in the repository
 _PAYLOAD = 30
-
-
-class AppCore(App, Protocol):
-    """The app, and which of the two it is: "C" or "Python"."""
-
-    implementation: str
+_WAY_OUT = (
+    "Install one (Debian and Ubuntu: sudo apt install gcc libc6-dev), or simulate stock firmware, which needs none: "
+    'firmware = "stock" under [crazyflie] in a file for --truth.'
+)
 
 
 class Packet(ctypes.Structure):
@@ -49,10 +46,31 @@ class Packet(ctypes.Structure):
         return bytes(self.data[: self.size])
 
 
-class CompiledCore:
-    """The C core behind `AppCore`'s interface."""
+class _Vehicle(ctypes.Structure):
+    """`struct cfid_vehicle`."""
 
-    implementation = "C"
+    _fields_ = [
+        ("can_fly", ctypes.c_bool),
+        ("flying", ctypes.c_bool),
+        ("needs_arming", ctypes.c_bool),
+        ("idle", ctypes.c_uint16),
+    ]
+
+
+class _Orders(ctypes.Structure):
+    """`struct cfid_orders`."""
+
+    _fields_ = [
+        ("commands", ctypes.c_uint16 * 4),
+        ("holds", ctypes.c_bool),
+        ("feeds", ctypes.c_bool),
+        ("idles_off", ctypes.c_bool),
+        ("disarms", ctypes.c_bool),
+    ]
+
+
+class AppCore:
+    """A core of the app, as the vehicle's firmware meets it."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
         """Drive nothing, and have heard nothing."""
@@ -60,16 +78,17 @@ class CompiledCore:
         self._core = ctypes.create_string_buffer(library.cfid_core_size())
         library.cfid_core_init(self._core)
 
-    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, allowed: bool) -> None:
-        """Take a request. `allowed`: whether the supervisor lets motors run."""
-        self._library.cfid_core_receive(self._core, Packet.of(service, channel, payload), now_us, allowed)
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
+        """Take a request."""
+        self._library.cfid_core_receive(self._core, Packet.of(service, channel, payload), now_us, _Vehicle(*vehicle))
 
-    def tick(self, *, now_us: int, allowed: bool) -> Four | None:
-        """Go on by a millisecond; return the commands while keep-alives come, else None."""
-        commands = (ctypes.c_uint16 * 4)()
-        held = self._library.cfid_core_tick(self._core, now_us, allowed, commands)
-        m1, m2, m3, m4 = commands
-        return (m1, m2, m3, m4) if held else None
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
+        """Go on by a millisecond."""
+        orders = _Orders()
+        self._library.cfid_core_tick(self._core, now_us, _Vehicle(*vehicle), orders)
+        m1, m2, m3, m4 = orders.commands
+        commands = (m1, m2, m3, m4) if orders.holds else None
+        return Orders(commands, orders.feeds, orders.idles_off, orders.disarms)
 
     def sent(self) -> list[Sent]:
         """Hand over what is to be sent."""
@@ -85,41 +104,50 @@ class CompiledCore:
 
 
 def load_core() -> AppCore:
-    """Return a new app: the C core, or the Python one where there is no compiler or no source."""
-    library = load_library()
-    return PythonCore() if library is None else CompiledCore(library)
+    """Return a new app. Raises DeviceError where it cannot be compiled."""
+    return AppCore(load_library())
 
 
 @cache
-def load_library() -> ctypes.CDLL | None:
-    """Return the core compiled with this machine's cc or gcc, once in a process; None where that cannot be."""
+def load_library() -> ctypes.CDLL:
+    """Return the core compiled with this machine's cc or gcc, once in a process. Raises DeviceError."""
+    return declared(compiled(find_source()), vehicle=ctypes.POINTER(_Vehicle), orders=ctypes.POINTER(_Orders))
+
+
+def compiled(source: Path) -> ctypes.CDLL:
+    """Return a core as a shared object of this process. Raises DeviceError without a compiler that can do that."""
     compiler = shutil.which("cc") or shutil.which("gcc")
-    source = find_source()
-    if compiler is None or source is None:
-        return None
+    if compiler is None:
+        raise DeviceError(f"There is no C compiler (gcc), which the simulated vehicle's app needs. {_WAY_OUT}")
     with TemporaryDirectory() as folder:
         made = Path(folder) / "cfid_core.so"
         command = [compiler, "-std=c11", "-O2", "-shared", "-fPIC", "-o", str(made), str(source), "-lm"]
-        if subprocess.run(command, capture_output=True, check=False).returncode != 0:
-            return None  # a compiler without its headers or libraries is none
-        return declared(ctypes.CDLL(str(made)))
+        done = subprocess.run(command, capture_output=True, check=False)
+        if done.returncode != 0:  # a compiler without its headers or libraries is none
+            raise DeviceError(
+                f"{compiler} cannot compile the simulated vehicle's app (exit {done.returncode}): a complete gcc with "
+                f"its C library's headers is needed. {_WAY_OUT}"
+            )
+        return ctypes.CDLL(str(made))
 
 
-def find_source() -> Path | None:
-    """Return where `cfid_core.c` is, if it is there."""
-    files = (place / "firmware_patches" / "cfid_app" / "src" / "cfid_core.c" for place in _PLACES)
-    return next((file for file in files if file.is_file()), None)
+def find_source() -> Path:
+    """Return where `cfid_core.c` is. Raises DeviceError where the installation lacks it."""
+    files = [place / "firmware_patches" / "cfid_app" / "src" / "cfid_core.c" for place in _PLACES]
+    found = next((file for file in files if file.is_file()), None)
+    if found is None:
+        raise DeviceError(f"{files[0]}: no such file, so the simulated vehicle has no app: install cfid again.")
+    return found
 
 
-def declared(library: ctypes.CDLL) -> ctypes.CDLL:
-    """Return the library with the signatures of `cfid_core.h`."""
-    core, us, packet = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(Packet)
-    flag, commands = ctypes.c_bool, ctypes.POINTER(ctypes.c_uint16)
+def declared(library: ctypes.CDLL, *, vehicle: Any, orders: Any) -> ctypes.CDLL:
+    """Return the library with the signatures of `cfid_core.h`, given its types of the vehicle and of the orders."""
+    core, us, packet, flag = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(Packet), ctypes.c_bool
     for name, result, *arguments in (
         ("cfid_core_size", ctypes.c_size_t),
         ("cfid_core_init", None, core),
-        ("cfid_core_receive", None, core, packet, us, flag),
-        ("cfid_core_tick", flag, core, us, flag, commands),
+        ("cfid_core_receive", None, core, packet, us, vehicle),
+        ("cfid_core_tick", None, core, us, vehicle, orders),
         ("cfid_core_send", flag, core, packet),
         ("cfid_core_alive", flag, core, us),
         ("cfid_answer_ping", flag, packet, us, packet),

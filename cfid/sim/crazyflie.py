@@ -1,15 +1,20 @@
 """A whole Crazyflie without a transport: packets in, and packets out with the times at which they leave."""
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from cfid.campaign import Number, Spread
+from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT, Commander
+from cfid.sim.crazyflie_glue import IDLE, Glue
 from cfid.sim.crazyflie_log import Log
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, ModulesOf2015, NoModules
+from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
+from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, ModulesOf2015, NoModules, Orders
 from cfid.sim.crazyflie_params import Parameters
-from cfid.sim.crazyflie_supervisor import Supervisor
+from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
+from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, LOOK_STEPS, Supervisor
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.motor_power_set import overriding
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
@@ -27,18 +32,22 @@ from cfid.wire.crtp import (
     decode_packet,
 )
 
+Platform = Literal["cf2", "cf21bl"]
+
 USUAL_PORTS = Ports()
 PROTOCOL = 12  # of CRTP, release 2026.08
 BOOT_S = 1.0
 
 _MEMORY_PORT, _SUPERVISOR_PORT, _PLATFORM_PORT = 4, 9, 13
-_INFO_CHANNEL, _VERSION_CHANNEL, _SOURCE_CHANNEL, _NULL_CHANNEL = 0, 1, 1, 3
+_SOURCE_CHANNEL, _NULL_CHANNEL = 1, 3
 # Answers that the firmware makes anew lack the link's bits in the header; others are the request itself, filled in.
-_MADE_ANEW = {(PARAMETER_PORT, 0), (LOG_PORT, 0), (_MEMORY_PORT, _INFO_CHANNEL)} | {
-    (_SUPERVISOR_PORT, channel) for channel in range(4)
+_MADE_ANEW = {(PARAMETER_PORT, 0), (LOG_PORT, 0)} | {
+    (port, channel) for port in (_MEMORY_PORT, _SUPERVISOR_PORT) for channel in range(4)
 }
 _LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds come behind it
 _TICKS_PER_S = 1000
+_IDLE_OF_BRUSHLESS = 7000
+_RPM_PER_RAD_PER_S = 60 / math.tau
 _ATTENTIVE_TICKS = 2000  # without a motor or a request, before it goes to rest: longer than anything still to come
 _DEAF_S = 3.0  # without a packet; the vehicle then takes its client for gone and logs no more
 _SLACK = 1e-6  # of a tick, for times that were counted from ticks and back
@@ -47,17 +56,24 @@ _SLACK = 1e-6  # of a tick, for times that were counted from ticks and back
 class CrazyflieTruth(BaseModel):
     """`app` has cfid's app, `stock` nothing besides the firmware, `old` the thesis' modules of 2015.
 
-    A `brushless` vehicle tells the speed of its motors and has to be armed; an `rpm_deck` tells it too. It was
+    Platform `cf2` is a Crazyflie 2.x, `cf21bl` a Crazyflie 2.1 Brushless: its motors report their speeds, 0 below
+    `stall_rpm`, have idle thrust, and run only after it was armed. An `rpm_deck` measures speeds too. The vehicle was
     switched on `powered_for_s` before the rig opened; of its microseconds there are 1 + `clock_skew` in one.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     firmware: Literal["app", "stock", "old"] = "app"
+    platform: Platform = "cf2"
     rpm_deck: bool = False
-    brushless: bool = False
+    stall_rpm: Spread = 60.0
     clock_skew: Annotated[Number, Field(gt=-1)] = 0.0
     powered_for_s: Spread = 100.0
+
+    @property
+    def brushless(self) -> bool:
+        """Whether the motors are brushless."""
+        return self.platform == "cf21bl"
 
 
 class Leaving(NamedTuple):
@@ -68,7 +84,11 @@ class Leaving(NamedTuple):
 
 
 class Crazyflie:
-    """The vehicle; `load_app` makes the core of its app anew at each start, `on_motors` hears of each change."""
+    """The vehicle; `load_app` makes the core of its app anew at each start, `on_motors` hears of each change.
+
+    The stabilizer's loop takes a step a millisecond, by its sensors' clock. `rtos_ms` returns how many milliseconds the
+    operating system has counted when it takes one: time limits of the firmware count those.
+    """
 
     def __init__(
         self,
@@ -79,14 +99,16 @@ class Crazyflie:
         opened_s: float,
         ports: Ports = USUAL_PORTS,
         on_motors: OnMotors = lambda time_s, motors: None,
+        rtos_ms: Callable[[int], int] = lambda step: step,
     ) -> None:
         """Start it as long before `opened_s` as its truth says."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
         self._load_app = {"app": load_app, "stock": NoModules, "old": ModulesOf2015}[truth.firmware]
         self._services = {ports.thrust: THRUST, ports.sine: SINE, ports.ping: PING}
-        self._ports = ports
+        self._ports, self._rtos_ms = ports, rtos_ms
         self._motors, self._ticks = STILL, 0
+        self.acc_z_g = 1.0
         self._begin(opened_s - truth.powered_for_s)
 
     @property
@@ -105,15 +127,27 @@ class Crazyflie:
         return self._propulsion.speed_rad_per_s(self._time_s(self._ticks))
 
     @property
+    def rotors_rpm(self) -> list[float]:
+        """What the drivers of brushless motors report, nothing without them."""
+        if not self._truth.brushless:
+            return []
+        speeds = (self.speed_rad_per_s * _RPM_PER_RAD_PER_S).tolist()
+        return [0.0 if speed < self._truth.stall_rpm else speed for speed in speeds]
+
+    @property
     def next_s(self) -> float | None:
         """When it does something by itself, None while it rests."""
         return self._time_s(self._ticks + 1) if self._awake else None
+
+    def parameter_number(self, name: str) -> int:
+        """Return a parameter's number on the link."""
+        return list(self._parameters).index(name)
 
     def receive(self, datagram: bytes, now_s: float) -> list[Leaving]:
         """Hear a packet, whatever bytes it has, and return what leaves up to now, its answers last."""
         sent = self.advance(now_s)
         packet = decode_packet(datagram)
-        if packet is None or now_s < self._ready_s:
+        if packet is None or not self._on or now_s < self._ready_s:
             return sent
         self._heard_s = now_s
         return sent + [Leaving(now_s, answer) for answer in self._answers(packet, datagram[0], now_s)]
@@ -122,41 +156,69 @@ class Crazyflie:
         """Go through all milliseconds up to now and return what leaves; times must not fall."""
         sent: list[Leaving] = []
         last = int((now_s - self._powered_s) * _TICKS_PER_S + _SLACK)
-        while self._ticks < last:
-            if not self._awake:
-                self._ticks = last
-                break
-            self._ticks += 1
-            sent += self._tick(self._time_s(self._ticks))
+        while self._on and self._ticks < last:
+            if self._awake:
+                self._ticks += 1
+                sent += self._tick(self._time_s(self._ticks))
+            else:
+                self._rest(last)
         self._propulsion.advance(now_s)
         return sent
 
-    def restart(self, at_s: float) -> None:
-        """Lose power for a moment: all that was set is forgotten, and for BOOT_S nothing is heard."""
+    def turn(self, acc_z_g: float) -> None:
+        """Lay it so that gravity along its z axis is this: 1 upright, 0 on its side, -1 upside down."""
+        self.acc_z_g = acc_z_g
+        self._stay_awake()
+
+    def power_off(self, at_s: float) -> None:
+        """Lose power: motors stand and nothing is heard until a restart."""
+        self._set(STILL, at_s)
+        self._on = False
+
+    def restart(self, at_s: float, *, boot_s: float = BOOT_S) -> None:
+        """Begin anew, after a moment without power: all that was set is forgotten, for `boot_s` nothing is heard."""
         self._set(STILL, at_s)
         self._begin(at_s)
-        self._ready_s = at_s + BOOT_S
+        self._ready_s = at_s + boot_s
 
     def _begin(self, powered_s: float) -> None:
         truth = self._truth
-        self.supervisor = Supervisor(arms_itself=not truth.brushless)
-        self._parameters = Parameters(parameters(rpm_deck=truth.rpm_deck))
+        idle = _IDLE_OF_BRUSHLESS if truth.brushless else 0
+        self._parameters = Parameters(parameters(rpm_deck=truth.rpm_deck, idle=idle))
+        self.supervisor = Supervisor(self._parameters, arms_itself=not truth.brushless)
         self._log = Log(variables(self, rpm_deck=truth.rpm_deck, brushless=truth.brushless))
-        self._app = self._load_app()
+        self.commander = Commander()
+        self._glue = Glue(
+            self._load_app(),
+            supervisor=self.supervisor,
+            commander=self.commander,
+            parameters=self._parameters,
+            needs_arming=truth.brushless,
+        )
         self._answering: dict[int, Callable[[int, bytes], bytes | None]] = {
             PARAMETER_PORT: self._answer_parameter,
             LOG_PORT: self._answer_log,
-            _SUPERVISOR_PORT: self.supervisor.answer,
+            _SUPERVISOR_PORT: self._answer_supervisor,
             _PLATFORM_PORT: self._answer_platform,
-            _MEMORY_PORT: _answer_memory,
+            _MEMORY_PORT: answer_memory,
             ECHO_PORT: _answer_link,
         }
+        self._on = True
         self._powered_s = self._ready_s = self._heard_s = powered_s
         self._ticks = self._rests_from = 0
 
     @property
     def _awake(self) -> bool:
-        return self._ticks < self._rests_from or self._log.streaming
+        return self._on and (self._ticks < self._rests_from or self._log.streaming)
+
+    @property
+    def _idle(self) -> int:
+        """Idle thrust in force; brushed motors have none, whatever the parameter says."""
+        return int(self._parameters[IDLE]) if self._truth.brushless else 0
+
+    @property
+    def _now_ms(self) -> int:
+        return self._rtos_ms(self._ticks)
 
     def _time_s(self, tick: int) -> float:
         return self._powered_s + tick / _TICKS_PER_S
@@ -167,11 +229,10 @@ class Crazyflie:
     def _tick(self, now_s: float) -> Iterator[Leaving]:
         now_us = self._microseconds(now_s)
         self._propulsion.advance(now_s)
-        if self._parameters["stabilizer.stop"]:
-            self.supervisor.stop_for_good()
-        commands = self._app.tick(now_us=now_us, allowed=self.supervisor.allowed)
-        self._set(overriding(self._parameters, volts=self.volts) or commands or STILL, now_s)
-        if any(self._motors) or self._app.alive(now_us=now_us):
+        self._supervise()
+        orders = self._glue.tick(now_us=now_us, now_ms=self._now_ms)
+        self._set(overriding(self._parameters, volts=self.volts) or self._driven(orders), now_s)
+        if any(self._motors) or orders.feeds or self._glue.app.alive(now_us=now_us):
             self._stay_awake()
         for packet in self._app_packets():
             yield Leaving(now_s, packet)
@@ -180,10 +241,40 @@ class Crazyflie:
         for row in self._log.due(self._ticks):
             yield Leaving(now_s, _made_anew(LOG_PORT, LOG_DATA_CHANNEL, row))
 
+    def _supervise(self) -> None:
+        """Let the commander and the supervisor do what is due in this millisecond."""
+        self.commander.go_on(self._ticks, self._now_ms, can_fly=self.supervisor.can_fly)
+        if self._ticks % LOOK_STEPS == 0:
+            self.supervisor.look(
+                self._now_ms,
+                acc_z_g=self.acc_z_g,
+                setpoint_ms=self.commander.setpoint_ms,
+                motors=self._motors,
+                idle=self._idle,
+                rotors_rpm=self.rotors_rpm,
+            )
+
+    def _rest(self, last: int) -> None:
+        """Go on to the supervisor's next look that can change something, or to `last`: all else is at rest."""
+        settled = self.supervisor.settled_until(self._now_ms, acc_z_g=self.acc_z_g)
+        calm = last if settled is None else min(max(settled, self._ticks), last)
+        self._ticks = min((calm // LOOK_STEPS + 1) * LOOK_STEPS, last)
+        self._supervise()
+
+    def _driven(self, orders: Orders) -> Four:
+        """Return what the stabilizer drives; the modules of 2015 know no supervisor."""
+        commands = orders.commands or STILL  # a null setpoint makes the stock controller give nothing
+        if self._truth.firmware == "old":
+            return commands
+        if not self.supervisor.motors_may_run:
+            return STILL
+        idle = self._idle
+        one, two, three, four = (max(command, idle) for command in commands)
+        return one, two, three, four
+
     def _set(self, motors: Four, now_s: float) -> None:
         if motors != self._motors:
             self._motors = motors
-            self.supervisor.flying = any(motors)
             self._propulsion.command(motors, now_s)
             self._on_motors(now_s, motors)
 
@@ -194,8 +285,14 @@ class Crazyflie:
         port, channel, payload = packet
         if port in self._services:
             yield from self._ask_app(packet, now_s)
+        elif port in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
+            self.commander.hear(port, channel, payload, self._now_ms)
         elif port in self._answering:
-            answer = self._answering[port](channel, payload)
+            try:
+                answer = self._answering[port](channel, payload)
+            except AbsentMemoryError:
+                self.power_off(now_s)  # on a failed assertion the firmware stops
+                return
             if answer is not None:
                 yield _made_anew(port, channel, answer) if packet[:2] in _MADE_ANEW else bytes([header]) + answer
 
@@ -207,11 +304,16 @@ class Crazyflie:
     def _answer_log(self, channel: int, payload: bytes) -> bytes | None:
         return self._log.answer(channel, payload, self._ticks)
 
+    def _answer_supervisor(self, channel: int, payload: bytes) -> bytes | None:
+        if channel != INFO_CHANNEL:
+            self._stay_awake()  # motors may spin up, or stop
+        return self.supervisor.answer(channel, payload, self._now_ms)
+
     def _answer_platform(self, channel: int, payload: bytes) -> bytes | None:
-        asked = payload[:1]
-        device = b"Crazyflie 2.1 Brushless" if self._truth.brushless else b"Crazyflie 2.1"
-        told = {b"\0": self.protocol.to_bytes(4, "little"), b"\1": b"2026.08", b"\2": device}
-        return asked + told[asked] if channel == _VERSION_CHANNEL and asked in told else None
+        if channel == VERSION_CHANNEL:
+            return answer_version(payload, protocol=self.protocol, brushless=self._truth.brushless)
+        self._stay_awake()
+        return answer_command(payload, self.supervisor) if channel == COMMAND_CHANNEL else None
 
     def _ask_app(self, packet: Packet, now_s: float) -> Iterator[bytes]:
         port, channel, payload = packet
@@ -221,24 +323,19 @@ class Crazyflie:
             yield _made_anew(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
             return
         self._stay_awake()
-        self._app.receive(service, channel, payload, now_us=now_us, allowed=self.supervisor.allowed)
+        self._glue.receive(service, channel, payload, now_us=now_us)
         yield from self._app_packets()
 
     def _app_packets(self) -> Iterator[bytes]:
-        for service, channel, payload in self._app.sent():
+        for service, channel, payload in self._glue.app.sent():
             yield _made_anew(self._ports[service], channel, payload)
 
 
-def _answer_memory(channel: int, payload: bytes) -> bytes | None:
-    """Return that there are no memories."""
-    return b"\1\0" if (channel, payload[:1]) == (_INFO_CHANNEL, b"\1") else None
-
-
 def _answer_link(channel: int, payload: bytes) -> bytes | None:
-    """Return an echo, and so to the empty packet that looks for vehicles; or who this is."""
+    """Return an echo, also to the empty packet that looks for vehicles; or who this is."""
     if channel == _SOURCE_CHANNEL:
         return b"Bitcraze Crazyflie".ljust(LONGEST_PAYLOAD, b"\0")
-    return payload if channel in (ECHO_CHANNEL, _NULL_CHANNEL) else None
+    return payload if channel == ECHO_CHANNEL or (channel == _NULL_CHANNEL and not payload) else None
 
 
 def _made_anew(port: int, channel: int, payload: bytes) -> bytes:

@@ -1,11 +1,13 @@
 """A simulated Crazyflie as its clients meet it: over a radio, and with its faults; no port and no clock."""
 
 import math
+from bisect import insort
 from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from cfid.sim.crazyflie import PROTOCOL, Crazyflie, Leaving
+from cfid.sim.crazyflie_stops import is_stop, misnumbered, unheeded
 from cfid.sim.faults import CrazyflieFaults, within
 from cfid.sim.netft import Address
 from cfid.sim.propulsion import Four, Propulsion
@@ -63,7 +65,7 @@ class FaultyCrazyflie:
         self._client: Address | None = None
         self._heard_s = opened_s
         self._heard = self._sent = 0
-        self._rebooted = False
+        self._rebooted = self._tumbled = self._stopped = False
         self._up: deque[_Flying] = deque()
         self._down: deque[_Flying] = deque()
 
@@ -118,8 +120,20 @@ class FaultyCrazyflie:
         while self._up and self._up[0].arrives_s <= now_s:
             arrives_s, packet, ping = self._up.popleft()
             self._go_on(arrives_s)
-            self._send(self.vehicle.receive(packet, arrives_s), ping)
+            self._let_hear(packet, ping, arrives_s)
         self._go_on(now_s)
+
+    def _let_hear(self, datagram: bytes, ping: tuple[Packet, float] | None, at_s: float) -> None:
+        """Hand a packet to the vehicle, and what comes back to the radio; with a stop that may go wrong."""
+        faults = self.faults
+        if not is_stop(datagram, self.vehicle, ping_port=self._pings[0][0]):
+            self._send(self.vehicle.receive(datagram, at_s), ping)
+            return
+        heeded = not faults.stop_ignored
+        answers = self.vehicle.receive(datagram, at_s) if heeded else unheeded(datagram, self.vehicle, at_s)
+        if faults.stop_misnumbered:
+            answers = [misnumbered(answer) for answer in answers]
+        self._send(answers, late_s=faults.stop_late_s)
 
     def _go_on(self, now_s: float) -> None:
         for turn_s in (*self._turns(self._looked_s, now_s), now_s):
@@ -130,9 +144,11 @@ class FaultyCrazyflie:
     def _turns(self, after_s: float, until_s: float) -> list[float]:
         """Return the times in between at which a fault begins that the vehicle feels, or that closes its port."""
         faults = self.faults
+        tumble_s, for_s = faults.tumble_after_s, faults.tumble_for_s
         begins = (
             faults.closed_after_s,
-            faults.tumble_after_s,
+            tumble_s,
+            None if tumble_s is None or for_s is None else tumble_s + for_s,
             faults.emergency_after_s,
             faults.low_battery_after_s,
             faults.reboot_after_s,
@@ -147,9 +163,12 @@ class FaultyCrazyflie:
             self._rebooted = True
             vehicle.restart(now_s)
         vehicle.protocol = _OLD_PROTOCOL if faults.old_protocol else PROTOCOL
-        if within(elapsed_s, faults.tumble_after_s, None):
-            vehicle.supervisor.tumble()
-        if within(elapsed_s, faults.emergency_after_s, None):
+        tumbled = within(elapsed_s, faults.tumble_after_s, faults.tumble_for_s)
+        if tumbled != self._tumbled:
+            self._tumbled = tumbled
+            vehicle.turn(math.cos(math.radians(faults.tumble_deg)) if tumbled else 1.0)
+        if within(elapsed_s, faults.emergency_after_s, None) and not self._stopped:
+            self._stopped = True
             vehicle.supervisor.stop_for_good()
         low = within(elapsed_s, faults.low_battery_after_s, None)
         self._propulsion.battery.at_most_v = _LOW_V if low else math.inf
@@ -157,7 +176,9 @@ class FaultyCrazyflie:
     def _silent(self, now_s: float) -> bool:
         return within(now_s - self._opened_s, self.faults.silent_after_s, self.faults.silent_for_s)
 
-    def _send(self, leaving: list[Leaving], ping: tuple[Packet, float] | None = None) -> None:
+    def _send(
+        self, leaving: list[Leaving], ping: tuple[Packet, float] | None = None, *, late_s: float = 0.0
+    ) -> None:
         for time_s, packet in leaving:
             self._sent += 1
             if self._silent(time_s):
@@ -167,7 +188,7 @@ class FaultyCrazyflie:
             else:
                 arrives_s = self.radio.from_vehicle.arrival_s(time_s)
                 if arrives_s is not None:
-                    self._down.append(_Flying(arrives_s, packet, ping))
+                    insort(self._down, _Flying(arrives_s + late_s, packet, ping), key=lambda flying: flying.arrives_s)
 
 
 def _is_turn(number: int, every: int) -> bool:

@@ -28,6 +28,10 @@ class Variable(NamedTuple):
     read: Callable[[], float]
 
 
+_MEMORY = 0xFFFF  # as number: an address in memory instead of a variable, which the firmware takes unseen
+_IN_MEMORY = Variable("memory", "I", lambda: 0)
+
+
 class _Block:
     """Variables, each with the type it is sent as; `period_ms` is None while the block is not started."""
 
@@ -116,13 +120,13 @@ class Log:
         """Append until one does not fit or is not there; those before it stay, as on the vehicle."""
         for code, number in _ENTRY.iter_unpack(words[: len(words) // _ENTRY.size * _ENTRY.size]):
             kind = _KINDS.get(code & 0x0F)
-            if kind is None or number >= len(self._variables):
+            if kind is None or (number >= len(self._variables) and number != _MEMORY):
                 return errno.ENOENT
             if block.size + struct.calcsize(kind) > LONGEST_LOG_ROW:
                 return errno.E2BIG
             if sum(len(other.entries) for other in self._blocks.values()) == _MOST_VARIABLES:
                 return errno.ENOMEM
-            block.entries.append((kind, self._variables[number]))
+            block.entries.append((kind, _IN_MEMORY if number == _MEMORY else self._variables[number]))
         return 0
 
 

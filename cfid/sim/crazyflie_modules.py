@@ -5,7 +5,7 @@ Both look from outside like the app of `app_core`, so that the vehicle need not 
 
 import math
 from collections import deque
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -36,14 +36,36 @@ _LARGEST_FLOAT = 3.4e38
 Sent = tuple[int, int, bytes]  # service, channel, payload
 
 
+class Seen(NamedTuple):
+    """What an app sees of its vehicle; `idle` is powerDist.idleThrust as its owner set it."""
+
+    can_fly: bool
+    flying: bool
+    needs_arming: bool
+    idle: int
+
+
+class Orders(NamedTuple):
+    """What an app wants until its next tick.
+
+    `commands` of the four motors, None to leave them to the stock controller; `feeds`: fresh null setpoints;
+    `idles_off`: no idle thrust; `disarms`: now.
+    """
+
+    commands: Four | None = None
+    feeds: bool = False
+    idles_off: bool = False
+    disarms: bool = False
+
+
 class App(Protocol):
-    """The three services on a vehicle, asked once a millisecond for the commands of the motors."""
+    """The three services on a vehicle, asked once a millisecond for its orders."""
 
-    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, allowed: bool) -> None:
-        """Take a request. `allowed`: whether the supervisor lets motors run."""
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
+        """Take a request."""
 
-    def tick(self, *, now_us: int, allowed: bool) -> Four | None:
-        """Go on by a millisecond; return the commands of the four motors, None to leave them alone."""
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
+        """Go on by a millisecond."""
 
     def sent(self) -> list[Sent]:
         """Hand over what is to be sent."""
@@ -55,12 +77,12 @@ class App(Protocol):
 class NoModules:
     """Stock firmware."""
 
-    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, allowed: bool) -> None:
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Hear nothing."""
 
-    def tick(self, *, now_us: int, allowed: bool) -> Four | None:
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         """Leave the motors alone."""
-        return None
+        return Orders()
 
     def sent(self) -> list[Sent]:
         """Say nothing."""
@@ -83,7 +105,7 @@ class ModulesOf2015:
         self._tick = 0
         self._before = 0  # the sample before, also of the sine before
 
-    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, allowed: bool) -> None:
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Obey at once; a sine that comes while another one plays waits for its end."""
         if service == PING:
             self._sent.append((PING, PingChannel.PING, b""))
@@ -92,13 +114,13 @@ class ModulesOf2015:
         else:
             self._wanted = decode_sine(payload) or self._wanted
 
-    def tick(self, *, now_us: int, allowed: bool) -> Four | None:
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         """Go on by a millisecond."""
         if self._playing is None and self._wanted is not None:
             self._playing, self._wanted, self._tick = self._wanted, None, 0
         if self._playing is not None:
             self._play(self._playing)
-        return self._commands
+        return Orders(self._commands)
 
     def sent(self) -> list[Sent]:
         """Hand over what is to be sent."""

@@ -2,19 +2,21 @@
 
 import errno
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from cfid.sim.crazyflie_toc import TOC_CHANNEL, Entry, Toc, number_in
 from cfid.wire.crtp import READ_CHANNEL, WRITE_CHANNEL
 
 _MISC_CHANNEL = 3
-_EXTENDED_TYPE, _EXTENDED_TYPE_V2 = 2, 7  # the second has an error byte before the type
+_SET_BY_NAME, _EXTENDED_TYPE, _STORE, _STATE, _CLEAR, _DEFAULT, _EXTENDED_TYPE_V2, _DEFAULT_V2 = 0, 2, 3, 4, 5, 6, 7, 8
+_WITH_STATUS = (_EXTENDED_TYPE_V2, _DEFAULT_V2)  # a byte before what they tell
 _PERSISTENT = 1
+_NOT_STORED = b"\0"
 _NO_SUCH_ENTRY = bytes([errno.ENOENT])
 
 _CODES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
-_HAS_EXTENDED_TYPE, _READ_ONLY = 0x10, 0x40
+_HAS_EXTENDED_TYPE, _CORE, _READ_ONLY = 0x10, 0x20, 0x40
 
 
 class Parameter(NamedTuple):
@@ -25,10 +27,16 @@ class Parameter(NamedTuple):
     value: float
     read_only: bool = False
     persistent: bool = False
+    core: bool = False  # of the firmware's stable interface
+
+    @property
+    def packed(self) -> bytes:
+        """The value after a start, as the link carries it."""
+        return struct.pack("<" + self.kind, self.value)
 
 
-class Parameters:
-    """Values by name, and what the port answers."""
+class Parameters(Mapping[str, float]):
+    """Values by name, and what the port answers. Nothing is stored beyond a power cycle."""
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         """Begin with the values after a start."""
@@ -39,6 +47,18 @@ class Parameters:
     def __getitem__(self, name: str) -> float:
         """Return the value that is set."""
         return self._values[name]
+
+    def __setitem__(self, name: str, value: float) -> None:
+        """Set a value as the firmware itself does."""
+        self._values[name] = value
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the names, in the order of the table."""
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._values)
 
     def answer(self, channel: int, payload: bytes) -> bytes | None:
         """Return what comes back on the same channel, None for nothing."""
@@ -53,23 +73,54 @@ class Parameters:
         if number >= len(self._parameters):
             return payload[:2] + _NO_SUCH_ENTRY
         parameter = self._parameters[number]
-        value = struct.Struct("<" + parameter.kind)
         if channel == READ_CHANNEL:
-            return payload[:2] + b"\0" + value.pack(self._values[parameter.name])
-        if channel != WRITE_CHANNEL or parameter.read_only or len(payload) < 2 + value.size:
+            return payload[:2] + b"\0" + struct.pack("<" + parameter.kind, self._values[parameter.name])
+        if channel != WRITE_CHANNEL or parameter.read_only or not self._set(parameter, payload[2:]):
             return None
-        self._values[parameter.name] = value.unpack_from(payload, 2)[0]
         return payload
 
+    def _set(self, parameter: Parameter, value: bytes) -> bool:
+        layout = struct.Struct("<" + parameter.kind)
+        if len(value) < layout.size:
+            return False
+        self._values[parameter.name] = layout.unpack_from(value)[0]
+        return True
+
     def _misc(self, payload: bytes) -> bytes | None:
+        if payload[:1] == bytes([_SET_BY_NAME]):
+            return self._set_by_name(payload)
         number = number_in(payload[1:])
-        if number is None or payload[0] not in (_EXTENDED_TYPE, _EXTENDED_TYPE_V2):
+        if number is None:
             return None
-        if number >= len(self._parameters):
-            return payload[:3] + _NO_SUCH_ENTRY
-        error = b"\0" if payload[0] == _EXTENDED_TYPE_V2 else b""
-        return payload[:3] + error + bytes([_PERSISTENT * self._parameters[number].persistent])
+        told = self._told(payload[0], self._parameters[number]) if number < len(self._parameters) else _NO_SUCH_ENTRY
+        return None if told is None else payload[:3] + told
+
+    def _told(self, command: int, parameter: Parameter) -> bytes | None:
+        """Return what follows a parameter's number in the answer, None for no answer."""
+        status = b"\0" if command in _WITH_STATUS else b""
+        if command in (_EXTENDED_TYPE, _EXTENDED_TYPE_V2):
+            return status + bytes([_PERSISTENT]) if parameter.persistent else _NO_SUCH_ENTRY
+        if command in (_DEFAULT, _DEFAULT_V2):
+            return _NO_SUCH_ENTRY if parameter.read_only else status + parameter.packed
+        if command == _STATE:
+            return _NOT_STORED + parameter.packed
+        return b"\0" if command in (_STORE, _CLEAR) else None
+
+    def _set_by_name(self, payload: bytes) -> bytes | None:
+        """Set the parameter of a group and a name, each ended by zero, with the type that it has."""
+        group, ends, rest = payload[1:].partition(b"\0")
+        name, ends_too, rest = rest.partition(b"\0")
+        if not (ends and ends_too):
+            return None
+        wanted = (group + b"." + name).decode(errors="replace")
+        found = next((parameter for parameter in self._parameters if parameter.name == wanted), None)
+        error = errno.ENOENT
+        if found is not None:
+            same = rest[:1] == bytes([_CODES[found.kind]])
+            error = 0 if same and not found.read_only and self._set(found, rest[1:]) else errno.EINVAL
+        return payload[: len(payload) - len(rest)] + bytes([error])
 
 
 def _code(parameter: Parameter) -> int:
-    return _CODES[parameter.kind] | _HAS_EXTENDED_TYPE * parameter.persistent | _READ_ONLY * parameter.read_only
+    flags = _HAS_EXTENDED_TYPE * parameter.persistent | _CORE * parameter.core | _READ_ONLY * parameter.read_only
+    return _CODES[parameter.kind] | flags

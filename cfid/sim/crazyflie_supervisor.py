@@ -1,86 +1,210 @@
-"""The vehicle's supervisor: whether its motors may run, and what the supervisor port answers.
+"""The vehicle's supervisor as the firmware has it: it looks 25 times a second, and what it finds decides its state.
 
-It knows the states in which a vehicle that is fastened can be. Parameters motorPowerSet do not ask it.
+Times are the ticks that the firmware counts, milliseconds since power-on. Parameters motorPowerSet do not ask it.
 """
 
-_INFO_CHANNEL, _COMMAND_CHANNEL = 0, 1
+from collections.abc import Mapping, Sequence
+
+from cfid.sim import supervisor_states as states
+from cfid.sim.propulsion import Four
+from cfid.sim.supervisor_states import CAN_FLY, MOTORS_MAY_RUN, State, next_state
+
+LOOK_STEPS = 40  # of the stabilizer's loop
+INFO_CHANNEL = 0
+
+_FLYING_MS = 2000  # since the last command above idle thrust
+_OLD_MS, _TOO_OLD_MS = 500, 2000
+_WATCHDOG_MS = 1000
+_TILTED_G, _TILTED_MS = 0.5, 1000
+_UPSIDE_DOWN_G, _UPSIDE_DOWN_MS = -0.2, 100
+_ROTORS_MS = 200
+_SPINNING_RPM, _BLOCKED_RPM = range(1000, 3501), range(1, 500)
+
+_COMMAND_CHANNEL = 1
 _ANSWER = 0x80
 _ALL_BITS = 0x0C  # commands below it ask for a single bit
-_ARM, _RECOVER, _EMERGENCY_STOP = 1, 2, 3
+_ARM, _RECOVER, _EMERGENCY_STOP, _WATCHDOG = 1, 2, 3, 4
+_TRAJECTORY_FINISHED = 1 << 9  # of the high-level commander, which never flies here
 
 
 class Supervisor:
-    """Armed by itself with brushed motors; with brushless ones when it is told to."""
+    """Arms itself with brushed motors; with brushless ones it is armed by a client, and watches their rotors."""
 
-    def __init__(self, *, arms_itself: bool) -> None:
-        """Stand upright and still."""
-        self.tumbled = False
-        self.flying = False
+    def __init__(self, parameters: Mapping[str, float], *, arms_itself: bool) -> None:
+        """Begin as at power-on. `parameters` are the vehicle's, which hold time limits."""
+        self.state = State.NOT_INITIALIZED
+        self.bits = 0
+        self._parameters = parameters
         self._arms_itself = arms_itself
-        self._armed = arms_itself
-        self._crashed = False
-        self._locked = False
+        self.armed = self.crashed = self.tumbled = False  # tumbled, and shown so, as of the last look
+        self._stopped = False
+        self._watched_ms: int | None = None  # the emergency stop's watchdog, when heard last
+        self._thrust_ms: int | None = None
+        self._tilted_ms: int | None = None
+        self._spinning_ms: int | None = None
+        self._blocked_ms: int | None = None
+        self._entered_ms = 0
+        self._landed_ms: int | None = None
 
     @property
-    def allowed(self) -> bool:
-        """Whether motors may run."""
-        return self._armed and self._upright
+    def can_fly(self) -> bool:
+        """Whether setpoints and the app's commands count: armed, spun up, and nothing is wrong."""
+        return self.state in CAN_FLY
 
     @property
-    def bits(self) -> int:
-        """The state as the firmware tells it, from the lowest bit on.
+    def motors_may_run(self) -> bool:
+        """Whether the stabilizer drives motors, if only at idle thrust."""
+        return self.state in MOTORS_MAY_RUN
 
-        Can be armed, is armed, arms itself, can fly, is flying, is tumbled, is locked, is crashed.
-        """
-        flags = (
-            self._upright and not self._armed,
-            self._armed,
-            self._arms_itself,
-            self.allowed,
-            self.flying,
-            self.tumbled,
-            self._locked,
-            self._crashed,
-        )
-        return sum(flag << place for place, flag in enumerate(flags))
-
-    def tumble(self) -> None:
-        """Fall over, and stay so: it is disarmed and can only be put up again."""
-        self.tumbled = self._crashed = True
-        self._armed = False
+    @property
+    def flying(self) -> bool:
+        """Whether it takes the vehicle for flying, which it does until 2 s after the last thrust."""
+        return self.state in (State.FLYING, State.LEVEL_OUT)
 
     def stop_for_good(self) -> None:
-        """Take an emergency stop: only a new start helps."""
-        self._locked = True
-        self._armed = False
+        """Take an emergency stop: only a power cycle helps."""
+        self._stopped = True
 
-    def answer(self, channel: int, payload: bytes) -> bytes | None:
+    def request_arming(self, wanted: bool) -> bool:
+        """Arm or disarm; return whether that was granted."""
+        if wanted and not self.armed and self.state is not State.PASSED:
+            return False
+        self.armed = wanted
+        return True
+
+    def recover(self) -> bool:
+        """Take a crashed vehicle that was put upright for sound; return whether it is."""
+        self.crashed = self.crashed and self.tumbled
+        return not self.crashed
+
+    def look(
+        self,
+        now_ms: int,
+        *,
+        acc_z_g: float,
+        setpoint_ms: int,
+        motors: Four,
+        idle: int,
+        rotors_rpm: Sequence[float],
+    ) -> None:
+        """Gather the conditions, make one transition at most, and renew the bits.
+
+        `setpoint_ms` is when the setpoint in force came. `rotors_rpm` is empty where nothing reports speeds.
+        """
+        if max(motors) > idle:
+            self._thrust_ms = now_ms
+        self.tumbled = self._is_tumbled(now_ms, acc_z_g)
+        conditions = self._conditions(now_ms, setpoint_ms) | self._rotor_conditions(now_ms, rotors_rpm)
+        entered = next_state(self.state, conditions)
+        if entered is not self.state:
+            self._enter(entered, now_ms)
+        self.bits = self._told()
+
+    def settled_until(self, now_ms: int, *, acc_z_g: float) -> int | None:
+        """Return up to when no look changes anything while motors and client rest, None for ever."""
+        moving = self._is_flying(now_ms) or acc_z_g < _TILTED_G or self.tumbled
+        if moving or self._emergency(now_ms) or self._watched_ms is not None:
+            return None if self.state is State.LOCKED else now_ms
+        if self.state is State.READY and self.armed:
+            return self._entered_ms + int(self._parameters["supervisor.prefltTimeout"])
+        if self.state is State.LOCKED or (self.state is State.PASSED and not self.armed):
+            return None
+        return now_ms
+
+    def answer(self, channel: int, payload: bytes, now_ms: int) -> bytes | None:
         """Return what comes back on the same channel, None for nothing."""
         if not payload:
             return None
         command = payload[0]
-        if channel == _INFO_CHANNEL and 0 < command <= _ALL_BITS:
+        if channel == INFO_CHANNEL and 0 < command <= _ALL_BITS:
             single = bytes([self.bits >> (command - 1) & 1])
             return bytes([_ANSWER | command]) + (self.bits.to_bytes(2, "little") if command == _ALL_BITS else single)
         if channel != _COMMAND_CHANNEL:
             return None
         if command == _EMERGENCY_STOP:
             self.stop_for_good()
+        if command == _WATCHDOG:
+            self._watched_ms = now_ms
         if command == _ARM:
-            return bytes([_ANSWER | command, *self._arm(payload[1:2] not in (b"", b"\0"))])
+            return bytes([_ANSWER | command, self.request_arming(payload[1:2] not in (b"", b"\0")), self.armed])
         if command == _RECOVER:
-            self._crashed = self._crashed and self.tumbled
-            self._armed = self.allowed or (self._arms_itself and self._upright)
-            return bytes([_ANSWER | command, not self._crashed, not self._crashed])
+            return bytes([_ANSWER | command, self.recover(), not self.crashed])
         return None
 
-    @property
-    def _upright(self) -> bool:
-        return not (self.tumbled or self._crashed or self._locked)
+    def _is_tumbled(self, now_ms: int, acc_z_g: float) -> bool:
+        """Return whether it lies on its side for a second or on its back for a tenth, if that is checked at all."""
+        if acc_z_g >= _TILTED_G:
+            self._tilted_ms = None
+            return False
+        if self._tilted_ms is None:
+            self._tilted_ms = now_ms
+        limit_ms = _UPSIDE_DOWN_MS if acc_z_g < _UPSIDE_DOWN_G else _TILTED_MS
+        return now_ms - self._tilted_ms > limit_ms and bool(self._parameters["supervisor.tmblChckEn"])
 
-    def _arm(self, wanted: bool) -> tuple[bool, bool]:
-        """Return whether that can be, and whether it is armed then; one that arms itself is so again at once."""
-        possible = self._upright or not wanted
-        armed = wanted and possible
-        self._armed = armed or (self._arms_itself and self._upright)
-        return possible, armed
+    def _is_flying(self, now_ms: int) -> bool:
+        return self._thrust_ms is not None and now_ms - self._thrust_ms < _FLYING_MS
+
+    def _emergency(self, now_ms: int) -> bool:
+        expired = self._watched_ms is not None and now_ms >= self._watched_ms + _WATCHDOG_MS
+        return self._stopped or expired or bool(self._parameters["stabilizer.stop"])
+
+    def _conditions(self, now_ms: int, setpoint_ms: int) -> int:
+        limits, in_state_ms = self._parameters, now_ms - self._entered_ms
+        # While it cannot fly, the firmware shows its supervisor an empty setpoint, as old as the vehicle is on.
+        age_ms = now_ms - (setpoint_ms if self.can_fly else 0)
+        spins_up, ready = self.state is State.ARMING, self.state is State.READY
+        found = {
+            states.ARMED: self.armed,
+            states.IS_FLYING: self._is_flying(now_ms),
+            states.TUMBLED: self.tumbled,
+            states.OLD_SETPOINT: age_ms > _OLD_MS,
+            states.TOO_OLD_SETPOINT: age_ms > _TOO_OLD_MS,
+            states.EMERGENCY: self._emergency(now_ms),
+            states.CRASHED: self.crashed,
+            states.PREFLIGHT_TIMEOUT: ready and in_state_ms > limits["supervisor.prefltTimeout"],
+            states.SPINUP_TIMEOUT: spins_up and in_state_ms > limits["supervisor.spinupTimeout"],
+            states.LANDED_TIMEOUT: (
+                self._landed_ms is not None and now_ms - self._landed_ms > limits["supervisor.landedTimeout"]
+            ),
+        }
+        return sum(condition for condition, holds in found.items() if holds)
+
+    def _rotor_conditions(self, now_ms: int, rotors_rpm: Sequence[float]) -> int:
+        """Watch the rotors' speeds while they spin up, and for blocked ones while the vehicle may fly."""
+        if not rotors_rpm:
+            return states.ROTORS_SPIN_UP
+        speeds = [int(rpm) for rpm in rotors_rpm]
+        spinning = self.state is State.ARMING and all(speed in _SPINNING_RPM for speed in speeds)
+        blocked = self.can_fly and any(speed in _BLOCKED_RPM for speed in speeds)
+        self._spinning_ms = (self._spinning_ms or now_ms) if spinning else None
+        self._blocked_ms = (self._blocked_ms or now_ms) if blocked else None
+        found = 0
+        if self._spinning_ms is not None and now_ms - self._spinning_ms >= _ROTORS_MS:
+            found |= states.ROTORS_SPIN_UP
+        if self._blocked_ms is not None and now_ms - self._blocked_ms >= _ROTORS_MS:
+            found |= states.ROTOR_BLOCKED
+        return found
+
+    def _enter(self, state: State, now_ms: int) -> None:
+        self.state, self._entered_ms = state, now_ms
+        self._spinning_ms = self._blocked_ms = None
+        if state is State.LANDED:
+            self._landed_ms = now_ms
+        if state is State.CRASHED:
+            self.crashed = True
+        if not self.motors_may_run:
+            self.armed = self._arms_itself and state is State.PASSED
+
+    def _told(self) -> int:
+        """Return the state as the firmware reports it, from the lowest bit on."""
+        flags = (
+            self.state is State.PASSED,
+            self.armed,
+            self._arms_itself,
+            self.can_fly,
+            self.flying,
+            self.tumbled,
+            self.state is State.LOCKED,
+            self.crashed,
+        )
+        return sum(flag << place for place, flag in enumerate(flags)) | _TRAJECTORY_FINISHED

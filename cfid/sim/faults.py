@@ -61,9 +61,12 @@ class CrazyflieFaults:
     """Faults of the vehicle and its link; times are seconds since it was opened.
 
     Every n-th packet from the vehicle, or to it, is dropped. `silent`: nothing passes either way. `closed`: nobody
-    listens any more, while the vehicle goes on. `busy`: while one client talks, no other is heard. `tumble`: it lies
-    on its side. `emergency`: an emergency stop. `low_battery`: the voltage falls to 2.9 V. `reboot`: it loses power
-    for a moment. `old_protocol`: it speaks version 3.
+    listens any more, while the vehicle goes on. `busy`: while one client talks, no other is heard. `tumble`: it is
+    turned by `tumble_deg`, 180 upside down, 90 on its side. `emergency`: an emergency stop. `low_battery`: the voltage
+    falls to 2.9 V. `reboot`: it loses power for a moment. `old_protocol`: it speaks version 3.
+
+    A stop is the app's, or zero written to motorPowerSet.enable. `stop_ignored`: it is answered and motors go on.
+    `stop_late_s` delays its answer. `stop_misnumbered`: its answer bears another number.
     """
 
     silent_after_s: float | None = None
@@ -72,18 +75,24 @@ class CrazyflieFaults:
     drop_every: int = 0
     drop_to_vehicle_every: int = 0
     tumble_after_s: float | None = None
+    tumble_for_s: float | None = None
+    tumble_deg: float = 180.0
     emergency_after_s: float | None = None
     low_battery_after_s: float | None = None
     busy: bool = False
     old_protocol: bool = False
     reboot_after_s: float | None = None
+    stop_ignored: bool = False
+    stop_late_s: float = 0.0
+    stop_misnumbered: bool = False
 
 
 SOUND_LOADCELL = LoadCellFaults()
 SOUND_ENCODER = EncoderFaults()
 SOUND_CRAZYFLIE = CrazyflieFaults()
 
-_LARGEST = {"encoder.wrong_width": 32, "loadcell.status": 0xFFFFFFFF}  # what the wire has room for
+# What the wire has room for, and how far a vehicle can be turned.
+_LARGEST = {"encoder.wrong_width": 32, "loadcell.status": 0xFFFFFFFF, "crazyflie.tumble_deg": 180}
 
 _Faults = TypeVar("_Faults", EncoderFaults, LoadCellFaults, CrazyflieFaults)
 _DEVICES = {"encoder": EncoderFaults, "loadcell": LoadCellFaults, "crazyflie": CrazyflieFaults}

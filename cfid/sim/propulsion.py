@@ -70,9 +70,9 @@ class Propulsion:
             self._steps = step
 
     def speed_rad_per_s(self, time_s: float) -> Array:
-        """Return how fast the rotors turn (4,) at a time from the last change on."""
+        """Return how fast the rotors turn (4,) at a time from the last change on; before that, as at it."""
         steady = self._truth.steady_rad_per_s(self._acting.command, volts=self._acting.volts)
-        return np.asarray(steady + (self._speed - steady) * self._truth.lag(np.array(time_s - self._since_s)))
+        return np.asarray(steady + (self._speed - steady) * self._truth.lag(np.array(max(time_s - self._since_s, 0.0))))
 
     def wrench_at(self, time_s: Array) -> Array:
         """Return the wrench (n, 6) in N and Nm at times (n,) that do not fall, none after the last `advance`."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.campaign import Number, Positive
+from cfid.campaign import Number, Positive, Spread
 from cfid.sim.stepping import Array
 
 Six = tuple[Number, Number, Number, Number, Number, Number]
@@ -35,7 +35,7 @@ class RotorTruth(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     rad_per_s_per_command: Positive = 0.0408
-    idle_rad_per_s: Positive = 381.0
+    idle_rad_per_s: Spread = 381.0
     dead_below_command: Number = 1000.0
     nominal_v: Positive = NOMINAL_V
     thrust_ns2_per_rad2: Positive = 1.8e-8
@@ -57,6 +57,15 @@ class RotorTruth(BaseModel):
     def power_w(self, speed_rad_per_s: Array) -> Array:
         """Return the mechanical power that turns rotors of such speeds in air."""
         return self.torque_m * self.thrust_ns2_per_rad2 * speed_rad_per_s**3
+
+
+# A Crazyflie 2.1 Brushless: 0.36 rpm a unit of command from zero on, so that idle thrust, 7000, gives 2520 rpm.
+BRUSHLESS = {
+    "rad_per_s_per_command": 0.36 * math.tau / 60,
+    "idle_rad_per_s": 0.0,
+    "dead_below_command": 0.0,
+    "time_constant_s": 0.05,
+}
 
 
 class Rotors:

@@ -1,18 +1,19 @@
 """What a simulated rig really is, as a TOML file that may say any part of it; every key has a default."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.campaign import Positive, Spread, Vector
 from cfid.durable import first_fault, read_toml
 from cfid.errors import ConfigError
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import CrazyflieTruth
+from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.sim.wind import WindTruth
 
 Matrix = tuple[Vector, Vector, Vector]
@@ -54,7 +55,7 @@ class AxisTruth(_Table):
 
 
 class SimTruth(_Table):
-    """Everything that the file says."""
+    """Everything that the file says. Rotors of a Brushless are its own where the file says nothing of them."""
 
     vehicle: VehicleTruth = VehicleTruth()
     axis: AxisTruth = AxisTruth()
@@ -65,16 +66,32 @@ class SimTruth(_Table):
     radio: RadioTruth = RadioTruth()
     wind: WindTruth = WindTruth()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _fits_the_platform(cls, content: dict[str, Any]) -> dict[str, Any]:
+        crazyflie, rotors = content.get("crazyflie", {}), content.get("rotors", {})
+        platform = crazyflie.get("platform") if isinstance(crazyflie, dict) else getattr(crazyflie, "platform", None)
+        if platform != "cf21bl" or not isinstance(rotors, dict):
+            return content
+        return {**content, "rotors": {**BRUSHLESS, **rotors}}
+
 
 USUAL_TRUTH = SimTruth()
 
 
-def load_truth(path: Path) -> SimTruth:
-    """Read such a file. Raises ConfigError that names the file and the key."""
+def usual_truth(platform: Platform) -> SimTruth:
+    """Return the truth of a rig with such a vehicle."""
+    return SimTruth.model_validate({"crazyflie": {"platform": platform}})
+
+
+def load_truth(path: Path, *, platform: Platform | None = None) -> SimTruth:
+    """Read such a file; a platform that is given counts before its own. Raises ConfigError that names file and key."""
     try:
         content = read_toml(path, ConfigError)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file.") from None
+    if platform is not None and isinstance(content.setdefault("crazyflie", {}), dict):
+        content["crazyflie"]["platform"] = platform
     try:
         return SimTruth.model_validate(content)
     except ValidationError as error:

@@ -1,0 +1,47 @@
+"""The vehicle's commander: whose setpoint is in force, and since when. What a setpoint demands is not simulated."""
+
+from enum import IntEnum
+
+SETPOINT_PORT, GENERIC_SETPOINT_PORT = 3, 7
+
+_HIGH_LEVEL_STEPS = 10  # of the loop, from one setpoint of the high-level commander to the next
+_SET_CHANNEL, _META_CHANNEL = 0, 1
+_STOP_NOTIFIED = 0
+
+
+class Priority(IntEnum):
+    """Whose setpoint counts: the latest one of at least the priority of the one in force."""
+
+    NOBODY = 0
+    HIGH_LEVEL = 1
+    CLIENT = 2  # or the app
+
+
+class Commander:
+    """The setpoint in force, by its time in milliseconds since power-on and by its priority."""
+
+    def __init__(self) -> None:
+        """Hold the empty setpoint of power-on."""
+        self.setpoint_ms = 0
+        self.priority = Priority.NOBODY
+
+    def set(self, priority: Priority, now_ms: int) -> None:
+        """Take a setpoint, unless one of a higher priority is in force."""
+        if priority >= self.priority:
+            self.setpoint_ms, self.priority = now_ms, priority
+
+    def relax(self) -> None:
+        """Let the high-level commander go on."""
+        self.priority = Priority.HIGH_LEVEL
+
+    def go_on(self, step: int, now_ms: int, *, can_fly: bool) -> None:
+        """Let the high-level commander, which is at rest, set the null setpoint that is due."""
+        if can_fly and step % _HIGH_LEVEL_STEPS == 0:
+            self.set(Priority.HIGH_LEVEL, now_ms)
+
+    def hear(self, port: int, channel: int, payload: bytes, now_ms: int) -> None:
+        """Take a client's setpoint, or its word that no more of them come."""
+        if channel == _SET_CHANNEL:
+            self.set(Priority.CLIENT, now_ms)
+        elif port == GENERIC_SETPOINT_PORT and channel == _META_CHANNEL and payload[:1] == bytes([_STOP_NOTIFIED]):
+            self.relax()

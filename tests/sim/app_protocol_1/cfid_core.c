@@ -1,0 +1,441 @@
+#include "cfid_core.h"
+
+#include <math.h>
+#include <string.h>
+
+enum {
+    MIDDLE = 30000, /* B of eq. 3.6 */
+    LARGEST_COMMAND = 65535,
+    ALL_MOTORS_THRUST = CFID_MOTORS, /* as motor of a thrust request; single ones are 0 to 3 */
+    ALL_MOTORS_SINE = 0,             /* as motor of a sine request; single ones are 1 to 4 */
+    PROTOCOL = 1,
+    SAMPLES_PER_S = 500,
+    KEEP_ALIVE_MS = 500,
+    US_PER_MS = 1000,
+    REST_US = 1000000, /* from the motors' stop to the byte `a` (C.2.4) */
+    MOST_PERIODS = 1 << 22, /* of a larger l a float knows too little: half a period at 2^23 */
+    LONGEST_ECHO = 22,
+};
+
+static const double PI = 3.14159265358979323846;
+static const double FLOAT_ROUNDING = 6.0e-8; /* a rounded float is off by 2^-24 = 5.96e-8 of its value at most */
+
+/* Bytes of the payloads, field by field. */
+enum {
+    THRUST_BYTES = 2 + 4,
+    THRUST_ANSWER_BYTES = THRUST_BYTES + 1 + 2 * CFID_MOTORS + 4,
+    SINE_BYTES = 2 + 2 + 4 + 4,
+    SINE_ANSWER_BYTES = SINE_BYTES + 1 + 1 + 4,
+    ALIVE_BYTES = 4,
+    STATE_BYTES = 4 + 1 + 2 * CFID_MOTORS + 4,
+};
+
+_Static_assert(THRUST_BYTES == 6 && THRUST_ANSWER_BYTES == 19, "the thrust payloads of cfid/wire/app.py");
+_Static_assert(SINE_BYTES == 12 && SINE_ANSWER_BYTES == 18, "the sine payloads of cfid/wire/app.py");
+_Static_assert(ALIVE_BYTES == 4 && STATE_BYTES == 17, "the keep-alive payloads of cfid/wire/app.py");
+_Static_assert(LONGEST_ECHO + 8 == CFID_PAYLOAD, "the longest answer to a ping fills a packet");
+_Static_assert(sizeof(float) == sizeof(uint32_t), "omega is a float of four bytes");
+_Static_assert(sizeof(struct cfid_packet) == 3 + CFID_PAYLOAD, "a packet has no gaps");
+
+enum thrust_channel { THRUST_SET = 0, THRUST_ANSWER = 2 };
+enum sine_channel { SINE_START = 0, SINE_CROSSING = 0, SINE_DONE = 1, SINE_ANSWER = 2 };
+enum ping_channel { PING_PING = 0, PING_HELLO = 1, PING_ALIVE = 2, PING_STOP = 3 };
+
+enum verdict {
+    ACCEPTED,
+    WRONG_LENGTH,
+    NO_SUCH_MOTOR,
+    NO_KEEP_ALIVE,
+    SINE_IS_RUNNING,
+    MOTORS_NOT_ALLOWED,
+    NO_SAMPLES,
+    NO_FREQUENCY,
+    NO_WHOLE_PERIODS,
+};
+
+enum outcome { FINISHED, STOPPED, KEEP_ALIVE_LOST, NOT_ALLOWED };
+
+enum flag { FLAG_ALLOWED = 1, FLAG_HEARD = 2, FLAG_SINE = 4 };
+
+/* A sine plays, then its motors are off and it waits to say so, then it rests until it may send its `a`. */
+enum stage { NO_SINE, PLAYING, OFF, RESTING };
+
+/* Bytes. */
+
+static uint64_t get(const uint8_t *data, int bytes)
+{
+    uint64_t value = 0;
+    while (bytes-- > 0)
+        value = value << 8 | data[bytes];
+    return value;
+}
+
+static float get_float(const uint8_t *data)
+{
+    const uint32_t bits = (uint32_t)get(data, 4);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static void put(struct cfid_packet *packet, uint64_t value, int bytes)
+{
+    for (; bytes-- > 0; value >>= 8)
+        packet->data[packet->size++] = (uint8_t)value;
+}
+
+static void put_commands(struct cfid_packet *packet, const uint16_t commands[CFID_MOTORS])
+{
+    for (int motor = 0; motor < CFID_MOTORS; motor++)
+        put(packet, commands[motor], 2);
+}
+
+/* Repeats a request's bytes; zeros stand for one of the wrong length. */
+static void put_echo(struct cfid_packet *packet, const struct cfid_packet *request, uint8_t bytes)
+{
+    if (request->size == bytes)
+        memcpy(packet->data, request->data, bytes);
+    packet->size = bytes;
+}
+
+static struct cfid_packet new_packet(enum cfid_service service, int channel)
+{
+    return (struct cfid_packet){.service = (uint8_t)service, .channel = (uint8_t)channel};
+}
+
+static bool post(struct cfid_core *core, const struct cfid_packet *packet)
+{
+    if (core->waiting == CFID_OUTBOX)
+        return false;
+    core->outbox[(core->first + core->waiting) % CFID_OUTBOX] = *packet;
+    core->waiting++;
+    return true;
+}
+
+/* The sine. */
+
+/* Returns cos(2 pi k/n) for k < n, exact where it is 0, 1/2 or 1, however a library rounds: nowhere else can A cos be a
+   whole number (Niven's theorem), so nowhere else does cutting turn a rounding error into a whole unit. */
+static double cosine(uint32_t k, uint32_t n)
+{
+    uint64_t j = 2 * (uint64_t)k; /* the angle is pi j/n */
+    double sign = 1.0;
+    if (j > n)
+        j = 2 * (uint64_t)n - j;
+    if (2 * j > n) {
+        j = n - j;
+        sign = -1.0;
+    }
+    if (3 * j == n)
+        return sign * 0.5;
+    if (4 * j > n)
+        return sign * sin(PI * (double)(n - 2 * j) / (2.0 * (double)n));
+    return sign * cos(PI * (double)j / (double)n);
+}
+
+/* Returns A cos(2 pi k/n) + B, cut to an integer and not yet clipped.
+
+   In double, which the target, whose arithmetic unit is of single precision, computes in software: it has two
+   milliseconds for each sample. In single precision one sample in 350 would come out a unit off. */
+static int32_t sample_of(uint16_t amplitude, uint32_t k, uint32_t n)
+{
+    return (int32_t)((double)amplitude * cosine(k, n) + (double)MIDDLE);
+}
+
+static uint16_t clip(int32_t sample)
+{
+    return (uint16_t)(sample < 0 ? 0 : sample > LARGEST_COMMAND ? LARGEST_COMMAND : sample);
+}
+
+static uint32_t common_divisor(uint32_t a, uint32_t b)
+{
+    while (b) {
+        const uint32_t rest = a % b;
+        a = b;
+        b = rest;
+    }
+    return a;
+}
+
+/* Returns whether the largest sample, at n = 0, or the smallest is clipped: l n/N takes all multiples of 1/m. */
+static bool any_clipped(const struct cfid_sine *sine)
+{
+    const uint32_t m = sine->samples / common_divisor(sine->samples, sine->periods);
+    const int32_t largest = sample_of(sine->amplitude, 0, m), smallest = sample_of(sine->amplitude, m / 2, m);
+    return largest != clip(largest) || smallest != clip(smallest);
+}
+
+/* Recovers l from omega = 2 pi l/N, which the packet's float has rounded: used as it comes, it would put samples off by
+   3.5 units at l = 1000 of N = 8000. */
+static enum verdict find_periods(struct cfid_sine *sine, float omega)
+{
+    if (!(omega >= 0.0f && omega <= (float)PI)) /* nor is it, if it is no number */
+        return NO_FREQUENCY;
+    const double exact = (double)omega * (double)sine->samples / (2.0 * PI), nearest = floor(exact + 0.5);
+    if (nearest > (double)MOST_PERIODS || fabs(exact - nearest) > nearest * FLOAT_ROUNDING)
+        return NO_WHOLE_PERIODS;
+    sine->periods = (uint32_t)nearest;
+    return ACCEPTED;
+}
+
+static enum verdict read_sine(struct cfid_sine *sine, const struct cfid_packet *request)
+{
+    if (request->size != SINE_BYTES)
+        return WRONG_LENGTH;
+    const uint16_t motor = (uint16_t)get(request->data, 2);
+    if (motor > CFID_MOTORS)
+        return NO_SUCH_MOTOR;
+    sine->motor = motor == ALL_MOTORS_SINE ? ALL_MOTORS_THRUST : (uint8_t)(motor - 1);
+    sine->amplitude = (uint16_t)get(request->data + 2, 2);
+    sine->samples = (uint32_t)get(request->data + 8, 4);
+    if (sine->samples == 0)
+        return NO_SAMPLES;
+    const enum verdict verdict = find_periods(sine, get_float(request->data + 4));
+    sine->clips = verdict == ACCEPTED && any_clipped(sine);
+    return verdict;
+}
+
+/* The motors. */
+
+static void drive(struct cfid_core *core, uint8_t motor, uint16_t command)
+{
+    for (uint8_t i = 0; i < CFID_MOTORS; i++)
+        if (motor == ALL_MOTORS_THRUST || motor == i)
+            core->commands[i] = command;
+}
+
+/* Reports a crossing of the middle at a sample, or that the motors are off; numbers it even where there is no room. */
+static bool report(struct cfid_core *core, uint16_t command, uint64_t now_us)
+{
+    struct cfid_packet crossing = new_packet(CFID_SINE, SINE_CROSSING);
+    put(&crossing, command, 2);
+    put(&crossing, core->sine.played, 4);
+    put(&crossing, now_us, 4);
+    put(&crossing, core->sine.reports, 2);
+    return post(core, &crossing);
+}
+
+static bool report_done(struct cfid_core *core)
+{
+    struct cfid_packet done = new_packet(CFID_SINE, SINE_DONE);
+    put(&done, 'a', 1);
+    put(&done, core->sine.outcome, 1);
+    put(&done, core->sine.played, 4);
+    put(&done, core->sine.clipped, 4);
+    return post(core, &done);
+}
+
+/* Brings an ended sine on. Its last two packets wait for room, they are never dropped. */
+static void settle(struct cfid_core *core, uint64_t now_us)
+{
+    struct cfid_sine *sine = &core->sine;
+    if (sine->stage == OFF && report(core, 0, sine->off_us))
+        sine->stage = RESTING;
+    if (sine->stage == RESTING && now_us - sine->off_us >= REST_US && report_done(core))
+        sine->stage = NO_SINE;
+}
+
+static void stop(struct cfid_core *core, enum outcome outcome, uint64_t now_us)
+{
+    drive(core, ALL_MOTORS_THRUST, 0);
+    if (core->sine.stage != PLAYING)
+        return;
+    core->sine.stage = OFF;
+    core->sine.outcome = (uint8_t)outcome;
+    core->sine.off_us = now_us;
+    settle(core, now_us);
+}
+
+/* Takes the commands away as soon as motors may not run, so that no later keep-alive finds any to revive. */
+static void watch(struct cfid_core *core, uint64_t now_us, bool allowed)
+{
+    core->heard = cfid_core_alive(core, now_us);
+    if (!core->heard)
+        stop(core, KEEP_ALIVE_LOST, now_us);
+    else if (!allowed)
+        stop(core, NOT_ALLOWED, now_us);
+}
+
+static void play(struct cfid_core *core, uint64_t now_us)
+{
+    struct cfid_sine *sine = &core->sine;
+    sine->held = !sine->held;
+    if (!sine->held)
+        return;
+    if (sine->played == sine->samples) {
+        stop(core, FINISHED, now_us);
+        return;
+    }
+    const int32_t sample = sample_of(sine->amplitude, sine->phase, sine->samples);
+    const uint16_t command = clip(sample), before = sine->command;
+    const bool falls = before > MIDDLE && command <= MIDDLE, rises = before < MIDDLE && command >= MIDDLE;
+    if (falls || rises) { /* the first sample too: A + 30000 rises from 0 */
+        report(core, command, now_us);
+        sine->reports++;
+    }
+    drive(core, sine->motor, command);
+    sine->command = command;
+    sine->clipped += sample != command;
+    sine->phase = (uint32_t)(((uint64_t)sine->phase + sine->periods) % sine->samples);
+    sine->played++;
+}
+
+/* Requests. */
+
+static enum verdict judge_thrust(const struct cfid_core *core, uint16_t command, int32_t motor, bool allowed)
+{
+    if (motor < 0 || motor > ALL_MOTORS_THRUST)
+        return NO_SUCH_MOTOR;
+    if (core->sine.stage != NO_SINE)
+        return command == 0 && motor == ALL_MOTORS_THRUST ? ACCEPTED : SINE_IS_RUNNING;
+    if (command == 0)
+        return ACCEPTED;
+    if (!core->heard)
+        return NO_KEEP_ALIVE;
+    return allowed ? ACCEPTED : MOTORS_NOT_ALLOWED;
+}
+
+static void receive_thrust(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed)
+{
+    enum verdict verdict = WRONG_LENGTH;
+    if (request->size == THRUST_BYTES) {
+        const uint16_t command = (uint16_t)get(request->data, 2);
+        const int32_t motor = (int32_t)(uint32_t)get(request->data + 2, 4);
+        verdict = judge_thrust(core, command, motor, allowed);
+        if (verdict == ACCEPTED && command == 0 && motor == ALL_MOTORS_THRUST)
+            stop(core, STOPPED, now_us);
+        else if (verdict == ACCEPTED)
+            drive(core, (uint8_t)motor, command);
+    }
+    struct cfid_packet answer = new_packet(CFID_THRUST, THRUST_ANSWER);
+    put_echo(&answer, request, THRUST_BYTES);
+    put(&answer, verdict, 1);
+    put_commands(&answer, core->commands);
+    put(&answer, now_us, 4);
+    post(core, &answer);
+}
+
+static enum verdict judge_start(const struct cfid_core *core, bool allowed)
+{
+    if (core->sine.stage != NO_SINE)
+        return SINE_IS_RUNNING;
+    if (!core->heard)
+        return NO_KEEP_ALIVE;
+    return allowed ? ACCEPTED : MOTORS_NOT_ALLOWED;
+}
+
+static void receive_sine(struct cfid_core *core, const struct cfid_packet *request, bool allowed)
+{
+    struct cfid_sine sine = {.stage = PLAYING};
+    enum verdict verdict = read_sine(&sine, request);
+    if (verdict == ACCEPTED)
+        verdict = judge_start(core, allowed);
+    if (verdict == ACCEPTED) {
+        drive(core, ALL_MOTORS_THRUST, 0);
+        core->sine = sine;
+    }
+    struct cfid_packet answer = new_packet(CFID_SINE, SINE_ANSWER);
+    put_echo(&answer, request, SINE_BYTES);
+    put(&answer, verdict, 1);
+    put(&answer, sine.clips, 1);
+    put(&answer, sine.periods, 4);
+    post(core, &answer);
+}
+
+static void answer_hello(struct cfid_core *core, uint64_t now_us)
+{
+    struct cfid_packet hello = new_packet(CFID_PING, PING_HELLO);
+    memcpy(hello.data, "cfid", 4);
+    hello.size = 4;
+    put(&hello, PROTOCOL, 1);
+    put(&hello, SAMPLES_PER_S, 2);
+    put(&hello, KEEP_ALIVE_MS, 2);
+    put(&hello, now_us, 8);
+    post(core, &hello);
+}
+
+static void answer_state(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed)
+{
+    const int flags = (allowed ? FLAG_ALLOWED : 0) | (core->heard ? FLAG_HEARD : 0) |
+                      (core->sine.stage != NO_SINE ? FLAG_SINE : 0);
+    struct cfid_packet state = new_packet(CFID_PING, request->channel);
+    put_echo(&state, request, ALIVE_BYTES);
+    put(&state, (uint64_t)flags, 1);
+    put_commands(&state, core->commands);
+    put(&state, now_us, 4);
+    post(core, &state);
+}
+
+static void receive_ping(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed)
+{
+    if (request->channel == PING_HELLO) {
+        answer_hello(core, now_us);
+    } else if (request->channel == PING_ALIVE && request->size == ALIVE_BYTES) {
+        core->heard = true;
+        core->alive_us = now_us;
+        answer_state(core, request, now_us, allowed);
+    } else if (request->channel == PING_STOP) { /* whatever its length: a stop that came damaged is still one */
+        core->heard = false;
+        stop(core, STOPPED, now_us);
+        answer_state(core, request, now_us, allowed);
+    }
+}
+
+size_t cfid_core_size(void)
+{
+    return sizeof(struct cfid_core);
+}
+
+void cfid_core_init(struct cfid_core *core)
+{
+    memset(core, 0, sizeof *core);
+}
+
+void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet, uint64_t now_us, bool allowed)
+{
+    watch(core, now_us, allowed);
+    if (packet->service == CFID_THRUST && packet->channel == THRUST_SET)
+        receive_thrust(core, packet, now_us, allowed);
+    else if (packet->service == CFID_SINE && packet->channel == SINE_START)
+        receive_sine(core, packet, allowed);
+    else if (packet->service == CFID_PING)
+        receive_ping(core, packet, now_us, allowed);
+}
+
+bool cfid_core_tick(struct cfid_core *core, uint64_t now_us, bool allowed, uint16_t commands[CFID_MOTORS])
+{
+    watch(core, now_us, allowed);
+    if (core->sine.stage == PLAYING)
+        play(core, now_us);
+    settle(core, now_us);
+    memcpy(commands, core->commands, sizeof core->commands);
+    return core->heard;
+}
+
+bool cfid_core_send(struct cfid_core *core, struct cfid_packet *out)
+{
+    if (core->waiting == 0)
+        return false;
+    *out = core->outbox[core->first];
+    core->first = (uint8_t)((core->first + 1) % CFID_OUTBOX);
+    core->waiting--;
+    return true;
+}
+
+bool cfid_core_alive(const struct cfid_core *core, uint64_t now_us)
+{
+    return core->heard && now_us - core->alive_us < KEEP_ALIVE_MS * US_PER_MS;
+}
+
+bool cfid_answer_ping(const struct cfid_packet *packet, uint64_t now_us, struct cfid_packet *out)
+{
+    if (packet->service != CFID_PING || packet->channel != PING_PING)
+        return false;
+    *out = new_packet(CFID_PING, PING_PING);
+    if (packet->size == 0)
+        return true;
+    out->size = packet->size < LONGEST_ECHO ? packet->size : LONGEST_ECHO;
+    memcpy(out->data, packet->data, out->size);
+    put(out, now_us, 8);
+    return true;
+}

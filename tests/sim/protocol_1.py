@@ -1,0 +1,35 @@
+"""The app's core as it was with protocol 1, with which the traces were recorded; nothing of it is in the package."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+
+from cfid.sim.app_core import AppCore, Packet, compiled, declared
+from cfid.sim.crazyflie_modules import Orders, Seen
+
+SOURCE = Path(__file__).parent / "app_protocol_1" / "cfid_core.c"
+COMMANDS = ctypes.c_uint16 * 4
+
+
+class CoreOfProtocol1(AppCore):
+    """It is told only whether motors may run, and its glue fed null setpoints while it held the motors."""
+
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
+        self._library.cfid_core_receive(self._core, Packet.of(service, channel, payload), now_us, vehicle.can_fly)
+
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
+        commands = COMMANDS()
+        held = self._library.cfid_core_tick(self._core, now_us, vehicle.can_fly, commands)
+        m1, m2, m3, m4 = commands
+        return Orders((m1, m2, m3, m4) if held else None, feeds=held)
+
+
+def load_core() -> CoreOfProtocol1:
+    return CoreOfProtocol1(load_library())
+
+
+@cache
+def load_library() -> ctypes.CDLL:
+    library = declared(compiled(SOURCE), vehicle=ctypes.c_bool, orders=ctypes.POINTER(ctypes.c_uint16))
+    library.cfid_core_tick.restype = ctypes.c_bool
+    return library

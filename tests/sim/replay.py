@@ -1,0 +1,256 @@
+"""Traces of the firmware's behaviour, and a simulated vehicle that hears what was sent in them, in virtual time.
+
+The traces' README says how they were made. Times here are milliseconds of the recording computer's clock, by which the
+recorded stabilizer's loop went, too. Its operating system's ticks lagged behind where the computer was busy: the
+simulated vehicle counts the same ticks, those that a trace lists and on a straight line between them.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cfid.sim.battery import BatteryTruth
+from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, Leaving
+from cfid.sim.crazyflie_modules import App
+from cfid.sim.crazyflie_supervisor import LOOK_STEPS
+from cfid.sim.crazyflie_tables import parameters
+from cfid.sim.propulsion import STILL, Propulsion
+from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.wire.crtp import Packet, decode_packet, encode_packet
+
+Line = dict[str, Any]
+Change = tuple[float, Any]  # a time, and what held from then on
+
+ON_S = 1000.0  # the first power-on, on the simulation's clock
+POLL_MS = 20
+RAW = ("link source",)  # the note of the first of the raw requests
+POLL = Packet(9, 0, b"\x0c")
+WORD, ROW, ALIVE = (9, 0), (5, 2), (12, 2)
+
+# The recorded vehicle's numbers of the parameters that the traces name.
+NUMBERS = {
+    0x00: "system.selftestPassed",
+    0x03: "motorPowerSet.enable",
+    0x04: "motorPowerSet.m1",
+    0x6D: "powerDist.idleThrust",
+    0x74: "supervisor.prefltTimeout",
+    0x76: "supervisor.tmblChckEn",
+    0x79: "stabilizer.stop",
+}
+OWN = [parameter.name for parameter in parameters(rpm_deck=False)]
+NUMBER_AT = {(2, 0): 1, (2, 1): 0, (2, 2): 0, (2, 3): 1}  # in a payload about a parameter
+
+
+@dataclass
+class Behaviour:
+    """What a vehicle did: states, words on port 9, motor ratios, answers by port and channel."""
+
+    states: list[Change] = field(default_factory=list)
+    words: list[Change] = field(default_factory=list)
+    motors: list[Change] = field(default_factory=list)
+    answers: dict[tuple[int, int], list[bytes]] = field(default_factory=dict)
+
+    def answer(self, packet: Packet) -> None:
+        """Keep an answer, one to a keep-alive only where it differs from the last in more than number and time."""
+        told = self.answers.setdefault(packet[:2], [])
+        if packet[:2] != ALIVE or not told or told[-1][4:-4] != packet.payload[4:-4]:
+            told.append(packet.payload)
+
+
+def keep(changes: list[Change], time_ms: float, value: Any) -> None:
+    if not changes or changes[-1][1] != value:
+        changes.append((time_ms, value))
+
+
+class Start(NamedTuple):
+    """A power-on: when its stabilizer's loop began, and the operating system's ticks at times after it."""
+
+    loop_ms: float
+    times_ms: list[float]
+    ticks_ms: list[float]
+
+    def tick(self, time_ms: float) -> float:
+        """Return the tick count at a time, on a line between those that are listed."""
+        if time_ms > self.times_ms[-1]:
+            return self.ticks_ms[-1] + time_ms - self.times_ms[-1]
+        return float(np.interp(time_ms, self.times_ms, self.ticks_ms))
+
+
+class Trace:
+    """A recorded trace: what was done to the vehicle, when, and what it did."""
+
+    def __init__(self, path: Path) -> None:
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        self.lines = [line for line in lines if line.get("what") != "scenario"]
+        self.vehicle = str(lines[0]["vehicle"])
+        ons = [number for number, line in enumerate(self.lines) if line.get("what") == "power_on"]
+        self.starts = [_start(self.lines[on:end]) for on, end in pairwise([*ons, len(self.lines)])]
+
+    def start_conditions(self) -> dict[str, float]:
+        """Return the conditions at power-on that differ from the usual ones."""
+        conditions = next(line.get("start_conditions", {}) for line in self.lines if line.get("what") == "power_on")
+        return {name: float(value) for name, value in conditions.items()}
+
+    def judged_ms(self, time_ms: float) -> float:
+        """Return the time by which an event is judged: ticks after its power-on, and the loop's begin before them."""
+        start = self.start(time_ms)
+        return start.loop_ms + start.tick(time_ms)
+
+    def start(self, time_ms: float) -> Start:
+        """Return the last power-on at a time, or the first."""
+        return [start for start in self.starts if start.loop_ms <= time_ms or start is self.starts[0]][-1]
+
+    def behaviour(self) -> Behaviour:
+        """Return what was recorded."""
+        found = Behaviour()
+        for line in self.lines:
+            time_ms = line["t_ms"]
+            if line.get("what") == "state":
+                keep(found.states, time_ms, line["state"])
+            elif line.get("what") == "power_off":
+                keep(found.motors, time_ms, STILL)
+            elif line["event"] == "supervisor":
+                keep(found.words, time_ms, line["payload"])
+            elif line["event"] == "motors":
+                keep(found.motors, time_ms, tuple(line["ratios"]))
+            elif line["event"] == "recv":
+                found.answer(packet_of(line))
+        return found
+
+    def happenings(self) -> list[tuple[float, Packet | Line]]:
+        """Return all that was sent, keep-alives and polls filled in, and what else was done to the vehicle."""
+        found: list[tuple[float, Packet | Line]] = []
+        begun: Line | None = None
+        for line in self.lines:
+            if line["event"] == "send" and "last keep-alive" in line.get("note", ""):
+                assert begun is not None
+                found += _series(begun, line)
+            elif line["event"] == "send":
+                found.append((line["t_ms"], packet_of(line)))
+                begun = line if "keep-alive; repeated" in line.get("note", "") else begun
+            elif line.get("what") in ("acc_z", "power_off"):
+                found.append((line["t_ms"], line))
+        found += [(start.loop_ms, {"what": "power_on"}) for start in self.starts[1:]]
+        found += [(poll_ms, POLL) for poll_ms in self._polls_ms()]
+        return sorted(found, key=lambda happening: happening[0])
+
+    def _polls_ms(self) -> list[float]:
+        """Return when the supervisor was polled: from the first word on, but not beside raw requests."""
+        words = [line["t_ms"] for line in self.lines if line["event"] == "supervisor"]
+        raw = [line["t_ms"] for line in self.lines if line["event"] == "send" and line.get("note") in RAW]
+        end_ms = raw[0] if raw else self.lines[-1]["t_ms"] + LOOK_STEPS
+        return list(np.arange(words[0], end_ms, POLL_MS)) if words else []
+
+
+def _start(lines: list[Line]) -> Start:
+    dated = [(line["t_ms"], line["tick_ms"]) for line in lines if line.get("what") == "state"]
+    looked_ms = next(line["t_ms"] for line in lines if line.get("state") == "preflight_not_passed")
+    times_ms, ticks_ms = zip(*dict(dated).items(), strict=True)
+    return Start(looked_ms - LOOK_STEPS, list(times_ms), list(ticks_ms))
+
+
+def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
+    """Return the keep-alives between the first and the last of a series, and the last."""
+    (begin,), (end,) = (struct.unpack("<I", bytes.fromhex(line["payload"])) for line in (first, last))
+    every_ms = (last["t_ms"] - first["t_ms"]) / max(end - begin, 1)
+    return [
+        (first["t_ms"] + (number - begin) * every_ms, Packet(*ALIVE, struct.pack("<I", number)))
+        for number in range(begin + 1, end + 1)
+    ]
+
+
+def replay(trace: Trace, load_app: Callable[[], App]) -> Behaviour:
+    """Do to a simulated vehicle what was done in a trace, and return what it did."""
+    return _Replay(trace, load_app).behaviour
+
+
+class _Replay:
+    def __init__(self, trace: Trace, load_app: Callable[[], App]) -> None:
+        self.behaviour = Behaviour(motors=[(0.0, STILL)])
+        self._start = trace.starts[0]
+        given, (platform, firmware) = trace.start_conditions(), trace.vehicle.split("_")
+        rotors = RotorTruth(**BRUSHLESS) if platform == "cf21bl" else RotorTruth()
+        on_s = ON_S + self._start.loop_ms / 1000
+        propulsion = Propulsion(
+            rotors.model_copy(update={"time_constant_s": given.get("RPM_TAU", rotors.time_constant_s)}),
+            BatteryTruth(),
+            rng=np.random.default_rng(1),
+            begin_s=on_s,
+        )
+        truth = {"platform": platform, "firmware": firmware, "clock_skew": -1 / 85, "powered_for_s": 0}
+        self._vehicle = Crazyflie(
+            CrazyflieTruth.model_validate({**truth, "stall_rpm": given.get("RPM_STALL", 60)}),
+            propulsion,
+            load_app=load_app,
+            opened_s=on_s,
+            on_motors=self._see_motors,
+            rtos_ms=lambda step: int(self._start.tick(self._start.loop_ms + step)),
+        )
+        self._vehicle.turn(given.get("ACCZ", 1.0))
+        now_ms = self._start.loop_ms
+        self._see_state(now_ms)
+        for time_ms, happening in trace.happenings():
+            self._go_on(now_ms, time_ms)
+            if happening == {"what": "power_on"}:
+                self._start = trace.start(time_ms)
+            self._do(happening, time_ms)
+            now_ms = max(now_ms, time_ms)
+        self._go_on(now_ms, trace.lines[-1]["t_ms"] + LOOK_STEPS)
+
+    def _go_on(self, begin_ms: float, end_ms: float) -> None:
+        """Let time pass, and see the state after each of the supervisor's looks."""
+        first = math.floor((begin_ms - self._start.loop_ms) / LOOK_STEPS) + 1
+        looks_ms = self._start.loop_ms + np.arange(first, first + (end_ms - begin_ms) / LOOK_STEPS + 1) * LOOK_STEPS
+        for time_ms in [*looks_ms[looks_ms < end_ms].tolist(), end_ms]:
+            self._hear(self._vehicle.advance(ON_S + time_ms / 1000))
+            self._see_state(time_ms)
+
+    def _do(self, happening: Packet | Line, time_ms: float) -> None:
+        at_s = ON_S + time_ms / 1000
+        if isinstance(happening, Packet):
+            self._hear(self._vehicle.receive(encode_packet(_renumbered(happening, own=True)), at_s))
+        elif happening["what"] == "acc_z":
+            self._vehicle.turn(happening["g"])
+        elif happening["what"] == "power_off":
+            self._vehicle.power_off(at_s)
+        else:
+            self._vehicle.restart(at_s, boot_s=0.0)
+            self._see_state(time_ms)
+
+    def _hear(self, leaving: list[Leaving]) -> None:
+        for time_s, datagram in leaving:
+            packet = decode_packet(datagram)
+            assert packet is not None
+            if packet[:2] == WORD and len(packet.payload) == 3:
+                keep(self.behaviour.words, 1000 * (time_s - ON_S), packet.payload.hex())
+            else:
+                self.behaviour.answer(_renumbered(packet, own=False))
+
+    def _see_state(self, time_ms: float) -> None:
+        keep(self.behaviour.states, time_ms, self._vehicle.supervisor.state.value)
+
+    def _see_motors(self, time_s: float, motors: tuple[int, int, int, int]) -> None:
+        keep(self.behaviour.motors, 1000 * (time_s - ON_S), motors)
+
+
+def packet_of(line: Line) -> Packet:
+    return Packet(line["port"], line["channel"], bytes.fromhex(line["payload"]))
+
+
+def _renumbered(packet: Packet, *, own: bool) -> Packet:
+    """Return a packet about a parameter with the simulated vehicle's number of it, or back with the recorded one's."""
+    at, payload = NUMBER_AT.get(packet[:2]), packet.payload
+    if at is None or len(payload) < at + 2 or (packet.channel == 3 and payload[0] == 0):
+        return packet
+    numbers = {number: OWN.index(name) for number, name in NUMBERS.items()}
+    numbers = numbers if own else {mine: theirs for theirs, mine in numbers.items()}
+    number = int.from_bytes(payload[at : at + 2], "little")
+    new = numbers.get(number, number).to_bytes(2, "little")
+    return Packet(packet.port, packet.channel, payload[:at] + new + payload[at + 2 :])
