@@ -166,7 +166,7 @@ static void run(unsigned count)
     while (count-- > 0) {
         control_t control = {0};
         now_us += 1000;
-        controllerOutOfTree(&control, &setpoint, &sensors, &state, rounds++);
+        controllerOutOfTree(&control, &setpoint, &sensors, &state, rounds);
         if (memcmp(&control, &before, sizeof control) != 0) {
             const float *force = control.normalizedForces;
             if (control.controlMode == controlModeForce)
@@ -176,6 +176,7 @@ static void run(unsigned count)
                 printf("%u pid\n", rounds);
         }
         before = control;
+        rounds++;
     }
 }
 

@@ -30,14 +30,20 @@ def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-@pytest.fixture(params=[BRUSHED, BRUSHLESS], ids=["brushed", "brushless"])
-def glue(request: pytest.FixtureRequest, tmp_path: Path) -> Glue:
-    return run_with(request.param, tmp_path)
+@pytest.fixture(scope="module")
+def brushed(tmp_path_factory: pytest.TempPathFactory) -> Glue:
+    return run_with(BRUSHED, tmp_path_factory.mktemp("brushed"))
 
 
-@pytest.fixture
-def brushless(tmp_path: Path) -> Glue:
-    return run_with(BRUSHLESS, tmp_path)
+@pytest.fixture(scope="module")
+def brushless(tmp_path_factory: pytest.TempPathFactory) -> Glue:
+    return run_with(BRUSHLESS, tmp_path_factory.mktemp("brushless"))
+
+
+@pytest.fixture(params=["brushed", "brushless"])
+def glue(request: pytest.FixtureRequest) -> Glue:
+    made: Glue = request.getfixturevalue(request.param)
+    return made
 
 
 def run_with(flags: tuple[str, ...], folder: Path) -> Glue:
@@ -46,7 +52,12 @@ def run_with(flags: tuple[str, ...], folder: Path) -> Glue:
 
     def run(*lines: str) -> list[str]:
         told = subprocess.run(
-            [str(folder / "glue")], input="\n".join(lines) + "\n", capture_output=True, text=True, check=True, timeout=30
+            [str(folder / "glue")],
+            input="\n".join(lines) + "\n",
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=30,
         )
         return told.stdout.splitlines()
 
@@ -115,7 +126,7 @@ def test_the_setpoint_stays_fresh_until_the_vehicle_has_left_flying_and_is_relax
 def test_a_setpoint_that_nobody_feeds_any_more_is_relaxed_once_keep_alives_end(glue: Glue) -> None:
     events = glue("v 1 0", alive(), "t 2000")
 
-    assert [round_ for round_, _ in seen(events, "relax")] == [500]
+    assert [round_ for round_, _ in seen(events, "relax")] == [499]
 
 
 def test_a_vehicle_that_has_to_be_armed_is_disarmed_by_every_way_its_motors_stop(brushless: Glue) -> None:
@@ -126,7 +137,7 @@ def test_a_vehicle_that_has_to_be_armed_is_disarmed_by_every_way_its_motors_stop
     assert seen(brushless(*begin, thrust(0), "t 100"), "disarm") == [(300, "")]
     assert seen(brushless(*begin, thrust(0, owner=OTHER), "t 100"), "disarm") == [(300, "")]
     assert [round_ for round_, _ in seen(brushless(*begin, "t 600"), "disarm")][0] == 499
-    assert seen(brushless("v 1 1", alive(), sine, "t 99", alive(), "t 300"), "disarm") == [(101, "")]
+    assert seen(brushless("v 1 1", alive(), sine, "t 99", alive(), "t 300"), "disarm") == [(100, "")]
 
 
 def test_a_vehicle_that_was_armed_and_never_driven_is_disarmed_when_its_client_dies(brushless: Glue) -> None:
@@ -139,8 +150,8 @@ def test_an_armed_vehicle_waits_for_its_first_thrust(brushless: Glue) -> None:
     assert seen(brushless("v 1 0", alive(), "t 300"), "disarm") == []
 
 
-def test_a_brushed_vehicle_is_never_disarmed_and_its_idle_thrust_never_touched(tmp_path: Path) -> None:
-    events = run_with(BRUSHED, tmp_path)("v 1 1", alive(), thrust(20000), "t 300", STOP, "t 900")
+def test_a_brushed_vehicle_is_never_disarmed_and_its_idle_thrust_never_touched(brushed: Glue) -> None:
+    events = brushed("v 1 1", alive(), thrust(20000), "t 300", STOP, "t 900")
 
     assert seen(events, "disarm") == seen(events, "idle") == []
 
