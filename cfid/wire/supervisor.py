@@ -108,8 +108,11 @@ def encode_arming(*, wanted: bool, protocol: int) -> Packet:
 
 
 def decode_arming(payload: bytes, *, protocol: int) -> bool | None:
-    """Return whether a request to arm or disarm was granted, None for any other payload."""
-    command, length = (_ANSWER | _ARM, 3) if protocol >= PORT_SINCE else (_ARM_BY_PLATFORM, 2)
-    if len(payload) != length or payload[0] != command:
+    """Return whether a request to arm or disarm was granted, None for any other payload.
+
+    A second byte says whether the vehicle is armed; firmware before protocol 12 cuts it off.
+    """
+    command, shortest = (_ANSWER | _ARM, 3) if protocol >= PORT_SINCE else (_ARM_BY_PLATFORM, 2)
+    if not shortest <= len(payload) <= 3 or payload[0] != command:
         return None
     return bool(payload[1])

@@ -36,8 +36,8 @@ from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
-from cfid.sim.rotors import RotorTruth
-from cfid.wire.app import Ports
+from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.wire.app import Hello, Ports
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, decode_packet, encode_packet
 
 UNIX_S = 1_763_712_345.0
@@ -129,6 +129,8 @@ class Flight:
         radio: RadioTruth | None = None,
         battery: BatteryTruth | None = None,
         limits: Limits | None = None,
+        time_constant_s: float | None = None,
+        protocol: int = PROTOCOL,
         stop_below_v: float | None = None,
         **truth: Any,
     ) -> None:
@@ -136,8 +138,13 @@ class Flight:
         clock.advance(1.0)
         self.motors: list[tuple[float, Four]] = [(-math.inf, (0, 0, 0, 0))]
         self.truth = CrazyflieTruth.model_validate({"firmware": firmware, **truth})
+        usual = BRUSHLESS if self.truth.brushless else {}
+        lag = {} if time_constant_s is None else {"time_constant_s": time_constant_s}
         propulsion = Propulsion(
-            RotorTruth(), battery or BatteryTruth(), rng=np.random.default_rng(3), begin_s=clock.seconds()
+            RotorTruth.model_validate(usual | lag),
+            battery or BatteryTruth(),
+            rng=np.random.default_rng(3),
+            begin_s=clock.seconds(),
         )
         vehicle = Crazyflie(
             self.truth,
@@ -156,9 +163,10 @@ class Flight:
         )
         self.link = SimulatedLink(self.sim, self.truth, clock)
         self.vehicle = Vehicle(self.link, loop=clock)
-        self.firmware = Firmware(kind=KINDS[firmware], ports=Ports())  # type: ignore[arg-type]
-        self.supervisor = Supervisor(self.vehicle, protocol=PROTOCOL)
-        self.limits = limits or Limits()
+        hello = Hello(2, 500, 500, 0) if firmware == "app" else None
+        self.firmware = Firmware(kind=KINDS[firmware], ports=Ports(), hello=hello)  # type: ignore[arg-type]
+        self.supervisor = Supervisor(self.vehicle, protocol=protocol)
+        self.limits = limits or Limits(idle_thrust=7000 if self.truth.brushless and firmware == "app" else 0)
         self.host = HostClock(UNIX_S)
         self.ending = Ending(clock)
         self.said: list[str] = []
