@@ -32,6 +32,7 @@ APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
 MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
 IDLE_THRUST = "powerDist.idleThrust"
+OBEYS_SINCE = 10  # version of the protocol; of its two releases the app compiles with the one that obeys
 USUAL_MS = 10
 NO_APP = (
     "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
@@ -62,6 +63,10 @@ class ReadyVehicle:
         """Raise DeviceError for a vehicle whose motors cannot or must not be started as it is."""
         if self.state is not None and self.state.remedy:
             raise DeviceError(f"{self.uri}: the vehicle is {self.state.name}: {self.state.remedy}.")
+        if self.firmware.kind == "app" and self.link.firmware_protocol < OBEYS_SINCE:
+            raise DeviceError(
+                f"{self.uri}: firmware before 2025.12 acknowledges the app's commands and turns no motor: update it."
+            )
         if self.firmware.kind != "app" or self.state is None or self.state.arms_itself:
             return
         if not self.firmware.knows_owners:

@@ -19,13 +19,13 @@ OWNER, OTHER = 7, 8
 Glue = Callable[..., list[str]]
 
 
-def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+def compiled(folder: Path, *flags: str, prototypes: Path = HERE / "prototypes") -> subprocess.CompletedProcess[str]:
     gcc, core = shutil.which("gcc"), find_source()
     if gcc is None:
         pytest.skip("there is no gcc to compile the app with")
     assert core is not None
     sources = [str(core.with_name("cfid_app.c")), str(core), str(HERE / "run_glue.c")]
-    includes = [f"-I{HERE / 'prototypes'}", f"-I{core.parent}"]
+    includes = [f"-I{prototypes}", f"-I{core.parent}"]
     command = [gcc, *GNU, *flags, *includes, *sources, "-lm", "-o", str(folder / "glue")]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
@@ -95,6 +95,16 @@ def test_battery_compensation_is_refused_when_it_is_compiled(tmp_path: Path) -> 
 
     assert made.returncode != 0
     assert "app-config turns it off" in made.stderr
+
+
+def test_a_release_whose_motors_would_not_obey_is_refused_when_it_is_compiled(tmp_path: Path) -> None:
+    older = tmp_path / "prototypes"
+    shutil.copytree(HERE / "prototypes", older)
+    (older / "led_deck_controller.h").unlink()
+    made = compiled(tmp_path, prototypes=older)
+
+    assert made.returncode != 0
+    assert "from firmware 2025.12 on" in made.stderr
 
 
 def test_without_keep_alives_the_stock_controller_has_the_motors(glue: Glue) -> None:

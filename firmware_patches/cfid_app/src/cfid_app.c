@@ -37,6 +37,11 @@
 #error "With ENABLE_THRUST_BAT_COMPENSATED motors get other commands than they were told: app-config turns it off."
 #endif
 
+/* A header that came with release 2025.12, the first whose power distribution obeys controlModeForce. */
+#if !__has_include("led_deck_controller.h")
+#error "Motors turn by this app from firmware 2025.12 on; before, commands would be acknowledged and nothing turn."
+#endif
+
 _Static_assert(CFID_PAYLOAD == CRTP_MAX_DATA_SIZE, "a packet of the core carries what a packet of the link does");
 _Static_assert(CFID_MOTORS == STABILIZER_NR_OF_MOTORS, "the vehicle has the core's motors");
 
