@@ -176,9 +176,7 @@ class FaultyCrazyflie:
     def _silent(self, now_s: float) -> bool:
         return within(now_s - self._opened_s, self.faults.silent_after_s, self.faults.silent_for_s)
 
-    def _send(
-        self, leaving: list[Leaving], ping: tuple[Packet, float] | None = None, *, late_s: float = 0.0
-    ) -> None:
+    def _send(self, leaving: list[Leaving], ping: tuple[Packet, float] | None = None, *, late_s: float = 0.0) -> None:
         for time_s, packet in leaving:
             self._sent += 1
             if self._silent(time_s):
