@@ -187,7 +187,7 @@ class Crazyflie:
         self._parameters = Parameters(parameters(rpm_deck=truth.rpm_deck, idle=idle))
         self.supervisor = Supervisor(self._parameters, arms_itself=not truth.brushless)
         self._log = Log(variables(self, rpm_deck=truth.rpm_deck, brushless=truth.brushless))
-        self.commander = Commander()
+        self.commander = Commander(self._now_ms)
         self._glue = Glue(
             self._load_app(),
             supervisor=self.supervisor,
@@ -216,7 +216,6 @@ class Crazyflie:
         """Idle thrust in force; brushed motors have none, whatever the parameter says."""
         return int(self._parameters[IDLE]) if self._truth.brushless else 0
 
-    @property
     def _now_ms(self) -> int:
         return self._rtos_ms(self._ticks)
 
@@ -230,7 +229,7 @@ class Crazyflie:
         now_us = self._microseconds(now_s)
         self._propulsion.advance(now_s)
         self._supervise()
-        orders = self._glue.tick(now_us=now_us, now_ms=self._now_ms)
+        orders = self._glue.tick(now_us=now_us)
         self._set(overriding(self._parameters, volts=self.volts) or self._driven(orders), now_s)
         if any(self._motors) or orders.feeds or self._glue.app.alive(now_us=now_us):
             self._stay_awake()
@@ -243,10 +242,10 @@ class Crazyflie:
 
     def _supervise(self) -> None:
         """Let the commander and the supervisor do what is due in this millisecond."""
-        self.commander.go_on(self._ticks, self._now_ms, can_fly=self.supervisor.can_fly)
+        self.commander.go_on(self._ticks, can_fly=self.supervisor.can_fly)
         if self._ticks % LOOK_STEPS == 0:
             self.supervisor.look(
-                self._now_ms,
+                self._now_ms(),
                 acc_z_g=self.acc_z_g,
                 setpoint_ms=self.commander.setpoint_ms,
                 motors=self._motors,
@@ -256,7 +255,7 @@ class Crazyflie:
 
     def _rest(self, last: int) -> None:
         """Go on to the supervisor's next look that can change something, or to `last`: all else is at rest."""
-        settled = self.supervisor.settled_until(self._now_ms, acc_z_g=self.acc_z_g)
+        settled = self.supervisor.settled_until(self._now_ms(), acc_z_g=self.acc_z_g)
         calm = last if settled is None else min(max(settled, self._ticks), last)
         self._ticks = min((calm // LOOK_STEPS + 1) * LOOK_STEPS, last)
         self._supervise()
@@ -268,9 +267,9 @@ class Crazyflie:
             return commands
         if not self.supervisor.motors_may_run:
             return STILL
+        one, two, three, four = commands
         idle = self._idle
-        one, two, three, four = (max(command, idle) for command in commands)
-        return one, two, three, four
+        return max(one, idle), max(two, idle), max(three, idle), max(four, idle)
 
     def _set(self, motors: Four, now_s: float) -> None:
         if motors != self._motors:
@@ -286,7 +285,7 @@ class Crazyflie:
         if port in self._services:
             yield from self._ask_app(packet, now_s)
         elif port in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
-            self.commander.hear(port, channel, payload, self._now_ms)
+            self.commander.hear(port, channel, payload)
         elif port in self._answering:
             try:
                 answer = self._answering[port](channel, payload)
@@ -307,7 +306,7 @@ class Crazyflie:
     def _answer_supervisor(self, channel: int, payload: bytes) -> bytes | None:
         if channel != INFO_CHANNEL:
             self._stay_awake()  # motors may spin up, or stop
-        return self.supervisor.answer(channel, payload, self._now_ms)
+        return self.supervisor.answer(channel, payload, self._now_ms())
 
     def _answer_platform(self, channel: int, payload: bytes) -> bytes | None:
         if channel == VERSION_CHANNEL:

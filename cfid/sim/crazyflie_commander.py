@@ -1,5 +1,6 @@
 """The vehicle's commander: whose setpoint is in force, and since when. What a setpoint demands is not simulated."""
 
+from collections.abc import Callable
 from enum import IntEnum
 
 SETPOINT_PORT, GENERIC_SETPOINT_PORT = 3, 7
@@ -20,28 +21,29 @@ class Priority(IntEnum):
 class Commander:
     """The setpoint in force, by its time in milliseconds since power-on and by its priority."""
 
-    def __init__(self) -> None:
-        """Hold the empty setpoint of power-on."""
+    def __init__(self, now_ms: Callable[[], int]) -> None:
+        """Hold the empty setpoint of power-on; `now_ms` is the clock."""
+        self._now_ms = now_ms
         self.setpoint_ms = 0
         self.priority = Priority.NOBODY
 
-    def set(self, priority: Priority, now_ms: int) -> None:
+    def set(self, priority: Priority) -> None:
         """Take a setpoint, unless one of a higher priority is in force."""
         if priority >= self.priority:
-            self.setpoint_ms, self.priority = now_ms, priority
+            self.setpoint_ms, self.priority = self._now_ms(), priority
 
     def relax(self) -> None:
         """Let the high-level commander go on."""
         self.priority = Priority.HIGH_LEVEL
 
-    def go_on(self, step: int, now_ms: int, *, can_fly: bool) -> None:
+    def go_on(self, step: int, *, can_fly: bool) -> None:
         """Let the high-level commander, which is at rest, set the null setpoint that is due."""
-        if can_fly and step % _HIGH_LEVEL_STEPS == 0:
-            self.set(Priority.HIGH_LEVEL, now_ms)
+        if step % _HIGH_LEVEL_STEPS == 0 and can_fly:
+            self.set(Priority.HIGH_LEVEL)
 
-    def hear(self, port: int, channel: int, payload: bytes, now_ms: int) -> None:
+    def hear(self, port: int, channel: int, payload: bytes) -> None:
         """Take a client's setpoint, or its word that no more of them come."""
         if channel == _SET_CHANNEL:
-            self.set(Priority.CLIENT, now_ms)
+            self.set(Priority.CLIENT)
         elif port == GENERIC_SETPOINT_PORT and channel == _META_CHANNEL and payload[:1] == bytes([_STOP_NOTIFIED]):
             self.relax()

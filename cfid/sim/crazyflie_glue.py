@@ -31,10 +31,10 @@ class Glue:
         """Hand a request to the app."""
         self.app.receive(service, channel, payload, now_us=now_us, vehicle=self._look())
 
-    def tick(self, *, now_us: int, now_ms: int) -> Orders:
+    def tick(self, *, now_us: int) -> Orders:
         """Let the app go on by a millisecond, obey it in what is no command, and return its orders."""
         orders = self.app.tick(now_us=now_us, vehicle=self._look())
-        self._feed(orders.feeds, now_ms)
+        self._feed(orders.feeds)
         if self._needs_arming:
             self._obey(orders)
         return orders
@@ -45,11 +45,11 @@ class Glue:
         supervisor = self._supervisor
         return Seen(supervisor.can_fly, supervisor.flying, self._needs_arming, self._idle)
 
-    def _feed(self, fresh: bool, now_ms: int) -> None:
+    def _feed(self, fresh: bool) -> None:
         """Keep a fresh null setpoint with the commander; afterwards let the high-level commander go on."""
         if fresh:
             if self._fed_ticks % _FEED_TICKS == 0:
-                self._commander.set(Priority.CLIENT, now_ms)
+                self._commander.set(Priority.CLIENT)
             self._fed_ticks += 1
         elif self._fed_ticks:
             self._commander.relax()

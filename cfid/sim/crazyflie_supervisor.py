@@ -28,15 +28,20 @@ _TRAJECTORY_FINISHED = 1 << 9  # of the high-level commander, which never flies 
 
 
 class Supervisor:
-    """Arms itself with brushed motors; with brushless ones it is armed by a client, and watches their rotors."""
+    """Arms itself with brushed motors; with brushless ones it is armed by a client, and watches their rotors.
+
+    `can_fly`: the app's commands count. `motors_may_run`: the stabilizer drives them, if only at idle thrust. `flying`:
+    until 2 s after the last thrust. `tumbled`: it lay on its side or its back at the last look.
+    """
 
     def __init__(self, parameters: Mapping[str, float], *, arms_itself: bool) -> None:
         """Begin as at power-on. `parameters` are the vehicle's, which hold time limits."""
         self.state = State.NOT_INITIALIZED
+        self.can_fly = self.motors_may_run = self.flying = False
         self.bits = 0
         self._parameters = parameters
         self._arms_itself = arms_itself
-        self.armed = self.crashed = self.tumbled = False  # tumbled, and shown so, as of the last look
+        self.armed = self.crashed = self.tumbled = False
         self._stopped = False
         self._watched_ms: int | None = None  # the emergency stop's watchdog, when heard last
         self._thrust_ms: int | None = None
@@ -45,21 +50,6 @@ class Supervisor:
         self._blocked_ms: int | None = None
         self._entered_ms = 0
         self._landed_ms: int | None = None
-
-    @property
-    def can_fly(self) -> bool:
-        """Whether setpoints and the app's commands count: armed, spun up, and nothing is wrong."""
-        return self.state in CAN_FLY
-
-    @property
-    def motors_may_run(self) -> bool:
-        """Whether the stabilizer drives motors, if only at idle thrust."""
-        return self.state in MOTORS_MAY_RUN
-
-    @property
-    def flying(self) -> bool:
-        """Whether it takes the vehicle for flying, which it does until 2 s after the last thrust."""
-        return self.state in (State.FLYING, State.LEVEL_OUT)
 
     def stop_for_good(self) -> None:
         """Take an emergency stop: only a power cycle helps."""
@@ -187,6 +177,8 @@ class Supervisor:
 
     def _enter(self, state: State, now_ms: int) -> None:
         self.state, self._entered_ms = state, now_ms
+        self.can_fly, self.motors_may_run = state in CAN_FLY, state in MOTORS_MAY_RUN
+        self.flying = state in (State.FLYING, State.LEVEL_OUT)
         self._spinning_ms = self._blocked_ms = None
         if state is State.LANDED:
             self._landed_ms = now_ms

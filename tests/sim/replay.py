@@ -8,6 +8,7 @@ simulated vehicle counts the same ticks, those that a trace lists and on a strai
 import json
 import math
 import struct
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -23,6 +24,7 @@ from cfid.sim.crazyflie_supervisor import LOOK_STEPS
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.propulsion import STILL, Propulsion
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.wire.app import Ports
 from cfid.wire.crtp import Packet, decode_packet, encode_packet
 
 Line = dict[str, Any]
@@ -30,6 +32,8 @@ Change = tuple[float, Any]  # a time, and what held from then on
 
 ON_S = 1000.0  # the first power-on, on the simulation's clock
 POLL_MS = 20
+LATE_MS = 100  # that a replay goes on after the last line, for what comes a look and a poll later
+APP_MS = 1.0  # that packets for the app wait in its queue
 RAW = ("link source",)  # the note of the first of the raw requests
 POLL = Packet(9, 0, b"\x0c")
 WORD, ROW, ALIVE = (9, 0), (5, 2), (12, 2)
@@ -70,17 +74,21 @@ def keep(changes: list[Change], time_ms: float, value: Any) -> None:
 
 
 class Start(NamedTuple):
-    """A power-on: when its stabilizer's loop began, and the operating system's ticks at times after it."""
+    """A power-on: when it was, when its stabilizer's loop began, and the operating system's ticks at times after it."""
 
+    on_ms: float
     loop_ms: float
     times_ms: list[float]
     ticks_ms: list[float]
 
     def tick(self, time_ms: float) -> float:
         """Return the tick count at a time, on a line between those that are listed."""
-        if time_ms > self.times_ms[-1]:
-            return self.ticks_ms[-1] + time_ms - self.times_ms[-1]
-        return float(np.interp(time_ms, self.times_ms, self.ticks_ms))
+        after = bisect_right(self.times_ms, time_ms)
+        if after in (0, len(self.times_ms)):
+            nearest = min(after, len(self.times_ms) - 1)
+            return self.ticks_ms[nearest] + time_ms - self.times_ms[nearest]
+        (begin, end), (from_ms, to_ms) = self.times_ms[after - 1 : after + 1], self.ticks_ms[after - 1 : after + 1]
+        return from_ms + (to_ms - from_ms) * (time_ms - begin) / (end - begin)
 
 
 class Trace:
@@ -89,6 +97,7 @@ class Trace:
     def __init__(self, path: Path) -> None:
         lines = [json.loads(line) for line in path.read_text().splitlines()]
         self.lines = [line for line in lines if line.get("what") != "scenario"]
+        self.end_ms = self.lines[-1]["t_ms"]
         self.vehicle = str(lines[0]["vehicle"])
         ons = [number for number, line in enumerate(self.lines) if line.get("what") == "power_on"]
         self.starts = [_start(self.lines[on:end]) for on, end in pairwise([*ons, len(self.lines)])]
@@ -105,7 +114,7 @@ class Trace:
 
     def start(self, time_ms: float) -> Start:
         """Return the last power-on at a time, or the first."""
-        return [start for start in self.starts if start.loop_ms <= time_ms or start is self.starts[0]][-1]
+        return [start for start in self.starts if start.on_ms <= time_ms or start is self.starts[0]][-1]
 
     def behaviour(self) -> Behaviour:
         """Return what was recorded."""
@@ -133,7 +142,8 @@ class Trace:
                 assert begun is not None
                 found += _series(begun, line)
             elif line["event"] == "send":
-                found.append((line["t_ms"], packet_of(line)))
+                packet = packet_of(line)
+                found.append((line["t_ms"] + (APP_MS if packet.port in Ports() else 0.0), packet))
                 begun = line if "keep-alive; repeated" in line.get("note", "") else begun
             elif line.get("what") in ("acc_z", "power_off"):
                 found.append((line["t_ms"], line))
@@ -145,7 +155,7 @@ class Trace:
         """Return when the supervisor was polled: from the first word on, but not beside raw requests."""
         words = [line["t_ms"] for line in self.lines if line["event"] == "supervisor"]
         raw = [line["t_ms"] for line in self.lines if line["event"] == "send" and line.get("note") in RAW]
-        end_ms = raw[0] if raw else self.lines[-1]["t_ms"] + LOOK_STEPS
+        end_ms = raw[0] if raw else self.end_ms + LATE_MS
         return list(np.arange(words[0], end_ms, POLL_MS)) if words else []
 
 
@@ -153,7 +163,7 @@ def _start(lines: list[Line]) -> Start:
     dated = [(line["t_ms"], line["tick_ms"]) for line in lines if line.get("what") == "state"]
     looked_ms = next(line["t_ms"] for line in lines if line.get("state") == "preflight_not_passed")
     times_ms, ticks_ms = zip(*dict(dated).items(), strict=True)
-    return Start(looked_ms - LOOK_STEPS, list(times_ms), list(ticks_ms))
+    return Start(lines[0]["t_ms"], looked_ms - LOOK_STEPS, list(times_ms), list(ticks_ms))
 
 
 def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
@@ -161,7 +171,7 @@ def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
     (begin,), (end,) = (struct.unpack("<I", bytes.fromhex(line["payload"])) for line in (first, last))
     every_ms = (last["t_ms"] - first["t_ms"]) / max(end - begin, 1)
     return [
-        (first["t_ms"] + (number - begin) * every_ms, Packet(*ALIVE, struct.pack("<I", number)))
+        (math.ceil(first["t_ms"] + (number - begin) * every_ms) + APP_MS, Packet(*ALIVE, struct.pack("<I", number)))
         for number in range(begin + 1, end + 1)
     ]
 
@@ -199,10 +209,10 @@ class _Replay:
         for time_ms, happening in trace.happenings():
             self._go_on(now_ms, time_ms)
             if happening == {"what": "power_on"}:
-                self._start = trace.start(time_ms)
+                self._start = next(start for start in trace.starts if start.loop_ms == time_ms)
             self._do(happening, time_ms)
             now_ms = max(now_ms, time_ms)
-        self._go_on(now_ms, trace.lines[-1]["t_ms"] + LOOK_STEPS)
+        self._go_on(now_ms, trace.end_ms + LATE_MS)
 
     def _go_on(self, begin_ms: float, end_ms: float) -> None:
         """Let time pass, and see the state after each of the supervisor's looks."""
@@ -215,7 +225,8 @@ class _Replay:
     def _do(self, happening: Packet | Line, time_ms: float) -> None:
         at_s = ON_S + time_ms / 1000
         if isinstance(happening, Packet):
-            self._hear(self._vehicle.receive(encode_packet(_renumbered(happening, own=True)), at_s))
+            answers = self._vehicle.receive(encode_packet(_renumbered(happening, own=True)), at_s)
+            self._hear(answers, polled=happening is POLL)
         elif happening["what"] == "acc_z":
             self._vehicle.turn(happening["g"])
         elif happening["what"] == "power_off":
@@ -224,11 +235,11 @@ class _Replay:
             self._vehicle.restart(at_s, boot_s=0.0)
             self._see_state(time_ms)
 
-    def _hear(self, leaving: list[Leaving]) -> None:
+    def _hear(self, leaving: list[Leaving], *, polled: bool = False) -> None:
         for time_s, datagram in leaving:
             packet = decode_packet(datagram)
             assert packet is not None
-            if packet[:2] == WORD and len(packet.payload) == 3:
+            if polled and packet[:2] == WORD:
                 keep(self.behaviour.words, 1000 * (time_s - ON_S), packet.payload.hex())
             else:
                 self.behaviour.answer(_renumbered(packet, own=False))
