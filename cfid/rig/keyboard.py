@@ -1,5 +1,6 @@
 """What the operator types, heard by the loop while everything else goes on: whole lines, or single keys."""
 
+import contextlib
 import os
 import re
 import sys
@@ -12,6 +13,7 @@ UP, DOWN, ESCAPE = "up", "down", "escape"
 
 _ENTER = ("\n", "\r")
 _BACKSPACE = ("\x7f", "\b")
+_CTRL_D = "\x04"  # a terminal that hands over single keys hands over this one too
 _ARROWS = {"A": UP, "B": DOWN}
 _SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*([A-Za-z~])")  # of a key that is no letter
 _REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # what comes of it when its beginning came alone
@@ -58,15 +60,20 @@ class Keyboard:
         return "keyboard"
 
     def doRead(self) -> None:  # noqa: N802 - Twisted's name
-        """Read what was typed."""
-        typed = os.read(self.fileno(), 4096).decode(errors="replace")
+        """Read what was typed; a terminal that hung up has no more."""
+        try:
+            typed = os.read(self.fileno(), 4096).decode(errors="replace")
+        except OSError:
+            typed = ""
         if not typed:
-            self.close()
-            self._hear(None)
+            self._end()
             return
         if self.keys:
+            typed, ended, _ = typed.partition(_CTRL_D)
             for key in self._keys_in(typed):
                 self._hear(key)
+            if ended:
+                self._end()
             return
         *lines, self._rest = (self._rest + typed).split("\n")
         for line in lines:
@@ -87,8 +94,12 @@ class Keyboard:
 
     def connectionLost(self, reason: object) -> None:  # noqa: N802 - Twisted's name
         """Take the terminal's end as the end of the input."""
-        self.close()
-        self._hear(None)
+        self._end()
+
+    def _end(self) -> None:
+        if self._open:
+            self.close()
+            self._hear(None)
 
 
 def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tuple[str | None, str]:
@@ -108,4 +119,9 @@ def _single_keys(handle: int) -> Callable[[], None]:
 
     before = termios.tcgetattr(handle)
     tty.setcbreak(handle)
-    return lambda: termios.tcsetattr(handle, termios.TCSADRAIN, before)
+
+    def restore() -> None:
+        with contextlib.suppress(termios.error):  # it hung up
+            termios.tcsetattr(handle, termios.TCSANOW, before)  # one that takes nothing must not be waited for
+
+    return restore

@@ -9,6 +9,7 @@ from cfid.sim.crazyflie_toc import TOC_CHANNEL, Entry, Toc, number_in
 from cfid.wire.crtp import READ_CHANNEL, WRITE_CHANNEL
 
 _MISC_CHANNEL = 3
+_SET_BY_NAME = 0
 _EXTENDED_TYPE, _EXTENDED_TYPE_V2 = 2, 7  # the second has an error byte before the type
 _PERSISTENT = 1
 _NO_SUCH_ENTRY = bytes([errno.ENOENT])
@@ -61,7 +62,26 @@ class Parameters:
         self._values[parameter.name] = value.unpack_from(payload, 2)[0]
         return payload
 
+    def _set_by_name(self, payload: bytes) -> bytes | None:
+        """Return the request with an error number in the place of type and value; nothing where names do not end."""
+        _, _, names = payload.partition(bytes([_SET_BY_NAME]))
+        group, _, names = names.partition(b"\0")
+        name, _, rest = names.partition(b"\0")
+        if not rest:
+            return None
+        complete = f"{group.decode(errors='replace')}.{name.decode(errors='replace')}"
+        parameter = next((there for there in self._parameters if there.name == complete), None)
+        error = errno.ENOENT
+        if parameter is not None:
+            value = struct.Struct("<" + parameter.kind)
+            error = errno.EINVAL if rest[0] != _CODES[parameter.kind] else errno.EACCES if parameter.read_only else 0
+            if not error:
+                self._values[complete] = value.unpack_from(rest.ljust(1 + value.size, b"\0"), 1)[0]
+        return payload[: 3 + len(group) + len(name)] + bytes([error])
+
     def _misc(self, payload: bytes) -> bytes | None:
+        if payload[:1] == bytes([_SET_BY_NAME]):
+            return self._set_by_name(payload)
         number = number_in(payload[1:])
         if number is None or payload[0] not in (_EXTENDED_TYPE, _EXTENDED_TYPE_V2):
             return None
