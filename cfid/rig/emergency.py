@@ -15,6 +15,7 @@ from cfid.rig.stop_packets import Acknowledged, Kind, stop_over
 from cfid.wire.app import Ports
 
 Say = Callable[[str], None]
+Open = Callable[[str], Line]
 
 _LETS_GO_S = 0.3
 _CLOSES_S = 3.0  # a radio: it is given back up to 2.5 s after the motors stopped
@@ -29,13 +30,13 @@ class Stopped(NamedTuple):
     after_s: float
 
 
-def stop_vehicle(uri: str, ports: Ports, *, say: Say) -> Stopped:
+def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) -> Stopped:
     """Stop a vehicle's motors, whoever drives it, and read back that they stopped.
 
     Raises DeviceError for a vehicle that cannot be reached, StopError when motors may still be running.
     """
     holder = _end_holder(uri)
-    line = _opened(uri, holder, say)
+    line = _beside(holder, uri, opened, say)
     with contextlib.ExitStack() as held:
         with contextlib.suppress(DeviceError):  # whoever has it now is no reason to let motors run
             held.enter_context(DeviceLock.take(uri))
@@ -51,8 +52,9 @@ def stop_vehicle(uri: str, ports: Ports, *, say: Say) -> Stopped:
             raise
         except DeviceError as error:
             raise _not_read_back(error, acknowledged, driven=holder is not None) from None
-    if holder is not None and holder.holds:
-        say(_what_remains(holder, kind))
+        remaining = find_holder(uri)
+    if remaining is not None and remaining.process != os.getpid():
+        say(_what_remains(remaining, kind))
     return Stopped(kind, acknowledged.after_s)
 
 
@@ -66,10 +68,10 @@ def _end_holder(uri: str) -> Holder | None:
     return None if holder.wait_until_it_lets_go(_LETS_GO_S) else holder
 
 
-def _opened(uri: str, holder: Holder | None, say: Say) -> Line:
-    """Open a link, beside the holder's where that is possible. A radio or a cable has to be taken from it."""
+def _beside(holder: Holder | None, uri: str, opened: Open, say: Say) -> Line:
+    """Open a link beside the holder's. A radio or a cable has one user: it has to be taken from the holder."""
     try:
-        return open_line(uri)
+        return opened(uri)
     except DeviceError as error:
         if holder is None:
             raise
@@ -77,7 +79,7 @@ def _opened(uri: str, holder: Holder | None, say: Say) -> Line:
             raise StopError(
                 f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and cannot be ended from here. ({error})"
             ) from None
-    return open_line(uri)
+    return opened(uri)
 
 
 def _freed(holder: Holder, say: Say) -> bool:

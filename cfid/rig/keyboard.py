@@ -4,6 +4,8 @@ import contextlib
 import os
 import re
 import sys
+import termios
+import tty
 from collections.abc import Callable, Container, Iterator
 from typing import Any
 
@@ -38,10 +40,14 @@ class Keyboard:
         self._open = False
 
     def open(self) -> None:
-        """Begin to listen."""
-        if self.keys:
-            self._restore = _single_keys(sys.stdin.fileno())
+        """Begin to listen; a terminal that does not let itself be set, to a job in the background, has no input."""
         self._open = True
+        if self.keys:
+            try:
+                self._restore = _single_keys(sys.stdin.fileno())
+            except termios.error:
+                self._loop.callLater(0, self._end)
+                return
         self._loop.addReader(self)
 
     def close(self) -> None:
@@ -114,9 +120,6 @@ def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tu
 
 def _single_keys(handle: int) -> Callable[[], None]:
     """Let a terminal hand over each key, and return what puts it back."""
-    import termios
-    import tty
-
     before = termios.tcgetattr(handle)
     tty.setcbreak(handle)
 
