@@ -9,6 +9,7 @@ import signal
 import statistics
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -46,7 +47,13 @@ class Keyboard:
     """What a pilot's standard input leads to: a pipe, or a terminal of its own."""
 
     def __init__(self, *, terminal: bool) -> None:
+        self._terminal = terminal
         self.end, self.pilots_end = pty.openpty() if terminal else reversed(os.pipe())
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether nothing typed from now on is thrown away, as a terminal does when it begins to hand over keys."""
+        return not (self._terminal and termios.tcgetattr(self.end)[3] & termios.ICANON)
 
     def type(self, typed: bytes) -> None:
         os.write(self.end, typed)
@@ -157,7 +164,7 @@ def stop_once(folder: Path, name: str, kind: str) -> float:
         pilot = bench.start(*way.words, **options)
         if keyboard is not None:
             os.close(keyboard.pilots_end)
-            bench.wait_until(lambda: "stop and quit" in pilot.err or pilot.process.poll() is not None, pilot)
+            bench.wait_until(lambda: keyboard.is_heard or pilot.process.poll() is not None, pilot)
             keyboard.type(way.typed)
         pilot.wait_until_motors_run()
         began_s = time.monotonic()
