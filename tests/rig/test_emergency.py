@@ -131,7 +131,7 @@ def test_where_the_link_can_be_shared_nobody_is_killed_and_what_remains_is_told(
 def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(bench: Bench, radio: Radio) -> None:
     program = DRIVE.replace(
         "time.sleep(600)",
-        "for kept in (lock._bound.fileno(), handle):\n    os.set_inheritable(kept, True)\nos.execlp('sleep', 'sleep', '9')",
+        "for kept in (lock._bound.fileno(), handle): os.set_inheritable(kept, True)\nos.execlp('sleep', 'sleep', '9')",
     )
     with driving(bench, radio, "heeds", program=program) as driver:
         with pytest.raises(StopError, match=f"^{MAY_BE_RUNNING}: process {driver.pid} .* cannot be ended from here"):
