@@ -143,7 +143,7 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
 
 def stop_line(stopped_in_s: float) -> str:
     """Return the sentence at the end of every command that turned a motor."""
-    return f"motors stopped, confirmed by the vehicle in {1000 * stopped_in_s:.0f} ms."
+    return f"motors stopped, confirmed in {1000 * stopped_in_s:.0f} ms."
 
 
 def _stopped_in_s(run: "Run") -> float | None:
