@@ -8,7 +8,7 @@ import typer
 
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
-from cfid.cli.recorded import rig_of
+from cfid.cli.recorded import rig_of, stop_line
 from cfid.cli.speech import note
 from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
 from cfid.errors import ConfigError, DeviceError
@@ -103,10 +103,7 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
 
     ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
     stopped = stop_vehicle(uri, ports, say=note)
-    if stopped.kind == "thesis":
-        typer.echo(f"{uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
-    else:
-        typer.echo(f"{uri}: motors stopped, confirmed in {1e3 * stopped.after_s:.0f} ms.")
+    _tell_stopped(uri, stopped.kind, stopped.after_s)
 
 
 def _found() -> str:
@@ -133,10 +130,14 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
     from cfid.rig.log import drive
 
     try:
-        drive([vehicle.commands(), vehicle.usual_log()], procedure, show=live.show)
+        stopped_in_s = drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show)
     finally:
         live.end()
-    if vehicle.firmware.kind == "thesis":
-        typer.echo(f"{vehicle.uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
+    _tell_stopped(vehicle.uri, vehicle.firmware.kind, stopped_in_s or 0.0)
+
+
+def _tell_stopped(uri: str, kind: str, seconds: float) -> None:
+    if kind == "thesis":
+        typer.echo(f"{uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
     else:
-        typer.echo(f"{vehicle.uri}: all motors are stopped, and the vehicle confirms it.")
+        typer.echo(f"{uri}: {stop_line(seconds)}")
