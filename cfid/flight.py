@@ -16,7 +16,7 @@ from cfid.parameters import Source
 from cfid.run import Run
 from cfid.table import Array, open_table
 
-COMMANDS, READINGS, VEHICLE_LOG = "commands", "readings", "crazyflie"
+COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
 
 _MOTORS = ("m1", "m2", "m3", "m4")
 _RAD_S_OF_RPM = 2 * math.pi / 60

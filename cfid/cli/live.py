@@ -83,6 +83,8 @@ def sparkline(values: Sequence[float]) -> str:
 
 
 def _told(progress: "Progress") -> str:
+    if progress.status:
+        return progress.status
     latest = " ".join(f"{value:.6g}" for value in progress.latest[:6])
     rate = f"{progress.rate_hz:5.0f} Hz {progress.rows} rows {progress.lost} lost"
     return f"{rate} {sparkline(list(progress.trace))} {latest}"

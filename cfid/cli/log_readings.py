@@ -146,10 +146,10 @@ def _climb(
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        parts = [crazyflie.commands(), *instrument(crazyflie)]
+        parts = [crazyflie.commands(), *instrument(crazyflie), crazyflie.supervisor_log()]
         if question is not None:
             parts.append(typed_readings(value))
-        confirm(crazyflie, wanted.motors, max(wanted.steps), yes=vehicle.yes)
+        confirm(crazyflie, wanted.motors, wanted.steps, yes=vehicle.yes)
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind=kind,

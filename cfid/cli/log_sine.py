@@ -14,8 +14,11 @@ from cfid.cli.recorded import KeepOptions, attempt, print_json, rig_of, summary
 from cfid.cli.sine_plans import THESIS_FIRST, THESIS_SECOND, SineSeries, log_spaced
 from cfid.cli.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.errors import CfidError, ConfigError
+from cfid.wire.app import LARGEST_COMMAND, MIDDLE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cfid.campaign import Campaign, LoadCellBox
     from cfid.rig.log import Device, Plan
     from cfid.run import Run
@@ -24,7 +27,7 @@ _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
 _SAMPLES_PER_S = 500
 _USUAL_N = 4000
-_UNCLIPPED = 30000
+_UNCLIPPED = MIDDLE
 _BESIDE_S = 2.5  # of each run: connecting to the load cell, and the second before the vehicle says that it ended
 
 
@@ -149,13 +152,14 @@ def sine(
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
         motors = (1, 2, 3, 4) if sines.motor == 0 else (sines.motor,)
-        confirm(crazyflie, motors, min(_UNCLIPPED + sines.amplitude, 65535), yes=vehicle.yes)
+        swing = (max(MIDDLE - sines.amplitude, 1), min(MIDDLE + sines.amplitude, LARGEST_COMMAND))
+        confirm(crazyflie, motors, swing, yes=vehicle.yes)
         runs = []
         for count, l in enumerate(periods):  # noqa: E741
             left_s = (len(periods) - count) * each_s
             run, failure = _play(
                 _plan(sines, l, campaign, before_s, live, note=note, simulated=simulated, left_s=left_s),
-                (reports, crazyflie.usual_log(log_ms)),
+                [reports, *crazyflie.watch(log_ms)],
                 cell,
                 live,
             )
@@ -203,17 +207,17 @@ def _plan(
 
 
 def _play(
-    plan: "Plan", vehicle: "tuple[Device, Device]", cell: "LoadCellBox", live: LiveLine
+    plan: "Plan", vehicle: "Sequence[Device]", cell: "LoadCellBox", live: LiveLine
 ) -> "tuple[Run | None, CfidError | None]":
     from cfid.rig.log import ready_loadcell
 
-    reports, log = vehicle
+    reports, *others = vehicle
     with ExitStack() as stream:
         try:
             loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
         except CfidError as error:
             return None, error
-        return attempt(plan, [reports, loadcell, log], live)
+        return attempt(plan, [reports, loadcell, *others], live)
 
 
 def _lacking(sines: SineSeries, campaign: "Campaign", *, simulated: bool) -> list[int]:

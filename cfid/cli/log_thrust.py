@@ -97,7 +97,8 @@ def thrust(
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, wanted.motors, max(wanted.steps), yes=vehicle.yes)
+        crazyflie.limits.refuse_idling(wanted.motors)
+        confirm(crazyflie, wanted.motors, wanted.steps, yes=vehicle.yes)
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind="thrust",
@@ -106,7 +107,7 @@ def thrust(
             asked=wanted.asked,
             simulated=simulated,
         )
-        parts = [crazyflie.commands(), loadcell, crazyflie.usual_log(log_ms)]
+        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         record("log thrust", plan, parts, live, keep)
 
 

@@ -145,9 +145,10 @@ def wind(
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, wanted.motors, max(wanted.steps), yes=vehicle.yes)
+        crazyflie.limits.refuse_idling(wanted.motors)
+        confirm(crazyflie, wanted.motors, wanted.steps, yes=vehicle.yes)
         plan = _plan(setting, wanted, campaign, live, note=note, simulated=simulated, asks=asks)
-        parts = [crazyflie.commands(), loadcell, crazyflie.usual_log(log_ms), *([typed_readings("rpm")] * asks)]
+        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms), *([typed_readings("rpm")] * asks)]
         record("log wind", plan, parts, live, keep, found=lambda run: _found(campaign, simulated=simulated))
 
 

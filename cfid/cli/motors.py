@@ -1,8 +1,5 @@
 """`cfid motors`: the motors driven by hand, and a stop that always works."""
 
-import os
-import signal
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,9 +8,9 @@ import typer
 
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
-from cfid.cli.recorded import rig_of
+from cfid.cli.recorded import rig_of, stop_line
 from cfid.cli.speech import note
-from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach, reach_at
+from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
 from cfid.errors import ConfigError, DeviceError
 
 if TYPE_CHECKING:
@@ -23,7 +20,6 @@ if TYPE_CHECKING:
 
 LARGEST_COMMAND = 65535
 
-_OTHERS_STOP_S = 5.0
 _ALL = (1, 2, 3, 4)
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
@@ -43,7 +39,7 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, _ALL, crazyflie.limits.largest_command, yes=vehicle.yes)
+        confirm(crazyflie, _ALL, [crazyflie.limits.largest_command], yes=vehicle.yes)
         live.tell(HELP)
         _drive(
             crazyflie,
@@ -78,26 +74,42 @@ def set_motors(
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, chosen, command, yes=vehicle.yes)
+        confirm(crazyflie, chosen, [command], yes=vehicle.yes)
         _drive(crazyflie, live, lambda there, loop: hold(there["commands"], command, chosen, for_s=for_s, loop=loop))
 
 
 @flat
 def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
-    """Stop all motors and see that they stopped. Another cfid that drives them is asked to end.
+    """Stop all motors and see that they stopped. Another cfid that drives them is asked to end, and not waited for.
 
     Example: [bold]cfid motors stop[/bold]
     """
     from cfid.rig.lock import vehicles_held
-    from cfid.rig.procedures import nothing
 
     setting = _setting(vehicle.uri, campaign)
-    for uri in [setting.uri] if setting.uri else vehicles_held():
-        _end_holder(uri)
-    live = LiveLine()
-    with ExitStack() as held:
-        crazyflie = reach_at(setting, held)
-        _drive(crazyflie, live, lambda there, loop: nothing())
+    failed: list[DeviceError] = []
+    for uri in [setting.uri] if setting.uri else vehicles_held() or [_found()]:
+        try:
+            _stop(uri, setting)
+        except DeviceError as error:
+            failed.append(error)
+    if failed:
+        raise type(failed[0])("\n".join(map(str, failed)))
+
+
+def _stop(uri: str, setting: "CrazyflieLink") -> None:
+    from cfid.rig.emergency import stop_vehicle
+    from cfid.wire.app import Ports
+
+    ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
+    stopped = stop_vehicle(uri, ports, say=note)
+    _tell_stopped(uri, stopped.kind, stopped.after_s)
+
+
+def _found() -> str:
+    from cfid.rig.crazyflie import find_vehicle
+
+    return find_vehicle()
 
 
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
@@ -118,32 +130,14 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
     from cfid.rig.log import drive
 
     try:
-        drive([vehicle.commands(), vehicle.usual_log()], procedure, show=live.show)
+        stopped_in_s = drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show)
     finally:
         live.end()
-    if vehicle.firmware.kind == "thesis":
-        typer.echo(f"{vehicle.uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
+    _tell_stopped(vehicle.uri, vehicle.firmware.kind, stopped_in_s or 0.0)
+
+
+def _tell_stopped(uri: str, kind: str, seconds: float) -> None:
+    if kind == "thesis":
+        typer.echo(f"{uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
     else:
-        typer.echo(f"{vehicle.uri}: all motors are stopped, and the vehicle confirms it.")
-
-
-def _end_holder(uri: str) -> None:
-    """Ask the process that holds the vehicle to end, which stops its motors. Raises DeviceError when it does not."""
-    from cfid.rig.lock import holder_process
-
-    process = holder_process(uri)
-    if process is None:
-        return
-    try:
-        os.kill(process, signal.SIGTERM)
-    except ProcessLookupError:
-        return
-    except PermissionError:
-        raise DeviceError(
-            f"{uri}: process {process} holds the vehicle and is another user's: end it there, or pull the battery."
-        ) from None
-    end_s = time.monotonic() + _OTHERS_STOP_S
-    while holder_process(uri) == process:
-        if time.monotonic() > end_s:
-            raise DeviceError(f"{uri}: process {process} holds the vehicle and does not end: pull the battery.")
-        time.sleep(0.05)
+        typer.echo(f"{uri}: {stop_line(seconds)}")

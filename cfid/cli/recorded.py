@@ -135,8 +135,20 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
         typer.echo(f"{name}: {device['rows']} rows, {device['lost']} lost{_told(device)} -> {device['file']}")
     for line in lines:
         typer.echo(line)
+    if (stopped_in_s := _stopped_in_s(run)) is not None:
+        typer.echo(stop_line(stopped_in_s))
     if run.header.reason and run.header.state != "failed":
         typer.echo(run.header.reason)
+
+
+def stop_line(stopped_in_s: float) -> str:
+    """Return the sentence at the end of every command that turned a motor."""
+    return f"motors stopped, confirmed in {1000 * stopped_in_s:.0f} ms."
+
+
+def _stopped_in_s(run: "Run") -> float | None:
+    told = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
+    return next((seconds for seconds in told if seconds is not None), None)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
@@ -166,6 +178,7 @@ def summary(
         "parameters": dict(parameters or {}),
         "quality": {"believed": run.header.state == "complete"},
         "devices": devices,
+        "stopped_in_s": _stopped_in_s(run),
         "warnings": [] if failure is None else [str(failure)],
         "sources": [{"path": device["file"], "sha256": _hash(Path(device["file"]))} for device in devices.values()],
         "version": __version__,

@@ -69,11 +69,10 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
     if setting.stop_below_v is not None and not vehicle.tells_battery:
         note("the vehicle does not tell its battery's voltage: stop_below_v of rig.toml does nothing.")
-    if idle := vehicle.idle_command():
-        note(
-            f"powerDist.idleThrust is {idle}: it is set to 0, so that a command of zero is zero, and stays so until "
-            "the vehicle is restarted."
-        )
+    if vehicle.state is not None:
+        note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")
+    if vehicle.firmware.kind == "app" and not vehicle.firmware.knows_owners:
+        note("the app on it is older than this cfid: another program's keep-alives prolong commands there. Flash it.")
     return vehicle
 
 
@@ -87,16 +86,22 @@ def _line() -> str:
     return line.decode(errors="replace")
 
 
-def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], largest: int, *, yes: bool) -> None:
-    """Let the operator confirm that the vehicle is fastened.
+def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool) -> None:
+    """Let the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    Raises ConfigError when that does not come, or rig.toml does not allow such a command.
+    Raises ConfigError when that does not come, or rig.toml or the rotors do not allow such a command; DeviceError for a
+    vehicle whose motors cannot be started as it is.
     """
-    vehicle.limits.check(largest)
+    vehicle.refuse_unfit()
+    turning = [command for command in commands if command] or [0]
+    largest = max(turning)
+    if largest:
+        vehicle.limits.check_turning(motors, min(turning), largest)
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
-    question = f"{vehicle.uri}: {which} will turn at commands up to {largest}. Fastened, and nobody near? [y/N] "
+    turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}."
+    question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
     typer.echo(question, nl=False, err=True)
     answer = _line()
     if not answer:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -142,16 +143,18 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 def _device_view(run: "Run", device: str) -> View:
     import numpy as np
 
-    from cfid.flight import read_rows
+    from cfid.flight import SUPERVISOR, read_rows
     from cfid.parameters import Parameter
     from cfid.report.device_figures import groups
     from cfid.stamps import losses
 
     rows = read_rows(run, device)
+    since_s = rows.time_s - rows.time_s[0]
     notes = tuple(losses(run, run.header.devices[device], len(rows.time_s)))
+    if device == SUPERVISOR:
+        notes += (_states(since_s, rows.columns["state"]),)
     first = groups(list(rows.columns))[0][0]
     chosen = np.linspace(0, len(rows.time_s) - 1, min(_CURVE_POINTS, len(rows.time_s))).astype(int)
-    since_s = rows.time_s - rows.time_s[0]
 
     def draw() -> "Figure":
         from cfid.report.device_figures import device_figure
@@ -169,6 +172,15 @@ def _device_view(run: "Run", device: str) -> View:
         curve=Curve(since_s[chosen], rows.columns[first][chosen], first),
         draw=draw,
     )
+
+
+def _states(since_s: "Array", words: "Array") -> str:
+    """Return the vehicle's states in turn, each with the second at which it began."""
+    from cfid.wire.supervisor import VehicleState
+
+    named = [(time_s, VehicleState.of(int(word)).name) for time_s, word in zip(since_s, words, strict=True)]
+    changes = [named[0], *(after for before, after in pairwise(named) if after[1] != before[1])]
+    return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
 def _sampling(time_s: "Array") -> "dict[str, Parameter]":

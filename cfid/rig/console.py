@@ -16,7 +16,7 @@ HELP = (
     "1 3 20000        motors 1 and 3 to 20000         1 20000, 3 15000   each its own\n"
     "a 20000          all motors                      18000              the motors named last\n"
     "up, down         500 more, 500 less\n"
-    "space, Enter, s  stop (s at any time)            q                  stop and quit"
+    "space, Enter, s  stop (s at any time)            q, Ctrl-D          stop and quit"
 )
 STEP = 500  # of the arrow keys
 
@@ -97,7 +97,9 @@ class Console:
             self._keyboard.close()
 
     def _hear(self, heard: str | None) -> None:
-        if not self._keyboard.keys or heard is None or heard in (UP, DOWN):
+        if heard is None and self._keyboard.keys:  # Ctrl-D, or the terminal hung up
+            self._stop("q")
+        elif not self._keyboard.keys or heard is None or heard in (UP, DOWN):
             self._add(heard)
         elif self._stops(heard):
             self._typed = ""

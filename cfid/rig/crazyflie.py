@@ -17,6 +17,7 @@ import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
 from cflib.crtp.radiodriver import RadioDriver
+from cflib.crtp.udpdriver import UdpDriver
 from cflib.crtp.usbdriver import UsbDriver
 from platformdirs import user_cache_path
 
@@ -31,10 +32,19 @@ OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
 _SILENT_S = 2.0  # without any packet
 _STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nobody sends it again
 _CONNECT_S = 12.0
-_VALUES_S = 5.0  # for the parameters' values, without which one can go on
+_FOREIGN_TRIES = 3  # connections in which something answered, but never as a Crazyflie does
 _CLOSE_S = 2.5
 _HEARD_EVERY_S = 0.02
 _MOST_LEAVING = 64  # packets that wait for the driver
+
+
+class RepeatingUdp(UdpDriver):  # type: ignore[misc]
+    """cflib's UDP driver, with requests repeated until they are answered: datagrams get lost too."""
+
+    def __init__(self) -> None:
+        """Make a driver that is not connected yet."""
+        super().__init__()
+        self.needs_resending = True
 
 
 class Leaving:
@@ -63,15 +73,19 @@ class Link:
     def connect(cls, uri: str) -> Self:
         """Open the link and read the vehicle's tables.
 
-        Raises DeviceError that says how far it came: no such address, no radio, silent, no Crazyflie, too old.
+        An attempt that a lost packet stopped is repeated while there is time. Raises DeviceError that says how far it
+        came: no such address, no radio, silent, no Crazyflie, too old, a link that loses packets.
         """
         _prepare_cflib()
-        end_s = time.monotonic() + _CONNECT_S
+        begun_s, answered, foreign = time.monotonic(), False, 0
         while True:
             link = cls(uri, Crazyflie(rw_cache=str(_table_cache())))
             try:
-                if link._opened(end_s):
+                if link._opened():
                     return link
+                answered = answered or bool(link.heard_s)
+                foreign += bool(link.heard_s) and link.firmware_protocol < 0
+                link._give_up(time.monotonic() - begun_s, answered=answered, foreign=foreign >= _FOREIGN_TRIES)
             except BaseException:
                 link.close()
                 raise
@@ -144,17 +158,44 @@ class Link:
         self._wake = lambda: None
         with contextlib.suppress(queue.Full):
             self._leaving.put_nowait(None)
-        closing = threading.Thread(target=self._cf.close_link, daemon=True)
+        closing = threading.Thread(target=self._close, daemon=True)
         closing.start()
         if not self.uri.startswith("udp:"):
             closing.join(_CLOSE_S)
 
-    def _opened(self, end_s: float) -> bool:
-        """Open and wait until the tables are there; False when a lost packet stopped that and time is left."""
-        connected, complete = threading.Event(), threading.Event()
+    def _close(self) -> None:
+        """Close the driver, then cflib's own part, which without a driver sends no last setpoint.
+
+        That setpoint, grown old, would lock the vehicle where motors ran within the last two seconds.
+        """
+        driver, self._cf.link = self._cf.link, None
+        if driver is not None:
+            driver.close()
+        self._cf.close_link()
+
+    def _give_up(self, spent_s: float, *, answered: bool, foreign: bool) -> None:
+        if not answered and spent_s > _SILENT_S:
+            raise DeviceError(
+                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and does this name its channel, "
+                "data rate and address?"
+            )
+        if foreign and self.firmware_protocol < 0:
+            raise DeviceError(
+                f"{self.uri}: what answers there is no Crazyflie, or its link loses most packets: it answered "
+                f"{_FOREIGN_TRIES} connections and never named its protocol."
+            )
+        if spent_s > _CONNECT_S:
+            raise DeviceError(
+                f"{self.uri}: answers, but no connection was completed within {_CONNECT_S:g} s: the link loses "
+                "packets. Bring the vehicle closer, change the channel, or quieten the network."
+            )
+
+    def _opened(self) -> bool:
+        """Open and wait until the tables are there; False when a lost packet stopped that."""
+        connected = threading.Event()
         cf = self._cf
         cf.connected.add_callback(lambda uri: connected.set())
-        cf.fully_connected.add_callback(lambda uri: complete.set())
+        cf.param.request_update_of_all_params = lambda: None  # cfid reads the few values that it needs
         # cflib's own way closes the link from whichever thread met the error, and waits for itself there.
         cf._link_error_cb = self._failed
         cf.connection_failed.add_callback(lambda uri, reason: self._failed(reason))
@@ -163,27 +204,23 @@ class Link:
         threading.Thread(target=cf.open_link, args=(self.uri,), daemon=True).start()
         threading.Thread(target=self._send_all, daemon=True).start()
         while not connected.wait(_HEARD_EVERY_S):
-            now_s = time.monotonic()
-            self._check_answers(now_s - begun_s)
-            if self.heard_s and now_s - self.heard_s > _STUCK_S:
-                if now_s < end_s:
-                    return False
-                raise DeviceError(f"{self.uri}: answers, but connecting stopped half-way: the link loses packets.")
+            self._check_answers()
+            if time.monotonic() - max(self.heard_s, begun_s) > self._patience_s:
+                return False
+            if self.heard_s and self.firmware_protocol < 0 and time.monotonic() - begun_s > _STUCK_S:
+                return False
         self._stamp(cf.link)
-        complete.wait(_VALUES_S)
-        self._check_answers(0.0)
+        self._check_answers()
         return True
 
-    def _check_answers(self, spent_s: float) -> None:
+    @property
+    def _patience_s(self) -> float:
+        """How long an attempt waits for a packet: a radio repeats its own and may find the vehicle late."""
+        return _STUCK_S if self.heard_s or self.uri.startswith("udp:") else _SILENT_S
+
+    def _check_answers(self) -> None:
         if self.fault:
             raise DeviceError(self.fault)
-        if not self.heard_s and spent_s > _SILENT_S:
-            raise DeviceError(
-                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and does this name its channel, "
-                "data rate and address?"
-            )
-        if self.heard_s and spent_s > _STUCK_S and self.firmware_protocol < 0:
-            raise DeviceError(f"{self.uri}: what answers there is no Crazyflie.")
         if 0 <= self.firmware_protocol < OLDEST_PROTOCOL:
             raise DeviceError(
                 f"{self.uri}: the vehicle speaks version {self.firmware_protocol} of its protocol, cfid needs "
@@ -253,6 +290,7 @@ def _prepare_cflib() -> None:
     logging.getLogger("cflib").setLevel(logging.CRITICAL)
     if not cflib.crtp.CLASSES:
         cflib.crtp.init_drivers()
+    cflib.crtp.CLASSES[:] = [RepeatingUdp if driver is UdpDriver else driver for driver in cflib.crtp.CLASSES]
 
 
 def _table_cache() -> Path:

@@ -40,6 +40,7 @@ class Crossings:
         self._end: Done | None = None
         self._running = self._asked = False
         self._played_s = 0.0
+        self._stopped_in_s: float | None = None
         vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._hear_crossing)
         vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._hear_done)
 
@@ -92,15 +93,17 @@ class Crossings:
         """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
         if self._running:
             self._running = False
-            await self._player.stop()
+            self._stopped_in_s = await self._player.stop()
 
     def close(self) -> None:
         """Do nothing: the link is closed by whoever opened it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what the vehicle said at the end, and how many payloads made no sense."""
+        """Return what the vehicle reported at the end, how many payloads made no sense, and how long the stop took."""
         end = self._end._asdict() if self._end is not None else {}
-        return {"end": {key: value for key, value in end.items() if value is not None}, "rejected": self._rejected}
+        stopped = {} if self._stopped_in_s is None else {"stopped_in_s": round(self._stopped_in_s, 4)}
+        known = {key: value for key, value in end.items() if value is not None}
+        return {"end": known, "rejected": self._rejected, **stopped}
 
     def _complain(self, what: str) -> None:
         begun = "first" in what and (self._next_report or self._reports or self._player.playing)

@@ -1,8 +1,11 @@
 """What the operator types, heard by the loop while everything else goes on: whole lines, or single keys."""
 
+import contextlib
 import os
 import re
 import sys
+import termios
+import tty
 from collections.abc import Callable, Container, Iterator
 from typing import Any
 
@@ -12,6 +15,7 @@ UP, DOWN, ESCAPE = "up", "down", "escape"
 
 _ENTER = ("\n", "\r")
 _BACKSPACE = ("\x7f", "\b")
+_CTRL_D = "\x04"  # a terminal that hands over single keys hands over this one too
 _ARROWS = {"A": UP, "B": DOWN}
 _SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*([A-Za-z~])")  # of a key that is no letter
 _REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # what comes of it when its beginning came alone
@@ -36,10 +40,14 @@ class Keyboard:
         self._open = False
 
     def open(self) -> None:
-        """Begin to listen."""
-        if self.keys:
-            self._restore = _single_keys(sys.stdin.fileno())
+        """Begin to listen; a terminal that does not let itself be set, to a job in the background, has no input."""
         self._open = True
+        if self.keys:
+            try:
+                self._restore = _single_keys(sys.stdin.fileno())
+            except termios.error:
+                self._loop.callLater(0, self._end)
+                return
         self._loop.addReader(self)
 
     def close(self) -> None:
@@ -58,15 +66,20 @@ class Keyboard:
         return "keyboard"
 
     def doRead(self) -> None:  # noqa: N802 - Twisted's name
-        """Read what was typed."""
-        typed = os.read(self.fileno(), 4096).decode(errors="replace")
+        """Read what was typed; a terminal that hung up has no more."""
+        try:
+            typed = os.read(self.fileno(), 4096).decode(errors="replace")
+        except OSError:
+            typed = ""
         if not typed:
-            self.close()
-            self._hear(None)
+            self._end()
             return
         if self.keys:
+            typed, ended, _ = typed.partition(_CTRL_D)
             for key in self._keys_in(typed):
                 self._hear(key)
+            if ended:
+                self._end()
             return
         *lines, self._rest = (self._rest + typed).split("\n")
         for line in lines:
@@ -87,8 +100,12 @@ class Keyboard:
 
     def connectionLost(self, reason: object) -> None:  # noqa: N802 - Twisted's name
         """Take the terminal's end as the end of the input."""
-        self.close()
-        self._hear(None)
+        self._end()
+
+    def _end(self) -> None:
+        if self._open:
+            self.close()
+            self._hear(None)
 
 
 def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tuple[str | None, str]:
@@ -103,9 +120,11 @@ def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tu
 
 def _single_keys(handle: int) -> Callable[[], None]:
     """Let a terminal hand over each key, and return what puts it back."""
-    import termios
-    import tty
-
     before = termios.tcgetattr(handle)
     tty.setcbreak(handle)
-    return lambda: termios.tcsetattr(handle, termios.TCSADRAIN, before)
+
+    def restore() -> None:
+        with contextlib.suppress(termios.error):  # it hung up
+            termios.tcsetattr(handle, termios.TCSANOW, before)  # one that takes nothing must not be waited for
+
+    return restore

@@ -1,53 +1,61 @@
-"""Who holds a device: one process at a time, and the next is told which."""
+"""Who holds a device: one process of this computer at a time, and the next is told which.
 
-import contextlib
-import fcntl
+A lock is a socket bound to the device's name in Linux's abstract namespace. The kernel lets one process bind a name,
+whatever its user, and frees it when that process ends. There is no file that anybody could plant, link, fill or own.
+"""
+
+import hashlib
 import os
 import re
-import time
+import socket
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
+from urllib.parse import quote, unquote
 
 from cfid.errors import DeviceError
+from cfid.rig.address import resolved
+from cfid.rig.holder import Holder, found_holder
 
-# The same for all users, whatever temporary folder each has: a lock in a folder of one's own holds nobody off.
-# The variable is for tests, and for computers where this folder is not shared.
-_FOLDER = "/tmp/cfid-locks"
-_FOLDER_VARIABLE = "CFID_LOCKS"
-
-_VEHICLES = ("radio___", "usb___", "udp___")  # how the locks of their addresses begin
-_LOOK_S = 0.05  # far longer than it takes to look who holds a device, which locks it too
-_AGAIN_S = 0.005
+# For tests, and for rigs that are apart although they share a computer: names of locks of their own.
+_SET_VARIABLE = "CFID_LOCKS"
+_VEHICLES = ("radio://", "usb://", "udp://")
+_LONGEST = 100  # of the 107 bytes that a name may have
+_LISTENING = re.compile(r"[0-9a-f]+: [0-9A-F]+ [0-9A-F]+ 00010000 0001 01 +(?P<inode>\d+) @(?P<name>.+)")
+_SOCKETS = Path("/proc/net/unix")
 
 
 class DeviceLock:
     """A device held by this process until it is released, or the process ends in whatever way."""
 
-    def __init__(self, handle: int) -> None:
-        """Take over a locked file; `take` makes one."""
-        self._handle: int | None = handle
+    def __init__(self, bound: socket.socket | None) -> None:
+        """Take over a bound socket; `take` makes one."""
+        self._bound = bound
 
     @classmethod
-    def take(cls, device: str, *, holder: str) -> Self:
-        """Hold a device, named by where it is; `holder` says to others what for.
+    def take(cls, device: str, *, holder: str = "") -> Self:
+        """Hold a device, named by where it is, in any spelling.
 
         Raises DeviceError that says who holds it.
         """
-        handle = _open(device)
-        if not _locked(handle):
-            said = _said(handle)
-            os.close(handle)
-            raise DeviceError(f"{device} is held by {said}. End that first.")
-        os.truncate(handle, 0)
-        os.pwrite(handle, f"process {os.getpid()} ({holder})".encode(), 0)
-        return cls(handle)
+        if sys.platform != "linux":  # no abstract names: nobody is kept off there
+            return cls(None)
+        bound = socket.socket(socket.AF_UNIX)
+        try:
+            bound.bind(f"\0{_name(device)}")
+            bound.listen()
+        except OSError:
+            bound.close()
+            who = find_holder(device) or "another process"
+            raise DeviceError(f"{device} is held by {who}. End that first.") from None
+        return cls(bound)
 
     def release(self) -> None:
         """Let others have it."""
-        if self._handle is not None:
-            handle, self._handle = self._handle, None
-            os.truncate(handle, 0)
-            os.close(handle)
+        if self._bound is not None:
+            self._bound.close()
+            self._bound = None
 
     def __enter__(self) -> Self:
         """Return the lock itself."""
@@ -58,71 +66,48 @@ class DeviceLock:
         self.release()
 
 
+def find_holder(device: str) -> Holder | None:
+    """Return the process that holds a device, which may be this one; None if nobody does."""
+    name = _name(device)
+    inodes = [inode for held, inode in _held() if held == name]
+    return found_holder(name, inodes[0] if len(inodes) == 1 else 0)
+
+
 def holder_of(device: str) -> str:
-    """Return who else holds a device, empty if nobody does. Raises DeviceError when that cannot be found out."""
-    handle = _open(device)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        said = _said(handle)
-        return "" if said.startswith(f"process {os.getpid()} ") else said
-    finally:
-        os.close(handle)
-    return ""
-
-
-def holder_process(device: str) -> int | None:
-    """Return the id of the other process that holds a device, None if nobody else does.
-
-    Raises DeviceError when that cannot be found out.
-    """
-    match = re.match(r"process (\d+) ", holder_of(device))
-    return int(match[1]) if match else None
+    """Return who else holds a device, empty if nobody does."""
+    holder = find_holder(device)
+    return "" if holder is None or holder.process == os.getpid() else str(holder)
 
 
 def vehicles_held() -> list[str]:
-    """Return names of the vehicles that other processes hold, however they were found."""
-    folder = Path(os.environ.get(_FOLDER_VARIABLE) or _FOLDER)
-    names = [path.name for path in folder.glob("*") if path.name.startswith(_VEHICLES)]
-    return [name for name in names if holder_process(name) is not None]
+    """Return the addresses of the vehicles that other processes hold, however they were found."""
+    start = _start()
+    devices = [unquote(name.removeprefix(start)) for name, _ in _held() if name.startswith(start)]
+    return [device for device in devices if device.startswith(_VEHICLES) and holder_of(device)]
 
 
-def _locked(handle: int) -> bool:
-    """Lock a file for this process alone; somebody who only looks who holds it is waited for."""
-    end_s = time.monotonic() + _LOOK_S
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except OSError:
-            if time.monotonic() > end_s:
-                return False
-        time.sleep(_AGAIN_S)
-
-
-def _open(device: str) -> int:
-    """Open the device's lock file, which every user of this computer shares and nobody deletes."""
-    folder = Path(os.environ.get(_FOLDER_VARIABLE) or _FOLDER)
-    name = "".join(letter if letter.isalnum() or letter in ".-" else "_" for letter in device)
+def _held() -> Iterator[tuple[str, int]]:
+    """Yield names that are held on this computer, each with the number of its socket."""
     try:
-        with contextlib.suppress(FileExistsError):
-            folder.mkdir()
-            folder.chmod(0o1777)
-        return _opened(folder / name)
-    except OSError as error:
-        raise DeviceError(f"{folder / name}: the device's lock cannot be opened: {error.strerror}.") from None
+        lines = _SOCKETS.read_text(errors="replace").split("\n")
+    except OSError:
+        return
+    for line in lines:
+        found = _LISTENING.match(line)
+        if found:
+            yield found["name"], int(found["inode"])
 
 
-def _opened(path: Path) -> int:
-    flags = os.O_RDWR | os.O_NOFOLLOW
-    try:
-        return os.open(path, flags)  # Linux refuses to create what is there in a shared folder and another user's
-    except FileNotFoundError:
-        handle = os.open(path, flags | os.O_CREAT, 0o666)
-    with contextlib.suppress(OSError):  # another user made it just now
-        os.fchmod(handle, 0o666)
-    return handle
+def _name(device: str) -> str:
+    """Return the one name of a device, however it is spelt; printable, so that /proc shows it as it is."""
+    name = _start() + quote(resolved(device), safe="/:")
+    if len(name) > _LONGEST:
+        digest = hashlib.sha256(name.encode()).hexdigest()
+        name = f"{name[: _LONGEST - len(digest)]}{digest}"
+    return name
 
 
-def _said(handle: int) -> str:
-    return os.pread(handle, 200, 0).decode("utf-8", "replace") or "another process"
+def _start() -> str:
+    """Return how the names of all locks begin."""
+    own_set = os.environ.get(_SET_VARIABLE, "")
+    return f"cfid/{hashlib.sha256(own_set.encode()).hexdigest()[:12]}/" if own_set else "cfid/"

@@ -166,18 +166,19 @@ def log(
     return run_until_done(main)
 
 
-def drive(devices: Sequence[Device], procedure: Procedure, *, show: Callable[[Recorder], None]) -> str:
-    """Do a procedure with devices and keep nothing of it; return the name of the signal that ended it, if one did.
+def drive(devices: Sequence[Device], procedure: Procedure, *, show: Callable[[Recorder], None]) -> float | None:
+    """Do a procedure with devices and keep nothing of it; return how many seconds the motors' stop took.
 
     Raises DeviceError like `log`; the motors are stopped and checked in every case.
     """
 
-    async def main(loop: Loop, ending: Ending) -> str:
+    async def main(loop: Loop, ending: Ending) -> float | None:
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
         recorder = Recorder(instruments, Nowhere(), loop=loop, show=lambda: show(recorder))
         await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
-        return ending.signal
+        stops = [instrument.facts().get("stopped_in_s") for instrument in instruments]
+        return next((seconds for seconds in stops if seconds is not None), None)
 
     return run_until_done(main)
 

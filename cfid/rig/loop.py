@@ -13,9 +13,16 @@ from twisted.python.failure import Failure
 
 Result = TypeVar("Result")
 
-# Ctrl-\ and Ctrl-Z too: a program that is killed or stopped leaves motors to themselves.
-_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")
-_SIGNALS = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
+# A program that is killed or suspended leaves motors to themselves. So every signal that does either, and can be
+# caught, asks for the end; but for those of a processor's fault, after which no handler of Python's would run.
+_UNCATCHABLE = {"SIGKILL", "SIGSTOP"}
+_FAULTS = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"}
+_HARMLESS = {"SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"}
+_LEFT_ALONE = {int(getattr(signal, n)) for n in _UNCATCHABLE | _FAULTS | _HARMLESS if hasattr(signal, n)}
+ENDING_SIGNALS = tuple(sorted(set(map(int, signal.valid_signals())) - _LEFT_ALONE))
+
+# A background job that touches its terminal gets these each time it tries again, until it ignores them.
+_REPEATED = {int(getattr(signal, name)) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name)}
 
 
 class Loop(SelectReactor):
@@ -125,7 +132,9 @@ def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) 
 def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
         # A handler runs between any two steps of the program: the loop takes it up when it is ready.
-        loop.callFromThread(ending.ask, signal.Signals(number).name)
+        if number in _REPEATED:
+            signal.signal(number, signal.SIG_IGN)
+        loop.callFromThread(ending.ask, signal_name(number))
 
     before = {number: signal.signal(number, handle) for number in _heeded()}
     # The handler itself runs in this thread alone. A signal that meets another thread, or this one just before it
@@ -139,6 +148,14 @@ def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _heeded() -> list[signal.Signals]:
-    """Return the signals that ask for the end, but for those that are ignored."""
-    return [number for number in _SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+def signal_name(number: int) -> str:
+    """Return what a signal is called; those for real time are counted from the first."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"SIGRTMIN+{number - signal.SIGRTMIN}"
+
+
+def _heeded() -> list[int]:
+    """Return the signals that ask for the end, but for those that are ignored, or another library's own."""
+    return [number for number in ENDING_SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]

@@ -22,6 +22,7 @@ class MotorCommands:
         self._motors, self._loop, self._clock = motors, loop, clock
         self._rows: list[tuple[float, Four]] = []
         self._running = False
+        self._stopped_in_s: float | None = None
 
     def start(self) -> None:
         """Begin to watch over the motors."""
@@ -51,11 +52,11 @@ class MotorCommands:
         if self._running:
             self._running = False
             self._rows.append((self._loop.seconds(), STILL))
-            await self._motors.stop()
+            self._stopped_in_s = await self._motors.stop()
 
     def close(self) -> None:
         """Do nothing: the link is closed by whoever opened it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Say nothing more."""
-        return {}
+        """Return how long the motors' stop took to be confirmed."""
+        return {} if self._stopped_in_s is None else {"stopped_in_s": round(self._stopped_in_s, 4)}

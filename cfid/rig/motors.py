@@ -3,12 +3,22 @@
 Which of three ways a vehicle has is asked of it: cfid's app, the thesis' modules of 2015, or stock firmware.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
 from cfid.errors import ConfigError, DeviceError
-from cfid.wire.app import LARGEST_COMMAND, MIDDLE, PROTOCOL, Hello, PingChannel, Ports, SineRequest, decode_hello
+from cfid.wire.app import (
+    ALL_MOTORS_SINE,
+    LARGEST_COMMAND,
+    MIDDLE,
+    PROTOCOLS,
+    Hello,
+    PingChannel,
+    Ports,
+    SineRequest,
+    decode_hello,
+)
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_echo, encode_echo
 
 Answer = TypeVar("Answer")
@@ -20,6 +30,7 @@ MAY_BE_RUNNING = "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTE
 
 STOPPED = "the motors were stopped: nothing is commanded any more."
 
+OWNERS_SINCE = 2  # version of the app
 _HELLO_S = 0.3
 _HELLOS = 5
 
@@ -40,8 +51,11 @@ class Motors(Protocol):
     def check(self) -> None:
         """Raise DeviceError when the vehicle stopped them by itself, or can no longer be reached."""
 
-    async def stop(self) -> None:
-        """Stop them for good and see that they stopped. Raises StopError when that is not certain."""
+    async def stop(self) -> float:
+        """Stop them for good and return how many seconds that took to be confirmed.
+
+        Raises StopError when it is not certain.
+        """
 
 
 class SinePlayer(Motors, Protocol):
@@ -60,9 +74,15 @@ class SinePlayer(Motors, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What the operator allows in rig.toml."""
+    """What the operator allows in rig.toml, and what the vehicle's rotors allow.
+
+    A vehicle with an `idle_thrust` keeps its rotors at that command or above, and locks itself where one turns at 1 to
+    499 rpm. It arms only at 1000 rpm or more, so half its idle thrust is the slowest command; with a motor at zero,
+    which idles then, it is idle thrust itself.
+    """
 
     largest_command: int = LARGEST_COMMAND
+    idle_thrust: int = 0
 
     def check(self, largest: int, smallest: int = 0) -> None:
         """Raise ConfigError for commands beyond the limits."""
@@ -71,9 +91,41 @@ class Limits:
             by = " (devices.crazyflie.largest_command in rig.toml)" if self.largest_command < LARGEST_COMMAND else ""
             raise ConfigError(f"command {shown}: commands go from 0 to {self.largest_command}{by}.")
 
+    def slowest_command(self, motors: Sequence[int]) -> int:
+        """Return the least command above zero that these motors, and the others at zero, may have."""
+        return -(-self.idle_thrust // 2) if set(motors) == set(MOTORS) else self.idle_thrust
+
+    def check_turning(self, motors: Sequence[int], smallest: int, largest: int) -> None:
+        """Raise ConfigError where motors shall turn at commands beyond the limits; zero is none of them."""
+        self.check(largest, smallest)
+        slowest = self.slowest_command(motors)
+        if smallest < slowest:
+            others = "" if set(motors) == set(MOTORS) else " while the other motors idle"
+            raise ConfigError(
+                f"command {smallest}: this vehicle's rotors have to turn at {slowest} or above{others}, since its "
+                f"firmware locks it where a rotor turns slower than 500 rpm (powerDist.idleThrust is "
+                f"{self.idle_thrust}). Begin at {slowest}."
+            )
+
+    def refuse_idling(self, motors: Sequence[int]) -> None:
+        """Raise ConfigError where the other motors would idle and what they lift be measured too."""
+        if self.idle_thrust and set(motors) != set(MOTORS):
+            raise ConfigError(
+                f"--motor {','.join(map(str, motors))}: this vehicle's other rotors idle at {self.idle_thrust} "
+                "meanwhile, and the load cell would feel them too: measure all four (--motor 1,2,3,4)."
+            )
+
+    def check_four(self, commands: Four) -> None:
+        """Raise ConfigError for commands of the four motors beyond the limits."""
+        self.check(max(commands), min(commands))
+        turning = [motor for motor, command in zip(MOTORS, commands, strict=True) if command]
+        if turning:
+            self.check_turning(turning, min(command for command in commands if command), max(commands))
+
     def check_sine(self, request: SineRequest) -> None:
-        """Raise ConfigError for a sine whose crest is beyond the limit; the vehicle clips what no motor can do."""
-        self.check(min(MIDDLE + request.amplitude, LARGEST_COMMAND))
+        """Raise ConfigError for a sine whose crest or trough is beyond them; the vehicle clips what no motor can do."""
+        motors = MOTORS if request.motor == ALL_MOTORS_SINE else (request.motor,)
+        self.check_turning(motors, max(MIDDLE - request.amplitude, 0), min(MIDDLE + request.amplitude, LARGEST_COMMAND))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +135,11 @@ class Firmware:
     kind: Literal["app", "thesis", "stock"]
     ports: Ports
     hello: Hello | None = None
+
+    @property
+    def knows_owners(self) -> bool:
+        """Whether it is an app that distinguishes the programs that talk to it."""
+        return self.hello is not None and self.hello.protocol >= OWNERS_SINCE
 
 
 class Asked(Protocol):
@@ -109,10 +166,10 @@ def firmware_of(link: Asked, ports: Ports) -> Firmware:
 
     heard = link.ask(Packet(ports.ping, PingChannel.HELLO, b""), answer, within_s=_HELLO_S, tries=_HELLOS)
     if isinstance(heard, Hello):
-        if heard.protocol != PROTOCOL:
+        if heard.protocol not in PROTOCOLS:
             raise DeviceError(
-                f"{link.uri}: the app on the vehicle speaks version {heard.protocol}, this cfid {PROTOCOL}: flash the "
-                "app that came with it (firmware_patches/README.md)."
+                f"{link.uri}: the app on the vehicle speaks version {heard.protocol}, this cfid "
+                f"{' and '.join(map(str, PROTOCOLS))}: flash the app that came with it (firmware_patches/README.md)."
             )
         return Firmware(kind="app", ports=ports, hello=heard)
     if heard:

@@ -7,7 +7,8 @@ from typing import Any
 
 from cfid.campaign import CrazyflieLink
 from cfid.errors import DeviceError
-from cfid.rig.app_motors import IDLE, AppMotors
+from cfid.rig.app_motors import AppMotors
+from cfid.rig.asking import parameter_of, state_of
 from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie import Link, find_vehicle
 from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
@@ -20,15 +21,18 @@ from cfid.rig.motors import MOTORS, Firmware, Limits, Motors, SinePlayer, firmwa
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
 from cfid.rig.stock_motors import StockMotors
+from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
 from cfid.run import DeviceRecord
 from cfid.wire.app import Ports
-from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, decode_read_parameter, encode_read_parameter
+from cfid.wire.supervisor import VehicleState
 
 APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
 MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
+IDLE_THRUST = "powerDist.idleThrust"
+OBEYS_SINCE = 10  # version of the protocol; of its two releases the app compiles with the one that obeys
 USUAL_MS = 10
 NO_APP = (
     "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
@@ -43,13 +47,39 @@ class ReadyVehicle:
     link: Link
     firmware: Firmware
     setting: CrazyflieLink
+    state: VehicleState | None = None  # as it was found; None where the firmware reports none
+    idle_thrust: int = 0
     _vehicle: Vehicle | None = field(default=None, init=False)
+    _supervisor: Supervisor | None = field(default=None, init=False)
     _motors: Motors | None = field(default=None, init=False)
 
     @property
     def limits(self) -> Limits:
-        """What rig.toml allows its motors."""
-        return Limits(largest_command=self.setting.largest_command)
+        """What rig.toml and its rotors allow its motors; parameters of stock firmware know no idle thrust."""
+        idle_thrust = self.idle_thrust if self.firmware.kind == "app" else 0
+        return Limits(largest_command=self.setting.largest_command, idle_thrust=idle_thrust)
+
+    def refuse_unfit(self) -> None:
+        """Raise DeviceError for a vehicle whose motors cannot or must not be started as it is."""
+        if self.state is not None and self.state.remedy:
+            raise DeviceError(f"{self.uri}: the vehicle is {self.state.name}: {self.state.remedy}.")
+        if self.firmware.kind == "app" and self.link.firmware_protocol < OBEYS_SINCE:
+            raise DeviceError(
+                f"{self.uri}: firmware before 2025.12 acknowledges the app's commands and turns no motor: update it."
+            )
+        if self.firmware.kind != "app" or self.state is None or self.state.arms_itself:
+            return
+        if not self.firmware.knows_owners:
+            raise DeviceError(
+                f"{self.uri}: the app on this vehicle is older than this cfid and leaves a vehicle that has to be "
+                "armed without idle thrust when the link dies: flash the app that came with cfid "
+                "(firmware_patches/README.md)."
+            )
+        if not self.idle_thrust:
+            raise DeviceError(
+                f"{self.uri}: {IDLE_THRUST} is 0, and this vehicle arms only when its rotors idle: turn it off and on, "
+                "or set the parameter to 7000."
+            )
 
     @property
     def uri(self) -> str:
@@ -61,24 +91,18 @@ class ReadyVehicle:
         """Whether its log has the battery's voltage."""
         return self.link.variable(BATTERY) is not None
 
-    def idle_command(self) -> int:
-        """Return what the app's motors idle at instead of zero, asked before a loop runs."""
-        idle = self.link.parameter(IDLE)
-        if self.firmware.kind != "app" or idle is None:
-            return 0
-
-        def value(packet: Packet) -> float | None:
-            if packet[:2] != (PARAMETER_PORT, READ_CHANNEL):
-                return None
-            return decode_read_parameter(idle, packet.payload)
-
-        return int(self.link.ask(Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(idle)), value) or 0)
-
     def vehicle(self, loop: Loop) -> Vehicle:
         """Return the vehicle in a loop."""
         if self._vehicle is None or self._vehicle.loop is not loop:
-            self._vehicle, self._motors = Vehicle(self.link, loop=loop), None
+            self._vehicle, self._supervisor, self._motors = Vehicle(self.link, loop=loop), None, None
         return self._vehicle
+
+    def supervisor(self, loop: Loop) -> Supervisor:
+        """Return its supervisor in a loop."""
+        vehicle = self.vehicle(loop)
+        if self._supervisor is None:
+            self._supervisor = Supervisor(vehicle, protocol=self.link.firmware_protocol)
+        return self._supervisor
 
     def motors(self, loop: Loop) -> Motors:
         """Return its motors in a loop, driven in the way that its firmware has."""
@@ -89,7 +113,7 @@ class ReadyVehicle:
             elif self.firmware.kind == "thesis":
                 self._motors = ThesisMotors(vehicle, self.firmware, limits)
             else:
-                self._motors = AppMotors(vehicle, self.firmware, limits)
+                self._motors = AppMotors(vehicle, self.firmware, limits, self.supervisor(loop))
         return self._motors
 
     def player(self, loop: Loop) -> SinePlayer:
@@ -125,6 +149,18 @@ class ReadyVehicle:
             return Pings(self.vehicle(loop), self.firmware, loop=loop, clock=clock)
 
         return self._device("pings.csv", Pings.columns_of(self.firmware), opened)
+
+    def supervisor_log(self) -> Device:
+        """Return the supervisor's states as a device of a run."""
+
+        def opened(loop: Loop, clock: HostClock) -> Instrument:
+            return SupervisorLog(self.supervisor(loop), self.vehicle(loop), loop=loop, clock=clock)
+
+        return self._device("supervisor.csv", SupervisorLog.columns, opened, eventful=True)
+
+    def watch(self, period_ms: int = USUAL_MS) -> list[Device]:
+        """Return what is recorded beside any experiment with motors: the usual log and the supervisor's states."""
+        return [self.usual_log(period_ms), self.supervisor_log()]
 
     def usual_log(self, period_ms: int = USUAL_MS) -> Device:
         """Return what is worth logging beside any experiment; speeds where they are told."""
@@ -184,4 +220,7 @@ def ready_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
     link = Link.connect(uri)
     held.callback(link.close)
     ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
-    return ReadyVehicle(link, firmware_of(link, ports), setting)
+    firmware = firmware_of(link, ports)
+    state, idle_thrust = state_of(link), parameter_of(link, IDLE_THRUST)
+    needs_arming = state is not None and not state.arms_itself
+    return ReadyVehicle(link, firmware, setting, state, int(idle_thrust or 0) if needs_arming else 0)

@@ -24,11 +24,15 @@ Say = Callable[[str], None]
 
 
 class Block(NamedTuple):
-    """What an instrument has since the last block: columns (n,), samples lost, and a fault that ends the run."""
+    """What an instrument has since the last block: columns (n,), samples lost, and a fault that ends the run.
+
+    `status` is what the live line shows in place of values.
+    """
 
     columns: Sequence[npt.NDArray[Any]]
     lost: int = 0
     fault: str = ""
+    status: str = ""
 
 
 class Instrument(Protocol):
@@ -94,6 +98,7 @@ class Progress:
     def __init__(self) -> None:
         """Start with nothing."""
         self.rows = self.lost = 0
+        self.status = ""
         self.latest: tuple[float, ...] = ()
         self.trace: deque[float] = deque(maxlen=_SHOWN_POINTS)
         self._blocks: deque[tuple[float, int]] = deque(maxlen=_RATE_BLOCKS)
@@ -103,6 +108,7 @@ class Progress:
         rows = len(block.columns[0])
         self.rows += rows
         self.lost += block.lost
+        self.status = block.status
         self._blocks.append((now_s, rows))
         if rows:
             self.latest = tuple(float(column[-1]) for column in block.columns[1:])

@@ -1,6 +1,7 @@
 """Motors of stock firmware, by its parameters motorPowerSet: they override everything, and nothing ends them but us.
 
-Disarming, tumble check and emergency stop do not reach these motors, and they go on when the link is lost.
+Disarming, tumble check and emergency stop do not reach these motors, and they go on when the link is lost. The
+supervisor sees them turn all the same, and locks the vehicle where an old setpoint is in force: it is relaxed first.
 """
 
 from cfid.errors import DeviceError, StopError
@@ -8,8 +9,10 @@ from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Four, Limits
 from cfid.rig.power_set import PowerSet
 from cfid.rig.vehicle import Vehicle
 from cfid.wire.crtp import Variable
+from cfid.wire.supervisor import RELAX_SETPOINT
 
 _EACH = 1  # as motorPowerSet.enable
+_RELAXED = 3  # times, since that is not answered
 
 
 class StockMotors:
@@ -27,7 +30,7 @@ class StockMotors:
 
     async def set(self, commands: Four) -> float:
         """Write the commands that differ, and let them count. Motors that shall all stand do so at the first write."""
-        self._limits.check(max(commands), min(commands))
+        self._limits.check_four(commands)
         before, self._commands = self._commands, None
         began_s: float = self._vehicle.loop.seconds()
         if commands == STILL:
@@ -36,6 +39,8 @@ class StockMotors:
             if before is None or commands[place] != before[place]:
                 await self._write(parameter, commands[place])
         if commands != STILL and (before is None or before == STILL):
+            for _ in range(_RELAXED):
+                self._vehicle.wire.send(RELAX_SETPOINT)
             await self._write(self._parameters.enable, _EACH)
         self._commands = commands
         return began_s
@@ -44,15 +49,17 @@ class StockMotors:
         """Raise DeviceError when the link is lost."""
         self._vehicle.check()
 
-    async def stop(self) -> None:
+    async def stop(self) -> float:
         """Let the parameters count no more, set them to zero, and read all of them back."""
         self._stopped = True
+        began_s = self._vehicle.loop.seconds()
         try:
             await self._parameters.clear()
         except DeviceError as error:
             raise StopError(
                 f"{MAY_BE_RUNNING}: stock firmware goes on without a link, and did not confirm the stop. ({error})"
             ) from None
+        return float(self._vehicle.loop.seconds() - began_s)
 
     async def _write(self, parameter: Variable, value: int) -> None:
         if self._stopped:

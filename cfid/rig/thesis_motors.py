@@ -33,7 +33,7 @@ class ThesisMotors:
 
     async def set(self, commands: Four) -> float:
         """Send the commands that differ; whether they arrived only the link knows."""
-        self._limits.check(max(commands), min(commands))
+        self._limits.check_four(commands)
         self._refuse_when_stopped()
         for place in range(4):
             if commands[place] != self._commands[place]:
@@ -56,12 +56,13 @@ class ThesisMotors:
         """Raise DeviceError when the link is lost."""
         self._vehicle.check()
 
-    async def stop(self) -> None:
+    async def stop(self) -> float:
         """Send zero for all motors several times.
 
         Raises StopError when the link did not live until then, or a sine plays: this module cannot end one.
         """
         self._commands, self._stopped = STILL, True
+        began_s = self._vehicle.loop.seconds()
         try:
             for _ in range(_STOPS):
                 self._send(app.ThrustRequest(0, app.ALL_MOTORS_THRUST))
@@ -72,6 +73,7 @@ class ThesisMotors:
         left_s = self._plays_until_s - self._vehicle.loop.seconds()
         if left_s > 0:
             raise StopError(f"{MAY_BE_RUNNING}: the module of 2015 plays its sine to the end, {left_s:.0f} s more.")
+        return float(self._vehicle.loop.seconds() - began_s)
 
     def _refuse_when_stopped(self) -> None:
         if self._stopped:

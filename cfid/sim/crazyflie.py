@@ -21,6 +21,7 @@ from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
 from cfid.wire.app import PingChannel, Ports, encode_ping_answer
 from cfid.wire.crtp import (
+    BY_NAME_CHANNEL,
     ECHO_CHANNEL,
     ECHO_PORT,
     LOG_DATA_CHANNEL,
@@ -296,7 +297,7 @@ class Crazyflie:
                 yield _made_anew(port, channel, answer) if packet[:2] in _MADE_ANEW else bytes([header]) + answer
 
     def _answer_parameter(self, channel: int, payload: bytes) -> bytes | None:
-        if channel == WRITE_CHANNEL:
+        if channel in (WRITE_CHANNEL, BY_NAME_CHANNEL):
             self._stay_awake()  # it may have to do with the motors
         return self._parameters.answer(channel, payload)
 

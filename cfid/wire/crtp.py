@@ -14,10 +14,7 @@ LONGEST_PAYLOAD = 30
 ECHO_PORT, ECHO_CHANNEL = 15, 0
 
 PARAMETER_PORT = 2
-READ_CHANNEL, WRITE_CHANNEL = 1, 2
-
-SUPERVISOR_PORT, COMMAND_CHANNEL = 9, 1
-ARM = b"\x01\x01"
+READ_CHANNEL, WRITE_CHANNEL, BY_NAME_CHANNEL = 1, 2, 3
 
 LOG_PORT = 5
 LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL = 1, 2
@@ -39,6 +36,7 @@ class Packet(NamedTuple):
 class LogCommand(IntEnum):
     """What is asked on the log's control channel."""
 
+    DELETE = 2
     STOP = 4
     CREATE = 6
     START_MS = 8  # cflib knows only an older one, in tens of milliseconds
@@ -58,6 +56,9 @@ class LogAnswer(NamedTuple):
     block: int
     error: int
 
+
+_SET_BY_NAME = 0
+_PARAMETER_TYPES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
 
 _LOG_TYPES = {kind: number for number, kind in enumerate("BHIbhif", 1)} | {"e": 8}
 
@@ -117,6 +118,21 @@ def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
     return value if number == parameter.number else None
 
 
+def encode_set_by_name(name: str, kind: str, value: float) -> bytes:
+    """Return the request to set a parameter by its name, as `motorPowerSet.m1`, for which no table is needed."""
+    return _by_name(name) + struct.pack(f"<B{kind}", _PARAMETER_TYPES[kind], value)
+
+
+def decode_set_by_name(name: str, payload: bytes) -> int | None:
+    """Return the error number from the answer to setting this parameter by name, 0 for none, ENOENT without it."""
+    begin = _by_name(name)
+    return payload[-1] if payload.startswith(begin) and len(payload) == len(begin) + 1 else None
+
+
+def _by_name(name: str) -> bytes:
+    return bytes([_SET_BY_NAME]) + name.replace(".", "\0").encode() + b"\0"
+
+
 def encode_create_log(block: int, variables: Sequence[Variable]) -> bytes:
     """Return the request for a log block, at most nine variables and 26 bytes of values."""
     types = [_LOG_TYPES[variable.kind] for variable in variables]
@@ -132,6 +148,11 @@ def encode_start_log(block: int, period_ms: int) -> bytes:
 def encode_stop_log(block: int) -> bytes:
     """Return the request to send a block no more."""
     return bytes([LogCommand.STOP, block])
+
+
+def encode_delete_log(block: int) -> bytes:
+    """Return the request to forget a block, whose number may then be given to other variables."""
+    return bytes([LogCommand.DELETE, block])
 
 
 def decode_log_answer(payload: bytes) -> LogAnswer | None:

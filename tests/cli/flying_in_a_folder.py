@@ -5,7 +5,6 @@ The test sees what the motors do, on the clock that it shares with every process
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -55,7 +54,7 @@ class Pilot:
         assert any(self._bench.motors), f"no motor ran\n{self.out}{self.err}"
         time.sleep(for_s)
 
-    def send(self, *numbers: signal.Signals) -> None:
+    def send(self, *numbers: int) -> None:
         for number in numbers:
             self.process.send_signal(number)
             time.sleep(0.02)

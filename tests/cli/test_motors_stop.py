@@ -1,8 +1,15 @@
 """Every way out of a command that spins motors stops them, over real wires, with the app and with stock firmware."""
 
+import contextlib
+import os
+import pty
+import re
 import resource
 import signal
 import statistics
+import subprocess
+import sys
+import termios
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,10 +18,12 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from cfid.rig.loop import signal_name
 from cfid.rig.motors import MAY_BE_RUNNING
 from tests.cli.flying_in_a_folder import Bench, Pilot, bench_in
 
 STOPPED_WITHIN_S = 0.7
+STOPPED_BY_ANOTHER_WITHIN_S = 1.0  # from the moment `motors stop` is typed
 TIMES = 20
 AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive
 HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
@@ -31,7 +40,28 @@ def broken(self, instrument):
 recorder.Recorder._write = broken
 """
 
-Act = Callable[[Bench, Pilot], None]
+Act = Callable[[Bench, Pilot, "Keyboard | None"], None]
+
+
+class Keyboard:
+    """What a pilot's standard input leads to: a pipe, or a terminal of its own."""
+
+    def __init__(self, *, terminal: bool) -> None:
+        self._terminal = terminal
+        self.end, self.pilots_end = pty.openpty() if terminal else reversed(os.pipe())
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether nothing typed from now on is thrown away, as a terminal does when it begins to hand over keys."""
+        return not (self._terminal and termios.tcgetattr(self.end)[3] & termios.ICANON)
+
+    def type(self, typed: bytes) -> None:
+        os.write(self.end, typed)
+
+    def hang_up(self) -> None:
+        if self.end >= 0:
+            os.close(self.end)
+            self.end = -1
 
 
 class Way(NamedTuple):
@@ -42,37 +72,53 @@ class Way(NamedTuple):
     code: int
     told: str = ""
     options: Mapping[str, Any] = MappingProxyType({})
+    typed: bytes = b""  # at the beginning
+    terminal: bool = False
 
 
-def signals(*numbers: signal.Signals) -> Act:
-    return lambda bench, pilot: pilot.send(*numbers)
+def signals(*numbers: int) -> Act:
+    return lambda bench, pilot, keyboard: pilot.send(*numbers)
 
 
 def vehicle(**faults: Any) -> Act:
-    return lambda bench, pilot: bench.vehicle_suffers(**faults)
+    return lambda bench, pilot, keyboard: bench.vehicle_suffers(**faults)
 
 
 def loadcell(**faults: Any) -> Act:
-    return lambda bench, pilot: bench.loadcell_suffers(**faults)
+    return lambda bench, pilot, keyboard: bench.loadcell_suffers(**faults)
 
 
-def overload(bench: Bench, pilot: Pilot) -> None:
+def overload(bench: Bench, pilot: Pilot, keyboard: Keyboard | None) -> None:
     bench.in_loop(bench.rig.loadcell.box.load_cell.overload)
 
 
-def wait(bench: Bench, pilot: Pilot) -> None:
+def wait(bench: Bench, pilot: Pilot, keyboard: Keyboard | None) -> None:
     """Do nothing: it ends by itself."""
 
 
-def type_nonsense(bench: Bench, pilot: Pilot) -> None:
-    assert pilot.process.stdin is not None
-    pilot.process.stdin.write(b"1 99999\n")
-    pilot.process.stdin.flush()
+def typing(typed: bytes) -> Act:
+    def act(bench: Bench, pilot: Pilot, keyboard: Keyboard | None) -> None:
+        assert keyboard is not None
+        keyboard.type(typed)
+
+    return act
+
+
+def hang_up(bench: Bench, pilot: Pilot, keyboard: Keyboard | None) -> None:
+    assert keyboard is not None
+    keyboard.hang_up()
 
 
 def little_room() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 
+
+# All that ends or suspends a program by default; signal(7) has the list.
+OTHER_SIGNALS = (
+    *(signal.SIGQUIT, signal.SIGTRAP, signal.SIGABRT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGSTKFLT),
+    *(signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU, signal.SIGXCPU, signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO),
+    *(signal.SIGPWR, signal.SIGSYS, signal.SIGRTMIN, signal.SIGRTMIN + 1, signal.SIGRTMAX),
+)
 
 WAYS: dict[str, Way] = {
     "time over": Way((*HOLD, "--for", 0.5), wait, 0),
@@ -89,7 +135,14 @@ WAYS: dict[str, Way] = {
     "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, "sent no more for"),
     "overload": Way(STAIRS, overload, 3, "saturation"),
     "disk full": Way(STAIRS, wait, 4, "File too large", {"preexec_fn": little_room}),
-    "nonsense typed": Way(("motors", "--yes"), type_nonsense, 2, "command 99999: commands go from 0 to 65535"),
+    "nonsense typed": Way(
+        ("motors", "--yes"), typing(b"1 99999\n"), 2, "command 99999: commands go from 0 to 65535", typed=b"1 3 30000\n"
+    ),
+    "script over": Way(("motors", "--yes"), hang_up, 0, typed=b"1 3 30000\n"),
+    "Ctrl-D": Way(("motors", "--yes"), typing(b"\x04"), 0, typed=b"1 3 30000\n", terminal=True),
+    "Ctrl-D in a line": Way(("motors", "--yes"), typing(b"2 4\x04"), 0, typed=b"1 3 30000\n", terminal=True),
+    "terminal hung up": Way(("motors", "--yes"), hang_up, 0, typed=b"1 3 30000\n", terminal=True),
+    **{signal_name(number): Way(HOLD, signals(number), 0) for number in OTHER_SIGNALS},
 }
 OWN_DELAY_S = {"battery low": 0.5, "load cell lost": 0.5}  # until it counts as one
 NOT_WITH_STOCK = {"SIGKILL", "link silent", "link closed"}  # its documented exceptions
@@ -99,21 +152,23 @@ BOTH = [(way, kind) for way in WAYS for kind in ("app", "stock") if not (kind ==
 def stop_once(folder: Path, name: str, kind: str) -> float:
     """Let motors run, take a way out, and return after how many seconds they stood."""
     way = WAYS[name]
-    options = dict(way.options)
-    with bench_in(folder, crazyflie={"firmware": kind}) as bench:
+    with bench_in(folder, crazyflie={"firmware": kind}) as bench, contextlib.ExitStack() as opened:
         if name == "a bug":
             (folder / "sitecustomize.py").write_text(BUG)
             bench.environment["PYTHONPATH"] = str(folder)
-        if name == "nonsense typed":
-            options["stdin"] = -1
+        options, keyboard = dict(way.options), None
+        if way.typed:
+            keyboard = Keyboard(terminal=way.terminal)
+            opened.callback(keyboard.hang_up)
+            options["stdin"] = keyboard.pilots_end
         pilot = bench.start(*way.words, **options)
-        if name == "nonsense typed":
-            assert pilot.process.stdin is not None
-            pilot.process.stdin.write(b"1 3 30000\n")
-            pilot.process.stdin.flush()
+        if keyboard is not None:
+            os.close(keyboard.pilots_end)
+            bench.wait_until(lambda: keyboard.is_heard or pilot.process.poll() is not None, pilot)
+            keyboard.type(way.typed)
         pilot.wait_until_motors_run()
         began_s = time.monotonic()
-        way.act(bench, pilot)
+        way.act(bench, pilot, keyboard)
         if way.act is wait:
             bench.wait_until(lambda: pilot.process.poll() is not None or not any(bench.motors), pilot)
             began_s = time.monotonic()
@@ -124,11 +179,41 @@ def stop_once(folder: Path, name: str, kind: str) -> float:
         assert code in codes, f"{pilot.out}{pilot.err}"
         assert way.told in pilot.err
         assert MAY_BE_RUNNING not in pilot.err
-        assert ("Traceback" in pilot.err) == (name == "a bug")
+        assert ("Traceback" in pilot.err) == (name == "a bug"), pilot.err
         time.sleep(AFTERWARDS_S)
         assert not any(bench.motors), "the motors came on again"
         assert bench.history[-1][0] <= began_s + OWN_DELAY_S.get(name, 0.0) + stopped_s
         return stopped_s
+
+
+def stop_from_beside(folder: Path, kind: str) -> float:
+    """Suspend the command that drives motors, stop them from another, and return how long that took."""
+    with bench_in(folder, crazyflie={"firmware": kind}) as bench:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        began_s = time.monotonic()
+        suspend(pilot)
+        other = bench.start("motors", "stop")
+        bench.wait_until(lambda: not any(bench.motors), other)
+        stopped_s = bench.history[-1][0] - began_s
+        assert other.end() == 0, other.err
+        assert re.fullmatch(rf"{bench.uri}: motors stopped, confirmed in \d+ ms\.\n", other.out)
+        assert f"process {pilot.process.pid} (cfid motors set 30000" in other.err
+        assert f"kill -CONT {pilot.process.pid}" in other.err
+        pilot.send(signal.SIGCONT)
+        assert pilot.end() == 0, pilot.err
+        time.sleep(AFTERWARDS_S)
+        assert not any(bench.motors), "the motors came on again"
+        assert bench.history[-1][0] - began_s == stopped_s
+        return stopped_s
+
+
+def suspend(pilot: Pilot) -> None:
+    pilot.send(signal.SIGSTOP)
+    end_s = time.monotonic() + 10
+    while Path(f"/proc/{pilot.process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "T":
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
 
 
 @pytest.mark.parametrize(("way", "kind"), BOTH)
@@ -146,6 +231,91 @@ def test_the_motors_stop_twenty_times_out_of_twenty(tmp_path: Path, way: str, ki
         stopped_s.append(stop_once(folder, way, kind))
     print(f"\n{way}, {kind}: off after {statistics.median(stopped_s):.3f} s, at most {max(stopped_s):.3f} s")
     assert max(stopped_s) < STOPPED_WITHIN_S
+
+
+@pytest.mark.parametrize("kind", ["app", "stock"])
+def test_motors_stop_needs_no_help_from_the_process_that_drives_them(tmp_path: Path, kind: str) -> None:
+    stop_from_beside(tmp_path, kind)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["app", "stock"])
+def test_motors_stop_needs_no_help_twenty_times_out_of_twenty(tmp_path: Path, kind: str) -> None:
+    stopped_s = []
+    for time_ in range(TIMES):
+        folder = tmp_path / str(time_)
+        folder.mkdir()
+        stopped_s.append(stop_from_beside(folder, kind))
+    print(f"\nmotors stop, {kind}: off after {statistics.median(stopped_s):.3f} s, at most {max(stopped_s):.3f} s")
+    assert max(stopped_s) < STOPPED_BY_ANOTHER_WITHIN_S
+
+
+@pytest.mark.parametrize("kind", ["app", "stock"])
+def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_motor(tmp_path: Path, kind: str) -> None:
+    words = ("log", "thrust", "--from", 20000, "--to", 30000, "--step", 5000, "--hold", 1, "--rest", 0.5, "--yes")
+    with bench_in(tmp_path, crazyflie={"firmware": kind}) as bench:
+        pilot = bench.start(*words)
+        pilot.wait_until_motors_run()
+        suspend(pilot)
+        other = bench.start("motors", "stop")
+        assert other.end() == 0, other.err
+        time.sleep(2.0)  # the next step is due
+        stopped_s = bench.history[-1][0]
+        pilot.send(signal.SIGCONT)
+        assert pilot.end() == 0, pilot.err
+        time.sleep(AFTERWARDS_S)
+        assert not any(bench.motors)
+        assert bench.history[-1][0] == stopped_s
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"), [("app", "the vehicle stopped its motors"), ("stock", "its battery is not watched")]
+)
+def test_a_process_that_heeds_no_signal_cannot_keep_the_motors_on(tmp_path: Path, kind: str, told: str) -> None:
+    def heed_nothing() -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+    with bench_in(tmp_path, crazyflie={"firmware": kind}) as bench:
+        pilot = bench.start(*HOLD, preexec_fn=heed_nothing)
+        pilot.wait_until_motors_run()
+        other = bench.start("motors", "stop")
+        assert other.end() == 0, other.err
+        assert "motors stopped, confirmed in" in other.out
+        assert pilot.end() == 3
+        assert told in pilot.err
+        time.sleep(AFTERWARDS_S)
+        assert not any(bench.motors)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may act for other users")
+def test_motors_that_another_users_process_drives_are_stopped_beside_it(tmp_path: Path) -> None:
+    body = """
+import os, socket, sys, time
+from cfid.rig.lock import DeviceLock
+from cfid.rig.line import open_line
+from cfid.wire.crtp import Packet, encode_set_by_name
+os.setuid(65534)
+lock, line = DeviceLock.take(sys.argv[1]), open_line(sys.argv[1])
+for name, kind, value in (("m2", "H", 20000), ("enable", "B", 1)):
+    line.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))
+time.sleep(600)
+"""
+    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
+        command = [sys.executable, "-c", body, bench.uri]
+        with subprocess.Popen(command, env=bench.environment) as driver:
+            try:
+                other = None
+                end_s = time.monotonic() + 30
+                while bench.motors != (0, 20000, 0, 0):
+                    assert time.monotonic() < end_s
+                    time.sleep(0.01)
+                other = bench.start("motors", "stop")
+                assert other.end() == 0, other.err
+                assert not any(bench.motors)
+                assert re.search(rf"process {driver.pid} \(.*\) of \w+ still drives the vehicle", other.err)
+                assert driver.poll() is None
+            finally:
+                driver.kill()
 
 
 @pytest.mark.parametrize("fault", [{"silent_after_s": 0}, {"closed_after_s": 0}])
@@ -179,19 +349,6 @@ def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind:
         time.sleep(AFTERWARDS_S)
         assert code == 0, pilot.err
         assert not any(bench.motors), "the motors came on again"
-
-
-def test_ctrl_z_and_ctrl_backslash_stop_the_motors_too(tmp_path: Path) -> None:
-    for number in (signal.SIGTSTP, signal.SIGQUIT):
-        folder = tmp_path / number.name
-        folder.mkdir()
-        with bench_in(folder, crazyflie={"firmware": "stock"}) as bench:
-            pilot = bench.start(*HOLD)
-            pilot.wait_until_motors_run()
-            began_s = time.monotonic()
-            pilot.send(number)
-            assert bench.stopped_after(began_s) < STOPPED_WITHIN_S
-            assert pilot.end() == 0, pilot.err
 
 
 def test_a_vehicle_whose_log_was_reset_by_another_program_is_not_left_unwatched(tmp_path: Path) -> None:

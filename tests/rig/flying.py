@@ -23,20 +23,21 @@ from cfid.rig.motors import Firmware, Limits
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument, Recorder
 from cfid.rig.stock_motors import StockMotors
+from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
 from cfid.run import DeviceRecord, Label, Run, read_run
 from cfid.run_writer import create_run
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth
+from cfid.sim.crazyflie import PROTOCOL, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
-from cfid.sim.rotors import RotorTruth
-from cfid.wire.app import Ports
+from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.wire.app import Hello, Ports
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, decode_packet, encode_packet
 
 UNIX_S = 1_763_712_345.0
@@ -128,6 +129,8 @@ class Flight:
         radio: RadioTruth | None = None,
         battery: BatteryTruth | None = None,
         limits: Limits | None = None,
+        time_constant_s: float | None = None,
+        protocol: int = PROTOCOL,
         stop_below_v: float | None = None,
         **truth: Any,
     ) -> None:
@@ -135,8 +138,13 @@ class Flight:
         clock.advance(1.0)
         self.motors: list[tuple[float, Four]] = [(-math.inf, (0, 0, 0, 0))]
         self.truth = CrazyflieTruth.model_validate({"firmware": firmware, **truth})
+        usual = BRUSHLESS if self.truth.brushless else {}
+        lag = {} if time_constant_s is None else {"time_constant_s": time_constant_s}
         propulsion = Propulsion(
-            RotorTruth(), battery or BatteryTruth(), rng=np.random.default_rng(3), begin_s=clock.seconds()
+            RotorTruth.model_validate(usual | lag),
+            battery or BatteryTruth(),
+            rng=np.random.default_rng(3),
+            begin_s=clock.seconds(),
         )
         vehicle = Crazyflie(
             self.truth,
@@ -155,8 +163,10 @@ class Flight:
         )
         self.link = SimulatedLink(self.sim, self.truth, clock)
         self.vehicle = Vehicle(self.link, loop=clock)
-        self.firmware = Firmware(kind=KINDS[firmware], ports=Ports())  # type: ignore[arg-type]
-        self.limits = limits or Limits()
+        hello = Hello(2, 500, 500, 0) if firmware == "app" else None
+        self.firmware = Firmware(kind=KINDS[firmware], ports=Ports(), hello=hello)  # type: ignore[arg-type]
+        self.supervisor = Supervisor(self.vehicle, protocol=protocol)
+        self.limits = limits or Limits(idle_thrust=7000 if self.truth.brushless and firmware == "app" else 0)
         self.host = HostClock(UNIX_S)
         self.ending = Ending(clock)
         self.said: list[str] = []
@@ -166,14 +176,18 @@ class Flight:
     def its_motors(self) -> Any:
         if self.firmware.kind == "stock":
             return StockMotors(self.vehicle, self.limits)
-        kind = AppMotors if self.firmware.kind == "app" else ThesisMotors
-        return kind(self.vehicle, self.firmware, self.limits)
+        if self.firmware.kind == "thesis":
+            return ThesisMotors(self.vehicle, self.firmware, self.limits)
+        return AppMotors(self.vehicle, self.firmware, self.limits, self.supervisor)
 
     def commands(self) -> MotorCommands:
         return MotorCommands(self.its_motors(), loop=self.clock, clock=self.host)
 
     def crossings(self) -> Crossings:
         return Crossings(self.its_motors(), self.vehicle, self.firmware, loop=self.clock, clock=self.host)
+
+    def states(self) -> SupervisorLog:
+        return SupervisorLog(self.supervisor, self.vehicle, loop=self.clock, clock=self.host)
 
     def pings(self) -> Pings:
         return Pings(self.vehicle, self.firmware, loop=self.clock, clock=self.host)

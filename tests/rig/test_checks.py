@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cfid.rig import check
-from cfid.rig.check import Finding, check_encoder, check_loadcell
+from cfid.rig.check import Finding, check_loadcell
 from tests.rig.streaming_rig import ServedRig, served_rig
 
 
@@ -19,21 +19,6 @@ def rig(tmp_path: Path) -> Iterator[ServedRig]:
 def about(asked: str, findings: list[Finding]) -> Finding:
     (finding,) = [finding for finding in findings if finding.asked == asked]
     return finding
-
-
-def test_locks_of_no_use_are_told_beside_all_that_was_found(
-    rig: ServedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "no folder").touch()
-    monkeypatch.setenv("CFID_LOCKS", str(tmp_path / "no folder"))
-
-    encoder = check_encoder(rig.devices.encoder, counts_per_turn="rls-13bit-in-22")
-    loadcell = check_loadcell(rig.devices.loadcell)
-
-    assert about("port", encoder).state == "fault"
-    assert about("settings, HTTP", loadcell).state == about("reading, TCP", loadcell).state == "ok"
-    for finding in (about("port", encoder), about("RDT, UDP", loadcell)):
-        assert "the device's lock cannot be opened: Not a directory" in finding.answer
 
 
 def test_a_receive_buffer_that_the_system_caps_is_told(rig: ServedRig, monkeypatch: pytest.MonkeyPatch) -> None:

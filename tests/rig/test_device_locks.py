@@ -2,30 +2,42 @@
 
 import contextlib
 import os
+import re
 import signal
-import stat
+import socket
 import subprocess
 import sys
-import tempfile
 import threading
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cfid.campaign import RIG_FILE, Devices, EncoderPort, Rig, load_rig, new_rig_text
 from cfid.errors import ConfigError, DeviceError
-from cfid.rig.lock import DeviceLock, holder_of, holder_process
+from cfid.rig.holder import Holder
+from cfid.rig.lock import DeviceLock, find_holder, holder_of, vehicles_held
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
 
 DEVICE = "192.0.2.1:49152"
 HOLD = """
 import sys
 from cfid.rig.lock import DeviceLock
-lock = DeviceLock.take(sys.argv[1], holder="cfid log")
+lock = DeviceLock.take(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()
 """
+AS_ANOTHER_USER = """
+import os, sys  # before another user, who may not see this Python, is taken on
+import cfid.rig.lock
+os.setgroups([])
+os.setgid(int(sys.argv[2]))
+os.setuid(int(sys.argv[2]))
+"""
+
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root may act for other users")
 
 
 @pytest.fixture(autouse=True)
@@ -49,16 +61,27 @@ def another_process(body: str, *words: str) -> Iterator["subprocess.Popen[str]"]
             process.kill()
 
 
+def the_holder(device: str = DEVICE) -> Holder:
+    holder = find_holder(device)
+    assert holder is not None
+    return holder
+
+
+def names_in_use() -> list[str]:
+    """Return the abstract names of this computer's sockets."""
+    return re.findall(r" @(.+)", Path("/proc/net/unix").read_text())
+
+
 def test_the_second_is_told_who_holds_a_device_until_that_one_ends() -> None:
     with another_process(HOLD, DEVICE) as first:
-        assert holder_of(DEVICE) == f"process {first.pid} (cfid log)"
-        with pytest.raises(DeviceError, match=rf"{DEVICE} is held by process {first.pid} \(cfid log\). End that"):
-            DeviceLock.take(DEVICE, holder="cfid rig check")
+        assert re.fullmatch(rf"process {first.pid} \(python[0-9.]*\)", holder_of(DEVICE))
+        with pytest.raises(DeviceError, match=rf"^{DEVICE} is held by process {first.pid} \(.*\)\. End that first\.$"):
+            DeviceLock.take(DEVICE)
         assert holder_of("192.0.2.2:49152") == ""
         first.communicate("")
         assert first.returncode == 0
         assert holder_of(DEVICE) == ""
-        with DeviceLock.take(DEVICE, holder="cfid rig check"):
+        with DeviceLock.take(DEVICE):
             pass
 
 
@@ -68,138 +91,256 @@ def test_a_killed_process_holds_nothing(number: signal.Signals) -> None:
         first.send_signal(number)
         first.wait(10)
         assert holder_of(DEVICE) == ""
-        DeviceLock.take(DEVICE, holder="cfid log").release()
-
-
-def test_the_process_that_holds_a_device_is_told_by_its_number() -> None:
-    with another_process(HOLD, DEVICE) as first:
-        assert holder_process(DEVICE) == first.pid
-        first.communicate("")
-        assert holder_process(DEVICE) is None
-    with DeviceLock.take(DEVICE, holder="cfid log"):
-        assert holder_process(DEVICE) is None  # nobody else
+        DeviceLock.take(DEVICE).release()
 
 
 def test_who_looks_at_a_device_again_and_again_keeps_nobody_from_taking_it() -> None:
-    with another_process(HOLD, DEVICE) as first:
-        first.kill()  # its name stands in the lock's file
-    looking = [threading.Thread(target=lambda: [holder_of(DEVICE) for _ in range(2000)]) for _ in range(2)]
+    looking = [threading.Thread(target=lambda: [holder_of(DEVICE) for _ in range(300)]) for _ in range(2)]
     for thread in looking:
         thread.start()
     for _ in range(300):
-        DeviceLock.take(DEVICE, holder="cfid log").release()
+        DeviceLock.take(DEVICE).release()
     for thread in looking:
         thread.join()
 
 
-def test_a_released_device_has_no_name_in_its_lock(locks: Path) -> None:
-    DeviceLock.take(DEVICE, holder="cfid log").release()
-    (file,) = locks.iterdir()
-    assert file.read_text() == ""
-
-
-def test_users_with_temporary_folders_of_their_own_share_the_locks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("CFID_LOCKS")
-    device = f"test-of-cfid-{os.getpid()}"
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    with another_process(HOLD, device) as first:
-        monkeypatch.delenv("TMPDIR")
-        assert holder_process(device) == first.pid
-    Path("/tmp/cfid-locks", device).unlink()
+def test_a_holder_that_was_asked_for_too_often_is_found_all_the_same() -> None:
+    """Nobody takes the connections that ask who listens, and a socket keeps some hundreds of them."""
+    with another_process(HOLD, DEVICE) as first, contextlib.ExitStack() as asking:
+        (name,) = {name for name in names_in_use() if name.endswith(DEVICE)}
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                asked = asking.enter_context(socket.socket(socket.AF_UNIX))
+                asked.setblocking(False)
+                asked.connect(f"\0{name}")
+        assert (the_holder().process, the_holder().is_ours) == (first.pid, True)
 
 
 def test_a_release_frees_the_device_and_may_come_twice() -> None:
-    lock = DeviceLock.take(DEVICE, holder="cfid log")
+    lock = DeviceLock.take(DEVICE)
     with pytest.raises(DeviceError, match=f"process {os.getpid()} "):
-        DeviceLock.take(DEVICE, holder="cfid log")
+        DeviceLock.take(DEVICE)
     lock.release()
     lock.release()
-    with DeviceLock.take(DEVICE, holder="cfid log"):
+    with DeviceLock.take(DEVICE):
         pass
 
 
 def test_the_holder_itself_is_nobody_else() -> None:
-    with DeviceLock.take(DEVICE, holder="cfid log"):
+    with DeviceLock.take(DEVICE):
         assert holder_of(DEVICE) == ""
+        assert the_holder().process == os.getpid()
 
 
-def test_a_short_name_after_a_long_one_is_told_alone() -> None:
-    DeviceLock.take(DEVICE, holder="cfid log with many more words").release()
-    with DeviceLock.take(DEVICE, holder="x"), pytest.raises(DeviceError, match=rf"process {os.getpid()} \(x\)\."):
-        DeviceLock.take(DEVICE, holder="y")
+def test_locks_of_different_sets_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    with DeviceLock.take(DEVICE):
+        monkeypatch.setenv("CFID_LOCKS", "another rig")
+        with DeviceLock.take(DEVICE):
+            pass
 
 
-@pytest.mark.parametrize("device", ["/dev/ttyACM0", "COM3:", "[fe80::1%eth0]:49152", "../../etc/passwd", "Gerät 1"])
-def test_any_name_is_one_file_in_the_folder_of_locks(locks: Path, device: str) -> None:
-    with DeviceLock.take(device, holder="cfid log"), pytest.raises(DeviceError, match="is held by process"):
-        DeviceLock.take(device, holder="cfid log")
-    assert len(list(locks.iterdir())) == 1
+@pytest.mark.parametrize(
+    "device", ["/dev/ttyACM0", "COM3:", "[fe80::1%eth0]:49152", "../../etc/passwd", "Gerät 1\n", "/dev/" + 200 * "x"]
+)
+def test_any_name_is_held(device: str) -> None:
+    with DeviceLock.take(device), pytest.raises(DeviceError, match=f"is held by process {os.getpid()}"):
+        DeviceLock.take(device)
 
 
 def test_different_devices_are_held_apart() -> None:
-    with DeviceLock.take("/dev/ttyACM0", holder="a"), DeviceLock.take("/dev/ttyACM1", holder="b"):
+    with DeviceLock.take("/dev/ttyACM0"), DeviceLock.take("/dev/ttyACM1"):
         pass
 
 
-def test_everybody_may_use_the_locks_and_nobody_but_the_owner_may_remove_them(locks: Path) -> None:
-    with DeviceLock.take(DEVICE, holder="cfid log"):
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("udp://localhost:19850", "udp://127.0.0.1:19850"),
+        ("udp://127.1:19850/", "udp://127.0.0.1:19850"),
+        ("udp://0.0.0.0:19850", "udp://127.0.0.1:19850"),
+        ("radio://0/80", "radio://0/80/2M/E7E7E7E7E7"),
+        ("radio://00/080/2M/e7e7e7e7e7?rate_limit=100", "radio://0/80/2M/E7E7E7E7E7"),
+        ("radio://0", "radio://0/2/2M"),
+        ("radio://0/80/250K/1", "radio://0/80/250K/0000000001"),
+        ("radio://aabbcc/80/1M", "radio://AABBCC/80/1M"),
+        ("usb://00", "usb://0"),
+    ],
+)
+def test_two_spellings_of_an_address_are_one_device(one: str, other: str) -> None:
+    with DeviceLock.take(one), pytest.raises(DeviceError, match="is held by"):
+        DeviceLock.take(other)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("udp://127.0.0.2:19850", "udp://127.0.0.1:19850"),
+        ("udp://127.0.0.1:19851", "udp://127.0.0.1:19850"),
+        ("radio://0/80/1M", "radio://0/80/2M"),
+        ("radio://0/80/2M/E7E7E7E7E8", "radio://0/80/2M"),
+        ("radio://1/80/2M", "radio://0/80/2M"),
+        ("usb://1", "usb://0"),
+    ],
+)
+def test_different_addresses_are_different_devices(one: str, other: str) -> None:
+    with DeviceLock.take(one), DeviceLock.take(other):
         pass
-    assert stat.S_IMODE(locks.stat().st_mode) == 0o1777
-    (file,) = locks.iterdir()
-    assert stat.S_IMODE(file.stat().st_mode) == 0o666
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may act for other users")
-def test_users_share_the_locks_of_one_another() -> None:
+def test_a_link_to_a_port_is_that_port(tmp_path: Path) -> None:
+    (tmp_path / "encoder").symlink_to("/dev/null")
+    with DeviceLock.take("/dev/null"), pytest.raises(DeviceError, match="is held by"):
+        DeviceLock.take(str(tmp_path / "encoder"))
+
+
+@pytest.mark.parametrize("device", ["udp://nobody.invalid:1", "udp://:0", "udp://x:99999", "radio://0/x", "usb://x"])
+def test_an_address_that_makes_no_sense_is_held_as_it_stands(device: str) -> None:
+    with DeviceLock.take(device), pytest.raises(DeviceError, match="is held by"):
+        DeviceLock.take(device)
+
+
+def test_vehicles_that_others_hold_are_told_by_their_addresses() -> None:
+    with (
+        another_process(HOLD, "radio://0/80/2M/e7e7e7e701"),
+        another_process(HOLD, "/dev/ttyACM0"),
+        DeviceLock.take("usb://0"),
+    ):
+        assert vehicles_held() == ["radio://0/80/2M/E7E7E7E701"]
+
+
+# Which process that is
+
+
+def test_a_cfid_of_this_user_can_be_ended_and_is_told_from_the_next_one() -> None:
+    with another_process(HOLD, DEVICE) as first:
+        holder = the_holder()
+        assert (holder.process, holder.user, holder.is_ours) == (first.pid, os.geteuid(), True)
+        assert not holder.wait_until_it_lets_go(0.05)
+        assert holder.send(signal.SIGTERM)
+        assert holder.wait_until_it_lets_go(10)
+        assert first.wait(10) == -signal.SIGTERM
+        with another_process(HOLD, DEVICE) as second:
+            assert not holder.send(signal.SIGKILL)
+            assert second.poll() is None
+
+
+def test_a_process_that_was_suspended_is_known_and_gets_what_waits_for_it() -> None:
+    with another_process(HOLD, DEVICE) as first:
+        first.send_signal(signal.SIGSTOP)
+        end_s = time.monotonic() + 10
+        while not the_holder().is_suspended:
+            assert time.monotonic() < end_s
+        assert the_holder().send(signal.SIGTERM, signal.SIGCONT)
+        assert first.wait(10) == -signal.SIGTERM
+
+
+def test_a_process_that_got_the_number_of_another_is_not_signalled() -> None:
+    with another_process(HOLD, DEVICE) as first:
+        holder = the_holder()
+        assert not replace(holder, started=holder.started - 1).send(signal.SIGKILL)
+        assert not replace(holder, inode=holder.inode + 1).send(signal.SIGKILL)
+        assert first.poll() is None
+
+
+def test_what_is_no_cfid_is_told_and_not_signalled() -> None:
+    body = HOLD.replace(
+        "sys.stdin.read()",
+        "import os; os.set_inheritable(lock._bound.fileno(), True); os.execlp('sleep', '\\x1b[31msleep', '60')",
+    )
+    with another_process(body, DEVICE) as first:
+        end_s = time.monotonic() + 10
+        while "sleep" not in str(the_holder()):
+            assert time.monotonic() < end_s
+        assert str(the_holder()) == f"process {first.pid} ( [31msleep)"
+        assert not the_holder().is_ours
+        assert not the_holder().send(signal.SIGTERM)
+
+
+def test_a_process_that_passed_its_lock_on_and_ended_is_not_taken_for_whoever_gets_its_number() -> None:
+    body = HOLD.replace('print("held"', 'import os\nif os.fork(): os._exit(0)\nprint("held"')
+    with another_process(body, DEVICE) as first:
+        first.wait(10)
+        assert the_holder().process == first.pid  # which the kernel remembers
+        assert not the_holder().is_ours
+        assert not the_holder().send(signal.SIGTERM)
+
+
+# What others may do
+
+
+@needs_root
+def test_users_share_the_locks_of_one_another_and_cannot_be_signalled() -> None:
+    for user in ("65533", "65534"):
+        with another_process(AS_ANOTHER_USER + HOLD, DEVICE, user) as first:
+            assert re.fullmatch(rf"process {first.pid} \(.*\) of .+", holder_of(DEVICE))
+            with pytest.raises(DeviceError, match=f"is held by process {first.pid} "):
+                DeviceLock.take(DEVICE)
+            assert not the_holder().is_ours
+            assert not the_holder().send(signal.SIGTERM)
+            assert first.poll() is None
+
+
+@needs_root
+def test_another_user_is_told_who_of_root_holds_a_device() -> None:
     body = """
-import fcntl, os, sys  # before another user, who may not see this Python, is taken on
-from cfid.rig.lock import DeviceLock, holder_of
-number = int(sys.argv[1])
-os.setgroups([])
-os.setgid(number)
-os.setuid(number)
-""" + HOLD.replace("sys.argv[1]", "sys.argv[2]")
-    # A folder of which all may know, as the system's own for temporary files.
-    with tempfile.TemporaryDirectory(dir="/tmp") as name, pytest.MonkeyPatch.context() as patch:
-        Path(name).chmod(0o1777)
-        patch.setenv("CFID_LOCKS", f"{name}/locks")
-        for user in ("65533", "65534"):
-            with another_process(body, user, DEVICE) as first:
-                assert holder_of(DEVICE) == f"process {first.pid} (cfid log)"
-        assert Path(name, "locks").stat().st_uid == 65533
-        with DeviceLock.take(DEVICE, holder="cfid log"):
-            assert [file.stat().st_uid for file in Path(name, "locks").iterdir()] == [65533]
+from cfid.rig.lock import find_holder
+holder = find_holder(sys.argv[1])
+print("held", flush=True)
+print(holder.process, holder.is_ours, holder.send(9), flush=True)
+sys.stdin.read()
+"""
+    with DeviceLock.take(DEVICE), another_process(AS_ANOTHER_USER + body, DEVICE, "65534") as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == f"{os.getpid()} False False\n"
 
 
-def test_a_folder_with_the_sticky_bit_that_is_there_already_is_used(locks: Path) -> None:
+def test_no_file_that_anybody_could_plant_takes_part_in_a_lock(locks: Path, tmp_path: Path) -> None:
+    """Folders of locks were /tmp/cfid-locks once, and what the variable names."""
+    victim = tmp_path / "precious"
+    victim.write_text("process 1 (cfid log)")
+    names = ["link", "pipe", "folder", "forbidden", "another name", "huge"]
     locks.mkdir()
-    locks.chmod(0o1777)
-    with DeviceLock.take(DEVICE, holder="cfid log"), pytest.raises(DeviceError):
-        DeviceLock.take(DEVICE, holder="cfid log")
+    places = dict(zip(names, [locks / f"192.0.2.{i}_49152" for i in range(len(names))], strict=True))
+    places["link"].symlink_to(victim)
+    os.mkfifo(places["pipe"])
+    places["folder"].mkdir()
+    places["forbidden"].touch(mode=0)
+    places["another name"].hardlink_to(victim)
+    places["huge"].touch()
+    os.truncate(places["huge"], 1 << 40)
+    locks.chmod(0)
+    for i in range(len(names)):
+        began_s = time.monotonic()
+        assert holder_of(f"192.0.2.{i}:49152") == ""
+        with DeviceLock.take(f"192.0.2.{i}:49152"):
+            pass
+        assert time.monotonic() - began_s < 5
+    locks.chmod(0o700)
+    assert victim.read_text() == "process 1 (cfid log)"
+    assert sorted(locks.iterdir()) == sorted(places.values())
 
 
-def test_a_link_planted_in_place_of_a_lock_is_refused_and_not_followed(locks: Path, tmp_path: Path) -> None:
-    with DeviceLock.take(DEVICE, holder="cfid log"):
-        (file,) = locks.iterdir()
-    target = tmp_path / "precious"
-    target.write_text("mine")
-    for leads_to in (target, tmp_path / "nowhere"):
-        file.unlink()
-        file.symlink_to(leads_to)
-        with pytest.raises(DeviceError, match="the device's lock cannot be opened"):
-            DeviceLock.take(DEVICE, holder="cfid log")
-        with pytest.raises(DeviceError, match="the device's lock cannot be opened"):
-            holder_of(DEVICE)
-    assert target.read_text() == "mine"
-    assert not (tmp_path / "nowhere").exists()
+def test_a_name_that_looks_like_a_line_of_the_kernels_leads_to_no_other_process() -> None:
+    with another_process(HOLD, "udp://127.0.0.1:1") as first, socket.socket(socket.AF_UNIX) as forged:
+        (name,) = {name for name in names_in_use() if name.endswith("udp://127.0.0.1:1")}
+        inode = the_holder("udp://127.0.0.1:1").inode
+        other = name.replace("127.0.0.1:1", "127.0.0.1:2")
+        forged.bind(f"\0\n0: 0 0 00010000 0001 01 {inode} @{other}")
+        assert other in names_in_use()
+        assert find_holder("udp://127.0.0.1:2") is None
+        with another_process(HOLD, "udp://127.0.0.1:2") as second:
+            assert the_holder("udp://127.0.0.1:2").process == second.pid
+        assert first.poll() is None
 
 
-def test_a_folder_of_locks_that_is_none_is_told_by_name(locks: Path) -> None:
-    locks.write_text("")
-    with pytest.raises(DeviceError, match=f"^{locks}/.*: the device's lock cannot be opened: Not a directory"):
-        DeviceLock.take(DEVICE, holder="cfid log")
+def test_a_name_that_somebody_took_without_listening_is_refused_at_once() -> None:
+    with DeviceLock.take(DEVICE):
+        (name,) = {name for name in names_in_use() if name.endswith(DEVICE)}
+    with socket.socket(socket.AF_UNIX) as squatter:
+        squatter.bind(f"\0{name}")
+        with pytest.raises(DeviceError, match=f"{DEVICE} is held by another process. End that first."):
+            DeviceLock.take(DEVICE)
+        assert find_holder(DEVICE) is None
 
 
 # rig.sim.toml

@@ -1,5 +1,8 @@
 """Signals ask a loop to end: its coroutine does so in its own time, and the program's own handlers come back."""
 
+import os
+import pty
+import select
 import signal
 import subprocess
 import sys
@@ -21,6 +24,11 @@ def say(*words):
     print(*words, flush=True)
 """
 ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+# What ends or suspends a program that does not care (signal(7)), and can be caught.
+BY_DEFAULT = (
+    *("SIGHUP", "SIGINT", "SIGQUIT", "SIGTRAP", "SIGABRT", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGTERM", "SIGSTKFLT"),
+    *("SIGTSTP", "SIGTTIN", "SIGTTOU", "SIGXCPU", "SIGVTALRM", "SIGPROF", "SIGIO", "SIGPWR", "SIGSYS"),
+)
 
 
 def start(body: str, *wrapper: str) -> "subprocess.Popen[str]":
@@ -64,6 +72,77 @@ say(before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIG
         if number != ENDINGS[-1]:
             assert process.stdout.readline() == "ready\n"
     assert said(process) == ["True"]
+
+
+@pytest.mark.parametrize(
+    "number", [*(getattr(signal, name) for name in BY_DEFAULT), signal.SIGRTMIN, signal.SIGRTMIN + 7, signal.SIGRTMAX]
+)
+def test_every_signal_that_ends_or_suspends_a_program_ends_a_wait(number: int) -> None:
+    name = "SIGRTMIN+7" if number == signal.SIGRTMIN + 7 else signal.Signals(number).name
+    process = start("""
+async def main(loop, ending):
+    say("ready")
+    await ending.within(None)
+    return ending.signal
+
+say(run_until_done(main))
+""")
+    process.send_signal(number)
+    assert said(process) == [name]
+
+
+@pytest.mark.parametrize("number", [signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH, signal.SIGPIPE])
+def test_signals_that_mean_no_end_are_none(number: signal.Signals) -> None:
+    process = start("""
+async def main(loop, ending):
+    say("ready")
+    await ending.within(1)
+    return ending.signal
+
+say(run_until_done(main) or "time is over")
+""")
+    process.send_signal(number)
+    assert said(process) == ["time is over"]
+
+
+def test_a_background_job_that_its_terminal_warns_comes_to_its_end() -> None:
+    """The terminal sends the signal again each time the write is tried again, for ever if nobody gives in."""
+    body = (
+        PREFACE
+        + """
+import os, termios
+
+terminal = os.open("/dev/tty", os.O_RDWR)
+settings = termios.tcgetattr(terminal)
+settings[3] |= termios.TOSTOP
+termios.tcsetattr(terminal, termios.TCSANOW, settings)
+if os.fork():
+    os.waitpid(-1, 0)
+    sys.exit()
+os.setpgid(0, 0)  # in the background from now on
+
+async def main(loop, ending):
+    os.write(terminal, b"written\\n")
+    await ending.within(None)
+    os.write(terminal, f"{ending.signal}\\n".encode())
+
+run_until_done(main)
+"""
+    )
+    process, terminal = pty.fork()
+    if not process:
+        os.chdir(ROOT)
+        os.execv(sys.executable, [sys.executable, "-c", body])
+    try:
+        seen = b""
+        while b"SIGTTOU" not in seen:
+            assert select.select([terminal], [], [], 20)[0], seen
+            seen += os.read(terminal, 100)
+    finally:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+        os.close(terminal)
+    assert b"written" in seen
 
 
 def test_a_program_under_nohup_does_not_end_when_its_terminal_does() -> None:

@@ -109,6 +109,19 @@ def test_a_parameter_that_can_only_be_read_is_not_set_and_a_value_that_is_cut_ne
     assert bench.say(2, 2, b"\1") == bench.say(2, 1, b"") == []
 
 
+def test_a_parameter_is_set_by_its_name_or_an_error_says_why_not() -> None:
+    bench = Bench()
+    for name, rest, error in (
+        (b"motorPowerSet\0m1\0", b"\x09\x30\x75", 0),
+        (b"motorPowerSet\0m5\0", b"\x09\x30\x75", 2),
+        (b"motorPowerSet\0m1\0", b"\x08\x01", 22),
+        (b"system\0selftestPassed\0", b"\x00\x00", 13),
+    ):
+        assert bench.ask(2, 3, b"\0" + name + rest) == b"\0" + name + bytes([error])
+    assert bench.ask(2, 1, b"\1\0") == b"\1\0\0\x30\x75"
+    assert bench.say(2, 3, b"\0motorPowerSet\0m1") == []
+
+
 # Motors by motorPowerSet
 
 

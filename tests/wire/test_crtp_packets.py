@@ -52,6 +52,17 @@ def test_an_echo_of_ours_is_told_from_cflibs_own() -> None:
     assert crtp.decode_echo(b"") is None
 
 
+def test_a_parameter_is_set_by_its_name() -> None:
+    """As param_logic.c of 2026.08 takes a request apart: command, group, name, type, value; the answer has an error."""
+    begin = bytes.fromhex("00") + b"motorPowerSet\0m1\0"
+    assert crtp.encode_set_by_name("motorPowerSet.m1", "H", 30000) == begin + bytes.fromhex("09 3075")
+    assert crtp.encode_set_by_name("motorPowerSet.enable", "B", 0) == b"\0motorPowerSet\0enable\0\x08\0"
+    assert crtp.decode_set_by_name("motorPowerSet.m1", begin + b"\0") == 0
+    assert crtp.decode_set_by_name("motorPowerSet.m1", begin + b"\x02") == 2
+    for answer in (b"", begin, begin + bytes(2), b"\0motorPowerSet\0m2\0\0", b"\0motorPowerSet\0m11\0\0"):
+        assert crtp.decode_set_by_name("motorPowerSet.m1", answer) is None
+
+
 def test_parameters_are_written_and_read_by_number() -> None:
     m1 = Variable(0x0123, "H")
     assert crtp.encode_write_parameter(m1, 30000) == bytes.fromhex("2301 3075")

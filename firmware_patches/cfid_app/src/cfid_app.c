@@ -37,6 +37,11 @@
 #error "With ENABLE_THRUST_BAT_COMPENSATED motors get other commands than they were told: app-config turns it off."
 #endif
 
+/* A header that came with release 2025.12, the first whose power distribution obeys controlModeForce. */
+#if !__has_include("led_deck_controller.h")
+#error "Motors turn by this app from firmware 2025.12 on; before, commands would be acknowledged and nothing turn."
+#endif
+
 _Static_assert(CFID_PAYLOAD == CRTP_MAX_DATA_SIZE, "a packet of the core carries what a packet of the link does");
 _Static_assert(CFID_MOTORS == STABILIZER_NR_OF_MOTORS, "the vehicle has the core's motors");
 
@@ -118,6 +123,7 @@ static void feed(bool fresh)
 
 static paramVarId_t idle_parameter;
 static uint16_t idle_thrust; /* as its owner set it */
+static bool idle_off;
 
 static void find_idle_thrust(void)
 {
@@ -127,6 +133,8 @@ static void find_idle_thrust(void)
 
 static struct cfid_vehicle look(void)
 {
+    if (!idle_off)
+        idle_thrust = (uint16_t)paramGetUint(idle_parameter);
     return (struct cfid_vehicle){
         .can_fly = supervisorCanFly(), .flying = supervisorIsFlying(), .needs_arming = true, .idle = idle_thrust};
 }
@@ -134,12 +142,9 @@ static struct cfid_vehicle look(void)
 /* Takes idle thrust away and gives it back as it was found: a vehicle without it cannot be armed by anybody. */
 static void obey(const struct cfid_orders *orders)
 {
-    static bool off;
-    if (!off)
-        idle_thrust = (uint16_t)paramGetUint(idle_parameter);
-    if (off != orders->idles_off)
+    if (idle_off != orders->idles_off)
         paramSetInt(idle_parameter, orders->idles_off ? 0 : idle_thrust);
-    off = orders->idles_off;
+    idle_off = orders->idles_off;
     if (orders->disarms)
         supervisorRequestArming(false);
 }

@@ -1,0 +1,89 @@
+"""Asks a vehicle that was stopped once more, over a whole link with its tables: is every command zero?"""
+
+import time
+
+from cfid.errors import DeviceError, StopError
+from cfid.rig.crazyflie import Link
+from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
+from cfid.rig.stop_packets import OVERRIDES, Kind, stop_over
+from cfid.wire.app import Ports
+from cfid.wire.crtp import (
+    PARAMETER_PORT,
+    READ_CHANNEL,
+    WRITE_CHANNEL,
+    Packet,
+    Variable,
+    decode_read_parameter,
+    decode_write_parameter,
+    encode_read_parameter,
+    encode_write_parameter,
+)
+
+_WITHIN_S = 0.1
+_TRIES = 20
+
+
+def read_back(uri: str, ports: Ports, by_app: bool) -> Kind:
+    """Read back that nothing drives the motors, and return what runs on the vehicle.
+
+    `by_app` says that its app has acknowledged a stop already. Raises DeviceError for a vehicle that cannot be
+    reached, StopError when something still drives its motors.
+    """
+    link = Link.connect(uri)
+    try:
+        kind: Kind = "app" if by_app else firmware_of(link, ports).kind
+        if kind == "app" and not by_app and not stop_over(_Whole(link), ports).by_app:
+            raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
+        for name in OVERRIDES:
+            parameter = link.parameter(name)
+            if parameter is not None and not _is_zero(link, parameter):
+                raise StopError(f"{MAY_BE_RUNNING}: {uri}: {name} was not seen at zero.")
+        return kind
+    finally:
+        link.close()
+
+
+class _Whole:
+    """A link as a stop takes it."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._came: list[Packet] = []
+
+    def send(self, packet: Packet) -> None:
+        self._link.send(packet)
+
+    def receive(self, within_s: float) -> Packet | None:
+        end_s = time.monotonic() + within_s
+        while not self._came and time.monotonic() < end_s:
+            self._came += [packet for packet, _ in self._link.arrived()]
+            if not self._came:
+                time.sleep(0.005)
+        return self._came.pop(0) if self._came else None
+
+    def close(self) -> None:
+        """Leave that to whoever opened it."""
+
+
+def _is_zero(link: Link, parameter: Variable) -> bool:
+    """Return whether a parameter reads zero; one that does not is written by its number first."""
+    if _read(link, parameter) == 0:
+        return True
+
+    def written(packet: Packet) -> float | None:
+        return decode_write_parameter(parameter, packet.payload) if packet[:2] == write[:2] else None
+
+    write = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, 0))
+    link.ask(write, written, within_s=_WITHIN_S, tries=_TRIES)
+    return _read(link, parameter) == 0
+
+
+def _read(link: Link, parameter: Variable) -> float | None:
+    def value(packet: Packet) -> float | None:
+        return decode_read_parameter(parameter, packet.payload) if packet[:2] == ask[:2] else None
+
+    ask = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
+    found = link.ask(ask, value, within_s=_WITHIN_S, tries=_TRIES)
+    if found is None:
+        raise DeviceError(f"{link.uri}: the vehicle answers no more: the link is lost.")
+    return found

@@ -1,0 +1,89 @@
+"""The packets of a stop: they need none of the vehicle's tables, and are obeyed whoever sends them.
+
+Firmware sets a parameter by its name (from 2019 on at least), and cfid's app takes a stop from anybody.
+"""
+
+import errno
+import time
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+from cfid.rig.line import Line
+from cfid.rig.motors import MOTORS
+from cfid.wire import app
+from cfid.wire.app import PingChannel, Ports, ThrustChannel, ThrustRequest
+from cfid.wire.crtp import BY_NAME_CHANNEL, PARAMETER_PORT, Packet, decode_set_by_name, encode_set_by_name
+
+Kind = Literal["app", "thesis", "stock"]
+
+OVERRIDES = {"motorPowerSet.enable": "B", **{f"motorPowerSet.m{motor}": "H" for motor in MOTORS}}
+
+_TURN_S = 0.1
+_TURNS = 20
+_TURNS_FOR_THE_APP = 3  # an app that is there answers one of them
+
+
+class Acknowledged(NamedTuple):
+    """What a vehicle answered to a stop: that the app's commands are zero, and the parameters motorPowerSet.
+
+    `after_s` counts from the first packet to the last of these answers.
+    """
+
+    by_app: bool
+    by_parameters: bool
+    after_s: float
+
+
+def stop_over(line: Line, ports: Ports) -> Acknowledged:
+    """Send a stop in all the ways there are, until the vehicle has acknowledged those that it has."""
+    began_s = last_s = time.monotonic()
+    number = 1 << 31 | time.time_ns() & (1 << 31) - 1  # no process that counts from zero has this one
+    stop = Packet(ports.ping, PingChannel.STOP, app.encode_alive(number))
+    old_stop = Packet(ports.thrust, ThrustChannel.SET, app.encode_thrust(ThrustRequest(0, app.ALL_MOTORS_THRUST)))
+    unanswered = dict(OVERRIDES)
+    by_app = False
+    for turn in range(_TURNS):
+        for packet in [] if by_app else [stop, old_stop]:
+            line.send(packet)
+        for name, kind in unanswered.items():
+            line.send(_clear(name, kind))
+        for packet in _came(line):
+            cleared = [name for name in unanswered if _is_cleared(name, packet)]
+            if cleared:
+                del unanswered[cleared[0]]
+            elif _is_stopped(packet, stop, number):
+                by_app = True
+            else:
+                continue
+            last_s = time.monotonic()
+            if by_app and not unanswered:
+                return Acknowledged(True, True, last_s - began_s)
+        if not unanswered and turn + 1 >= _TURNS_FOR_THE_APP:
+            break
+    return Acknowledged(by_app, not unanswered, last_s - began_s)
+
+
+def _came(line: Line) -> Iterator[Packet]:
+    """Yield what comes within a turn."""
+    end_s = time.monotonic() + _TURN_S
+    while (left_s := end_s - time.monotonic()) > 0:
+        packet = line.receive(left_s)
+        if packet is not None:
+            yield packet
+
+
+def _clear(name: str, kind: str) -> Packet:
+    return Packet(PARAMETER_PORT, BY_NAME_CHANNEL, encode_set_by_name(name, kind, 0))
+
+
+def _is_cleared(name: str, packet: Packet) -> bool:
+    """Return whether a parameter is zero from now on; one that the firmware lacks overrides nothing."""
+    if packet[:2] != (PARAMETER_PORT, BY_NAME_CHANNEL):
+        return False
+    return decode_set_by_name(name, packet.payload) in (0, errno.ENOENT)
+
+
+def _is_stopped(packet: Packet, stop: Packet, number: int) -> bool:
+    """Return whether the app answers this very stop, with all four commands at zero."""
+    state = app.decode_state(packet.payload) if packet[:2] == stop[:2] else None
+    return state is not None and state.number == number and not any(state.commands)

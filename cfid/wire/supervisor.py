@@ -1,0 +1,118 @@
+"""The firmware's supervisor on the wire: its state word, and how a client arms, disarms and relaxes a setpoint.
+
+Firmware from protocol 12 on (release 2026.04) answers on port 9. Before, arming was a command of the platform port, and
+the word is to be had only as the log variable `supervisor.info`.
+"""
+
+from enum import IntFlag
+from typing import NamedTuple, Self
+
+from cfid.wire.crtp import Packet
+
+SUPERVISOR_PORT, INFO_CHANNEL, COMMAND_CHANNEL = 9, 0, 1
+PLATFORM_PORT, PLATFORM_CHANNEL = 13, 0
+SETPOINT_PORT, META_CHANNEL = 7, 1
+PORT_SINCE = 12  # version of the protocol
+INFO_VARIABLE = "supervisor.info"
+
+_ANSWER = 0x80
+_ARM, _WORD = 0x01, 0x0C
+_ARM_BY_PLATFORM = 0x01
+
+# Lets go of a setpoint that some client left to grow old. Firmware fails an assertion at any other length.
+RELAX_SETPOINT = Packet(SETPOINT_PORT, META_CHANNEL, bytes(5))
+ASK_STATE = Packet(SUPERVISOR_PORT, INFO_CHANNEL, bytes([_WORD]))
+
+
+class Bits(IntFlag):
+    """The state word's bits, which follow the supervisor's last look, 25 times a second."""
+
+    CAN_BE_ARMED = 1 << 0
+    ARMED = 1 << 1
+    ARMS_ITSELF = 1 << 2
+    CAN_FLY = 1 << 3
+    FLYING = 1 << 4
+    TUMBLED = 1 << 5
+    LOCKED = 1 << 6
+    CRASHED = 1 << 7
+    DECK_FAULT = 1 << 11
+
+
+class VehicleState(NamedTuple):
+    """A state by the name that operators know, whether motors may start from it, and what to do where they may not."""
+
+    bits: Bits
+
+    @classmethod
+    def of(cls, word: int) -> Self:
+        """Return the state of a word, whose unknown bits are left out."""
+        return cls(Bits(word & sum(Bits)))
+
+    @property
+    def name(self) -> str:
+        """Return the state's name; the word cannot distinguish landed from ready, nor level-out from flying."""
+        return next(name for bits, name in _NAMES if bits in self.bits)
+
+    @property
+    def can_fly(self) -> bool:
+        """Whether the supervisor lets commanded motors run."""
+        return Bits.CAN_FLY in self.bits
+
+    @property
+    def armed(self) -> bool:
+        """Whether it is armed: a vehicle with idle thrust then turns its rotors."""
+        return Bits.ARMED in self.bits
+
+    @property
+    def arms_itself(self) -> bool:
+        """Whether it needs no client to arm it: brushed vehicles."""
+        return Bits.ARMS_ITSELF in self.bits
+
+    @property
+    def remedy(self) -> str:
+        """Return what the operator has to do before motors may run, empty where nothing is in the way."""
+        return _REMEDIES.get(self.name, "")
+
+
+_NAMES = (
+    (Bits.LOCKED, "locked"),
+    (Bits.CRASHED, "crashed"),
+    (Bits.TUMBLED, "tumbled"),
+    (Bits.DECK_FAULT, "deck fault"),
+    (Bits.FLYING, "flying"),
+    (Bits.CAN_FLY, "ready"),
+    (Bits.ARMED, "arming"),
+    (Bits.CAN_BE_ARMED, "disarmed"),
+    (Bits(0), "not ready"),
+)
+_REMEDIES = {
+    "locked": "turn it off and on (an emergency stop, an old setpoint or a blocked rotor locked it)",
+    "crashed": "put it upright and turn it off and on",
+    "tumbled": "put it upright; one that is fastened upside down needs the parameter supervisor.tmblChckEn at 0",
+    "deck fault": "look at its console for the deck that failed its test",
+}
+
+
+def decode_state(payload: bytes) -> VehicleState | None:
+    """Return the state from the answer to `ASK_STATE`, None for any other payload."""
+    if len(payload) != 3 or payload[0] != _ANSWER | _WORD:
+        return None
+    return VehicleState.of(int.from_bytes(payload[1:], "little"))
+
+
+def encode_arming(*, wanted: bool, protocol: int) -> Packet:
+    """Return the request to arm or disarm in a version of the protocol."""
+    if protocol >= PORT_SINCE:
+        return Packet(SUPERVISOR_PORT, COMMAND_CHANNEL, bytes([_ARM, wanted]))
+    return Packet(PLATFORM_PORT, PLATFORM_CHANNEL, bytes([_ARM_BY_PLATFORM, wanted]))
+
+
+def decode_arming(payload: bytes, *, protocol: int) -> bool | None:
+    """Return whether a request to arm or disarm was granted, None for any other payload.
+
+    A second byte says whether the vehicle is armed; firmware before protocol 12 cuts it off.
+    """
+    command, shortest = (_ANSWER | _ARM, 3) if protocol >= PORT_SINCE else (_ARM_BY_PLATFORM, 2)
+    if not shortest <= len(payload) <= 3 or payload[0] != command:
+        return None
+    return bool(payload[1])

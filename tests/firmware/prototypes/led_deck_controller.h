@@ -1,0 +1,1 @@
+/* Its presence tells the app that the firmware is new enough. */

@@ -1,0 +1,93 @@
+"""The supervisor's state word and the requests to arm, byte by byte as firmware 2026.08 and 2024.10 have them."""
+
+import pytest
+
+from cfid.wire.crtp import Packet
+from cfid.wire.supervisor import ASK_STATE, RELAX_SETPOINT, decode_arming, decode_state, encode_arming
+
+# Words that recordings of the real supervisor show, and the state it was in (those that a word cannot distinguish
+# share its name).
+WORDS = [
+    ("8c0000", "not ready"),  # not_initialized
+    ("8c0402", "not ready"),  # preflight_not_passed, arms itself
+    ("8c2402", "tumbled"),
+    ("8c0002", "not ready"),
+    ("8c2002", "tumbled"),
+    ("8c0702", "arming"),  # preflight_passed, arms itself: armed already
+    ("8c0102", "disarmed"),
+    ("8c0602", "arming"),
+    ("8c0202", "arming"),
+    ("8c0e02", "ready"),
+    ("8c0a02", "ready"),
+    ("8c1e02", "flying"),
+    ("8c1a02", "flying"),
+    ("8c4402", "locked"),
+    ("8c4002", "locked"),
+    ("8ca402", "crashed"),
+    ("8c8402", "crashed"),
+    ("8c8002", "crashed"),
+    ("8c000a", "deck fault"),
+]
+
+
+@pytest.mark.parametrize(("payload", "name"), WORDS)
+def test_a_word_names_its_state(payload: str, name: str) -> None:
+    state = decode_state(bytes.fromhex(payload))
+
+    assert state is not None
+    assert state.name == name
+
+
+@pytest.mark.parametrize(("payload", "can_fly"), [("8c0e02", True), ("8c1a02", True), ("8c0602", False)])
+def test_motors_may_run_where_the_word_lets_it_fly(payload: str, can_fly: bool) -> None:
+    state = decode_state(bytes.fromhex(payload))
+
+    assert state is not None
+    assert state.can_fly is can_fly
+
+
+@pytest.mark.parametrize("name", ["locked", "crashed", "tumbled", "deck fault"])
+def test_what_keeps_motors_from_starting_has_a_remedy(name: str) -> None:
+    states = [decode_state(bytes.fromhex(payload)) for payload, named in WORDS if named == name]
+
+    assert all(state is not None and state.remedy for state in states)
+
+
+@pytest.mark.parametrize("name", ["ready", "flying", "arming", "disarmed", "not ready"])
+def test_what_passes_by_itself_has_none(name: str) -> None:
+    states = [decode_state(bytes.fromhex(payload)) for payload, named in WORDS if named == name]
+
+    assert all(state is not None and not state.remedy for state in states)
+
+
+@pytest.mark.parametrize("payload", ["", "8c", "8c0e", "8c0e0200", "810e02", "8b0e02"])
+def test_any_other_payload_is_no_state(payload: str) -> None:
+    assert decode_state(bytes.fromhex(payload)) is None
+
+
+def test_the_requests_are_those_of_the_firmware() -> None:
+    assert Packet(9, 0, b"\x0c") == ASK_STATE
+    assert Packet(7, 1, bytes(5)) == RELAX_SETPOINT
+    assert encode_arming(wanted=True, protocol=12) == Packet(9, 1, b"\x01\x01")
+    assert encode_arming(wanted=False, protocol=12) == Packet(9, 1, b"\x01\x00")
+    assert encode_arming(wanted=True, protocol=10) == Packet(13, 0, b"\x01\x01")
+
+
+@pytest.mark.parametrize(
+    ("payload", "protocol", "granted"),
+    [
+        ("810101", 12, True),
+        ("810000", 12, False),
+        ("810100", 12, True),
+        ("0101", 12, None),
+        ("8101", 12, None),
+        ("820101", 12, None),
+        ("0101", 10, True),  # the last of the old port's three bytes is cut off
+        ("0100", 10, False),
+        ("010101", 10, True),
+        ("01", 10, None),
+        ("810101", 10, None),
+    ],
+)
+def test_the_answer_to_arming_is_read_in_either_protocol(payload: str, protocol: int, granted: bool | None) -> None:
+    assert decode_arming(bytes.fromhex(payload), protocol=protocol) is granted
