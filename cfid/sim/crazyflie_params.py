@@ -117,7 +117,9 @@ class Parameters(Mapping[str, float]):
         error = errno.ENOENT
         if found is not None:
             same = rest[:1] == bytes([_CODES[found.kind]])
-            error = 0 if same and not found.read_only and self._set(found, rest[1:]) else errno.EINVAL
+            error = errno.EINVAL
+            if same:
+                error = errno.EACCES if found.read_only else 0 if self._set(found, rest[1:]) else errno.EINVAL
         return payload[: len(payload) - len(rest)] + bytes([error])
 
 

@@ -8,12 +8,12 @@ import pytest
 from cfid.analysis.sine_runs import RecordedSine, align, held, thrust_of
 from cfid.analysis.sine_runs_reports import SAMPLE_S, Reports, SinePlan, match_reports
 from cfid.errors import DataError
-from cfid.sim.app_core_python import PythonCore
 from cfid.sim.crazyflie_modules import PING, SINE
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
 from cfid.wire import app
 from tests.analysis.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
+from tests.firmware.stand import MAY_RUN, new_core
 
 PERIODS = (1, 3, 8, 25, 60, 100)
 LEAST_LATENCY_S = 0.012
@@ -21,13 +21,13 @@ LEAST_LATENCY_S = 0.012
 
 def played_on_board(periods: int, samples: int, amplitude: int) -> tuple[list[int], list[app.Crossing]]:
     """Let cfid's app play a sine; return the commands of motor 1, and its reports."""
-    core, commands, reports = PythonCore(), [], []
-    core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(0), now_us=0, allowed=True)
+    core, commands, reports = new_core(), [], []
+    core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(0), now_us=0, vehicle=MAY_RUN)
     request = app.SineRequest(1, amplitude, app.omega_of(periods, samples), samples)
-    core.receive(SINE, app.SineChannel.START, app.encode_sine(request), now_us=0, allowed=True)
+    core.receive(SINE, app.SineChannel.START, app.encode_sine(request), now_us=0, vehicle=MAY_RUN)
     for tick in range(1, 2 * samples + 3):
-        core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(tick), now_us=1000 * tick, allowed=True)
-        driven = core.tick(now_us=1000 * tick, allowed=True)
+        core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(tick), now_us=1000 * tick, vehicle=MAY_RUN)
+        driven = core.tick(now_us=1000 * tick, vehicle=MAY_RUN).commands
         commands.append(driven[0] if driven else -1)
         for service, channel, payload in core.sent():
             if (service, channel) == (SINE, app.SineChannel.CROSSING):

@@ -18,7 +18,6 @@ def program(driver: str, folder: Path, *flags: str) -> Path:
     compiler, core = shutil.which("gcc"), find_source()
     if compiler is None:
         pytest.skip("there is no gcc to compile the app's core with")
-    assert core is not None
     made = folder / Path(driver).stem
     sources = [str(HERE / driver), str(core)]
     subprocess.run(

@@ -1,19 +1,10 @@
-"""What the tests of this room share: both forms of the app's core."""
-
-from collections.abc import Callable
+"""What the tests of this folder share: a core of the app on a stand."""
 
 import pytest
 
-from cfid.sim.app_core import AppCore
-from tests.firmware.stand import CORES, Stand
-
-
-@pytest.fixture(params=CORES)
-def new_core(request: pytest.FixtureRequest) -> Callable[[], AppCore]:
-    make: Callable[[], AppCore] = request.param
-    return make
+from tests.firmware.stand import Stand, new_core
 
 
 @pytest.fixture
-def stand(new_core: Callable[[], AppCore]) -> Stand:
+def stand() -> Stand:
     return Stand(new_core())

@@ -14,17 +14,22 @@ enum { DRAIN = 8, ALLOWED, TICK, SERVICE, CHANNEL, SIZE, DATA, RECORD = DATA + C
 
 static void tick(struct cfid_core *core, uint64_t now_us, bool allowed)
 {
-    uint16_t commands[CFID_MOTORS];
-    putchar(cfid_core_tick(core, now_us, allowed, commands));
-    fwrite(commands, sizeof commands, 1, stdout);
+    const struct cfid_vehicle vehicle = {.can_fly = allowed};
+    struct cfid_orders orders;
+    cfid_core_tick(core, now_us, &vehicle, &orders);
+    for (int motor = 0; motor < CFID_MOTORS && !orders.holds; motor++)
+        orders.commands[motor] = 0; /* the motors are the stock controller's */
+    putchar(orders.holds);
+    fwrite(orders.commands, sizeof orders.commands, 1, stdout);
 }
 
 static void receive(struct cfid_core *core, const uint8_t *record, uint64_t now_us)
 {
+    const struct cfid_vehicle vehicle = {.can_fly = record[ALLOWED]};
     struct cfid_packet packet = {.service = record[SERVICE], .channel = record[CHANNEL], .size = record[SIZE]}, answer;
     memcpy(packet.data, record + DATA, sizeof packet.data);
     cfid_answer_ping(&packet, now_us, &answer);
-    cfid_core_receive(core, &packet, now_us, record[ALLOWED]);
+    cfid_core_receive(core, &packet, now_us, &vehicle);
 }
 
 static void drain(struct cfid_core *core)

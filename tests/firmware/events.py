@@ -9,6 +9,7 @@ from cfid.sim.app_core import AppCore
 from cfid.sim.crazyflie_modules import PING, SINE, THRUST, Sent
 from cfid.sim.propulsion import Four
 from cfid.wire import app
+from tests.firmware.stand import MAY_NOT_RUN, MAY_RUN
 
 BEGIN_US = 2**32 - 3_000_000  # the low 32 bits wrap on the way
 
@@ -77,11 +78,12 @@ def outcomes(core: AppCore, happening: Iterable[Event], *, drained_every: int) -
     now_us, done = BEGIN_US, []
     for number, (after_us, allowed, packet) in enumerate(happening):
         now_us += after_us
+        vehicle = MAY_RUN if allowed else MAY_NOT_RUN
         commands = None
         if packet is None:
-            commands = core.tick(now_us=now_us, allowed=allowed)
+            commands = core.tick(now_us=now_us, vehicle=vehicle).commands
         else:
-            core.receive(*packet, now_us=now_us, allowed=allowed)
+            core.receive(*packet, now_us=now_us, vehicle=vehicle)
         sent = core.sent() if number % drained_every == 0 else []
         done.append(Outcome(commands, tuple(sent)))
     return done

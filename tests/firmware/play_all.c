@@ -13,24 +13,26 @@ enum { MOTOR = 2, TICK_US = 1000, REST_TICKS = 1001, KEEP_ALIVE_SAMPLES = 200 };
 
 static struct cfid_core core;
 static uint64_t now_us;
+static const struct cfid_vehicle vehicle = {.can_fly = true};
 
 static void tell(uint8_t service, uint8_t channel, const void *data, uint8_t size)
 {
     struct cfid_packet packet = {.service = service, .channel = channel, .size = size};
     memcpy(packet.data, data, size);
-    cfid_core_receive(&core, &packet, now_us, true);
+    cfid_core_receive(&core, &packet, now_us, &vehicle);
 }
 
 static uint16_t tick(void)
 {
-    uint16_t commands[CFID_MOTORS];
+    struct cfid_orders orders;
     struct cfid_packet packet;
     now_us += TICK_US;
-    if (!cfid_core_tick(&core, now_us, true, commands) || commands[0] || commands[2] || commands[3])
+    cfid_core_tick(&core, now_us, &vehicle, &orders);
+    if (!orders.holds || orders.commands[0] || orders.commands[2] || orders.commands[3])
         exit(1);
     while (cfid_core_send(&core, &packet))
         ;
-    return commands[1];
+    return orders.commands[1];
 }
 
 static void keep_alive(void)

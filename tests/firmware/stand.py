@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import pytest
 
-from cfid.sim.app_core import AppCore, CompiledCore, load_library
-from cfid.sim.app_core_python import PythonCore
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST
+from cfid.errors import DeviceError
+from cfid.sim.app_core import AppCore, load_core
+from cfid.sim.crazyflie_modules import PING, SINE, THRUST, Seen
 from cfid.sim.propulsion import STILL, Four
 from cfid.wire import app
 
@@ -15,14 +15,15 @@ TICK_US = 1000
 KEEP_ALIVE_TICKS = 100
 
 
-def c_core() -> AppCore:
-    library = load_library()
-    if library is None:
+MAY_RUN = Seen(can_fly=True, flying=False, needs_arming=False, idle=0)
+MAY_NOT_RUN = MAY_RUN._replace(can_fly=False)
+
+
+def new_core() -> AppCore:
+    try:
+        return load_core()
+    except DeviceError:
         pytest.skip("there is no C compiler to make the app's core with")
-    return CompiledCore(library)
-
-
-CORES = [pytest.param(c_core, id="C"), pytest.param(PythonCore, id="Python")]
 
 
 class Heard(NamedTuple):
@@ -40,14 +41,14 @@ class Stand:
     def __init__(self, core: AppCore) -> None:
         self.core = core
         self.now_us = BEGIN_US
-        self.allowed = True
+        self.vehicle = MAY_RUN
         self.alive = True
         self.heard: list[Heard] = []
         self._ticks = 0
 
     def tell(self, service: int, channel: int, payload: bytes = b"") -> bytes:
         """Send a packet; return the payload of the answer."""
-        self.core.receive(service, channel, payload, now_us=self.now_us, allowed=self.allowed)
+        self.core.receive(service, channel, payload, now_us=self.now_us, vehicle=self.vehicle)
         *others, answer = self.core.sent()
         self._keep(others)
         assert answer[0] == service
@@ -55,7 +56,7 @@ class Stand:
 
     def say(self, service: int, channel: int, payload: bytes = b"") -> None:
         """Send a packet and keep what comes."""
-        self.core.receive(service, channel, payload, now_us=self.now_us, allowed=self.allowed)
+        self.core.receive(service, channel, payload, now_us=self.now_us, vehicle=self.vehicle)
         self._keep(self.core.sent())
 
     def keep_alive(self) -> app.AppState:
@@ -84,9 +85,9 @@ class Stand:
         if self.alive and self._ticks % KEEP_ALIVE_TICKS == 0:
             self.keep_alive()
         self._ticks += 1
-        commands = self.core.tick(now_us=self.now_us, allowed=self.allowed)
+        orders = self.core.tick(now_us=self.now_us, vehicle=self.vehicle)
         self._keep(self.core.sent())
-        return commands
+        return orders.commands
 
     def run(self, ms: int) -> list[Four]:
         """Return the commands of each millisecond; where the stock controller has the motors, they stand."""

@@ -11,7 +11,7 @@ from cfid.sim.crazyflie_modules import PING, SINE, THRUST
 from cfid.sim.propulsion import STILL
 from cfid.wire import app
 from cfid.wire.app import Outcome, Verdict
-from tests.firmware.stand import BEGIN_US, TICK_US, Stand
+from tests.firmware.stand import BEGIN_US, MAY_NOT_RUN, MAY_RUN, TICK_US, Stand
 
 
 def started(stand: Stand, motor: int = 1, samples: int = 1000) -> None:
@@ -46,7 +46,7 @@ def test_a_command_needs_a_keep_alive_and_zero_needs_none(stand: Stand) -> None:
 
 def test_a_command_needs_the_supervisors_consent_and_zero_needs_none(stand: Stand) -> None:
     stand.keep_alive()
-    stand.allowed = False
+    stand.vehicle = MAY_NOT_RUN
     assert stand.thrust(1, 0).verdict == Verdict.MOTORS_NOT_ALLOWED
     assert stand.sine(1, 1, 0.0, 10).verdict == Verdict.MOTORS_NOT_ALLOWED
     assert stand.thrust(0, 0).verdict == Verdict.ACCEPTED
@@ -148,7 +148,7 @@ def stop_by_ping(stand: Stand) -> None:
 
 
 def forbid(stand: Stand) -> None:
-    stand.allowed = False
+    stand.vehicle = MAY_NOT_RUN
 
 
 def fall_silent(stand: Stand) -> None:
@@ -200,9 +200,9 @@ def test_a_later_keep_alive_does_not_revive_old_commands(stand: Stand) -> None:
 def test_neither_does_a_consent_that_is_given_again(stand: Stand) -> None:
     stand.keep_alive()
     stand.thrust(30000, app.ALL_MOTORS_THRUST)
-    stand.allowed = False
+    stand.vehicle = MAY_NOT_RUN
     stand.run(1)
-    stand.allowed = True
+    stand.vehicle = MAY_RUN
     assert stand.run(100) == [STILL] * 100
 
 
@@ -246,19 +246,19 @@ def test_what_is_for_nobody_is_not_answered(stand: Stand, service: int, channel:
 def test_reports_that_find_the_outbox_full_are_numbered_and_the_last_two_words_wait(stand: Stand) -> None:
     core, now_us = stand.core, BEGIN_US
     request = app.encode_sine(app.SineRequest(1, 20000, app.omega_of(100, 200), 200))  # each sample crosses
-    core.receive(PING, 2, app.encode_alive(0), now_us=now_us, allowed=True)
-    core.receive(SINE, 0, request, now_us=now_us, allowed=True)
+    core.receive(PING, 2, app.encode_alive(0), now_us=now_us, vehicle=MAY_RUN)
+    core.receive(SINE, 0, request, now_us=now_us, vehicle=MAY_RUN)
     assert len(core.sent()) == 2
     for tick in range(2500):
         now_us += TICK_US
         if tick % 100 == 0:
-            core.receive(PING, 2, app.encode_alive(tick), now_us=now_us, allowed=True)
-        core.tick(now_us=now_us, allowed=True)
+            core.receive(PING, 2, app.encode_alive(tick), now_us=now_us, vehicle=MAY_RUN)
+        core.tick(now_us=now_us, vehicle=MAY_RUN)
     early = core.sent()
     assert len(early) == 16
     numbers = [c.number for _, channel, p in early if channel == 0 and (c := app.decode_crossing(p))]
     assert numbers == list(range(len(numbers)))
-    core.tick(now_us=now_us, allowed=True)
+    core.tick(now_us=now_us, vehicle=MAY_RUN)
     (end_of, end), (done_of, done) = [(channel, payload) for _, channel, payload in core.sent()]
     assert (end_of, done_of) == (app.SineChannel.CROSSING, app.SineChannel.DONE)
     assert app.decode_crossing(end) == app.Crossing(0, 200, (BEGIN_US + 401 * TICK_US) % 2**32, 200)
@@ -271,8 +271,8 @@ def test_the_last_word_too_waits_for_room(stand: Stand) -> None:
     for tick in range(1100):
         stand.now_us += TICK_US
         if tick % 20 == 0:
-            stand.core.receive(PING, 2, app.encode_alive(tick), now_us=stand.now_us, allowed=True)
-        stand.core.tick(now_us=stand.now_us, allowed=True)
+            stand.core.receive(PING, 2, app.encode_alive(tick), now_us=stand.now_us, vehicle=MAY_RUN)
+        stand.core.tick(now_us=stand.now_us, vehicle=MAY_RUN)
     assert {(service, channel) for service, channel, _ in stand.core.sent()} == {(PING, app.PingChannel.ALIVE)}
     stand.tick()
     assert [done for _, done in stand.done()] == [app.Done(Outcome.FINISHED, 10, 0)]

@@ -5,18 +5,18 @@ import struct
 import subprocess
 from pathlib import Path
 
-from cfid.sim.app_core_python import PythonCore
 from cfid.sim.propulsion import STILL
 from cfid.wire import app
 from tests.firmware.compiling import SANITISED, program
 from tests.firmware.events import BEGIN_US, Event, outcomes
+from tests.firmware.stand import new_core
 
 EVENTS = 20_000
 DRAINED_EVERY = 5
 RECORD = struct.Struct("<Q6B30s")
 
 
-def test_random_packets_find_no_fault_in_the_core_and_it_does_what_its_twin_does(tmp_path: Path) -> None:
+def test_random_packets_find_no_fault_in_the_core_and_it_does_what_the_simulation_s_build_does(tmp_path: Path) -> None:
     happening = random_events(random.Random(4))
     driver = program("drive_core.c", tmp_path, *SANITISED)
     done = subprocess.run([driver], input=records(happening), capture_output=True, check=False)
@@ -59,10 +59,10 @@ def records(happening: list[Event]) -> bytes:
 
 
 def written(happening: list[Event]) -> bytes:
-    """Return what the driver writes when the core does as the one in Python."""
+    """Return what the driver writes when its core does as the one that the simulation compiles."""
     out = bytearray()
     for event, (commands, sent) in zip(
-        happening, outcomes(PythonCore(), happening, drained_every=DRAINED_EVERY), strict=True
+        happening, outcomes(new_core(), happening, drained_every=DRAINED_EVERY), strict=True
     ):
         if event.packet is None:
             out += struct.pack("<B4H", commands is not None, *(commands or STILL))

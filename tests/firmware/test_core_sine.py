@@ -1,7 +1,6 @@
 """The app's sine is eq. 3.6, u[n] = A cos(2 pi l n/N) + 30000, cut to an integer, and its crossings those of C.2.4."""
 
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cfid.sim.app_core import AppCore
 from cfid.wire import app
 from tests.firmware.compiling import program
-from tests.firmware.stand import CORES, Stand
+from tests.firmware.stand import Stand, new_core
 
 N = 8000  # the thesis' (3.4.2)
 Integers = npt.NDArray[np.int64]
@@ -82,14 +80,11 @@ def test_zero_half_and_one_times_the_amplitude_are_met_exactly(stand: Stand, amp
     assert list(played(stand, amplitude, 1, 6)) == [max(int(30000 + half), 0) for half in halves]
 
 
-@pytest.mark.parametrize("make", CORES)
 @settings(max_examples=500, deadline=None, derandomize=True)
 @given(samples=st.integers(1, 2**32 - 1), data=st.data())
-def test_every_whole_number_of_periods_survives_the_packets_float(
-    make: Callable[[], AppCore], samples: int, data: st.DataObject
-) -> None:
+def test_every_whole_number_of_periods_survives_the_packets_float(samples: int, data: st.DataObject) -> None:
     periods = data.draw(st.integers(0, min(samples // 2, 2**22)))
-    stand = Stand(make())
+    stand = Stand(new_core())
     stand.keep_alive()
     answer = stand.sine(1, 100, app.omega_of(periods, samples), samples)
     assert (answer.verdict, answer.periods) == (app.Verdict.ACCEPTED, periods)

@@ -331,7 +331,7 @@ def test_speeds_are_logged_by_those_that_can_measure_them() -> None:
         bench.drive((0, 40000, 0, 0))
         bench.wait(2.0)
         bench.log(name, period_ms=10)
-        assert rows_of(bench.wait(0.01), "H")[0][2] == (pytest.approx(steady, abs=1),)
+        assert rows_of(bench.wait(0.01), "H")[0][2] == (pytest.approx(steady, rel=1e-4),)
 
 
 def test_vehicles_with_other_tables_are_told_apart_by_their_sums() -> None:

@@ -1,6 +1,7 @@
 """A simulated Crazyflie made for a test, and an app on it that does as little as an app can."""
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
-from cfid.sim.crazyflie_modules import PING, THRUST, Orders, Seen, Sent
+from cfid.sim.crazyflie_modules import PING, THRUST, App, Orders, Seen, Sent
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
 from cfid.sim.propulsion import STILL, Four, Propulsion
@@ -63,6 +64,7 @@ class Bench:
         battery: BatteryTruth = SUPPLY,
         faults: CrazyflieFaults = SOUND_CRAZYFLIE,
         ports: Ports = USUAL_PORTS,
+        load_app: Callable[[], App] = LittleApp,
     ) -> None:
         rotor_rng, radio_rng = np.random.default_rng(5).spawn(2)
         self.now_s = 0.0
@@ -72,7 +74,7 @@ class Bench:
         self.vehicle = Crazyflie(
             truth,
             self.propulsion,
-            load_app=LittleApp,
+            load_app=load_app,
             opened_s=OPENED_S,
             ports=ports,
             on_motors=lambda time_s, motors: self.changes.append((time_s - OPENED_S, motors)),
