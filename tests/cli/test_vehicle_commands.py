@@ -392,7 +392,7 @@ def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Benc
     assert len(pd.read_csv(bench.run().device_file("readings"))) == 1
 
 
-@pytest.mark.parametrize(("option", "truth"), [("deck", {"rpm_deck": True}), ("brushless", {"brushless": True})])
+@pytest.mark.parametrize(("option", "truth"), [("deck", {"rpm_deck": True}), ("brushless", {"platform": "cf21bl"})])
 def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option: str, truth: dict[str, Any]) -> None:
     words = ("log", "speed", "--from", 30000, "--to", 30000, "--hold", 0.6, "--rest", 0.3, "--yes")
     with bench_in(tmp_path, crazyflie=truth) as bench:
