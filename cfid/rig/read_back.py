@@ -31,7 +31,7 @@ def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> tupl
     """
     link = Link.connect(uri)
     try:
-        if acknowledged is None:
+        if acknowledged is None or not (acknowledged.by_app or acknowledged.by_parameters):
             acknowledged = stop_over(_Whole(link), ports)
         kind: Kind = "app" if acknowledged.by_app else firmware_of(link, ports).kind
         if kind == "app" and not acknowledged.by_app:
