@@ -19,7 +19,7 @@ def write(vehicle: Vehicle) -> str:
 
     Raises DataError when the thrust over motor voltage is no cubic that the firmware can invert.
     """
-    if "thrust_of_voltage" in vehicle and (fault := cubic_fault(thrust_of_voltage(vehicle))):
+    if "thrust_of_voltage" in vehicle and (fault := _fault(vehicle)):
         raise DataError(f"no header: {fault} Fit again with `cfid fit thrust`, which constrains the cubic.")
     lines = ["", "#pragma once", ""]
     for name, value, words in _macros(vehicle):
@@ -46,6 +46,12 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
         matrix = inertia_kg_m2(vehicle)
         for name, (i, j) in zip(_NAMES, _ENTRIES, strict=True):
             yield f"CFID_INERTIA_{name}", matrix[i][j], "kg m^2"
+
+
+def _fault(vehicle: Vehicle) -> str:
+    """Return why the firmware cannot invert the map, from its least thrust up."""
+    cubic = thrust_of_voltage(vehicle)
+    return cubic_fault(cubic, least_n=_least_thrust_n(vehicle)) if "max_thrust" in vehicle else cubic_fault(cubic)
 
 
 def _least_thrust_n(vehicle: Vehicle) -> float:

@@ -12,6 +12,7 @@ import pytest
 
 from cfid.campaign import RIG_FILE, new_rig_text
 from cfid.parameters import load_sections
+from cfid.plausible import cubic_fault
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from tests.cli.stand_in_a_folder import climbed, write_run, write_thesis_file
@@ -102,9 +103,12 @@ def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Pa
     assert quality["better_form"] == "voltage"
     assert quality["voltage_rms_n"] < quality["command_rms_n"]
     poly = content["parameters"]["motor.thrust_voltage_poly"]["value"]
+    assert cubic_fault(poly) == ""  # the true map is all but square: the firmware takes the nearest that rises
+    largest = true_thrust_n(3.5 / TRUTH.nominal_v * 65535)
     for volts in (1.5, 2.5, 3.0):
         truth = true_thrust_n(volts / TRUTH.nominal_v * 65535)
-        assert np.polyval(poly[::-1], volts) == pytest.approx(truth, rel=0.005)
+        assert np.polyval(poly[::-1], volts) == pytest.approx(truth, abs=0.01 * largest)
+    assert any("departs by up to" in said for said in content["warnings"])
 
 
 def test_scales_are_a_second_opinion(cfid: Cfid, tmp_path: Path, staircase: Path) -> None:

@@ -11,9 +11,11 @@ import numpy.typing as npt
 import pytest
 
 from cfid.analysis.voltage_map import compare_thrust
+from cfid.errors import DataError
 from cfid.export.firmware import TARGET
 from cfid.export.target import text_of
 from cfid.export.vehicle import Vehicle
+from cfid.plausible import cubic_fault
 from cfid.stand_table import read_stand_table
 from tests.export.thesis_vehicle import vehicle, with_value
 
@@ -108,6 +110,7 @@ def test_maps_that_the_firmware_ships_come_back(inverse: Inverse, name: str) -> 
     worst = assert_flies(inverse, cubic, limits)
     print(f"{name}: {100 * worst:.4f} % of the range")
 
+    assert cubic_fault(cubic, least_n=limits[0]) == cubic_fault(cubic) == ""
     assert limits[0] / limits[1] == pytest.approx(7000 / 65535, rel=1e-6)  # the rule that headers follow
 
 
@@ -116,6 +119,14 @@ def test_the_program_sees_a_map_that_stops_motors(inverse: Inverse) -> None:
     volts, _ = inverse(0.00356866, 0.00724118, 0.01127234, -0.000335744, 0.0179, 0.168, 4.0)
 
     assert np.isnan(volts).any()
+    assert "motors stop" in cubic_fault([0.00356866, 0.00724118, 0.01127234, -0.000335744])
+
+
+def test_a_map_that_stops_motors_is_no_header() -> None:
+    """Neither that of a plain fit, nor one whose flat part lies within the thrusts that are asked for."""
+    for cubic in ([0.0036, 0.0072, 0.0113, -0.00034], [0.02, 0.01, 0.012, 0.002], [0.0, 0.03, -0.03, 0.006]):
+        with pytest.raises(DataError, match=r"no header: .* does not rise over all voltages"):
+            text_of(TARGET, with_value(vehicle(), "thrust_of_voltage", cubic))
 
 
 def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
