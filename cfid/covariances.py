@@ -35,6 +35,15 @@ def numbers_of(key: str, value: Any) -> list[float]:
     return [value]
 
 
+def names_of(key: str, value: Any) -> list[str]:
+    """Return a name for each of a parameter's independent numbers."""
+    if key in _SYMMETRIC:
+        return [f"{key} {'xyz'[i]}{'xyz'[j]}" for i, j in _ENTRIES]
+    if not isinstance(value, list):
+        return [key]
+    return [name for place, part in enumerate(value) for name in names_of(f"{key} [{place}]", part)]
+
+
 def shaped_as(key: str, numbers: Sequence[float], value: Any) -> Any:
     """Return numbers in the shape of a parameter's value: undo `numbers_of`."""
     if key in _SYMMETRIC:

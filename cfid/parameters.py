@@ -53,7 +53,7 @@ class Source:
 class Section:
     """All that one fit found.
 
-    `covariances` are those between the numbers of its parameters; a parameter in none of them has independent numbers.
+    `covariance` has those between the numbers of its parameters; a parameter in none of them has independent numbers.
     `common` says for each cause that other fits share what one standard uncertainty of it does to parameters, in the
     order of `numbers_of`; it is contained in their uncertainty. `rejected` says why single parameters are no good: such
     a parameter is there by --force alone.
@@ -65,7 +65,7 @@ class Section:
     believed: bool
     sources: tuple[Source, ...]
     parameters: Mapping[str, Parameter]
-    covariances: tuple[Covariance, ...] = ()
+    covariance: tuple[Covariance, ...] = ()
     common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     rejected: Mapping[str, str] = field(default_factory=dict)
 
@@ -175,9 +175,9 @@ def bent(section: Section) -> str:
         if said := misshapen(key, parameter.value, parameter.std):
             return f"parameters.{key}: {said}"
     values = {key: parameter.value for key, parameter in section.parameters.items()}
-    for number, covariance in enumerate(section.covariances):
+    for number, covariance in enumerate(section.covariance):
         if said := covariance_fault(covariance, values):
-            return f"covariances {number + 1}: {said}"
+            return f"covariance {number + 1}: {said}"
     for cause, effects in section.common.items():
         if said := common_fault(effects, values):
             return f"common.{cause}: {said}"
@@ -186,7 +186,7 @@ def bent(section: Section) -> str:
 
 def _table(section: Section) -> dict[str, Any]:
     more: dict[str, Any] = {
-        "covariances": [{"of": list(c.of), "matrix": [list(row) for row in c.matrix]} for c in section.covariances],
+        "covariance": [{"of": list(c.of), "matrix": [list(row) for row in c.matrix]} for c in section.covariance],
         "common": {cause: dict(effects) for cause, effects in section.common.items()},
         "rejected": dict(section.rejected),
     }

@@ -52,7 +52,7 @@ def implausible(key: str, value: Any) -> str:
         if not found.least <= number <= found.largest:
             guess = _guess(number, found)
             return (
-                f"{key} is implausible, {number:.4g} {found.unit}{f': {guess}?' if guess else '.'} "
+                f"{key} is implausible, {number:#.3g} {found.unit}{f': {guess}?' if guess else '.'} "
                 f"Expected {found.least:g} to {found.largest:g} {found.unit}."
             )
     return ""

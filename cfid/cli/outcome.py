@@ -24,7 +24,7 @@ class Outcome:
     """One fit's result as the contract of --json has it, and in words for a person.
 
     `drawings` draws its figures when they are wanted, by file name; `beside` is where they go by default.
-    `covariances`, `common` and `rejected` are those of `Section`; what is rejected is given by --force alone.
+    `covariances`, `common` and `rejected` are what `Section` keeps; what is rejected is given by --force alone.
     """
 
     command: str
@@ -114,7 +114,7 @@ def _keep(outcome: Outcome, campaign: "Campaign", drawn: Sequence[Path]) -> None
         believed=not outcome.doubts,
         sources=tuple(Source(_path_in(campaign, source.path), source.sha256) for source in outcome.sources),
         parameters=outcome.parameters,
-        covariances=outcome.covariances,
+        covariance=outcome.covariances,
         common=outcome.common,
         rejected=outcome.rejected,
     )
