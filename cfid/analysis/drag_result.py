@@ -49,8 +49,8 @@ class DragChoices:
 class DragResult:
     """The models' fits, None where the experiments do not tell one's coefficients apart.
 
-    `simple_kg_per_rad` (3,) with deviations and covariance (3, 3) are those of the method: of the fit, or the means of C.3.1 (eq. 4.8),
-    which `simple_residual_n` (n, 3) belongs to. `chosen` is the model's name.
+    `simple_kg_per_rad` (3,) with deviations and covariance (3, 3) are those of the method: of the fit, or the means of
+    C.3.1 (eq. 4.8), which `simple_residual_n` (n, 3) belongs to. `chosen` is the model's name.
     """
 
     experiments: DragExperiments

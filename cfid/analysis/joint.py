@@ -93,9 +93,7 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
         mean=np.array([number for key, value in values.items() for number in numbers_of(key, value)], dtype=np.float64),
         covariance=covariance,
         exact=tuple(key for key in values if key not in uncertain),
-        independent=tuple(
-            key for key in uncertain if key not in covered and places[key].stop - places[key].start > 1
-        ),
+        independent=tuple(key for key in uncertain if key not in covered and places[key].stop - places[key].start > 1),
     )
 
 

@@ -147,7 +147,8 @@ class _Cone:
     def __init__(self, volts: Array, std: Array) -> None:
         size = float(np.max(np.abs(volts)))
         self.powers = size ** np.arange(4.0)
-        self._triangle = np.linalg.qr((volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis], mode="r")
+        rows = (volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis]
+        self._triangle: Array = np.linalg.qr(rows, mode="r")
         self._rising = np.array([self._felt(angle) for angle in _ANGLES])
 
     def nearest(self, cubic: Array, *, refined: bool = True) -> Array:

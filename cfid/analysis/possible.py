@@ -45,7 +45,7 @@ def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DE
 
 
 def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
-    """Go on with the maps of thrust and of speed, over the thrusts (m,) that are reached, of which there may be none."""
+    """Go on with the maps of thrust and of speed, over the thrusts (m,) that are reached, if any are known."""
     if len(thrust) and "motor.torque_poly" in values and not _rises(values["motor.torque_poly"], thrust):
         return "motor.torque_poly does not rise"
     volts = np.linspace(0.0, FULL_BATTERY_V, _POINTS)

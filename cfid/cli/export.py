@@ -27,6 +27,7 @@ def export(
             help="Whose file to write; list says which there are; samples draws vehicles from the uncertainties.",
         ),
     ],
+    *,
     out: Annotated[
         str | None,
         typer.Option(metavar="FILE|-", help="Where to; - is stdout. Default: the campaign's folder exports."),

@@ -26,13 +26,13 @@ class Drawn(NamedTuple):
 
     numbers: list[Any]
     rendered: "dict[str, list[Any]]"
-    count: int
+    draws: int
     reasons: Counter[str]
 
     @property
     def rejected_share(self) -> float:
         """The part of the draws that was rejected."""
-        return sum(self.reasons.values()) / self.count
+        return sum(self.reasons.values()) / self.draws
 
 
 def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force: bool) -> None:
@@ -48,7 +48,9 @@ def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force:
     paths = [folder / name for name in ("samples.csv", "samples.npz", *(FILES[target.name] for target in targets))]
     there = [path for path in paths if path.exists()]
     if there and not force:
-        raise ConfigError(f"{there[0]} is there already: nothing was changed. --force overwrites it, --out names another.")
+        raise ConfigError(
+            f"{there[0]} is there already: nothing was changed. --force overwrites it, --out names another folder."
+        )
     refuse(_everything(known), known, force=force)
     joint = _joint(known)
     drawn = draw(joint, known, targets, count=count, seed=seed)
@@ -74,7 +76,8 @@ def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int,
     """
     import numpy as np
 
-    rng, numbers, reasons, drawn = np.random.default_rng(seed), [], Counter[str](), 0
+    rng, reasons, drawn = np.random.default_rng(seed), Counter[str](), 0
+    numbers: list[Any] = []
     rendered: dict[str, list[Any]] = {target.name: [] for target in targets}
     while len(numbers) < count:
         for row in joint.draw(max(count, _FEWEST), rng):
@@ -208,13 +211,13 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
 
 def _report(joint: "Joint", drawn: Drawn, count: int) -> None:
     why = f": {_told(drawn.reasons)}" if drawn.reasons else ""
-    typer.echo(f"{count} vehicles of {drawn.count} draws; {100 * drawn.rejected_share:.1f} % rejected{why}.")
+    typer.echo(f"{count} vehicles of {drawn.draws} draws; {100 * drawn.rejected_share:.1f} % rejected{why}.")
     if joint.exact:
         note(f"no uncertainty is known of {', '.join(joint.exact)}: the same in every vehicle.")
     if joint.independent:
         note(
-            f"no covariance is kept of {', '.join(joint.independent)}: their numbers are drawn independently. Fit again "
-            "to have it."
+            f"no covariance is kept of {', '.join(joint.independent)}: their numbers are drawn independently. Fit "
+            "again to have it."
         )
 
 

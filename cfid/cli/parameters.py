@@ -65,6 +65,7 @@ def set_by_hand(
     value: Annotated[
         str, typer.Argument(metavar="VALUE", help="A number; motor.thrust_voltage_poly takes four, with commas.")
     ],
+    *,
     std: Annotated[float | None, typer.Option(min=0, help="One standard deviation.")] = None,
     unit: Annotated[str, typer.Option(help="Where the name does not say it.")] = "",
     force: Annotated[bool, typer.Option("--force", help="Note what is implausible all the same.")] = False,

@@ -50,7 +50,9 @@ def listed(target: Target, drawn: Sequence[Any], comments: Iterable[str]) -> str
 
 
 def _of_map(row: Mapping[str, Value], poly: Sequence[float]) -> Mapping[str, Value]:
-    ends = {f"thrust_{end}_n": value_of(poly, row[f"command_{end}"]) for end in ("min", "max") if f"command_{end}" in row}
+    ends = {
+        f"thrust_{end}_n": value_of(poly, row[f"command_{end}"]) for end in ("min", "max") if f"command_{end}" in row
+    }
     return {**row, **ends, "coefficients": [*[0.0] * (3 - len(poly)), *poly]}
 
 
