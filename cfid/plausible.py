@@ -52,7 +52,7 @@ def implausible(key: str, value: Any) -> str:
         if not found.least <= number <= found.largest:
             guess = _guess(number, found)
             return (
-                f"{key} is implausible, {number:#.3g} {found.unit}{f': {guess}?' if guess else '.'} "
+                f"{key} is implausible, {_shown(number)} {found.unit}{f': {guess}?' if guess else '.'} "
                 f"Expected {found.least:g} to {found.largest:g} {found.unit}."
             )
     return ""
@@ -93,6 +93,16 @@ def _judged(value: Any) -> list[float]:
 
 
 def _guess(number: float, expected: Range) -> str:
-    """Return the first unit in which a number would be plausible, "" where there is none."""
+    """Return the unit in which a number would be nearest to the middle of what is plausible, "" where there is none."""
+    middle = math.sqrt(expected.least * expected.largest)
     units = _OTHER_UNITS.get(expected.unit, {})
-    return next((unit for size, unit in units.items() if expected.least <= number * size <= expected.largest), "")
+    near = {
+        abs(math.log(number * size / middle)): unit
+        for size, unit in units.items()
+        if expected.least <= number * size <= expected.largest
+    }
+    return near[min(near)] if near else ""
+
+
+def _shown(number: float) -> str:
+    return f"{number:.1f}" if 1 <= abs(number) < 1000 else f"{number:.3g}"

@@ -29,7 +29,7 @@ IDLE = 7000 / 65535  # of the largest thrust: below, firmware stops a motor (too
 _STEP = 0.004  # of the angles that are tried
 _ANGLES = np.concatenate([np.arange(-1.57, -0.3, _STEP), np.arange(0.02, 1.57, _STEP)])
 _ROUNDED = 0.005  # of the largest thrust: what single precision may cost
-_DRAWS, _SEED = 1000, 1
+_DRAWS, _SEED = 400, 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ def constrain(free: PolynomialFit, *, thrust_n: Array, std_n: Array | None = Non
     """Return the cubic that rises over all voltages and fits points best.
 
     `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages;
-    `std_n` (n,) weighed them. On the constraint the covariance is that of 1000 unconstrained estimates, drawn from
+    `std_n` (n,) weighed them. On the constraint the covariance is that of 400 unconstrained estimates, drawn from
     their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
 
     A cubic is refused where, at some voltage from the idle thrust up to the largest that was measured, it departs from
@@ -148,7 +148,7 @@ class _Cone:
         size = float(np.max(np.abs(volts)))
         self.powers = size ** np.arange(4.0)
         rows = (volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis]
-        self._triangle: Array = np.linalg.qr(rows, mode="r")
+        self._triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         self._rising = np.array([self._felt(angle) for angle in _ANGLES])
 
     def nearest(self, cubic: Array, *, refined: bool = True) -> Array:
