@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cfid.parameters import Section
 
 MOST_REJECTED = 0.5  # of the draws: beyond, what is left is another distribution
-_FEWEST = 200  # draws before that is judged
+_FEWEST = 200  # draws by which that is judged
 
 
 class Drawn(NamedTuple):
@@ -89,15 +89,13 @@ def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int,
             numbers.append(row)
             for name, one in made.items():
                 rendered[name].append(one)
-            if len(numbers) == count:
-                break
-        if drawn >= _FEWEST and sum(reasons.values()) > MOST_REJECTED * drawn:
+        if sum(reasons.values()) > MOST_REJECTED * drawn:
             raise DataError(
                 f"samples: nothing was written. {100 * sum(reasons.values()) / drawn:.0f} % of {drawn} draws are no "
                 f"possible vehicle (limit {100 * MOST_REJECTED:.0f} %): {_told(reasons)}. The uncertainties are too "
                 "large for a normal distribution: measure these again."
             )
-    return Drawn(numbers, rendered, drawn, reasons)
+    return Drawn(numbers[:count], {name: made[:count] for name, made in rendered.items()}, drawn, reasons)
 
 
 def _vehicle(values: dict[str, Any], known: "Known", targets: "list[Target]") -> tuple[str, dict[str, Any]]:
@@ -211,7 +209,7 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
 
 def _report(joint: "Joint", drawn: Drawn, count: int) -> None:
     why = f": {_told(drawn.reasons)}" if drawn.reasons else ""
-    typer.echo(f"{count} vehicles of {drawn.draws} draws; {100 * drawn.rejected_share:.1f} % rejected{why}.")
+    typer.echo(f"{count} vehicles; {100 * drawn.rejected_share:.1f} % of {drawn.draws} draws rejected{why}.")
     if joint.exact:
         note(f"no uncertainty is known of {', '.join(joint.exact)}: the same in every vehicle.")
     if joint.independent:
