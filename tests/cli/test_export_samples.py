@@ -114,7 +114,7 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
         assert quad["k_eta"] == pytest.approx(number["motor.thrust_per_speed_squared_n_s2"])
         # The thesis' x is to the right: its yy is about the axis that points forward.
         assert quad["Ixx"] == drone["J"][0][0] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
-    assert len({drone["mass"] for drone in drones}) == 1 + 19 * ("mass_std_kg" in (campaign / "rig.toml").read_text())
+    assert len({drone["mass"] for drone in drones}) == 20
 
 
 def test_a_drawn_vehicle_is_rendered_by_the_targets_themselves() -> None:

@@ -1,8 +1,10 @@
 """The firmware's way back from thrust to motor voltage, compiled in single precision: no map of ours stops a motor."""
 
+import math
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -11,10 +13,11 @@ import numpy.typing as npt
 import pytest
 
 from cfid.analysis.voltage_map import compare_thrust
+from cfid.covariances import numbers_of
 from cfid.errors import DataError
 from cfid.export.firmware import TARGET
 from cfid.export.target import text_of
-from cfid.export.vehicle import Vehicle
+from cfid.parameters import load_sections
 from cfid.plausible import cubic_fault
 from cfid.stand_table import read_stand_table
 from tests.export.thesis_vehicle import vehicle, with_value
@@ -92,16 +95,20 @@ def assert_flies(inverse: Inverse, cubic: npt.ArrayLike, limits: tuple[float, fl
     return worst
 
 
-def header_of(known: Vehicle) -> Mapping[str, float]:
-    text = text_of(TARGET, known)
+def macros_of(text: str) -> Mapping[str, float]:
     return {name: float(number) for name, number in re.findall(r"#define (\w+) (\S+)f", text)}
 
 
 def assert_header_flies(inverse: Inverse, cubic: npt.ArrayLike, max_thrust_n: float) -> None:
     known = with_value(vehicle(), "thrust_of_voltage", [float(number) for number in np.asarray(cubic)])
-    macros = header_of(with_value(known, "max_thrust", max_thrust_n))
+    assert_text_flies(inverse, text_of(TARGET, with_value(known, "max_thrust", max_thrust_n)))
+
+
+def assert_text_flies(inverse: Inverse, header: str) -> None:
+    macros = macros_of(header)
     written = [macros[f"VMOTOR2THRUST{power}"] for power in range(4)]
-    assert_flies(inverse, written, (macros["THRUST_MIN"], macros["THRUST_MAX"]))
+    worst = assert_flies(inverse, written, (macros["THRUST_MIN"], macros["THRUST_MAX"]))
+    print(f"{100 * worst:.4f} % of the range")
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -164,3 +171,22 @@ def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, se
 
     assert found.refusal == ""
     assert_header_flies(inverse, found.lowest_first, float(thrust.max()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 7])
+def test_headers_of_whole_campaigns_fly_and_their_covariances_agree_with_their_uncertainties(
+    inverse: Inverse, seed: int, tmp_path: Path
+) -> None:
+    folder = tmp_path / "campaign"
+    words = ["demo", str(folder), "--seed", str(seed), "--no-figures"]
+    subprocess.run([sys.executable, "-m", "cfid.cli.main", *words], check=True, capture_output=True, timeout=600)
+    assert_text_flies(inverse, (folder / "exports" / TARGET.file_name).read_text())
+    for section in load_sections(folder / "parameters.toml").values():
+        for kept in section.covariance:
+            spread = iter(np.sqrt(np.diag(np.array(kept.matrix))))
+            for key in kept.of:
+                parameter = section.parameters[key]
+                for std in numbers_of(key, parameter.std):
+                    known = std is not None and math.isfinite(std)  # a number at its bound has none
+                    assert next(spread) == pytest.approx(std if known else 0.0, rel=1e-6), key
