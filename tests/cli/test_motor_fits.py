@@ -111,6 +111,31 @@ def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Pa
     assert any("departs by up to" in said for said in content["warnings"])
 
 
+def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the_reason_kept(
+    cfid: Cfid, campaign: Path
+) -> None:
+    command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
+    volts = command / 65535 * 4.0
+    thrust = 0.02 * volts**2 - 0.0026 * volts**3 + 1e-5 * np.random.default_rng(1).standard_normal(len(volts))
+    rows = zip(command, thrust, strict=True)
+    table = campaign / "folds.csv"
+    table.write_text("cmd,thrust_n,vbat_v\n" + "".join(f"{c:.0f},{t:.6f},4.0\n" for c, t in rows))
+    words = ("fit", "thrust", "--table", table, "--order", "4", "--campaign", campaign)
+    content = found(cfid, *words)
+    cubic = "motor.thrust_voltage_poly"
+    reason = content["quality"]["rejected"][cubic]
+
+    assert "departs from the data by" in reason
+    assert reason in content["warnings"]
+    assert cubic not in content["parameters"]
+    section = load_sections(campaign / "parameters.toml")["thrust"]
+    assert section.rejected == {cubic: reason}
+    assert cubic not in section.parameters
+    assert section.covariance
+    assert not any(cubic in kept.of for kept in section.covariance)
+    assert cubic in found(cfid, *words, "--force")["parameters"]
+
+
 def test_scales_are_a_second_opinion(cfid: Cfid, tmp_path: Path, staircase: Path) -> None:
     commands = np.arange(0, 64001, 4000)
     grams = 60 - 2 * true_thrust_n(commands) / 9.81 * 1e3
