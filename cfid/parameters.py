@@ -1,18 +1,23 @@
 """What a campaign has found: parameters with deviation, unit and origin, in parameters.toml.
 
-One section per fit; a later fit replaces its own section and touches no other.
+One section per fit; a later fit replaces its own section and touches no other. The file has a format number: a file
+of an older format is read, and written in this one by the next fit; a newer one is refused.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from cfid.covariances import Covariance, common_fault, covariance_fault
 from cfid.durable import alone_in, first_fault, read_toml, write_toml
 from cfid.errors import ConfigError, DataError
 from cfid.shapes import misshapen
+
+FORMAT = 2  # 1, which had no number, knew no covariances, common causes and rejections
+_FORMAT_KEY = "format"
 
 _MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
@@ -46,7 +51,13 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """All that one fit found."""
+    """All that one fit found.
+
+    `covariance` has those between the numbers of its parameters; a parameter in none of them has independent numbers.
+    `common` says for each cause that other fits share what one standard uncertainty of it does to parameters, in the
+    order of `numbers_of`; it is contained in their uncertainty. `rejected` says why single parameters are no good: such
+    a parameter is there by --force alone.
+    """
 
     method: str
     found: datetime
@@ -54,6 +65,9 @@ class Section:
     believed: bool
     sources: tuple[Source, ...]
     parameters: Mapping[str, Parameter]
+    covariance: tuple[Covariance, ...] = ()
+    common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    rejected: Mapping[str, str] = field(default_factory=dict)
 
 
 def plain(value: Any) -> Value:
@@ -118,16 +132,25 @@ def change_section(path: Path, name: str, change: Callable[[Section | None], Sec
         with alone_in(path.parent):
             content = _load(path)
             section = change(_sections(path, content).get(name))
-            write_toml(path, dict(sorted((content | {name: _table(section)}).items())))
+            write_toml(path, {_FORMAT_KEY: FORMAT} | dict(sorted((content | {name: _table(section)}).items())))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
 
 
 def _load(path: Path) -> dict[str, Any]:
+    """Return the tables of the file, without its format number."""
     try:
-        return read_toml(path, DataError)
+        content = read_toml(path, DataError)
     except FileNotFoundError:
         return {}
+    found = content.pop(_FORMAT_KEY, 1)
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+        raise DataError(f"{path}: {_FORMAT_KEY}: should be a whole number from 1 to {FORMAT}.")
+    if found > FORMAT:
+        raise DataError(
+            f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
+        )
+    return content
 
 
 def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
@@ -151,10 +174,22 @@ def bent(section: Section) -> str:
     for key, parameter in section.parameters.items():
         if said := misshapen(key, parameter.value, parameter.std):
             return f"parameters.{key}: {said}"
+    values = {key: parameter.value for key, parameter in section.parameters.items()}
+    for number, covariance in enumerate(section.covariance):
+        if said := covariance_fault(covariance, values):
+            return f"covariance {number + 1}: {said}"
+    for cause, effects in section.common.items():
+        if said := common_fault(effects, values):
+            return f"common.{cause}: {said}"
     return ""
 
 
 def _table(section: Section) -> dict[str, Any]:
+    more: dict[str, Any] = {
+        "covariance": [{"of": list(c.of), "matrix": [list(row) for row in c.matrix]} for c in section.covariance],
+        "common": {cause: dict(effects) for cause, effects in section.common.items()},
+        "rejected": dict(section.rejected),
+    }
     return {
         "method": section.method,
         "found": section.found,
@@ -162,6 +197,7 @@ def _table(section: Section) -> dict[str, Any]:
         "believed": section.believed,
         "sources": [asdict(source) for source in section.sources],
         "parameters": {name: _row(parameter) for name, parameter in section.parameters.items()},
+        **{key: value for key, value in more.items() if value},
     }
 
 

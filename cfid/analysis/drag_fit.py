@@ -57,6 +57,12 @@ class DragFit:
         return np.asarray(np.sqrt(np.diag(self.covariance))[self.model.layout])
 
     @property
+    def value_covariance(self) -> Array:
+        """The covariance (m, m) of the m numbers of `value`, row by row."""
+        places = self.model.layout.ravel()
+        return np.asarray(self.covariance[np.ix_(places, places)])
+
+    @property
     def sse_n2(self) -> float:
         """Sum of the squared errors over all experiments and axes, as C.3.1 defines it."""
         return float(np.sum(self.residual_n**2))

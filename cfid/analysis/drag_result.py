@@ -49,14 +49,15 @@ class DragChoices:
 class DragResult:
     """The models' fits, None where the experiments do not tell one's coefficients apart.
 
-    `simple_kg_per_rad` (3,) with deviations are those of the method: of the fit, or the means of C.3.1 (eq. 4.8),
-    which `simple_residual_n` (n, 3) belongs to. `chosen` is the model's name.
+    `simple_kg_per_rad` (3,) with deviations and covariance (3, 3) are those of the method: of the fit, or the means of
+    C.3.1 (eq. 4.8), which `simple_residual_n` (n, 3) belongs to. `chosen` is the model's name.
     """
 
     experiments: DragExperiments
     simple: DragFit
     simple_kg_per_rad: Array
     simple_std_kg_per_rad: Array
+    simple_covariance: Array
     simple_residual_n: Array
     cross: CrossFit | None
     complex_: DragFit | None
@@ -97,14 +98,16 @@ def fit_models(experiments: DragExperiments, choices: DragChoices) -> DragResult
     models = [fit.model for fit in (simple, cross and cross.fit, complex_) if fit]
     comparison = _tried(lambda: compare_models(experiments, models, weighted=choices.weighted), said)
     value, std, residual = simple.value, simple.std, simple.residual_n
+    covariance = simple.value_covariance
     if choices.method == "thesis" and groups is not None:
-        value, std = groups.value, groups.std
+        value, std, covariance = groups.value, groups.std, groups.covariance
         residual = experiments.force_n - _force_n(experiments, SIMPLE, SIMPLE.coefficients(value))
     result = DragResult(
         experiments=experiments,
         simple=simple,
         simple_kg_per_rad=value,
         simple_std_kg_per_rad=std,
+        simple_covariance=covariance,
         simple_residual_n=residual,
         cross=cross,
         complex_=complex_,

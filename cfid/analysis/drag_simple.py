@@ -38,7 +38,8 @@ class SimpleGroupings:
     that of x and y together (kappa_orth_LS). `by_command` takes all winds of an angle and command
     (kappa_orth_LS_allWinds), `by_wind` all commands of an angle and wind (kappa_orth_LS_allInputs), `by_angle`
     everything of an angle (kappa_orth_LS_all). `value` (3,) is eq. 4.8: the mean over the angles for x and y, over
-    all experiments for z. The thesis states no deviation; `std` (3,) is that of noise, references and wind.
+    all experiments for z. The thesis states no deviation; `std` (3,) and `covariance` (3, 3) are those of noise,
+    references and wind.
     """
 
     each: Array
@@ -48,6 +49,7 @@ class SimpleGroupings:
     by_angle: tuple[Group, ...]
     value: Array
     std: Array
+    covariance: Array
 
 
 def group_simple(experiments: DragExperiments) -> SimpleGroupings:
@@ -74,6 +76,7 @@ def group_simple(experiments: DragExperiments) -> SimpleGroupings:
         by_angle=_grouped(lateral, [angle], lambda a: (a, None, None)),
         value=found.values[SIMPLE.layout],
         std=np.sqrt(np.diag(found.covariance))[SIMPLE.layout],
+        covariance=found.covariance[np.ix_(SIMPLE.layout, SIMPLE.layout)],
     )
 
 

@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 
 UNKNOWNS = 6
 UNLIKELY = 1e-3  # chance of a chi-squared as large, below which the swings contradict each other
+_SHARED = ("mass", "gravity", "centre of mass")  # groups of inputs
 _INDEPENDENT = 1e-6  # smallest over largest singular value of the axes' rows
 
 
@@ -28,12 +29,15 @@ class InertiaFit:
     each with one standard deviation; `residual` of the latter over the deviation that it should have (None for
     six swings, which leave none); `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes.
     `budget` says what each group of inputs contributes to the matrix' standard deviation, (3, 3) each.
+    `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz, yz; `common` has what one deviation of each input
+    that other fits may share does to them (6,): mass, gravity, the centre of mass in x, y and z.
     `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None.
     """
 
     matrix_kg_m2: Array
     std_kg_m2: Array
     covariance: Array
+    common: dict[str, Array]
     about_axis_kg_m2: Array
     about_axis_std_kg_m2: Array
     about_centre_kg_m2: Array
@@ -89,6 +93,7 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
         matrix_kg_m2=as_matrix(entries),
         std_kg_m2=as_matrix(spread),
         covariance=inflation**2 * covariance,
+        common=_common(gain @ columns, axis_inertias),
         about_axis_kg_m2=evaluated.about_axis_kg_m2,
         about_axis_std_kg_m2=_norms(moved.about_axis),
         about_centre_kg_m2=measured,
@@ -172,6 +177,12 @@ def _moved_by_inputs(axis_inertias: AxisInertias) -> _Moved:
     count = len(axis_inertias.swings)
     columns = contributions(outputs, axis_inertias.inputs)
     return _Moved(columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1))
+
+
+def _common(columns: Array, axis_inertias: AxisInertias) -> dict[str, Array]:
+    """Return the columns (6,) of the inputs that other fits may share, those that are uncertain."""
+    named = zip(axis_inertias.inputs, columns.T, strict=True)
+    return {given.name: column for given, column in named if given.group in _SHARED and given.std > 0}
 
 
 def _norms(columns: Array) -> Array:

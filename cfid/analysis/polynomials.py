@@ -26,7 +26,9 @@ _ROUNDING = 1e-12  # of the values: a misfit below is none
 class PolynomialFit:
     """y(x) of `coefficients` (order + 1,) in plain powers of x, highest first; a power left out has a zero.
 
-    `covariance` (order + 1, order + 1), nan where neither deviations were stated nor a point is left over. Per
+    `covariance` (order + 1, order + 1), nan where neither deviations were stated nor a point is left over; `moved` by
+    its transpose, a column an independent error of the points, is the same, and what two fits to the same points have
+    in common. Per
     point (n,): `residual` in units of y, `weight` of Huber's loss (1: counts in full), `point_std`, one deviation
     about the curve. `inflation` is how many times as far as stated the points scatter, never below 1, or None
     where no deviations were stated. `scale` is what Huber's loss took for one deviation, in units of y, or of the
@@ -36,6 +38,7 @@ class PolynomialFit:
 
     coefficients: Array
     covariance: Array
+    moved: Array
     x: Array
     residual: Array
     weight: Array
@@ -184,17 +187,21 @@ def _fit(
     places, units = order - np.array(powers), size ** -np.array(powers, dtype=np.float64)
     coefficients, covariance = np.zeros(order + 1), np.zeros((order + 1, order + 1))
     coefficients[places] = solved.solution * units
-    spread = inverse @ inverse.T
-    if shared is not None and std is not None:
-        moved = spread @ rows.T  # by one deviation of a point
-        common = moved @ (shared / given[:, np.newaxis])
-        alone = np.sum((shared / given[:, np.newaxis]) ** 2, axis=1)
-        spread = spread + common @ common.T - (moved * alone) @ moved.T
-    covariance[np.ix_(places, places)] = variance * spread * np.outer(units, units)
+    by_point = inverse @ inverse.T @ rows.T  # one deviation of each
+    moved = np.zeros((order + 1, len(x) + (0 if shared is None or std is None else shared.shape[1])))
+    if shared is None or std is None:
+        moved[places] = by_point
+    else:
+        parts = shared / given[:, np.newaxis]
+        alone = np.sqrt(np.maximum(1 - np.sum(parts**2, axis=1), 0.0))
+        moved[places] = np.hstack([by_point * alone, by_point @ parts])
+    moved[places] *= math.sqrt(variance) * units[:, np.newaxis]
+    covariance[np.ix_(places, places)] = moved[places] @ moved[places].T
     known = std is not None and variance == 1.0
     return PolynomialFit(
         coefficients=coefficients,
         covariance=covariance,
+        moved=moved,
         x=x,
         residual=solved.residual * given,
         weight=solved.weight,

@@ -79,13 +79,15 @@ class RotorModel:
     """The rotor model of four coefficients, fitted to all steps at once: see `fit_rotor_model`.
 
     `rising` and `falling` are (linear in 1/s, quadratic in 1/rad), NaN where no step went that way. A coefficient
-    that came to its bound zero has no deviation (NaN). `rms` is what is left, in the unit of what was fitted.
+    that came to its bound zero has no deviation (NaN). `covariance` (4, 4) is that of both, rising first, zero where
+    there is no deviation. `rms` is what is left, in the unit of what was fitted.
     """
 
     rising: tuple[float, float]
     falling: tuple[float, float]
     rising_std: tuple[float, float]
     falling_std: tuple[float, float]
+    covariance: Array
     delay_s: float
     delay_std_s: float
     rms: float
@@ -163,10 +165,12 @@ def fit_rotor_model(
 
     start, least = _start(lags), np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * 2 * len(lags))
     fit = least_squares(residual, start, x_scale=np.maximum(np.abs(start), 1e-3), bounds=(least, math.inf))
-    std, found = _deviations(fit), np.where(fit.active_mask != 0, 0.0, fit.x)
+    covariance = _covariance(fit)
+    std, found = np.sqrt(np.diag(covariance)), np.where(fit.active_mask != 0, 0.0, fit.x)
     for first, way in ((1, True), (3, False)):
         if not any(lag.rising == way for lag in lags):
             found[first : first + 2] = std[first : first + 2] = math.nan
+    covariance[:, np.isnan(std)] = covariance[np.isnan(std)] = 0.0
     length = round(_SMOOTH * lags[0].time_constant_s / data.parts[0].interval_s)
     explained = _explained(fit.fun, np.concatenate([part.value - part.value.mean() for part in data.parts]), length)
     doubt = f"the rotor model explains only {100 * explained:.0f} % of the steps."
@@ -175,6 +179,7 @@ def fit_rotor_model(
         falling=(float(found[3]), float(found[4])),
         rising_std=(float(std[1]), float(std[2])),
         falling_std=(float(std[3]), float(std[4])),
+        covariance=covariance[1:5, 1:5],
         delay_s=float(found[0]),
         delay_std_s=float(std[0]),
         rms=float(np.sqrt(np.mean(fit.fun**2))),
@@ -304,7 +309,12 @@ def _explained(residual: Array, value: Array, length: int) -> float:
 
 
 def _deviations(fit: OptimizeResult) -> Array:
-    """Return one standard deviation per parameter (p,), residuals being as correlated as they are; NaN at a bound."""
+    """Return one standard deviation per parameter (p,); see `_covariance`."""
+    return np.asarray(np.sqrt(np.diag(_covariance(fit))))
+
+
+def _covariance(fit: OptimizeResult) -> Array:
+    """Return the parameters' covariance (p, p), residuals being as correlated as they are; NaN at a bound."""
     free = fit.active_mask == 0
     scale = np.sqrt(np.sum(fit.jac[:, free] ** 2, axis=0))
     scale[scale == 0] = 1.0
@@ -312,6 +322,7 @@ def _deviations(fit: OptimizeResult) -> Array:
     influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * fit.fun[:, np.newaxis] / scale
     inflation = [correlation_inflation(column, longest=len(fit.fun) // 4) for column in influence.T]
     freedom = len(fit.fun) / max(len(fit.fun) - int(free.sum()), 1)
-    std = np.full(len(fit.x), math.nan)
-    std[free] = np.sqrt(np.sum(influence**2, axis=0) * inflation * freedom)
-    return std
+    covariance = np.full((len(fit.x), len(fit.x)), math.nan)
+    widening = np.sqrt(np.array(inflation) * freedom)
+    covariance[np.ix_(free, free)] = influence.T @ influence * np.outer(widening, widening)
+    return covariance

@@ -63,13 +63,18 @@ class Delay(NamedTuple):
 
 
 class Deviations(NamedTuple):
-    """One standard deviation of what `Dynamics` and the coefficients hold; the leading 1 has none."""
+    """One standard deviation of what `Dynamics` and the coefficients hold; the leading 1 has none.
+
+    `covariance` is that of numerator, denominator, static gain, the longest lag and the mean of the delays after the
+    quickest stamps, in a row.
+    """
 
     static_gain_n: float
     lags_s: tuple[float, ...]
     lead_s: float
     numerator: Array
     denominator: Array
+    covariance: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -262,8 +267,15 @@ def _deviations(points: Points, shape: Shape, values: Array, *, inner: Array, co
         both = dynamics_of(values, shape).coefficients(sample_s=points.sample_s, form=points.form)
         return np.concatenate(both)
 
-    outward = slopes(coefficients, values)
-    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", outward, inner, outward), 0.0))
+    def delivered(values: Array) -> Array:
+        dynamics = dynamics_of(values, shape)
+        own = values[dynamic_unknowns(shape) :]
+        delay_s = float(own.mean()) if len(own) else 0.0
+        return np.array([*coefficients(values), dynamics.static_gain_n, max(dynamics.lags_s), delay_s])
+
+    outward = slopes(delivered, values)
+    joint = np.asarray(outward @ inner @ outward.T)
+    spread = np.sqrt(np.maximum(np.diag(joint)[:-3], 0.0))
     single = np.sqrt(np.diag(covariance))
     lags = 2 if shape == "second" else 1
     return Deviations(
@@ -272,6 +284,7 @@ def _deviations(points: Points, shape: Shape, values: Array, *, inner: Array, co
         lead_s=float(single[2]) if shape == "zero" else 0.0,
         numerator=spread[: -1 - lags],
         denominator=spread[-1 - lags :],
+        covariance=joint,
     )
 
 

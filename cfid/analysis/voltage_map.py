@@ -3,12 +3,13 @@
 Steady points go in: a rotor on its way to another speed belongs to neither.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from cfid.analysis.monotone_cubic import constrain
 from cfid.analysis.motor_points import DEAD_COMMAND, FULL_COMMAND, Array, weighable
 from cfid.analysis.polynomials import PolynomialFit, fit_polynomial
 from cfid.errors import FitError
@@ -24,7 +25,10 @@ class VoltageComparison:
     """Polynomials of equal order over motor voltage and over command, judged on commands they have not seen.
 
     `command`, `motor_volts` and `value` (n,) are the points used. `voltage_rms` and `command_rms` are the errors of
-    prediction, in the value's unit, of the points at `judged` commands.
+    prediction, in the value's unit, of the points at `judged` commands, each form by plain least squares.
+
+    Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; `refusal` says why the
+    points contradict every such cubic, and `by_voltage` is the plain one then.
     """
 
     by_voltage: PolynomialFit
@@ -36,6 +40,7 @@ class VoltageComparison:
     command_rms: float
     judged: int
     warnings: tuple[str, ...]
+    refusal: str = ""
 
     @property
     def lowest_first(self) -> Array:
@@ -72,8 +77,22 @@ def motor_volts(*, command: npt.ArrayLike, vbat_v: npt.ArrayLike) -> Array:
 def compare_thrust(
     *, command: Array, vbat_v: Array, thrust_n: Array, std_n: Array | None = None, folds: int | None = None
 ) -> VoltageComparison:
-    """Fit thrust (n,) as a cubic of motor voltage, and of the command alone; see `compare`."""
-    return compare(command=command, vbat_v=vbat_v, value=thrust_n, order=THRUST_ORDER, std=std_n, folds=folds)
+    """Fit thrust (n,) as a cubic of motor voltage, and of the command alone; see `compare`.
+
+    The cubic of motor voltage is one that rises over all voltages: see `constrain`.
+
+    Raises FitError when there are too few commands, or when thrust does not rise with the voltage.
+    """
+    found = compare(command=command, vbat_v=vbat_v, value=thrust_n, order=THRUST_ORDER, std=std_n, folds=folds)
+    std = _used(std_n, command=command, vbat_v=vbat_v, value=thrust_n)
+    rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std)
+    if rising.refusal:
+        return replace(found, refusal=rising.refusal)
+    said = (
+        f"thrust of motor voltage is the cubic nearest to the points that rises over all voltages, as the firmware's "
+        f"inverse needs it: it departs by up to {100 * rising.departure:.1f} % of the largest thrust."
+    )
+    return replace(found, by_voltage=rising.fit, warnings=(*found.warnings, *([said] if rising.bound else [])))
 
 
 def compare_speed(
@@ -100,10 +119,10 @@ def compare(
 
     Raises FitError when there are too few commands.
     """
-    used = (command > DEAD_COMMAND) & np.isfinite(vbat_v) & np.isfinite(value)
+    std = _used(std, command=command, vbat_v=vbat_v, value=value)
+    used = _usable(command=command, vbat_v=vbat_v, value=value)
     command, value = command[used], value[used]
     volts = motor_volts(command=command, vbat_v=vbat_v[used])
-    std = None if std is None else weighable(std[used])
     inner = np.unique(command)[1:-1]
     if len(inner) <= order:
         raise FitError(
@@ -127,6 +146,15 @@ def compare(
         judged=len(inner),
         warnings=_visited_once(command),
     )
+
+
+def _usable(*, command: Array, vbat_v: Array, value: Array) -> npt.NDArray[np.bool_]:
+    return np.asarray((command > DEAD_COMMAND) & np.isfinite(vbat_v) & np.isfinite(value))
+
+
+def _used(std: Array | None, *, command: Array, vbat_v: Array, value: Array) -> Array | None:
+    """Return the deviations of the points that are used, made fit for weights; None where none are known."""
+    return None if std is None else weighable(std[_usable(command=command, vbat_v=vbat_v, value=value)])
 
 
 def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int, std: Array | None) -> Array:

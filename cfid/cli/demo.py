@@ -58,7 +58,7 @@ def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, fl
     known, runs = simulate_demo(campaign.rig, DEMO_TRUTH if truth is None else load_truth(truth), seed=seed)
     folders = write_runs(campaign, runs)
     typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
-    set_by_hand("arm_m", ARM_M, std=ARM_STD_M, campaign=campaign.folder)
+    set_by_hand("arm_m", str(ARM_M), std=ARM_STD_M, campaign=campaign.folder)
     return known
 
 

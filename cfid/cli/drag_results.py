@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from cfid.analysis.drag_experiments import DragExperiments
     from cfid.analysis.drag_fit import DragFit
     from cfid.analysis.drag_result import DragResult
+    from cfid.covariances import Covariance
     from cfid.parameters import Parameter
 
 Grouping = Literal["each", "lateral", "command", "wind", "angle"]
@@ -39,6 +40,18 @@ def drag_parameters(found: "DragResult", grouping: Grouping | None) -> "dict[str
     if grouping is not None and found.groups is not None:
         kept["drag.groups"] = Parameter(value=group_rows(found, grouping), unit="as named")
     return kept
+
+
+def drag_covariances(found: "DragResult") -> "tuple[Covariance, ...]":
+    """Return the covariances of the simple and of the cross-coupling model's numbers."""
+    from cfid.covariances import covariance_between
+
+    simple = {"drag.simple_kg_per_rad": found.simple_kg_per_rad.tolist()}
+    if found.cross is None:
+        return covariance_between(simple, found.simple_covariance)
+    fit = found.cross.fit
+    cross = {"drag.cross_coupling_kg_per_rad": fit.value.tolist()}
+    return covariance_between(simple, found.simple_covariance) + covariance_between(cross, fit.value_covariance)
 
 
 def group_rows(found: "DragResult", grouping: Grouping) -> list[dict[str, Any]]:

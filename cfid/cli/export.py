@@ -1,7 +1,7 @@
 """`cfid export`: what a campaign found, as the files that firmware and simulators take."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -12,45 +12,88 @@ from cfid.errors import ConfigError
 if TYPE_CHECKING:
     from cfid.campaign import Campaign
     from cfid.export.target import Target
-    from cfid.export.vehicle import Vehicle
+    from cfid.export.vehicle import Stale, Vehicle
+    from cfid.parameters import Section
 
-LIST = "list"
+LIST, SAMPLES = "list", "samples"
 FOLDER = "exports"  # of a campaign
 
 
 def export(
     target: Annotated[
-        str, typer.Argument(metavar="TARGET|list", help="Whose file to write; list says which there are.")
+        str,
+        typer.Argument(
+            metavar="TARGET|list|samples",
+            help="Whose file to write; list says which there are; samples draws vehicles from the uncertainties.",
+        ),
     ],
+    *,
     out: Annotated[
         str | None,
         typer.Option(metavar="FILE|-", help="Where to; - is stdout. Default: the campaign's folder exports."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a file.")] = False,
+    count: Annotated[int | None, typer.Option("--n", min=1, help="How many vehicles (samples). Default: 1000.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the random numbers (samples). Default: 1.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite a file; export what is rejected, doubtful or implausible.")
+    ] = False,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object (list).")] = False,
 ) -> None:
     """Write what was measured as a file for firmware or a simulator: turned to its frame, in its units, with origins.
 
-    What was not measured is left out or marked, never guessed; a target that cannot do without is refused.
+    What was not measured is left out or marked, never guessed; a target that cannot do without is refused. So is what
+    is rejected, doubtful or implausible, unless --force asks for it: the file then says so.
 
     Example: [bold]cfid export crazyflow[/bold]
     """
     from cfid.export.catalogue import target_named
 
     found = here(campaign)
+    known = _known(found)
     if target == LIST:
-        _print_list(_vehicle(found), json=json)
+        _print_list(known.vehicle, json=json)
         return
     if json:
         raise ConfigError("--json goes with `cfid export list`: an export has its target's own format.")
-    wanted, vehicle = target_named(target), _vehicle(found)
+    if target == SAMPLES:
+        from cfid.cli.export_samples import write_samples
+
+        folder = Path(out) if out else found.folder / FOLDER
+        write_samples(known, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
+        return
+    if count is not None or seed is not None:
+        raise ConfigError("--n and --seed go with `cfid export samples`: a file has the measured numbers.")
+    wanted, vehicle = target_named(target), known.vehicle
+    refuse(wanted, known, force=force)
     _write(wanted, vehicle, out or str(found.folder / FOLDER / wanted.file_name), force=force)
     _warn(wanted, vehicle)
 
 
-def _vehicle(campaign: "Campaign") -> "Vehicle":
+class Known(NamedTuple):
+    """What a campaign knows: the sections of its parameters.toml, when they are stale, and what exports take of it."""
+
+    sections: "dict[str, Section]"
+    stale: "Stale"
+    vehicle: "Vehicle"
+
+
+def refuse(target: "Target", known: Known, *, force: bool) -> None:
+    """Raise DataError for what should not be exported; `force` lets through what is there, marked."""
+    from cfid.errors import DataError
+    from cfid.export.refusals import objections, refuse_rejected
+
+    refuse_rejected(target, known.vehicle, known.sections)
+    said = objections(target, known.vehicle, known.sections, stale=known.stale)
+    if said and not force:
+        raise DataError(
+            f"{target.name}: nothing was written. {' '.join(said)} --force writes it all the same, and marks it."
+        )
+
+
+def _known(campaign: "Campaign") -> Known:
     from cfid.campaign import RIG_FILE
+    from cfid.export.refusals import marked
     from cfid.export.vehicle import collect
     from cfid.parameters import load_sections
     from cfid.report.stale import stale_in
@@ -58,13 +101,9 @@ def _vehicle(campaign: "Campaign") -> "Vehicle":
 
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     simulated = {run.folder.name for run in runs if run.header.simulated}
-    return collect(
-        campaign.rig,
-        load_sections(campaign.parameters_file),
-        rig_file=RIG_FILE,
-        simulated=simulated,
-        stale=stale_in(campaign.folder, runs),
-    )
+    sections, stale = load_sections(campaign.parameters_file), stale_in(campaign.folder, runs)
+    vehicle = collect(campaign.rig, sections, rig_file=RIG_FILE, simulated=simulated, stale=stale)
+    return Known(sections, stale, marked(vehicle, sections))
 
 
 def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> None:

@@ -92,6 +92,7 @@ def _outcome(
         command="fit drag",
         method=method,
         parameters=told.drag_parameters(found, grouping),
+        covariances=told.drag_covariances(found),
         quality=told.drag_quality(found),
         warnings=tuple(dict.fromkeys((*evidence.warnings, *found.warnings))),
         sources=evidence.sources,

@@ -10,6 +10,7 @@ from cfid.cli.inputs import Workplace, find_recording, open_workplace
 from cfid.cli.motor_hearing import quiet_channels
 from cfid.cli.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.cli.outcome import Outcome, deliver
+from cfid.covariances import covariance_between
 from cfid.errors import CfidError, ConfigError, DataError, FitError
 
 if TYPE_CHECKING:
@@ -159,6 +160,9 @@ def _tell(
             command="fit dynamics",
             method="default",
             parameters=_parameters(lags, model),
+            covariances=covariance_between(
+                {"dynamics.rising": list(model.rising), "dynamics.falling": list(model.falling)}, model.covariance
+            ),
             quality={"steps": len(lags), "not_believed": len(doubted), "explained": model.explained, "rms": model.rms},
             warnings=(*course.notes, *(f"{_step(lag)}: {' '.join(lag.doubts)}" for lag in doubted)),
             sources=course.sources,

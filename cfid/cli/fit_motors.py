@@ -88,10 +88,12 @@ def thrust(
         )
     most = maximum_thrust(mapped, gravity_mps2=gravity)
     parameters, lines = told.map_parameters(mapped), [told.polynomial_line(mapped), *told.aicc_line(mapped)]
+    covariances, rejected = told.map_covariances(mapped), {}
     warnings = [*mapped.warnings, *most.warnings]
     try:
         inverse = invert(mapped)
         parameters |= told.inverse_parameters(inverse, most)
+        covariances = told.map_covariances(mapped, most)
         lines += told.inverse_line(inverse, most)
         warnings += inverse.warnings
     except FitError as error:
@@ -99,10 +101,13 @@ def thrust(
     voltage = by_voltage(found, warnings)
     if voltage is not None:
         parameters |= told.voltage_parameters(voltage)
+        covariances += told.voltage_covariances(voltage)
+        rejected = dict.fromkeys(told.voltage_parameters(voltage), voltage.refusal) if voltage.refusal else {}
         lines.append(voltage.sentence)
     over_speed = by_speed(found, method, warnings, robust=fit.robust)
     if over_speed is not None:
         parameters |= told.speed_parameters(over_speed)
+        covariances += told.speed_covariances(over_speed)
     verification = verified(verify, mapped, stand, workplace)
     if verification is not None:
         lines += told.verification_lines(verification)
@@ -111,6 +116,8 @@ def thrust(
         mapped,
         found,
         parameters={**parameters, **told.table_parameter(found.points)},
+        covariances=covariances,
+        rejected=rejected,
         lines=lines,
         warnings=warnings,
         workplace=workplace,
@@ -168,6 +175,7 @@ def speed(
         mapped,
         found,
         parameters={**parameters, **told.table_parameter(found.points)},
+        covariances=told.map_covariances(mapped) + (told.speed_covariances(over_speed) if over_speed else ()),
         lines=lines,
         warnings=warnings,
         workplace=workplace,
@@ -208,6 +216,7 @@ def torque(
         mapped,
         found,
         parameters=parameters,
+        covariances=told.map_covariances(mapped),
         lines=lines,
         warnings=list(mapped.warnings),
         workplace=workplace,

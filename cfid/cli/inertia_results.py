@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 from cfid.cli.inputs import Workplace
 from cfid.cli.outcome import Outcome
 from cfid.cli.swing_set import SwingSet
+from cfid.covariances import covariance_between
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from cfid.parameters import Parameter
 
 _UNIT = "kg m^2"
+_MATRIX = "inertia.matrix_kg_m2"
 
 
 def inertia_outcome(
@@ -27,6 +29,7 @@ def inertia_outcome(
 ) -> Outcome:
     """Return the result of `cfid fit inertia`."""
     axes = [swing.axis for swing in axis_inertias.swings]
+    matrix = {_MATRIX: fit.matrix_kg_m2.tolist()}
 
     def drawings() -> "dict[str, Figure]":
         from cfid.report.inertia_figures import budget_figure
@@ -37,6 +40,8 @@ def inertia_outcome(
         command="fit inertia",
         method=method,
         parameters=_parameters(axes, fit),
+        covariances=covariance_between(matrix, fit.covariance),
+        common={cause: {_MATRIX: column.tolist()} for cause, column in fit.common.items()},
         quality=_quality(axes, fit, swings),
         warnings=workplace.notes + swings.warnings + fit.warnings + _quirks(axis_inertias),
         sources=swings.sources,
@@ -51,7 +56,7 @@ def _parameters(axes: list[str], fit: "InertiaFit") -> "dict[str, Parameter]":
     from cfid.parameters import Parameter
 
     spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
-    found = {"inertia.matrix_kg_m2": Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)}
+    found = {_MATRIX: Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)}
     for name, values, deviations in (
         ("axis", fit.about_axis_kg_m2, fit.about_axis_std_kg_m2),
         ("centre", fit.about_centre_kg_m2, fit.about_centre_std_kg_m2),

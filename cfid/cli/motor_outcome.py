@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cfid.analysis.motor_maps import MotorMap, SpeedThrustMap
     from cfid.analysis.motor_scales import Verification
     from cfid.analysis.voltage_map import VoltageComparison
+    from cfid.covariances import Covariance
     from cfid.parameters import Parameter
 
 _MOST_PAGES = 4  # of reduced records, each a figure
@@ -90,6 +91,7 @@ def deliver_map(
     found: Evidence,
     *,
     parameters: "dict[str, Parameter]",
+    covariances: "tuple[Covariance, ...]",
     lines: list[str],
     warnings: list[str],
     workplace: Workplace,
@@ -98,6 +100,7 @@ def deliver_map(
     over_speed: "SpeedThrustMap | None" = None,
     voltage: "VoltageComparison | None" = None,
     quality: dict[str, Any] | None = None,
+    rejected: dict[str, str] | None = None,
 ) -> None:
     """Draw, keep and print a map. Raises FitError when it is not believed."""
     from cfid.cli.motor_results import joined_quality, unique
@@ -120,6 +123,8 @@ def deliver_map(
             command=command,
             method=mapped.method,
             parameters=parameters,
+            covariances=covariances,
+            rejected=rejected or {},
             quality=joined_quality(mapped, **(quality or {})),
             warnings=unique([*found.warnings, *warnings]),
             sources=found.sources,

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from cfid.analysis.motor_points import MotorPoints
     from cfid.analysis.motor_scales import Verification
     from cfid.analysis.voltage_map import VoltageComparison
+    from cfid.covariances import Covariance
     from cfid.parameters import Parameter
 
 _UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
@@ -51,6 +52,44 @@ def inverse_parameters(inverse: "InverseMap", most: "MaximumThrust") -> "dict[st
         "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
         "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
     }
+
+
+def map_covariances(found: "MotorMap", most: "MaximumThrust | None" = None) -> "tuple[Covariance, ...]":
+    """Return the covariance of a map's coefficients, and of what is calculated from them: the most a motor gives."""
+    import numpy as np
+
+    from cfid.analysis.motor_points import FULL_COMMAND
+    from cfid.covariances import covariance_between
+
+    values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
+    outward = np.eye(found.fit.order + 1)
+    if most is not None:
+        full = np.vander([float(FULL_COMMAND)], found.fit.order + 1)
+        outward = np.vstack([outward, full, full * most.hover_mass_kg / most.thrust_n])
+        values |= {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
+    return covariance_between(values, outward @ found.fit.covariance @ outward.T)
+
+
+def speed_covariances(found: "SpeedThrustMap") -> "tuple[Covariance, ...]":
+    """Return the covariance of both forms of thrust over speed, which came from the same points."""
+    import numpy as np
+
+    from cfid.covariances import covariance_between
+
+    moved = np.vstack([found.square.moved[:1], found.quadratic.moved])
+    values = {
+        "motor.thrust_per_speed_squared_n_s2": found.k_n_s2,
+        "motor.thrust_speed_poly": found.quadratic.coefficients.tolist(),
+    }
+    return covariance_between(values, moved @ moved.T)
+
+
+def voltage_covariances(found: "VoltageComparison") -> "tuple[Covariance, ...]":
+    """Return the covariance of thrust over motor voltage, lowest power first."""
+    from cfid.covariances import covariance_between
+
+    values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
+    return covariance_between(values, found.by_voltage.covariance[::-1, ::-1])
 
 
 def speed_parameters(found: "SpeedThrustMap") -> "dict[str, Parameter]":

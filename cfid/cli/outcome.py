@@ -1,7 +1,7 @@
 """What a command found, and how it leaves the program: kept in the campaign, drawn, printed, exit code."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from cfid.campaign import Campaign
+    from cfid.covariances import Covariance
     from cfid.parameters import Parameter, Source
 
 
@@ -23,6 +24,7 @@ class Outcome:
     """One fit's result as the contract of --json has it, and in words for a person.
 
     `drawings` draws its figures when they are wanted, by file name; `beside` is where they go by default.
+    `covariances`, `common` and `rejected` are what `Section` keeps; what is rejected is given by --force alone.
     """
 
     command: str
@@ -32,6 +34,9 @@ class Outcome:
     quality: Mapping[str, Any]
     warnings: tuple[str, ...]
     sources: "tuple[Source, ...]"
+    covariances: "tuple[Covariance, ...]" = ()
+    common: "Mapping[str, Mapping[str, list[float]]]" = field(default_factory=dict)
+    rejected: Mapping[str, str] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
     drawings: "Callable[[], Mapping[str, Figure]] | None" = None
@@ -44,6 +49,8 @@ def deliver(outcome: Outcome, delivery: Delivery, campaign: "Campaign | None") -
     Raises FitError when it is not believed and --force does not ask for the numbers all the same.
     """
     given = not outcome.doubts or delivery.force
+    if not delivery.force:
+        outcome = without_rejected(outcome)
     drawn = _draw(outcome, delivery)
     if given and campaign is not None and outcome.parameters:
         _keep(outcome, campaign, drawn)
@@ -56,6 +63,22 @@ def deliver(outcome: Outcome, delivery: Delivery, campaign: "Campaign | None") -
         raise FitError(f"not believed: {' '.join(outcome.doubts)}{kept} --force gives the numbers all the same.")
 
 
+def without_rejected(outcome: Outcome) -> Outcome:
+    """Take away the parameters that were rejected, and the covariances with them; why they were stays."""
+    gone = outcome.rejected
+    kept = {key: parameter for key, parameter in outcome.parameters.items() if key not in gone}
+    common = {
+        cause: {key: effect for key, effect in effects.items() if key not in gone}
+        for cause, effects in outcome.common.items()
+    }
+    return replace(
+        outcome,
+        parameters=kept,
+        covariances=tuple(one for one in outcome.covariances if not gone.keys() & set(one.of)),
+        common={cause: effects for cause, effects in common.items() if effects},
+    )
+
+
 def _as_json(outcome: Outcome, given: bool) -> str:
     import json
     from dataclasses import asdict
@@ -65,8 +88,13 @@ def _as_json(outcome: Outcome, given: bool) -> str:
     content = {
         "command": outcome.command,
         "parameters": {name: p.as_json() for name, p in outcome.parameters.items()} if given else {},
-        "quality": {"believed": not outcome.doubts, "doubts": outcome.doubts, **outcome.quality},
-        "warnings": outcome.warnings,
+        "quality": {
+            "believed": not outcome.doubts,
+            "doubts": outcome.doubts,
+            "rejected": outcome.rejected,
+            **outcome.quality,
+        },
+        "warnings": (*outcome.warnings, *outcome.rejected.values()),
         "sources": [asdict(source) for source in outcome.sources],
         "version": __version__,
     }
@@ -86,6 +114,9 @@ def _keep(outcome: Outcome, campaign: "Campaign", drawn: Sequence[Path]) -> None
         believed=not outcome.doubts,
         sources=tuple(Source(_path_in(campaign, source.path), source.sha256) for source in outcome.sources),
         parameters=outcome.parameters,
+        covariance=outcome.covariances,
+        common=outcome.common,
+        rejected=outcome.rejected,
     )
     name = outcome.section or outcome.command.removeprefix("fit ")
     fit = Fit(
@@ -133,7 +164,7 @@ def _print(outcome: Outcome, given: bool, drawn: Sequence[Path]) -> None:
         print_parameters(outcome.parameters, title=f"cfid {outcome.command}")
     for line in outcome.lines:
         typer.echo(line)
-    for warning in (*outcome.warnings, *(outcome.doubts if given else ())):
+    for warning in (*outcome.warnings, *outcome.rejected.values(), *(outcome.doubts if given else ())):
         note(warning)
     for path in drawn:
         if path.suffix == ".png":

@@ -1,6 +1,7 @@
 """`cfid parameters` and `cfid set`: what a campaign knows, found by fits or measured by hand."""
 
 import re
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,7 @@ BY_HAND = "set"  # the section of parameters.toml for what no fit finds
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 
+_CUBIC = "motor.thrust_voltage_poly"  # lowest power first; what the firmware ships may be noted by hand
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 # What rig.toml states is changed there, so that it stands in one place: table, key, key of the deviation.
 _IN_RIG = {
@@ -60,28 +62,65 @@ def parameters(
 
 def set_by_hand(
     name: Annotated[str, typer.Argument(metavar="NAME", help="With its unit at the end, like mass_kg or arm_m.")],
-    value: Annotated[float, typer.Argument(metavar="VALUE")],
+    value: Annotated[
+        str, typer.Argument(metavar="VALUE", help="A number; motor.thrust_voltage_poly takes four, with commas.")
+    ],
+    *,
     std: Annotated[float | None, typer.Option(min=0, help="One standard deviation.")] = None,
     unit: Annotated[str, typer.Option(help="Where the name does not say it.")] = "",
+    force: Annotated[bool, typer.Option("--force", help="Note what is implausible all the same.")] = False,
     campaign: CampaignFolder = None,
 ) -> None:
     """Note what was measured by hand. What rig.toml states, as the mass, is changed there.
 
+    A thrust over motor voltage is noted only if the firmware can invert it.
+
     Example: [bold]cfid set mass_kg 0.0280 --std 0.0001[/bold]
     """
-    _check(name, value, std)
+    if name == _CUBIC:
+        _note_cubic(here(campaign), _numbers(value, name), std)
+        return
+    number = _number(value, name)
+    _check(name, number, std, force=force)
     found = here(campaign)
-    where = _into_rig(found, name, value, std) if name in _IN_RIG else _into_parameters(found, name, value, std, unit)
-    typer.echo(f"{name} is {value:g}{f' +- {std:g}' if std is not None else ''}: {where}")
+    into = _into_rig if name in _IN_RIG else partial(_into_parameters, unit=unit)
+    where = into(found, name, number, std)
+    typer.echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
 
 
-def _check(name: str, value: float, std: float | None) -> None:
+def _number(word: str, name: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise ConfigError(f"{name}: '{word}' is no number.") from None
+
+
+def _numbers(words: str, name: str) -> list[float]:
+    return [_number(word, name) for word in words.split(",")]
+
+
+def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
+    from cfid.plausible import cubic_fault
+
+    if std is not None:
+        raise ConfigError(f"{_CUBIC}: --std is one number, and a cubic has four: `cfid fit thrust` gives them.")
+    if fault := cubic_fault(lowest_first):
+        raise ConfigError(f"{fault} Nothing was noted.")
+    where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit="N(V)")
+    typer.echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
+
+
+def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
     import math
+
+    from cfid.plausible import implausible
 
     if not _NAME.fullmatch(name):
         raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
     if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
         raise ConfigError(f"{name}: a value and its deviation are finite numbers.")
+    if (said := implausible(name, value)) and not force:
+        raise ConfigError(f"{said} Nothing was changed; --force notes it all the same.")
 
 
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
@@ -109,7 +148,9 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
     return f"{path}, {table}.{key}. Fits made before have the old number: make them anew."
 
 
-def _into_parameters(campaign: "Campaign", name: str, value: float, std: float | None, unit: str) -> str:
+def _into_parameters(
+    campaign: "Campaign", name: str, value: float | list[float], std: float | None, *, unit: str
+) -> str:
     from datetime import UTC, datetime
 
     from cfid import __version__
@@ -143,6 +184,7 @@ def _unit_of(name: str) -> str:
 
 def _print_json(sections: "dict[str, Section]") -> None:
     import json
+    from dataclasses import asdict
 
     from cfid.parameters import plain
 
@@ -154,6 +196,9 @@ def _print_json(sections: "dict[str, Section]") -> None:
                 "found": section.found.isoformat(),
                 "believed": section.believed,
                 "parameters": {key: parameter.as_json() for key, parameter in section.parameters.items()},
+                "covariance": [asdict(covariance) for covariance in section.covariance],
+                "common": section.common,
+                "rejected": section.rejected,
             }
             for name, section in sections.items()
         },

@@ -82,6 +82,7 @@ def _of_fit(
         section=SECTION,
         method="default",
         parameters=told.fit_parameters(found),
+        covariances=told.fit_covariances(found),
         quality={
             **told.fit_quality(found),
             **slope.quality,

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from cfid.analysis.transfer_thesis import ThesisFit
     from cfid.cli.tf_fit import Identified
     from cfid.cli.tf_thesis import AsThesis
+    from cfid.covariances import Covariance
     from cfid.parameters import Parameter
     from cfid.table import Array
 
@@ -39,6 +40,23 @@ def fit_parameters(found: "Identified") -> "dict[str, Parameter]":
         for response in series.responses
     ]
     return {**parameters, "tf.frequency_response": Parameter(value=rows, unit="N")}
+
+
+def fit_covariances(found: "Identified") -> "tuple[Covariance, ...]":
+    """Return the covariance of the joint transfer function's numbers."""
+    from cfid.covariances import covariance_between
+
+    fit = found.fit
+    values = {
+        "tf.numerator": fit.numerator.tolist(),
+        "tf.denominator": fit.denominator.tolist(),
+        "tf.static_gain_n": fit.dynamics.static_gain_n,
+        "tf.time_constant_s": fit.time_constant_s,
+        "tf.delay_s": fit.mean_delay.delay_s,
+    }
+    covariance = fit.std.covariance.copy()
+    covariance[-1, -1] = fit.mean_delay.std_s**2  # with how late stamps come on average
+    return covariance_between(values, covariance)
 
 
 def thesis_parameters(found: "AsThesis") -> "dict[str, Parameter]":

@@ -2,20 +2,25 @@
 
 from collections.abc import Iterator
 
+from cfid.errors import DataError
 from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m, thrust_of_voltage
 from cfid.export.target import Target, has
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import FULL, Vehicle
 from cfid.export.wording import SLASHES, number
+from cfid.plausible import cubic_fault
 
 _NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_IDLE = 7000  # of 65535: THRUST_MIN over THRUST_MAX of every map that the firmware ships, and of its tools/system_id
 
 
 def write(vehicle: Vehicle) -> str:
     """Return the header: a macro for everything that is known.
 
-    Raises DataError when the thrust over motor voltage is no cubic.
+    Raises DataError when the thrust over motor voltage is no cubic that the firmware can invert.
     """
+    if "thrust_of_voltage" in vehicle and (fault := _fault(vehicle)):
+        raise DataError(f"no header: {fault} Fit again with `cfid fit thrust`, which constrains the cubic.")
     lines = ["", "#pragma once", ""]
     for name, value, words in _macros(vehicle):
         lines += [f"#undef {name}", f"#define {name} {number(value)}f  // {words}"]
@@ -30,6 +35,7 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
         yield "THRUST2TORQUE", moment_per_thrust_m(vehicle), "m, slope of torque (N m) over thrust (N) at hovering"
     if "max_thrust" in vehicle:
         yield "THRUST_MAX", vehicle["max_thrust"], "N of one motor"
+        yield "THRUST_MIN", _least_thrust_n(vehicle), "N of one motor: below it the firmware stops a motor"
     if "thrust_of_voltage" in vehicle:
         for power, coefficient in enumerate(thrust_of_voltage(vehicle)):
             yield f"VMOTOR2THRUST{power}", coefficient, f"N/V^{power} of one motor" if power else "N of one motor"
@@ -40,6 +46,18 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
         matrix = inertia_kg_m2(vehicle)
         for name, (i, j) in zip(_NAMES, _ENTRIES, strict=True):
             yield f"CFID_INERTIA_{name}", matrix[i][j], "kg m^2"
+
+
+def _fault(vehicle: Vehicle) -> str:
+    """Return why the firmware cannot invert the map, from its least thrust up."""
+    cubic = thrust_of_voltage(vehicle)
+    return cubic_fault(cubic, least_n=_least_thrust_n(vehicle)) if "max_thrust" in vehicle else cubic_fault(cubic)
+
+
+def _least_thrust_n(vehicle: Vehicle) -> float:
+    """Return the firmware's own share of THRUST_MAX, and no less than the cubic's thrust at zero volts."""
+    offset = thrust_of_voltage(vehicle)[0] if "thrust_of_voltage" in vehicle else 0.0
+    return float(max(_IDLE / FULL * vehicle["max_thrust"], offset))
 
 
 TARGET = Target(
@@ -57,12 +75,17 @@ TARGET = Target(
         "drag+thrust_per_speed_squared",
     ),
     notes=(
-        "Include this as the last line of src/platform/interface/platform_defaults.h: each macro replaces the",
-        "default. Thrust and voltage are those of one motor; motor voltage is command/65535 times the battery's",
-        "voltage. THRUST_MAX is the thrust at the full command with the battery as it was measured. A battery that",
-        "is lower gives less: for the same thrust at every charge choose a smaller one. THRUST_MIN is no",
-        "measurement and stays. DRAG_B is commented as N s/m in the firmware, but its estimator takes it as an",
-        "acceleration over velocity (1/s). The firmware has no macro for the inertia: CFID_INERTIA_XX, _YY, _ZZ go",
+        "Copy this file to src/platform/interface/ of the firmware and add, as the last line of",
+        "platform_defaults.h there,",
+        '    #include "cfid_platform_defaults.h"',
+        "Each macro then replaces the default of every platform, and of menuconfig's mass and largest thrust.",
+        "Thrust and voltage are those of one motor; motor voltage is command/65535 times the battery's voltage.",
+        "The cubic VMOTOR2THRUST rises over all voltages, as the firmware's inverse needs it. THRUST_MAX is the",
+        "thrust at the full command with the battery as it was measured. A battery that is lower gives less: for",
+        "the same thrust at every charge choose a smaller one. THRUST_MIN is no measurement: it is 7000/65535 of",
+        "THRUST_MAX, as in the maps that the firmware ships, or the cubic's thrust at zero volts if that is more.",
+        "DRAG_B is commented as N s/m in the firmware, but its estimator takes it as an acceleration over velocity",
+        "(1/s). The firmware has no macro for the inertia: CFID_INERTIA_XX, _YY, _ZZ go",
         "into .J of controller_lee.c (or the parameters ctrlLee.J_x, J_y, J_z), all six into CRAZYFLIE_INERTIA of",
         "controller_brescianini.c.",
     ),

@@ -85,25 +85,25 @@ def text_of(target: Target, vehicle: Vehicle) -> str:
 
 def _refuse_senseless(target: Target, vehicle: Vehicle) -> None:
     """Raise DataError for what divides, or is a size, and is not above zero: --force keeps such fits, too."""
-    for quantity in _taken(target, vehicle):
+    for quantity in taken(target, vehicle):
         if isinstance(quantity.value, int | float) and quantity.value <= 0:
             raise DataError(f"{quantity.key} is {told(quantity.value)}, and {target.name} needs it above zero.")
 
 
 def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return the keys of what a target takes although its fit is not believed."""
-    return tuple(q.key for q in _taken(target, vehicle) if not q.believed)
+    return tuple(q.key for q in taken(target, vehicle) if not q.believed)
 
 
 def caveats(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return what has to be known of what a target takes, a sentence each."""
-    said = [f"{q.key}: {q.caveat}" for q in _taken(target, vehicle) if q.caveat]
+    said = [f"{q.key}: {q.caveat}" for q in taken(target, vehicle) if q.caveat]
     return (*said, *(line.strip() for line in _hovering(vehicle) if "EXTRAPOLATED" in line))
 
 
 def simulated(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return the keys of what a target takes although it was measured on a simulated rig."""
-    return tuple(q.key for q in _taken(target, vehicle) if q.simulated)
+    return tuple(q.key for q in taken(target, vehicle) if q.simulated)
 
 
 def left_out(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
         yield "Nothing here has a direction: nothing was turned."
     yield ""
     yield "Measured, one standard deviation behind +- , in the body frame of the campaign (not turned):"
-    for quantity in _taken(target, vehicle):
+    for quantity in taken(target, vehicle):
         yield from _told(quantity)
     yield from _hovering(vehicle)
     lacking = left_out(target, vehicle)
@@ -191,7 +191,8 @@ def _told(quantity: Quantity) -> Iterator[str]:
         yield "    NOT BELIEVED: the fit does not describe its data; it was kept by force."
 
 
-def _taken(target: Target, vehicle: Vehicle) -> Sequence[Quantity]:
+def taken(target: Target, vehicle: Vehicle) -> Sequence[Quantity]:
+    """Return the quantities that a target's file is made of."""
     names = dict.fromkeys(name for need in (*target.needs, *target.uses) for name in _met(vehicle, need))
     return [vehicle.quantities[name] for name in names]
 

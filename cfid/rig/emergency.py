@@ -40,14 +40,14 @@ def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) 
     with contextlib.ExitStack() as held:
         with contextlib.suppress(DeviceError):  # whoever has it now is no reason to let motors run
             held.enter_context(DeviceLock.take(uri))
-        try:
-            acknowledged = stop_over(line, ports)
-        finally:
-            line.close()
+        acknowledged = None
+        if line is not None:
+            with contextlib.closing(line):
+                acknowledged = stop_over(line, ports)
         from cfid.rig.read_back import read_back  # imports cflib, which the motors need not wait for
 
         try:
-            kind = read_back(uri, ports, acknowledged.by_app)
+            kind, acknowledged = read_back(uri, ports, acknowledged)
         except StopError:
             raise
         except DeviceError as error:
@@ -68,13 +68,16 @@ def _end_holder(uri: str) -> Holder | None:
     return None if holder.wait_until_it_lets_go(_LETS_GO_S) else holder
 
 
-def _beside(holder: Holder | None, uri: str, opened: Open, say: Say) -> Line:
-    """Open a link beside the holder's. A radio or a cable has one user: it has to be taken from the holder."""
+def _beside(holder: Holder | None, uri: str, opened: Open, say: Say) -> Line | None:
+    """Open a link beside the holder's. A radio or a cable has one user: it has to be taken from the holder.
+
+    Return None where no holder is the reason that none can be opened; connecting in full will say what is.
+    """
     try:
         return opened(uri)
     except DeviceError as error:
         if holder is None:
-            raise
+            return None
         if not _freed(holder, say):
             raise StopError(
                 f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and cannot be ended from here. ({error})"
@@ -94,9 +97,9 @@ def _freed(holder: Holder, say: Say) -> bool:
     return not holder.send(signal.SIGKILL) or holder.wait_until_it_lets_go(_DIES_S)
 
 
-def _not_read_back(error: DeviceError, acknowledged: Acknowledged, *, driven: bool) -> DeviceError:
+def _not_read_back(error: DeviceError, acknowledged: Acknowledged | None, *, driven: bool) -> DeviceError:
     """Return what to say of a vehicle that could not be asked again."""
-    if acknowledged.by_app or acknowledged.by_parameters:
+    if acknowledged is not None and (acknowledged.by_app or acknowledged.by_parameters):
         return StopError(
             f"the motors were stopped, which the vehicle acknowledged after {1e3 * acknowledged.after_s:.0f} ms, but "
             f"not confirmed when it was asked again: look before you touch. ({error})"

@@ -5,7 +5,7 @@ import time
 from cfid.errors import DeviceError, StopError
 from cfid.rig.crazyflie import Link
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
-from cfid.rig.stop_packets import OVERRIDES, Kind, stop_over
+from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
 from cfid.wire.app import Ports
 from cfid.wire.crtp import (
     PARAMETER_PORT,
@@ -23,22 +23,26 @@ _WITHIN_S = 0.1
 _TRIES = 20
 
 
-def read_back(uri: str, ports: Ports, by_app: bool) -> Kind:
-    """Read back that nothing drives the motors, and return what runs on the vehicle.
+def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> tuple[Kind, Acknowledged]:
+    """Read back that nothing drives the motors; return what runs on the vehicle, and what acknowledged the stop.
 
-    `by_app` says that its app has acknowledged a stop already. Raises DeviceError for a vehicle that cannot be
+    Without an acknowledgement by then, a stop is sent over this link. Raises DeviceError for a vehicle that cannot be
     reached, StopError when something still drives its motors.
     """
     link = Link.connect(uri)
     try:
-        kind: Kind = "app" if by_app else firmware_of(link, ports).kind
-        if kind == "app" and not by_app and not stop_over(_Whole(link), ports).by_app:
-            raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
+        if acknowledged is None or not (acknowledged.by_app or acknowledged.by_parameters):
+            acknowledged = stop_over(_Whole(link), ports)
+        kind: Kind = "app" if acknowledged.by_app else firmware_of(link, ports).kind
+        if kind == "app" and not acknowledged.by_app:
+            acknowledged = stop_over(_Whole(link), ports)
+            if not acknowledged.by_app:
+                raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
         for name in OVERRIDES:
             parameter = link.parameter(name)
             if parameter is not None and not _is_zero(link, parameter):
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: {name} was not seen at zero.")
-        return kind
+        return kind, acknowledged
     finally:
         link.close()
 

@@ -21,6 +21,7 @@ OVERRIDES = {"motorPowerSet.enable": "B", **{f"motorPowerSet.m{motor}": "H" for 
 _TURN_S = 0.1
 _TURNS = 20
 _TURNS_FOR_THE_APP = 3  # an app that is there answers one of them
+_SILENT_TURNS = 5  # of a vehicle that says nothing at all, which connecting in full will explain
 
 
 class Acknowledged(NamedTuple):
@@ -41,13 +42,14 @@ def stop_over(line: Line, ports: Ports) -> Acknowledged:
     stop = Packet(ports.ping, PingChannel.STOP, app.encode_alive(number))
     old_stop = Packet(ports.thrust, ThrustChannel.SET, app.encode_thrust(ThrustRequest(0, app.ALL_MOTORS_THRUST)))
     unanswered = dict(OVERRIDES)
-    by_app = False
+    by_app = heard = False
     for turn in range(_TURNS):
         for packet in [] if by_app else [stop, old_stop]:
             line.send(packet)
         for name, kind in unanswered.items():
             line.send(_clear(name, kind))
         for packet in _came(line):
+            heard = True
             cleared = [name for name in unanswered if _is_cleared(name, packet)]
             if cleared:
                 del unanswered[cleared[0]]
@@ -58,7 +60,7 @@ def stop_over(line: Line, ports: Ports) -> Acknowledged:
             last_s = time.monotonic()
             if by_app and not unanswered:
                 return Acknowledged(True, True, last_s - began_s)
-        if not unanswered and turn + 1 >= _TURNS_FOR_THE_APP:
+        if (not unanswered and turn + 1 >= _TURNS_FOR_THE_APP) or (not heard and turn + 1 >= _SILENT_TURNS):
             break
     return Acknowledged(by_app, not unanswered, last_s - began_s)
 

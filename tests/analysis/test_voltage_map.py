@@ -10,7 +10,7 @@ from cfid.errors import FitError
 Array = npt.NDArray[np.float64]
 
 UP_AND_DOWN = np.concatenate([np.arange(0.0, 64001.0, 2000.0), np.arange(64000.0, -1.0, -2000.0)])
-CUBIC = (2.1e-3, 4.5e-3, 9.6e-3, -3.1e-4)  # N, N/V, N/V^2, N/V^3; lowest first
+CUBIC = (2.1e-3, 1.3e-2, 5.5e-3, 1.0e-3)  # N, N/V, N/V^2, N/V^3; lowest first, rising over all voltages
 
 
 def sagging(command: Array, *, empty_v: float = 0.6) -> Array:

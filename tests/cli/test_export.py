@@ -4,6 +4,7 @@ import json
 import subprocess
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -68,11 +69,15 @@ def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_
     assert not (tmp_path / "exports").exists()
 
 
-def test_what_is_not_believed_is_said_and_marked(cfid: Cfid, campaign: Path) -> None:
+def test_what_is_not_believed_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
     found = sections()["inertia"].parameters
     store_section(campaign / "parameters.toml", "inertia", section(found, believed=False))
-    said = cfid("export", "crazyswarm2", "--out", "-")
+    refused = cfid("export", "crazyswarm2", "--out", "-")
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 is not believed by its fit. --force writes it" in " ".join(refused.stderr.split())
 
+    said = cfid("export", "crazyswarm2", "--out", "-", "--force")
+    assert said.returncode == 0
     assert "NOT BELIEVED" in said.stdout
     assert "inertia.matrix_kg_m2 is not believed" in said.stderr
 
@@ -160,10 +165,58 @@ def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, ca
     amend_run(writer.close("complete"), excluded="the cable touched")
     found = section(sections()["inertia"].parameters, run=writer.folder.name)
     store_section(campaign / "parameters.toml", "inertia", found)
-    said = cfid("export", "crazyswarm2", "--out", "-")
+    refused = cfid("export", "crazyswarm2", "--out", "-")
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 is doubtful. Made of what is excluded now" in " ".join(refused.stderr.split())
+    said = cfid("export", "crazyswarm2", "--out", "-", "--force")
 
     assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(said.stderr.split())
     assert "made of SIMULATED recordings" in said.stdout
     excluded = f"Made of what is excluded now: {writer.folder.name} (the cable touched): fit again without."
     assert f"inertia.matrix_kg_m2: {excluded}" in " ".join(said.stderr.split())
     assert excluded in said.stdout
+
+
+def test_a_mass_in_grams_and_an_arm_in_millimetres_are_refused_where_they_are_noted(cfid: Cfid, campaign: Path) -> None:
+    before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
+    for words, told in ((("mass_kg", "28"), "28.0 kg: grams?"), (("arm_m", "46"), "46.0 m: millimetres?")):
+        said = cfid("set", *words)
+        assert said.returncode == 2
+        assert told in said.stderr
+    assert {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()} == before
+
+
+def test_what_is_implausible_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
+    assert cfid("set", "arm_m", "46", "--force").returncode == 0
+    said = cfid("export", "firmware")
+    assert said.returncode == 4
+    assert "arm_m is implausible, 46.0 m: millimetres?" in " ".join(said.stderr.split())
+    assert not (campaign / "exports").exists()
+
+    text = cfid("export", "firmware", "--out", "-", "--force").stdout
+    assert "IMPLAUSIBLE: arm_m is implausible, 46.0 m" in text
+    assert "#define ARM_LENGTH 46.0f" in text
+
+
+def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cfid, campaign: Path) -> None:
+    whole = sections()["thrust"]
+    cubic = "motor.thrust_voltage_poly"
+    kept = {key: parameter for key, parameter in whole.parameters.items() if key != cubic}
+    store_section(
+        campaign / "parameters.toml", "thrust", replace(whole, parameters=kept, rejected={cubic: "It folds."})
+    )
+    for words in ((), ("--force",)):
+        said = cfid("export", "firmware", "--out", "-", *words)
+        assert (said.returncode, said.stdout) == (4, "")
+        assert "motor.thrust_voltage_poly was rejected: It folds." in " ".join(said.stderr.split())
+    assert cfid("export", "crazyflow", "--out", "-").returncode == 0  # it takes no such map
+
+
+def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid: Cfid, campaign: Path) -> None:
+    cubic = "motor.thrust_voltage_poly"
+    said = cfid("set", cubic, "0.0036,0.0072,0.0113,-0.0003")
+    assert said.returncode == 2
+    assert "its motors stop. Nothing was noted." in " ".join(said.stderr.split())
+
+    assert cfid("set", cubic, "0.0067,0.0101,0.0103,0.0028").returncode == 0
+    assert "#define VMOTOR2THRUST3 0.0028f" in cfid("export", "firmware", "--out", "-").stdout

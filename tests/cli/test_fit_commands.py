@@ -165,7 +165,7 @@ def test_a_campaign_keeps_what_a_fit_found_and_another_fit_leaves_it(cfid: Cfid,
     found(cfid("fit", "testbody", f"x={files / 'tb_x.csv'}", "--json", folder=campaign))
     kept = tomllib.loads((campaign / "parameters.toml").read_text())
 
-    assert set(kept) == {"inertia", "testbody"}
+    assert set(kept) == {"format", "inertia", "testbody"}
     matrix = kept["inertia"]["parameters"]["inertia.matrix_kg_m2"]
     assert matrix["value"] == inertia["parameters"]["inertia.matrix_kg_m2"]["value"]
     assert matrix["unit"] == "kg m^2"

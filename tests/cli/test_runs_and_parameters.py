@@ -301,7 +301,7 @@ def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, gi
 
 def test_what_two_hands_note_at_once_is_both_kept(campaign: Campaign) -> None:
     with ThreadPoolExecutor(4) as pool:
-        for job in [pool.submit(set_by_hand, f"thing{i}_m", 1.0, campaign=campaign.folder) for i in range(12)]:
+        for job in [pool.submit(set_by_hand, f"thing{i}_m", "1.0", campaign=campaign.folder) for i in range(12)]:
             job.result()
 
     assert len(load_sections(campaign.parameters_file)["set"].parameters) == 12

@@ -172,6 +172,18 @@ def test_motors_stop_ends_another_cfid_that_drives_them(bench: Bench) -> None:
     assert not any(bench.motors)
 
 
+def test_motors_stop_without_an_address_stops_the_vehicle_that_is_driven(bench: Bench) -> None:
+    rig = bench.folder / RIG_FILE
+    rig.write_text(rig.read_text().replace(f"uri = '{bench.uri}'", ""))
+    first = bench.start("motors", "set", 20000, "--yes", "--uri", bench.uri.replace("127.0.0.1", "localhost"))
+    first.wait_until_motors_run()
+    second = bench.start("motors", "stop")
+    assert second.end() == 0, second.err
+    assert second.out.startswith(f"{bench.uri}: motors stopped, confirmed in ")
+    assert first.end() == 0
+    assert not any(bench.motors)
+
+
 def test_a_link_that_loses_packets_is_connected_all_the_same(tmp_path: Path) -> None:
     with bench_in(tmp_path, radio={"loss": 0.002}) as bench:
         pilot = bench.start("motors", "set", 20000, "--yes", "--for", 0.3)

@@ -140,6 +140,17 @@ def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(bench: Bench,
         assert bench.motors == (0, 20000, 0, 0)  # and it is true
 
 
+def test_where_no_thin_link_opens_the_whole_one_carries_the_stop(bench: Bench, radio: Radio) -> None:
+    def opened(uri: str) -> Line:
+        raise DeviceError(f"{uri}: no.")
+
+    with driving(bench, radio, "heeds"):
+        pass  # killed: motors of stock firmware run on
+    assert bench.motors == (0, 20000, 0, 0)
+    assert stop_vehicle(bench.uri, Ports(), say=print, opened=opened).kind == "stock"
+    assert not any(bench.motors)
+
+
 def test_a_lock_without_a_driver_is_no_obstacle(bench: Bench) -> None:
     with DeviceLock.take(bench.uri):  # of this very process
         assert stop_vehicle(bench.uri, Ports(), say=print).kind == "stock"

@@ -1,0 +1,66 @@
+"""Vehicles drawn from the uncertainties, as lists that RotorPy and crazyflow take: their own exports, one by one."""
+
+import ast
+import json
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from cfid import __version__
+from cfid.export import crazyflow, rotorpy
+from cfid.export.hover import value_of
+from cfid.export.target import Target
+from cfid.export.vehicle import Vehicle
+from cfid.parameters import Value
+
+ROTORPY, CRAZYFLOW = rotorpy.TARGET, crazyflow.TARGET
+FILES: Mapping[str, str] = {ROTORPY.name: "samples_rotorpy.py", CRAZYFLOW.name: "samples_crazyflow.json"}
+
+_QUAD = "quad_params"
+
+
+def with_values(vehicle: Vehicle, values: Mapping[str, Value]) -> Vehicle:
+    """Return a vehicle with other values by key; the range of the inverse thrust map follows the map."""
+    quantities = {
+        name: replace(quantity, value=values.get(quantity.key, quantity.value))
+        for name, quantity in vehicle.quantities.items()
+    }
+    if "thrust_of_command" in quantities and "thrust_range" in quantities:
+        poly, known = quantities["thrust_of_command"].value, quantities["thrust_range"]
+        quantities["thrust_range"] = replace(known, value=[_of_map(row, poly) for row in known.value])
+    return replace(vehicle, quantities=quantities)
+
+
+def rendered(target: Target, vehicle: Vehicle) -> Any:
+    """Return one vehicle as a target's own export has it: RotorPy's as Python, crazyflow's as tables.
+
+    Raises DataError when the target cannot take it.
+    """
+    text = target.write(vehicle)
+    return _dictionary(text) if target is ROTORPY else next(iter(tomllib.loads(text).values()))
+
+
+def listed(target: Target, drawn: Sequence[Any], comments: Iterable[str]) -> str:
+    """Return the file with all of them."""
+    if target is ROTORPY:
+        head = "".join(f"# {line}\n" for line in comments)
+        return f"{head}\nimport numpy as np\n\nQUADS = [\n{''.join(f'{text},{chr(10)}' for text in drawn)}]\n"
+    return json.dumps({"written_by": f"cfid {__version__}", "about": list(comments), "drones": list(drawn)}) + "\n"
+
+
+def _of_map(row: Mapping[str, Value], poly: Sequence[float]) -> Mapping[str, Value]:
+    ends = {
+        f"thrust_{end}_n": value_of(poly, row[f"command_{end}"]) for end in ("min", "max") if f"command_{end}" in row
+    }
+    return {**row, **ends, "coefficients": [*[0.0] * (3 - len(poly)), *poly]}
+
+
+def _dictionary(text: str) -> str:
+    """Return the source of RotorPy's dictionary in a module."""
+    named = {
+        node.targets[0].id: node.value
+        for node in ast.parse(text).body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+    }
+    return ast.unparse(named[_QUAD])

@@ -1,0 +1,180 @@
+"""cfid export samples: possible vehicles drawn from the uncertainties, the same numbers in every file."""
+
+import csv
+import json
+import re
+import subprocess
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.analysis.possible import impossible
+from cfid.campaign import new_rig_text
+from cfid.covariances import covariance_between, shaped_as
+from cfid.export import crazyflow, rotorpy
+from cfid.export.samples import with_values
+from cfid.parameters import Parameter, Section, load_sections, store_section
+from tests.export.thesis_vehicle import INERTIA_KG_M2, sections, vehicle
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+STD = {  # of each number, as parts of a value where there is no other
+    "motor.thrust_poly": [5e-13, 3e-8, 3e-4],
+    "motor.speed_poly": [2e-4, 5.0],
+    "motor.torque_poly": [3e-5, 2e-6],
+    "motor.thrust_voltage_poly": [5e-5, 2e-4, 1e-4, 3e-5],
+    "motor.thrust_per_speed_squared_n_s2": 2e-10,
+    "motor.thrust_speed_poly": [2e-10, 0.0, 0.0],
+    "dynamics.rising": [0.2, 1e-4],
+    "dynamics.falling": [0.1, 5e-5],
+    "drag.simple_kg_per_rad": [2e-8, 2e-8, 3e-8],
+    "tf.time_constant_s": 1e-3,
+}
+BODY = 1e-8  # of each entry of the inertia matrix
+
+
+def uncertain(section: Section, std: Mapping[str, Any] = STD) -> Section:
+    """Return a section whose parameters have standard uncertainties, and the inertia a covariance."""
+    parameters = {
+        key: replace(found, std=std.get(key, found.std)) if key in std else found
+        for key, found in section.parameters.items()
+    }
+    inertia = "inertia.matrix_kg_m2"
+    if inertia not in parameters:
+        return replace(section, parameters=parameters)
+    covariance = BODY**2 * (0.5 * np.eye(6) + 0.5 * np.ones((6, 6)))
+    return replace(section, covariance=covariance_between({inertia: INERTIA_KG_M2}, covariance))
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """The folder that `cfid` runs in, as a campaign with the thesis' numbers and uncertainties."""
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    for name, found in sections().items():
+        store_section(tmp_path / "parameters.toml", name, uncertain(found))
+    return tmp_path
+
+
+def read_csv(path: Path) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
+    head, *rows = csv.reader(path.read_text().splitlines())
+    return head, np.array(rows, dtype=np.float64)
+
+
+def test_every_vehicle_that_is_delivered_is_possible_and_the_rejected_share_is_printed(
+    cfid: Cfid, campaign: Path
+) -> None:
+    wide = {**STD, "motor.thrust_poly": [5e-13, 6e-7, 3e-4]}  # so that a few maps fall
+    store_section(campaign / "parameters.toml", "thrust", uncertain(sections()["thrust"], wide))
+    said = cfid("export", "samples", "--n", "300", "--seed", "3")
+    assert said.returncode == 0, said.stderr
+    head, rows = read_csv(campaign / "exports" / "samples.csv")
+    found = re.search(
+        r"300 vehicles; (\d+\.\d) % of (\d+) draws rejected: motor\.thrust_poly does not rise", said.stdout
+    )
+    assert found is not None
+    assert 0 < float(found[1]) < 50
+    assert int(found[2]) % 300 == 0
+    known = {
+        key: p.value for s in load_sections(campaign / "parameters.toml").values() for key, p in s.parameters.items()
+    }
+    known = {"mass_kg": 0.028, **known}
+    assert len(rows) == 300
+    for row in rows:
+        values = {
+            key: shaped_as(key, [row[i] for i, name in enumerate(head) if name.split(" ")[0] == key], value)
+            for key, value in known.items()
+            if key != "motor.command_of_thrust" and any(name.split(" ")[0] == key for name in head)
+        }
+        assert impossible(values) == ""
+
+
+def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "samples", "--n", "20", "--seed", "7", "--out", "drawn")
+    assert said.returncode == 0, said.stderr
+    folder = campaign / "drawn"
+    head, rows = read_csv(folder / "samples.csv")
+    packed = np.load(folder / "samples.npz")
+    drones = json.loads((folder / "samples_crazyflow.json").read_text())["drones"]
+    names: dict[str, Any] = {}
+    exec((folder / "samples_rotorpy.py").read_text(), names)
+
+    assert packed["names"].tolist() == head
+    assert np.array_equal(packed["values"], rows)
+    assert packed["covariance"].shape == (len(head), len(head))
+    assert (len(drones), len(names["QUADS"]), len(rows)) == (20, 20, 20)
+    for row, drone, quad in zip(rows, drones, names["QUADS"], strict=True):
+        number = dict(zip(head, row, strict=True))
+        assert drone["mass"] == pytest.approx(number["mass_kg"])
+        assert quad["mass"] == pytest.approx(number["mass_kg"])
+        assert quad["k_eta"] == pytest.approx(number["motor.thrust_per_speed_squared_n_s2"])
+        # The thesis' x is to the right: its yy is about the axis that points forward.
+        assert quad["Ixx"] == drone["J"][0][0] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
+    assert len({drone["mass"] for drone in drones}) == 20
+
+
+def test_a_drawn_vehicle_is_rendered_by_the_targets_themselves() -> None:
+    known = vehicle()
+    other = with_values(known, {"motor.thrust_poly": [3e-11, 1e-6, 0.0], "mass_kg": 0.03})
+
+    assert with_values(known, {})["mass"] == known["mass"]
+    assert tomllib.loads(crazyflow.TARGET.write(other)) != tomllib.loads(crazyflow.TARGET.write(known))
+    assert "0.03," in rotorpy.TARGET.write(other)
+
+
+def test_the_same_seed_draws_the_same_vehicles_and_nothing_is_overwritten(cfid: Cfid, campaign: Path) -> None:
+    for seed, folder in (("1", "a"), ("1", "b"), ("2", "c")):
+        assert cfid("export", "samples", "--n", "5", "--seed", seed, "--out", folder).returncode == 0
+    tables = [(campaign / folder / "samples.csv").read_text() for folder in "abc"]
+    assert tables[0] == tables[1]
+    assert tables[0] != tables[2]
+
+    again = cfid("export", "samples", "--n", "6", "--out", "a")
+    assert again.returncode == 2
+    assert "is there already" in again.stderr
+    assert (campaign / "a" / "samples.csv").read_text() == tables[0]
+
+
+def test_where_over_half_of_the_draws_are_no_vehicle_nothing_is_written(cfid: Cfid, campaign: Path) -> None:
+    wide = {**STD, "motor.torque_poly": [0.1, 2e-6]}
+    store_section(campaign / "parameters.toml", "torque", uncertain(sections()["torque"], wide))
+    lag = replace(
+        sections()["tf identify"], parameters={"tf.time_constant_s": Parameter(value=0.06, std=0.5, unit="s")}
+    )
+    store_section(campaign / "parameters.toml", "tf identify", lag)
+    said = cfid("export", "samples", "--n", "50")
+
+    words = " ".join(said.stderr.split())
+    assert said.returncode == 4
+    assert re.search(
+        r"samples: nothing was written. \d+ % of 200 draws are no possible vehicle \(limit 50 %\): ", words
+    )
+    assert "motor.torque_poly does not rise (" in words
+    assert "tf.time_constant_s is not above zero (" in words
+    assert not (campaign / "exports").exists()
+
+
+def test_what_should_not_be_exported_is_not_drawn_from_either(cfid: Cfid, campaign: Path) -> None:
+    store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
+    assert cfid("export", "samples", "--n", "5").returncode == 4
+    assert cfid("export", "samples", "--n", "5", "--force").returncode == 0
+
+
+def test_what_a_target_lacks_leaves_its_list_out_and_says_so(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    said = cfid("export", "samples", "--n", "5")
+
+    assert said.returncode == 0
+    assert "no list for crazyflow, which cannot do without" in " ".join(said.stderr.split())
+    assert sorted(path.name for path in (tmp_path / "exports").iterdir()) == ["samples.csv", "samples.npz"]
+
+
+def test_numbers_and_seeds_go_with_samples_alone(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "firmware", "--n", "5")
+
+    assert said.returncode == 2
+    assert "go with `cfid export samples`" in said.stderr

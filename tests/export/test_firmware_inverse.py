@@ -1,0 +1,194 @@
+"""The firmware's way back from thrust to motor voltage, compiled in single precision: no map of ours stops a motor."""
+
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.analysis.voltage_map import compare_thrust
+from cfid.covariances import numbers_of
+from cfid.errors import DataError
+from cfid.export.firmware import TARGET
+from cfid.export.target import text_of
+from cfid.parameters import load_sections
+from cfid.plausible import cubic_fault
+from cfid.stand_table import read_stand_table
+from tests.export.thesis_vehicle import vehicle, with_value
+
+Array = npt.NDArray[np.float64]
+Inverse = Callable[..., tuple[Array, Array]]
+
+DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
+STOCK = DATA / "bitcraze_2021" / "cf21_stock2.csv"
+ROUNDING = 6.5  # of 65535: by which single precision may let a motor command fall; a brushed motor has steps of 256
+BATTERIES_V = (3.0, 3.3, 3.7, 4.2)
+
+# VMOTOR2THRUST0..3, THRUST_MIN, THRUST_MAX of src/platform/interface/platform_defaults_cf2.h and _cf21bl.h.
+SHIPPED = {
+    "2.1+ propellers, 2026.08": (
+        (-0.02476537915958403, 0.06523793527519485, -0.026792504967750107, 0.006776789303971145),
+        (0.012817578393224994, 0.12),
+    ),
+    "thrust upgrade kit, 2026.08": (
+        (0.006728127583707208, 0.01011557616217668, 0.010263198062061085, 0.0028358638322392503),
+        (0.01922636758983749, 0.18),
+    ),
+    "thrust upgrade kit, 2025.12": (
+        (-0.03978221591250353, 0.10979738851226176, -0.05545304285403245, 0.016215002062640885),
+        (0.01922636758983749, 0.18),
+    ),
+    "legacy propellers, 2026.08": (
+        (-0.014830744918356092, 0.04724465241828281, -0.01847364358025878, 0.005960923942142),
+        (0.012817578393224994, 0.12),
+    ),
+    "brushless, 2026.08": (
+        (-0.014058926705279723, 0.04265273261724981, 0.0018327760144017432, 0.0020576974784587178),
+        (0.02136263065537499, 0.2),
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def inverse(tmp_path_factory: pytest.TempPathFactory) -> Inverse:
+    """Return what gives motor voltages and commands (65536,) of a map and a battery."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("there is no gcc to compile the firmware's formula with")
+    program = tmp_path_factory.mktemp("inverse") / "invert_thrust"
+    source = Path(__file__).with_name("invert_thrust.c")
+    flags = ("-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion")
+    subprocess.run([compiler, *flags, "-o", str(program), str(source), "-lm"], check=True)
+
+    def run(*numbers: float) -> tuple[Array, Array]:
+        given = " ".join(f"{number:.9g}" for number in numbers).encode()
+        made = subprocess.run([str(program)], input=given, stdout=subprocess.PIPE, check=True).stdout
+        volts, command = np.frombuffer(made, dtype=np.float32).reshape(65536, 2).T.astype(np.float64)
+        return volts, command
+
+    return run
+
+
+def assert_flies(inverse: Inverse, cubic: npt.ArrayLike, limits: tuple[float, float]) -> float:
+    """Check all commands at all batteries; return the largest error of thrust over the range."""
+    lowest_first = np.asarray(cubic, dtype=np.float64)
+    least, most = limits
+    wanted = np.arange(65536) / 65535 * most
+    worst = 0.0
+    for battery_v in BATTERIES_V:
+        volts, command = inverse(*lowest_first, least, most, battery_v)
+        assert np.isfinite(volts).all()
+        assert np.isfinite(command).all()
+        assert np.max(np.maximum.accumulate(command) - command) <= ROUNDING
+        assert volts.min() >= 0
+        asked = wanted >= least * (1 + 1e-6)
+        given = asked & (wanted <= np.polyval(lowest_first[::-1], battery_v))
+        assert given.any()
+        got = np.polyval(lowest_first[::-1], np.minimum(command, 65535) / 65535 * battery_v)
+        worst = max(worst, float(np.max(np.abs(got - wanted)[given])) / (most - least))
+    assert worst < 0.01
+    return worst
+
+
+def macros_of(text: str) -> Mapping[str, float]:
+    return {name: float(number) for name, number in re.findall(r"#define (\w+) (\S+)f", text)}
+
+
+def assert_header_flies(inverse: Inverse, cubic: npt.ArrayLike, max_thrust_n: float) -> None:
+    known = with_value(vehicle(), "thrust_of_voltage", [float(number) for number in np.asarray(cubic)])
+    assert_text_flies(inverse, text_of(TARGET, with_value(known, "max_thrust", max_thrust_n)))
+
+
+def assert_text_flies(inverse: Inverse, header: str) -> None:
+    macros = macros_of(header)
+    written = [macros[f"VMOTOR2THRUST{power}"] for power in range(4)]
+    worst = assert_flies(inverse, written, (macros["THRUST_MIN"], macros["THRUST_MAX"]))
+    print(f"{100 * worst:.4f} % of the range")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_maps_that_the_firmware_ships_come_back(inverse: Inverse, name: str) -> None:
+    cubic, limits = SHIPPED[name]
+    worst = assert_flies(inverse, cubic, limits)
+    print(f"{name}: {100 * worst:.4f} % of the range")
+
+    assert cubic_fault(cubic, least_n=limits[0]) == cubic_fault(cubic) == ""
+    assert limits[0] / limits[1] == pytest.approx(7000 / 65535, rel=1e-6)  # the rule that headers follow
+
+
+def test_the_program_sees_a_map_that_stops_motors(inverse: Inverse) -> None:
+    """A cubic that bends down, as a plain fit of a sagging battery's thrust gives it."""
+    volts, _ = inverse(0.00356866, 0.00724118, 0.01127234, -0.000335744, 0.0179, 0.168, 4.0)
+
+    assert np.isnan(volts).any()
+    assert "motors stop" in cubic_fault([0.00356866, 0.00724118, 0.01127234, -0.000335744])
+
+
+def test_a_map_that_stops_motors_is_no_header() -> None:
+    """Neither that of a plain fit, nor one whose flat part lies within the thrusts that are asked for."""
+    for cubic in ([0.0036, 0.0072, 0.0113, -0.00034], [0.02, 0.01, 0.012, 0.002], [0.0, 0.03, -0.03, 0.006]):
+        with pytest.raises(DataError, match=r"no header: .* does not rise over all voltages"):
+            text_of(TARGET, with_value(vehicle(), "thrust_of_voltage", cubic))
+
+
+def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
+    if not STOCK.exists():
+        pytest.skip("the recordings of stock motors are not here")
+    table = read_stand_table(STOCK)
+    assert table.thrust_n is not None
+    assert table.vbat_v is not None
+    found = compare_thrust(command=table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n / 4)
+
+    assert found.refusal == ""
+    assert "departs by up to 1.4 %" in found.warnings[-1]
+    assert_header_flies(inverse, found.lowest_first, float(found.value.max()))
+
+
+SHAPES: Mapping[str, Callable[[Array], Array]] = {
+    "bends down": lambda volts: 0.00357 + 0.00724 * volts + 0.01127 * volts**2 - 0.000336 * volts**3,
+    "square": lambda volts: 0.0105 * volts**2,
+    "straight": lambda volts: 0.04 * volts,
+    "root": lambda volts: 0.08 * np.sqrt(volts),
+    "saturates": lambda volts: 0.16 * (1 - np.exp(-volts)),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
+    vbat_v = 4.1 - 0.5 * command / 65535 - 0.1 * rng.random(len(command))
+    thrust = SHAPES[shape](command / 65535 * vbat_v)
+    std = 1e-4 + 2e-3 * thrust
+    measured = thrust + std * rng.standard_normal(len(command))
+    found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, std_n=std)
+
+    assert found.refusal == ""
+    assert_header_flies(inverse, found.lowest_first, float(thrust.max()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 7])
+def test_headers_of_whole_campaigns_fly_and_their_covariances_agree_with_their_uncertainties(
+    inverse: Inverse, seed: int, tmp_path: Path
+) -> None:
+    folder = tmp_path / "campaign"
+    words = ["demo", str(folder), "--seed", str(seed), "--no-figures"]
+    subprocess.run([sys.executable, "-m", "cfid.cli.main", *words], check=True, capture_output=True, timeout=600)
+    assert_text_flies(inverse, (folder / "exports" / TARGET.file_name).read_text())
+    for section in load_sections(folder / "parameters.toml").values():
+        for kept in section.covariance:
+            spread = iter(np.sqrt(np.diag(np.array(kept.matrix))))
+            for key in kept.of:
+                parameter = section.parameters[key]
+                for std in numbers_of(key, parameter.std):
+                    known = std is not None and math.isfinite(std)  # a number at its bound has none
+                    assert next(spread) == pytest.approx(std if known else 0.0, rel=1e-6), key

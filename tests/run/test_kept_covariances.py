@@ -1,0 +1,123 @@
+"""What parameters.toml keeps beside values: covariances, common causes, rejections, and the number of its format."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cfid.covariances import Covariance, covariance_between, names_of, numbers_of, shaped_as
+from cfid.errors import DataError
+from cfid.fits import Fit, keep_fit, list_fits
+from cfid.parameters import FORMAT, Parameter, Section, load_sections, store_section
+
+MATRIX = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]
+WHOLE = Section(
+    method="default",
+    found=datetime(2026, 11, 22, 8, 30, tzinfo=UTC),
+    cfid_version="0.2.0",
+    believed=True,
+    sources=(),
+    parameters={
+        "motor.torque_poly": Parameter(value=[6e-3, 1e-5], std=[1e-5, 2e-6], unit="Nm(N)"),
+        "motor.max_thrust_n": Parameter(value=0.15, std=1e-3, unit="N"),
+    },
+    covariance=(
+        Covariance(
+            ("motor.torque_poly", "motor.max_thrust_n"),
+            ((1e-10, -1e-11, 0.0), (-1e-11, 4e-12, 1e-10), (0.0, 1e-10, 1e-6)),
+        ),
+    ),
+    common={"arm": {"motor.torque_poly": [1e-6, 0.0]}},
+    rejected={"motor.thrust_voltage_poly": "it does not rise."},
+)
+
+
+def test_covariances_causes_and_rejections_are_read_back(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.toml"
+    store_section(file, "torque", WHOLE)
+
+    assert load_sections(file) == {"torque": WHOLE}
+    assert file.read_text().startswith(f"format = {FORMAT}\n")
+
+
+def test_a_fit_keeps_them_too(tmp_path: Path) -> None:
+    fit = Fit(name="torque", command="fit torque", section=WHOLE, quality={})
+    keep_fit(tmp_path / "fits", fit)
+
+    assert list_fits(tmp_path / "fits") == [fit]
+
+
+def test_a_file_of_before_has_no_number_and_is_read_and_numbered_by_the_next_fit(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.toml"
+    plain = replace(WHOLE, covariance=(), common={}, rejected={})
+    store_section(file, "torque", plain)
+    file.write_text(file.read_text().removeprefix(f"format = {FORMAT}\n"))
+    assert load_sections(file) == {"torque": plain}
+
+    store_section(file, "speed", WHOLE)
+    assert load_sections(file) == {"torque": plain, "speed": WHOLE}
+    assert file.read_text().startswith(f"format = {FORMAT}\n")
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (str(FORMAT + 1), f"has format {FORMAT + 1}, written by a newer cfid"),
+        ('"two"', "format: should be a whole number"),
+        ("0", "format: should be a whole number"),
+    ],
+)
+def test_a_newer_or_senseless_format_is_refused_and_left_as_it_is(tmp_path: Path, number: str, told: str) -> None:
+    file = tmp_path / "parameters.toml"
+    store_section(file, "torque", WHOLE)
+    file.write_text(file.read_text().replace(f"format = {FORMAT}", f"format = {number}", 1))
+    before = file.read_bytes()
+    for touch in (lambda: load_sections(file), lambda: store_section(file, "speed", WHOLE)):
+        with pytest.raises(DataError, match=told):
+            touch()
+    assert file.read_bytes() == before
+
+
+def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -> Section:
+    return replace(WHOLE, covariance=(Covariance(of, matrix),))
+
+
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        (with_covariance(((1.0,),)), "matrix: should have 2 rows of 2 numbers"),
+        (with_covariance(((1.0, 0.5), (0.4, 1.0))), "row 1, column 2 belongs to no covariance"),
+        (with_covariance(((1.0, 2.0), (2.0, 1.0))), "row 1, column 2 belongs to no covariance"),
+        (with_covariance(((-1.0, 0.0), (0.0, 1.0))), "row 1 should have finite numbers"),
+        (with_covariance(((1.0,),), of=("motor.speed_poly",)), "of: there is no motor.speed_poly"),
+        (
+            replace(WHOLE, common={"arm": {"motor.torque_poly": [1.0]}}),
+            "common.arm: motor.torque_poly should have as many",
+        ),
+        (replace(WHOLE, common={"arm": {"arm_m": [1.0]}}), "common.arm: there is no arm_m"),
+    ],
+)
+def test_what_was_edited_into_nonsense_is_named(tmp_path: Path, section: Section, told: str) -> None:
+    file = tmp_path / "parameters.toml"
+    store_section(file, "torque", section)
+    with pytest.raises(DataError, match=told):
+        load_sections(file)
+
+
+def test_numbers_of_a_parameter_stand_in_one_order_and_come_back() -> None:
+    inertia, other = "inertia.matrix_kg_m2", "drag.cross_coupling_kg_per_rad"
+
+    assert numbers_of(inertia, MATRIX) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert names_of(inertia, MATRIX)[3:] == [f"{inertia} xy", f"{inertia} xz", f"{inertia} yz"]
+    assert numbers_of(other, MATRIX) == [1.0, 4.0, 5.0, 4.0, 2.0, 6.0, 5.0, 6.0, 3.0]
+    assert names_of(other, MATRIX)[5] == f"{other} [1] [2]"
+    for key, value in ((inertia, MATRIX), (other, MATRIX), ("a", [1.0, 2.0]), ("b", 3.0)):
+        assert shaped_as(key, numbers_of(key, value), value) == value
+
+
+def test_a_covariance_that_is_not_known_is_not_kept() -> None:
+    assert covariance_between({"a": 1.0}, [[float("nan")]]) == ()
+    assert covariance_between({"a": 1.0}, [[0.0]]) == ()
+    assert covariance_between({"a": 1.0}, [[2.0]]) == (Covariance(("a",), ((2.0,),)),)
