@@ -411,8 +411,9 @@ def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option:
         pilot = bench.start(*words, "--tachometer", option)
         assert pilot.end() == 0, pilot.err
         log = pd.read_csv(bench.run().device_file("crazyflie"))
-    column = "rpm.m1" if option == "deck" else "motor.m1_rpm"
-    assert log[column].max() == pytest.approx((381 + 0.0408 * 30000) * 60 / (2 * np.pi), rel=0.02)
+    brushed_rpm, brushless_rpm = (381 + 0.0408 * 30000) * 60 / (2 * np.pi), 0.36 * 30000
+    column, rpm = ("rpm.m1", brushed_rpm) if option == "deck" else ("motor.m1_rpm", brushless_rpm)
+    assert log[column].max() == pytest.approx(rpm, rel=0.02)
 
 
 def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
