@@ -119,7 +119,8 @@ def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
         raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
     if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
         raise ConfigError(f"{name}: a value and its deviation are finite numbers.")
-    if (said := implausible(name, value)) and not force:
+    senseless = value <= 0 and name in _IN_RIG  # rig.toml's own check names the key
+    if not senseless and not force and (said := implausible(name, value)):
         raise ConfigError(f"{said} Nothing was changed; --force notes it all the same.")
 
 
