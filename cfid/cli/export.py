@@ -51,6 +51,9 @@ def export(
 
 def _vehicle(campaign: "Campaign") -> "Vehicle":
     from cfid.campaign import RIG_FILE
+    from cfid.durable import read_toml
+    from cfid.errors import DataError
+    from cfid.export.exchange import covariance_blocks
     from cfid.export.vehicle import collect
     from cfid.parameters import load_sections
     from cfid.report.stale import stale_in
@@ -58,12 +61,15 @@ def _vehicle(campaign: "Campaign") -> "Vehicle":
 
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     simulated = {run.folder.name for run in runs if run.header.simulated}
+    sections = load_sections(campaign.parameters_file)
+    content = read_toml(campaign.parameters_file, DataError) if sections else {}
     return collect(
         campaign.rig,
-        load_sections(campaign.parameters_file),
+        sections,
         rig_file=RIG_FILE,
         simulated=simulated,
         stale=stale_in(campaign.folder, runs),
+        covariance=covariance_blocks(content),
     )
 
 
