@@ -24,7 +24,7 @@ def write(vehicle: Vehicle) -> str:
     sites = "".join(f'      <site name="motor{i}" pos="{numbers(place, " ")}"/>\n' for i, place in places)
     return f"""<mujoco model="{_NAME}">
   <compiler autolimits="true"/>
-  <option timestep="0.002" integrator="RK4" gravity="0 0 -{number(vehicle.gravity_mps2)}"/>
+  <option timestep="0.002" integrator="implicitfast" gravity="0 0 -{number(vehicle.gravity_mps2)}"/>
   <worldbody>
     <light pos="0 0 3"/>
     <geom name="floor" type="plane" size="0 0 0.05"/>

@@ -41,7 +41,6 @@ def write(vehicle: Vehicle) -> str:
 
 def _sensor(name: str, rate_hz: int) -> str:
     return f"""      <sensor name="{name}_sensor" type="{name}">
-        <gz_frame_id>base_link</gz_frame_id>
         <always_on>1</always_on>
         <update_rate>{rate_hz}</update_rate>
       </sensor>
