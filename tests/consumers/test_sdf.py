@@ -113,8 +113,8 @@ def test_sdformat_has_the_whole_vehicles_mass_inertia_and_motors(target: str, pa
 
     def moment(rotor_speeds: Array) -> Array:
         thrusts = [m.thrust(w) for m, w in zip(motors, rotor_speeds, strict=True)]
-        yaw = sum(m.torque(w) for m, w in zip(motors, rotor_speeds, strict=True))
-        found: Array = np.cross(places, np.outer(thrusts, [0, 0, 1])).sum(axis=0) + [0, 0, yaw]
+        found: Array = np.cross(places, np.outer(thrusts, [0, 0, 1])).sum(axis=0)
+        found[2] += sum(m.torque(w) for m, w in zip(motors, rotor_speeds, strict=True))
         return found
 
     turning = [float(np.linalg.solve(inertia, moment(speeds(axis)[ORDER[target]]))[i]) for i, axis in enumerate(MIXES)]
