@@ -27,6 +27,7 @@ from cfid.parameters import Value, plain
 
 FORMAT = "cfid-vehicle-1"
 _DIRECTIONAL = ("inertia.", "drag.")  # keys whose numbers belong to the campaign's body axes
+_DEPENDENCES = ("covariance", "common")
 _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
 
@@ -53,13 +54,13 @@ def write(vehicle: Vehicle) -> str:
 
 
 def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
-    """Return what a parameters.toml calls covariance, by the name of its section, "" for the file's own."""
-    blocks = {name: table["covariance"] for name, table in content.items() if _has_covariance(table)}
-    return ({"": content["covariance"]} if "covariance" in content else {}) | blocks
-
-
-def _has_covariance(table: Any) -> bool:
-    return isinstance(table, Mapping) and "parameters" in table and "covariance" in table
+    """Return what the sections of a parameters.toml say of numbers that depend on each other, by section, as it is."""
+    blocks = {
+        name: {key: plain(table[key]) for key in _DEPENDENCES if key in table}
+        for name, table in content.items()
+        if isinstance(table, Mapping)
+    }
+    return {name: block for name, block in blocks.items() if block}
 
 
 def _all(vehicle: Vehicle) -> list[Quantity]:

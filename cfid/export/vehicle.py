@@ -78,7 +78,8 @@ class Vehicle:
     """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
 
     `centre_m` is the centre of mass (3,) from the vehicle's middle, on the table it stands on. `others` are the
-    quantities that no target takes, `covariance` is what parameters.toml has under that name, by section.
+    quantities that no target takes, `covariance` has by section what parameters.toml says of numbers that depend on
+    each other.
     """
 
     name: str
@@ -110,7 +111,7 @@ def collect(
     """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
 
     `simulated` are the names of the runs that were recorded on a simulated rig, `stale` tells why a section is no
-    longer current.
+    longer current, `covariance` is as `Vehicle` has it.
 
     Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
     """

@@ -1,6 +1,7 @@
 """The programs that take exports; `bash .ci/consumers` installs them and runs these tests."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -16,6 +17,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "consumers" in item.path.parts:
             item.add_marker(pytest.mark.consumers)
             item.add_marker(pytest.mark.filterwarnings("ignore"))
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in a folder of the test's own: some programs write logs where they are."""
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.export.exchange import covariance_blocks
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
 from tests.export.thesis_vehicle import vehicle
@@ -43,6 +44,8 @@ def test_a_vehicle_that_was_measured_in_part_fits_the_schema(without: str) -> No
 
 
 def test_covariances_are_handed_on_as_they_are() -> None:
-    blocks = {"thrust": {"names": ["a", "b"], "matrix": [[1.0, 0.5], [0.5, 2.0]]}}
+    blocks = {"covariance": [{"of": ["a", "b"], "matrix": [[1.0, 0.5], [0.5, 2.0]]}], "common": {"arm_m": {"a": [0.1]}}}
+    content = {"format": 2, "thrust": {"method": "m", "parameters": {}, **blocks}, "speed": {"method": "m"}}
 
-    assert judged(export("json", replace(measured(), covariance=blocks)))["covariance"] == blocks
+    known = replace(measured(), covariance=covariance_blocks(content))
+    assert judged(export("json", known))["covariance"] == {"thrust": blocks}
