@@ -112,10 +112,10 @@ def test_the_json_has_what_parameters_toml_says_of_numbers_that_depend_on_each_o
     cfid: Cfid, campaign: Path
 ) -> None:
     path = campaign / "parameters.toml"
-    path.write_text(path.read_text() + '\n[[thrust.covariance]]\nof = ["motor.max_thrust_n"]\nmatrix = [[1e-6]]\n')
+    path.write_text(path.read_text() + '\n[[thrust.covariance]]\nof = ["motor.max_thrust_n"]\nmatrix = [[1.44e-6]]\n')
     found = json.loads(cfid("export", "json", "--out", "-").stdout)
 
-    assert found["covariance"] == {"thrust": {"covariance": [{"of": ["motor.max_thrust_n"], "matrix": [[1e-6]]}]}}
+    assert found["covariance"] == {"thrust": {"covariance": [{"of": ["motor.max_thrust_n"], "matrix": [[1.44e-6]]}]}}
     assert found["quantities"]["motor.max_thrust_n"]["std"] == 0.0012
 
 

@@ -42,8 +42,8 @@ MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "y
 
 def measured() -> Vehicle:
     """Return the vehicle as a campaign has it, its centre of mass off the middle, its rotors measured."""
-    centre = tuple(0.001 * part for part in CENTRE_MM)
-    known = replace(thesis.vehicle(), centre_m=centre)
+    x, y, z = (0.001 * part for part in CENTRE_MM)
+    known = replace(thesis.vehicle(), centre_m=(x, y, z))
     extra = {
         name: replace(known.quantities["arm"], key=key, value=value, unit=unit)
         for name, key, value, unit in (
@@ -86,9 +86,9 @@ def time_to_63(thrust_of_time: Callable[[float], float], step_s: float = 1e-4, m
     return crossing(np.arange(0, most_s, step_s), values, values[0] + share * (values[-1] - values[0]))
 
 
-def crossing(times: Array, values: Array, level: float) -> float:
+def crossing(times: Sequence[float] | Array, values: Sequence[float] | Array, level: float) -> float:
     """Return when rising values first reach a level, between two samples."""
-    after = int(np.argmax(values >= level))
+    after = int(np.argmax(np.asarray(values) >= level))
     rise = (level - values[after - 1]) / (values[after] - values[after - 1])
     return float(times[after - 1] + rise * (times[after] - times[after - 1]))
 
@@ -120,5 +120,6 @@ class Row:
             assert found == pytest.approx(predicted, rel=1e-3), (self.target, predicted, found)
 
 
-def pairs(predicted: Sequence[float], found: Sequence[float]) -> list[tuple[float, float]]:
+def pairs(predicted: Sequence[float] | Array, found: Sequence[float]) -> list[tuple[float, float]]:
+    """Return predicted and found side by side."""
     return list(zip(map(float, predicted), map(float, found), strict=True))

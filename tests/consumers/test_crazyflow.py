@@ -64,7 +64,7 @@ def rising_lag(faster: float, acceleration: Any) -> float:
         speed += STEP_S / 6 * (a + 2 * b + 2 * c + d)
         values.append(speed**2)
     level = HOVER_RAD_S**2 * (1 + (1 - np.exp(-1)) * (faster**2 - 1))
-    return crossing(STEP_S * np.arange(len(values)), np.array(values), level)
+    return crossing([i * STEP_S for i in range(len(values))], values, level)
 
 
 def flown() -> Array:

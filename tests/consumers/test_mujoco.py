@@ -58,7 +58,7 @@ def test_mujoco_hovers_turns_and_brakes_the_vehicle(model: Any, judge: Judge) ->
         mujoco.mj_step(model, data)
         times.append(data.time)
         thrusts.append(float(data.act[0]))
-    lag = crossing(np.array(times), np.array(thrusts), SHARE_N * (1 + 0.2 * (1 - np.exp(-1))))
+    lag = crossing(times, thrusts, SHARE_N * (1 + 0.2 * (1 - np.exp(-1))))
     braking = [-(at(model, SHARE_N, np.eye(3)[i]) - at(model, SHARE_N))[i] for i in range(3)]
 
     judge(

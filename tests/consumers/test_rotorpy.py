@@ -25,8 +25,9 @@ from tests.consumers.plant import (
 )
 
 STEP_S = 0.001
+GOAL_M = np.array([0.0, 0.0, 1.0])
 TO_HOVER = {
-    "x": np.array([0.0, 0.0, 1.0]), "x_dot": np.zeros(3), "x_ddot": np.zeros(3), "x_dddot": np.zeros(3),
+    "x": GOAL_M, "x_dot": np.zeros(3), "x_ddot": np.zeros(3), "x_dddot": np.zeros(3),
     "x_ddddot": np.zeros(3), "yaw": 0.0, "yaw_dot": 0.0, "yaw_ddot": 0.0,
 }  # fmt: skip
 
@@ -43,7 +44,7 @@ def flown(drone: Any, controller: Any) -> Array:
     state = state_of(np.full(4, HOVER_RAD_S))
     for i in range(5000):
         state = drone.step(state, controller.update(0.002 * i, state, TO_HOVER), 0.002)
-    np.testing.assert_allclose(state["x"], TO_HOVER["x"], atol=0.005)
+    np.testing.assert_allclose(state["x"], GOAL_M, atol=0.005)
     found: Array = state["rotor_speeds"]
     return found
 
@@ -79,7 +80,7 @@ def test_rotorpy_flies_the_vehicle_with_its_own_controller(tmp_path: Path, judge
             turning=pairs(accelerations(), turning),
             lag_s=(
                 lag_of_first_order((UP_S + DOWN_S) / 2),
-                crossing(STEP_S * np.arange(len(thrusts)), np.array(thrusts), level),
+                crossing([i * STEP_S for i in range(len(thrusts))], thrusts, level),
             ),
             drag_1_s=pairs(DRAG_1_S, braking),
         )
