@@ -19,6 +19,7 @@ from cfid.export.vehicle import FULL, SOURCES, Quantity, Vehicle
 from cfid.export.wording import commented, told
 
 EXCHANGE_FILE = "vehicle.json"
+_SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +93,7 @@ def text_of(target: Target, vehicle: Vehicle) -> str:
 def _refuse_senseless(target: Target, vehicle: Vehicle) -> None:
     """Raise DataError for what divides, or is a size, and is not above zero: --force keeps such fits, too."""
     for quantity in _taken(target, vehicle):
-        if isinstance(quantity.value, int | float) and quantity.value <= 0:
+        if isinstance(quantity.value, int | float) and quantity.value <= 0 and quantity.key not in _SIGNED:
             raise DataError(f"{quantity.key} is {told(quantity.value)}, and {target.name} needs it above zero.")
 
 

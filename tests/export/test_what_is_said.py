@@ -174,6 +174,13 @@ def test_a_coefficient_that_is_not_above_zero_is_refused(value: float) -> None:
         export("firmware", with_value(vehicle(), "thrust_per_speed_squared", value))
 
 
+def test_a_delay_may_be_negative() -> None:
+    delayed = sections() | {"tf identify": section({"tf.delay_s": -0.027, "tf.time_constant_s": 0.07})}
+
+    found = json.loads(export("json", collect(thesis_rig(), delayed)))
+    assert found["quantities"]["tf.delay_s"]["value"] == -0.027
+
+
 @pytest.mark.parametrize(
     ("name", "quantity", "value", "said"),
     [
