@@ -93,6 +93,9 @@ def refuse(target: "Target", known: Known, *, force: bool) -> None:
 
 def _known(campaign: "Campaign") -> Known:
     from cfid.campaign import RIG_FILE
+    from cfid.durable import read_toml
+    from cfid.errors import DataError
+    from cfid.export.exchange import covariance_blocks
     from cfid.export.refusals import marked
     from cfid.export.vehicle import collect
     from cfid.parameters import load_sections
@@ -102,7 +105,15 @@ def _known(campaign: "Campaign") -> Known:
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
     simulated = {run.folder.name for run in runs if run.header.simulated}
     sections, stale = load_sections(campaign.parameters_file), stale_in(campaign.folder, runs)
-    vehicle = collect(campaign.rig, sections, rig_file=RIG_FILE, simulated=simulated, stale=stale)
+    content = read_toml(campaign.parameters_file, DataError) if sections else {}
+    vehicle = collect(
+        campaign.rig,
+        sections,
+        rig_file=RIG_FILE,
+        simulated=simulated,
+        stale=stale,
+        covariance=covariance_blocks(content),
+    )
     return Known(sections, stale, marked(vehicle, sections))
 
 

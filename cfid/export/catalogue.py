@@ -3,7 +3,20 @@
 from collections.abc import Mapping
 
 from cfid.errors import ConfigError
-from cfid.export import crazyflow, crazyswarm2, firmware, gazebo, mujoco, omnidrones, rotorpy, system_id, urdf
+from cfid.export import (
+    crazyflow,
+    crazyswarm2,
+    exchange,
+    firmware,
+    gazebo,
+    mujoco,
+    omnidrones,
+    px4,
+    rotorpy,
+    system_id,
+    urdf,
+    webots,
+)
 from cfid.export.target import Target
 
 TARGETS: Mapping[str, Target] = {
@@ -16,9 +29,13 @@ TARGETS: Mapping[str, Target] = {
         mujoco.TARGET,
         rotorpy.TARGET,
         gazebo.TARGET,
+        px4.GAZEBO,
+        px4.AIRFRAME,
+        webots.TARGET,
         crazyswarm2.TARGET,
         omnidrones.TARGET,
         system_id.TARGET,
+        exchange.TARGET,
     )
 }
 

@@ -1,53 +1,69 @@
-"""A section for the params.toml of crazyflow's first-principles dynamics; speeds are in revolutions per minute."""
+"""The params.toml of crazyflow's first-principles dynamics; speeds are in revolutions per minute."""
+
+from collections.abc import Sequence
 
 from cfid.export.hover import (
-    PLACES,
     RPM,
     YAW_SIGNS,
     arm_per_axis_m,
     drag_n_s_per_m,
+    hover_speed_rad_s,
     hover_thrust_n,
     inertia_kg_m2,
     lags_s,
     moment_per_thrust_m,
+    rotor_places_m,
+    slope_of,
     value_of,
 )
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
-from cfid.export.wording import HASH, identifier, number, numbers, rows
+from cfid.export.wording import HASH, number, numbers, rows
 
-_ROLL = [left for _, left in PLACES]
-_PITCH = [-ahead for ahead, _ in PLACES]
+_DRONE = "cf2x_L250"  # crazyflow knows the drones of its list alone
 
 
 def write(vehicle: Vehicle) -> str:
-    """Return the section; what crazyflow asks for and nobody measured is zero and marked."""
+    """Return the file; what crazyflow asks for and nobody measured is zero and marked."""
     drag = drag_n_s_per_m(vehicle) if "drag" in vehicle else (0.0, 0.0, 0.0)
     spin = vehicle.quantities["rotor_inertia"].value if "rotor_inertia" in vehicle else 0.0
     drag_words = "N/(m/s) with four rotors hovering" if "drag" in vehicle else "NOT MEASURED: zero switches drag off"
     spin_words = "kg m^2" if "rotor_inertia" in vehicle else "NOT MEASURED: zero leaves out the rotors' own inertia"
+    least = float(vehicle["thrust_range"][0]["thrust_min_n"])
     diagonal = [[-drag[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     return f"""
-[{identifier(vehicle.name)}]
+[{_DRONE}]
 mass = {number(vehicle["mass"])}  # kg
 J = {rows(inertia_kg_m2(vehicle))}  # kg m^2
-thrust_min = {number(vehicle["thrust_range"][0]["thrust_min_n"])}  # N of one motor, where its map begins to rise
+thrust_min = {number(max(least, 0.0))}  # N of one motor, where its map begins to rise
 thrust_max = {number(vehicle["max_thrust"])}  # N of one motor
 L = {number(arm_per_axis_m(vehicle))}  # m, distance from the forward and the left axis: the diagonal arm / sqrt(2)
 prop_inertia = {number(spin)}  # {spin_words}
 rpm2thrust = [{numbers(rpm_to_thrust(vehicle))}]  # N of one motor, power 0, 1, 2 of rpm
 rpm2torque = [{numbers(rpm_to_torque(vehicle))}]  # N m of one motor, power 0, 1, 2 of rpm
 rotor_dyn_coef = [{numbers(rotor_coefficients(vehicle))}]  # rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)
-mixing_matrix = {rows([_ROLL, _PITCH, YAW_SIGNS])}  # the Crazyflie's layout, m1 to m4: roll, pitch, yaw
+mixing_matrix = {rows(_mixing(vehicle))}  # m1 to m4: roll and pitch in units of L about the centre of mass, yaw
 drag_matrix = {rows(diagonal)}  # {drag_words}
 """
 
 
+def _mixing(vehicle: Vehicle) -> tuple[Sequence[float], ...]:
+    side, places = arm_per_axis_m(vehicle), rotor_places_m(vehicle)
+    return [left / side for _, left, _ in places], [-ahead / side for ahead, _, _ in places], YAW_SIGNS
+
+
 def rpm_to_thrust(vehicle: Vehicle) -> tuple[float, float, float]:
-    """Return thrust in N over speed in rpm, lowest power first, from `thrust_of_speed` or else k omega^2."""
+    """Return thrust in N over speed in rpm, lowest power first, with none at rest.
+
+    `thrust_of_speed` keeps its value and slope at hovering; where that pulls downwards at small speeds, and without it,
+    k omega^2.
+    """
     if "thrust_of_speed" in vehicle:
-        quadratic, linear, constant = vehicle["thrust_of_speed"]
-        return constant, linear * RPM, quadratic * RPM**2
+        speed = hover_speed_rad_s(vehicle)
+        thrust = value_of(vehicle["thrust_of_speed"], speed)
+        rise = slope_of(vehicle["thrust_of_speed"], speed) * speed
+        if thrust < rise <= 2 * thrust:
+            return 0.0, (2 * thrust - rise) / speed * RPM, (rise - thrust) / speed**2 * RPM**2
     return 0.0, 0.0, vehicle["thrust_per_speed_squared"] * RPM**2
 
 
@@ -84,11 +100,13 @@ TARGET = Target(
         "rising+falling|thrust_lag",
     ),
     uses=("thrust_of_speed", "drag", "rotor_inertia"),
+    no_place=("thrust_of_command", "speed_of_command", "thrust_of_voltage", "delay", "rotor_radius"),
     notes=(
-        "Put this into crazyflow/dynamics/first_principles/params.toml under the name of one of its drones. Speeds",
-        "are in rpm; thrusts, torques and speeds are those of one motor; polynomials have the lowest power first.",
-        "drag_matrix is per velocity, the sum of the four rotors' speeds being that of hovering; cfid measures per",
-        "both.",
+        "A complete file: copy it over crazyflow/dynamics/first_principles/params.toml and fly",
+        'Sim(drone="cf2x_L250", dynamics="first_principles"); keep the old file for the other drones. Speeds are in',
+        "rpm; thrusts, torques and speeds are those of one motor; polynomials have the lowest power first. rpm2thrust",
+        "has no thrust at rest. drag_matrix is per velocity, with the four rotors at the speed of hovering; cfid",
+        "measures it over both. The controllers keep the mass and the curves of control/mellinger/params.toml.",
     ),
     write=write,
 )

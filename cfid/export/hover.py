@@ -43,8 +43,14 @@ def arm_per_axis_m(vehicle: Vehicle) -> float:
 def rotor_places_m(vehicle: Vehicle) -> tuple[Vector, ...]:
     """Return where the thrusts of m1 to m4 act, from the centre of mass; heights were not measured and are zero."""
     side = arm_per_axis_m(vehicle)
+    ahead, left, _ = middle_m(vehicle)
+    return tuple((side * x + ahead, side * y + left, 0.0) for x, y in PLACES)
+
+
+def middle_m(vehicle: Vehicle) -> Vector:
+    """Return the middle between the motors, from the centre of mass, at its height."""
     ahead, left, _ = turned((vehicle.centre_m[0], vehicle.centre_m[1], 0.0), vehicle.frame)
-    return tuple((side * x - ahead, side * y - left, 0.0) for x, y in PLACES)
+    return 0.0 - ahead, 0.0 - left, 0.0
 
 
 def hover_thrust_n(vehicle: Vehicle) -> float:

@@ -3,11 +3,11 @@
 import math
 
 from cfid.export.hover import (
-    PLACES,
     YAW_SIGNS,
     inertia_kg_m2,
     moment_per_speed_squared_nm_s2,
     most_speed_rad_s,
+    rotor_places_m,
 )
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
@@ -21,14 +21,14 @@ def write(vehicle: Vehicle) -> str:
     """Return the file."""
     matrix = inertia_kg_m2(vehicle)
     entries = "".join(f"  {name}: {number(matrix[i][j])}\n" for name, (i, j) in _ENTRIES.items())
-    angles = [math.atan2(PLACES[motor][1], PLACES[motor][0]) % (2 * math.pi) for motor in _ORDER]
+    places = [rotor_places_m(vehicle)[motor] for motor in _ORDER]
     rotors = {
-        "arm_lengths": [vehicle["arm"]] * 4,
+        "arm_lengths": [math.hypot(ahead, left) for ahead, left, _ in places],
         "directions": [float(-YAW_SIGNS[motor]) for motor in _ORDER],
         "force_constants": [vehicle["thrust_per_speed_squared"]] * 4,
         "max_rotation_velocities": [most_speed_rad_s(vehicle)] * 4,
         "moment_constants": [moment_per_speed_squared_nm_s2(vehicle)] * 4,
-        "rotor_angles": angles,
+        "rotor_angles": [math.atan2(left, ahead) % (2 * math.pi) for ahead, left, _ in places],
     }
     return f"""
 name: crazyflie
@@ -46,9 +46,24 @@ TARGET = Target(
     about="Multirotor parameters for OmniDrones",
     comment=HASH,
     needs=("mass", "inertia", "arm", "thrust_per_speed_squared", "torque_of_thrust", "speed_of_command"),
+    no_place=(
+        "thrust_of_command",
+        "thrust_range",
+        "max_thrust",
+        "thrust_of_voltage",
+        "thrust_of_speed",
+        "rising",
+        "falling",
+        "thrust_lag",
+        "delay",
+        "drag",
+        "rotor_inertia",
+        "rotor_radius",
+    ),
     notes=(
+        "A complete file: copy it over omni_drones/robots/assets/usd/crazyflie.yaml.",
         "force_constants: N/(rad/s)^2, moment_constants: N m/(rad/s)^2, max_rotation_velocities: rad/s (not rpm),",
-        "arm_lengths: m from the centre, diagonally; rotor_angles: rad from forward to the left; all of one rotor",
+        "arm_lengths: m from the centre of mass; rotor_angles: rad from forward to the left; all of one rotor",
         "each, in the order of m4, m3, m2, m1. directions: the sign of the rotor's turning, against that of its yaw",
         "moment. The simulator takes mass and inertia from its USD file; these here are its controllers'. Lags",
         "stand in its source. drag_coef times mass and velocity is added to the force there, which brakes only",

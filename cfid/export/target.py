@@ -18,14 +18,18 @@ from cfid.export.hover import (
 from cfid.export.vehicle import FULL, SOURCES, Quantity, Vehicle
 from cfid.export.wording import commented, told
 
+EXCHANGE_FILE = "vehicle.json"
+_SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
+
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
     """A file that another program takes.
 
-    `needs` and `uses` name quantities of `SOURCES`; `a|b` is either. `write` gives the file's text without the
-    comments at its head, for a vehicle that has all it needs. `notes` say units and meanings; a file of scalars
-    alone is not `directional`, and tells of no frame.
+    `needs` and `uses` name quantities of `SOURCES`; `a|b` is either. `no_place` names those that the format cannot
+    express. `write` gives the file's text without the comments at its head, for a vehicle that has all it needs;
+    a format without comments (`comment` empty) has no head. `notes` state units and meanings; a file of scalars
+    alone is not `directional`, and states no frame.
     """
 
     name: str
@@ -34,6 +38,7 @@ class Target:
     comment: str
     needs: tuple[str, ...]
     uses: tuple[str, ...] = ()
+    no_place: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     directional: bool = True
     write: Callable[[Vehicle], str]
@@ -76,8 +81,10 @@ def text_of(target: Target, vehicle: Vehicle) -> str:
         raise DataError(f"{target.name} cannot do without what is not measured yet: {asked}.")
     _refuse_senseless(target, vehicle)
     body = target.write(vehicle)
+    if not target.comment:
+        return body
     head = commented(_heading(target, vehicle), target.comment)
-    if body.startswith("<?xml"):  # nothing may stand before an XML declaration
+    if body.startswith(("<?xml", "#!", "#VRML")):  # what has to be the first line
         declaration, _, rest = body.partition("\n")
         return f"{declaration}\n{head}{rest}"
     return head + body
@@ -86,7 +93,7 @@ def text_of(target: Target, vehicle: Vehicle) -> str:
 def _refuse_senseless(target: Target, vehicle: Vehicle) -> None:
     """Raise DataError for what divides, or is a size, and is not above zero: --force keeps such fits, too."""
     for quantity in taken(target, vehicle):
-        if isinstance(quantity.value, int | float) and quantity.value <= 0:
+        if isinstance(quantity.value, int | float) and quantity.value <= 0 and quantity.key not in _SIGNED:
             raise DataError(f"{quantity.key} is {told(quantity.value)}, and {target.name} needs it above zero.")
 
 
@@ -130,9 +137,19 @@ def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
     if lacking:
         yield "NOT MEASURED, and left out or marked below:"
         yield from (f"  {asked_for(use)}" for use in lacking)
+    yield from _no_place(target, vehicle)
+    yield f"{EXCHANGE_FILE} (`cfid export json`) has every quantity with its uncertainty and covariance as numbers."
     if target.notes:
         yield ""
         yield from target.notes
+
+
+def _no_place(target: Target, vehicle: Vehicle) -> Iterator[str]:
+    """List what was measured and this format cannot express."""
+    keys = [vehicle.quantities[name].key for name in target.no_place if name in vehicle]
+    if keys:
+        yield "Measured, but this format has no place for:"
+        yield from (f"  {key}" for key in keys)
 
 
 def _frame(vehicle: Vehicle) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""URDF properties for gym-pybullet-drones and safe-control-gym; speeds are in revolutions per minute."""
+"""URDF files for gym-pybullet-drones and safe-control-gym; speeds are in revolutions per minute."""
 
 from collections.abc import Mapping
 
@@ -18,14 +18,30 @@ from cfid.export.wording import XML, number, numbers
 
 _NEEDS = ("mass", "inertia", "arm", "thrust_per_speed_squared", "torque_of_thrust", "max_thrust")
 _NOTES = (
-    "Put the attributes of <properties> and the <inertial> of base_link over those of assets/cf2x.urdf, and",
-    "keep its visual, collision, max_speed_kmh, gnd_eff_coeff and dw_coeff_*: cfid does not measure them, so",
-    "they are not here. kf: N/rpm^2 of one motor; km: N m/rpm^2 of one motor (not m); arm: m from the centre to",
-    "a motor, diagonally. thrust2weight: four motors at the full command over the weight, with the battery as",
-    "it was measured. drag_coeff_*: kg/rad, over the sum of the four rotor speeds in rad/s and the velocity",
-    "(not rpm), positive. The explicit dynamics take the diagonal of the inertia alone, PyBullet's physics the",
-    "whole matrix.",
+    "A complete file: copy it over assets/cf2x.urdf of the gym. kf: N/rpm^2 of one motor; km: N m/rpm^2 of one motor",
+    "(not m); arm: m from the centre to a motor, diagonally. thrust2weight: four motors at the full command over the",
+    "weight, with the battery as it was measured. drag_coeff_*: kg/rad, over the sum of the four rotor speeds in",
+    "rad/s and the velocity (not rpm), positive, mean of forward and left. The inertia is diagonal: for a whole matrix",
+    "Bullet reports the pose of the principal axes instead of the body's. The rotors answer at once in both gyms, and",
+    "their thrust is k omega^2.",
 )
+_NO_PLACE = (
+    "thrust_of_voltage", "thrust_of_speed", "rising", "falling", "thrust_lag", "delay", "rotor_inertia", "thrust_range",
+)  # fmt: skip
+
+# The gyms' parsers cannot do without these; cfid does not measure them. From the cf2x.urdf of both.
+_GYMS_OWN = {
+    "max_speed_kmh": 30.0,
+    "gnd_eff_coeff": 11.36859,
+    "prop_radius": 2.31348e-2,
+    "drag_coeff_xy": 0.0,  # not theirs: nothing measured is no drag
+    "drag_coeff_z": 0.0,
+    "dw_coeff_1": 2267.18,
+    "dw_coeff_2": 0.16,
+    "dw_coeff_3": -0.11,
+}
+_COMMAND_LIMITS = {"pwm_min": 20000.0, "pwm_max": 65535.0}
+_HULL = '<origin rpy="0 0 0" xyz="0 0 0"/>\n      <geometry>\n        <cylinder radius="0.06" length="0.025"/>'
 
 
 def properties(vehicle: Vehicle) -> dict[str, float]:
@@ -55,26 +71,38 @@ def speed_properties(vehicle: Vehicle) -> dict[str, float]:
 
 def write(vehicle: Vehicle) -> str:
     """Return the file for gym-pybullet-drones."""
-    return _robot(vehicle, properties(vehicle))
+    return _robot(vehicle, properties(vehicle), _GYMS_OWN)
 
 
 def write_safe_control(vehicle: Vehicle) -> str:
     """Return the file for safe-control-gym."""
-    return _robot(vehicle, properties(vehicle) | speed_properties(vehicle))
+    return _robot(vehicle, properties(vehicle) | speed_properties(vehicle), _GYMS_OWN | _COMMAND_LIMITS)
 
 
-def _robot(vehicle: Vehicle, attributes: Mapping[str, float]) -> str:
+def _robot(vehicle: Vehicle, measured: Mapping[str, float], gyms_own: Mapping[str, float]) -> str:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
-    entries = {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz}
+    entries = {"ixx": xx, "ixy": 0.0, "ixz": 0.0, "iyy": yy, "iyz": 0.0, "izz": zz}
+    lost = _attributes({"ixy": xy, "ixz": xz, "iyz": yz})
+    others = {name: value for name, value in gyms_own.items() if name not in measured}
     return f"""<?xml version="1.0" ?>
 <robot name="cf2">
-  <properties {_attributes(attributes)}/>
+  <!-- NOT MEASURED, the gym's own numbers or zero: {", ".join(others)}, and both cylinders -->
+  <properties {_attributes({**measured, **others})}/>
   <link name="base_link">
     <inertial>
       <origin rpy="0 0 0" xyz="0 0 0"/>
       <mass value="{number(vehicle["mass"])}"/>
+      <!-- measured and left out: {lost} kg m^2 -->
       <inertia {_attributes(entries)}/>
     </inertial>
+    <visual>
+      {_HULL}
+      </geometry>
+    </visual>
+    <collision>
+      {_HULL}
+      </geometry>
+    </collision>
   </link>
 {"".join(_point(f"prop{i}", place) for i, place in enumerate(rotor_places_m(vehicle)))}\
 {_point("center_of_mass", (0.0, 0.0, 0.0))}</robot>
@@ -104,24 +132,26 @@ def _attributes(values: Mapping[str, float]) -> str:
 GYM_PYBULLET_DRONES = Target(
     name="gym-pybullet-drones",
     file_name="gym_pybullet_drones_cf2x.urdf",
-    about="URDF properties for gym-pybullet-drones",
+    about="URDF for gym-pybullet-drones",
     comment=XML,
     needs=_NEEDS,
     uses=("drag", "rotor_radius"),
+    no_place=("thrust_of_command", "speed_of_command", *_NO_PLACE),
     notes=_NOTES,
     write=write,
 )
 SAFE_CONTROL_GYM = Target(
     name="safe-control-gym",
     file_name="safe_control_gym_cf2x.urdf",
-    about="URDF properties for safe-control-gym",
+    about="URDF for safe-control-gym",
     comment=XML,
     needs=(*_NEEDS, "thrust_of_command", "speed_of_command"),
     uses=("drag", "rotor_radius"),
+    no_place=_NO_PLACE,
     notes=(
         *_NOTES,
         "pwm2rpm_scale, pwm2rpm_const: rpm of one motor over its command (0 to 65535), the tangent at hovering.",
-        "pwm_min and pwm_max are limits of the controller and no measurements: keep those of the file.",
+        "pwm_min and pwm_max are limits of the gym's controller and no measurements.",
     ),
     write=write_safe_control,
 )

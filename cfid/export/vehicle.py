@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cfid.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
@@ -45,6 +45,7 @@ SOURCES: Mapping[str, Source] = {
     "rising": Source(keys=("dynamics.rising",), given_by="`cfid fit dynamics`"),
     "falling": Source(keys=("dynamics.falling",), given_by="`cfid fit dynamics`"),
     "thrust_lag": Source(keys=("tf.time_constant_s",), given_by="`cfid tf identify`"),
+    "delay": Source(keys=("tf.delay_s",), given_by="`cfid tf identify`"),
     "drag": Source(
         keys=("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"), given_by="`cfid fit drag`"
     ),
@@ -76,7 +77,9 @@ class Quantity:
 class Vehicle:
     """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
 
-    `centre_m` is the centre of mass (3,) from the vehicle's middle, on the table it stands on.
+    `centre_m` is the centre of mass (3,) from the vehicle's middle, on the table it stands on. `others` are the
+    quantities that no target takes, `covariance` has by section what parameters.toml says of numbers that depend on
+    each other.
     """
 
     name: str
@@ -84,6 +87,8 @@ class Vehicle:
     gravity_mps2: float
     centre_m: tuple[float, float, float]
     quantities: Mapping[str, Quantity]
+    others: Sequence[Quantity] = ()
+    covariance: Mapping[str, Value] = field(default_factory=dict)
 
     def __contains__(self, name: str) -> bool:
         """Return whether a quantity is known."""
@@ -101,11 +106,12 @@ def collect(
     rig_file: str = "rig.toml",
     simulated: Collection[str] = (),
     stale: Stale = lambda _: (),
+    covariance: Mapping[str, Value] | None = None,
 ) -> Vehicle:
     """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
 
     `simulated` are the names of the runs that were recorded on a simulated rig, `stale` tells why a section is no
-    longer current.
+    longer current, `covariance` is as `Vehicle` has it.
 
     Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
     """
@@ -120,6 +126,13 @@ def collect(
         found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
         if found is not None:
             quantities[name] = _quantity(*found, simulated, stale)
+    taken = {quantity.key for quantity in quantities.values()}
+    others = [
+        _quantity(key, name, sections[name], simulated, stale)
+        for key in dict.fromkeys(key for section in sections.values() for key in section.parameters)
+        if key not in taken
+        for name in [_best(sections, key)]
+    ]
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
     return Vehicle(
         name=rig.vehicle.name,
@@ -127,6 +140,8 @@ def collect(
         gravity_mps2=rig.site.gravity_mps2,
         centre_m=(x, y, z),
         quantities=quantities,
+        others=others,
+        covariance=covariance or {},
     )
 
 
@@ -145,15 +160,16 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
 
 def _find(sections: Mapping[str, Section], key: str) -> tuple[str, str, Section] | None:
     """Return a key with its section, named: where several have it, a believed one, and the latest of those."""
-    holding = [
-        (section.believed, section.found, name)
+    known = {
+        name: section
         for name, section in sections.items()
         if key in section.parameters and _known(plain(section.parameters[key].value))
-    ]
-    if not holding:
-        return None
-    name = max(holding)[-1]
-    return key, name, sections[name]
+    }
+    return (key, name := _best(known, key), sections[name]) if known else None
+
+
+def _best(sections: Mapping[str, Section], key: str) -> str:
+    return max((s.believed, s.found, name) for name, s in sections.items() if key in s.parameters)[-1]
 
 
 def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> Quantity:

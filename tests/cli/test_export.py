@@ -34,14 +34,14 @@ def test_a_file_is_written_into_the_campaign_and_its_path_is_all_of_stdout(cfid:
 
     path = campaign / "exports" / "crazyflow_params.toml"
     assert (said.returncode, Path(said.stdout.strip()).resolve()) == (0, path.resolve())
-    assert tomllib.loads(path.read_text())["Crazyflie_2_0"]["mass"] == 0.028
+    assert tomllib.loads(path.read_text())["cf2x_L250"]["mass"] == 0.028
     assert "rotor_inertia_kg_m2" in said.stderr
 
 
 def test_a_dash_is_stdout_and_nothing_but_the_file(cfid: Cfid, campaign: Path) -> None:
     said = cfid("export", "crazyflow", "--out", "-")
 
-    assert tomllib.loads(said.stdout)["Crazyflie_2_0"]["mass"] == 0.028
+    assert tomllib.loads(said.stdout)["cf2x_L250"]["mass"] == 0.028
     assert not (campaign / "exports").exists()
 
 
@@ -113,6 +113,17 @@ def test_outside_a_campaign_there_is_nothing_to_export(cfid: Cfid) -> None:
     assert cfid("export", "list").returncode == 2
 
 
+def test_the_json_has_what_parameters_toml_says_of_numbers_that_depend_on_each_other(
+    cfid: Cfid, campaign: Path
+) -> None:
+    path = campaign / "parameters.toml"
+    path.write_text(path.read_text() + '\n[[thrust.covariance]]\nof = ["motor.max_thrust_n"]\nmatrix = [[1.44e-6]]\n')
+    found = json.loads(cfid("export", "json", "--out", "-").stdout)
+
+    assert found["covariance"] == {"thrust": {"covariance": [{"of": ["motor.max_thrust_n"], "matrix": [[1.44e-6]]}]}}
+    assert found["quantities"]["motor.max_thrust_n"]["std"] == 0.0012
+
+
 def test_the_list_names_every_target_what_it_has_and_what_gives_the_rest(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
     said = cfid("export", "list")
@@ -140,7 +151,7 @@ def test_the_list_says_what_is_not_ready(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
     rows = json.loads(cfid("export", "list", "--json").stdout)["targets"]
 
-    assert [row["target"] for row in rows if row["ready"]] == ["firmware"]
+    assert [row["target"] for row in rows if row["ready"]] == ["firmware", "json"]
 
 
 def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:

@@ -46,8 +46,9 @@ def test_crazyswarm2_gets_the_same_exchange() -> None:
 
 
 def entries(known: Vehicle) -> dict[str, float]:
-    inertia = next(xml("gazebo", known).iter("inertia"))
-    return {entry.tag: float(entry.text or "") for entry in inertia}
+    inertial = next(xml("mujoco", known).iter("inertial"))
+    numbers = map(float, inertial.attrib["fullinertia"].split())
+    return dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), numbers, strict=True))
 
 
 def test_gazebos_published_inertia_is_ours_before_turning() -> None:
@@ -87,7 +88,7 @@ def test_rotorpys_drag_is_the_diagonal_of_the_cross_coupling_model(tmp_path: Pat
 
 def test_crazyflows_arm_is_the_diagonal_one_over_the_root_of_two() -> None:
     # crazyflow 0.4.0, dynamics/first_principles/params.toml: L = 0.03253 for arms of 46 mm, and the same mixing.
-    found = toml("crazyflow", vehicle())["Crazyflie_2_0"]
+    found = toml("crazyflow", vehicle())["cf2x_L250"]
 
     assert found["L"] == pytest.approx(0.03253, abs=5e-6)
     assert found["mixing_matrix"] == [[-1, -1, 1, 1], [-1, 1, 1, -1], [-1, 1, -1, 1]]

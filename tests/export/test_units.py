@@ -3,8 +3,10 @@
 import math
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cfid.export.hover import hover_command
@@ -43,7 +45,7 @@ def test_the_firmwares_header_compiles_over_its_defaults(tmp_path: Path) -> None
 
 
 def test_crazyflow_has_thrust_torque_and_lag_per_rpm_and_drag_per_velocity() -> None:
-    found = toml("crazyflow", vehicle())["Crazyflie_2_0"]
+    found = toml("crazyflow", vehicle())["cf2x_L250"]
 
     def at_hover(poly: list[float]) -> float:
         return sum(c * HOVER_RPM**power for power, c in enumerate(poly))
@@ -64,14 +66,36 @@ def test_crazyflow_has_thrust_torque_and_lag_per_rpm_and_drag_per_velocity() -> 
     assert found["thrust_max"] == pytest.approx(thesis.MAX_THRUST_N)
 
 
-def test_crazyflow_takes_the_full_quadratic_of_speed_where_there_is_one() -> None:
+def test_crazyflow_keeps_the_quadratics_value_and_slope_at_hovering_and_lifts_nothing_at_rest() -> None:
     poly = [1.8e-8, 2e-6, -3e-4]
     curved = thesis.with_value(vehicle(), "thrust_of_speed", poly)
-    constant, linear, quadratic = toml("crazyflow", curved)["Crazyflie_2_0"]["rpm2thrust"]
+    constant, linear, quadratic = toml("crazyflow", curved)["cf2x_L250"]["rpm2thrust"]
 
-    speed = 1500.0
+    speed = thesis.HOVER_SPEED_RAD_S
+    assert constant == 0
+    assert linear >= 0
     expected = poly[0] * speed**2 + poly[1] * speed + poly[2]
-    assert constant + linear * (speed / RPM) + quadratic * (speed / RPM) ** 2 == pytest.approx(expected)
+    assert linear * HOVER_RPM + quadratic * HOVER_RPM**2 == pytest.approx(expected)
+    assert (linear + 2 * quadratic * HOVER_RPM) / RPM == pytest.approx(2 * poly[0] * speed + poly[1])
+
+
+@pytest.mark.parametrize("poly", [[2.5e-8, -8e-6, -3e-4], [1e-9, 1e-5, 0.05]])
+def test_crazyflow_takes_k_where_the_quadratic_would_pull_down_or_bend_down(poly: list[float]) -> None:
+    odd = thesis.with_value(vehicle(), "thrust_of_speed", poly)
+    constant, linear, quadratic = toml("crazyflow", odd)["cf2x_L250"]["rpm2thrust"]
+
+    assert (constant, linear) == (0, 0)
+    assert quadratic * HOVER_RPM**2 == pytest.approx(SHARE_N)
+
+
+def test_crazyflows_rotors_stand_around_the_centre_of_mass() -> None:
+    moved = replace(vehicle(), centre_m=(0.002, 0.001, 0.017))  # 1 mm forward, 2 mm to the right
+    found = toml("crazyflow", moved)["cf2x_L250"]
+
+    roll, pitch = (found["L"] * np.array(found["mixing_matrix"][i]) for i in (0, 1))
+    side = 0.046 / math.sqrt(2)
+    np.testing.assert_allclose(roll, [-side + 0.002, -side + 0.002, side + 0.002, side + 0.002])
+    np.testing.assert_allclose(pitch, [0.001 - side, 0.001 + side, 0.001 + side, 0.001 - side])
 
 
 def test_the_gyms_constants_are_per_rpm_of_one_motor() -> None:
@@ -111,7 +135,7 @@ def test_lags_are_those_of_the_rotor_model_around_hovering(tmp_path: Path) -> No
 
 def test_without_steps_the_lag_is_that_of_the_transfer_function(tmp_path: Path) -> None:
     assert python("rotorpy", vehicle("dynamics.rising"), tmp_path)["tau_m"] == pytest.approx(thesis.TIME_CONSTANT_S)
-    coefficients = toml("crazyflow", vehicle("dynamics.falling"))["Crazyflie_2_0"]["rotor_dyn_coef"]
+    coefficients = toml("crazyflow", vehicle("dynamics.falling"))["cf2x_L250"]["rotor_dyn_coef"]
     assert coefficients == pytest.approx([1 / thesis.TIME_CONSTANT_S, 0, 1 / thesis.TIME_CONSTANT_S, 0])
 
 
@@ -130,7 +154,7 @@ def test_omnidrones_has_newtons_and_newton_metres_per_rad_s_squared() -> None:
 
     assert rotors["force_constants"][0] * thesis.HOVER_SPEED_RAD_S**2 == pytest.approx(SHARE_N)
     assert rotors["moment_constants"][0] * thesis.HOVER_SPEED_RAD_S**2 == pytest.approx(MOMENT_NM)
-    assert rotors["arm_lengths"] == [0.046] * 4
+    assert rotors["arm_lengths"] == pytest.approx([0.046] * 4)
 
 
 def test_yaml_numbers_are_numbers() -> None:

@@ -1,6 +1,8 @@
 """Comments of every export: origins, deviations, turning, what is missing, what is not believed. Nothing is guessed."""
 
 import ast
+import json
+import shlex
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -21,7 +23,8 @@ from tests.export.reading import attributes, export, macros, python, toml, xml
 from tests.export.thesis_vehicle import section, sections, vehicle, with_value
 
 EVERY = list(TARGETS)
-DIRECTIONAL = [name for name, target in TARGETS.items() if target.directional]
+COMMENTED = [name for name, target in TARGETS.items() if target.comment]
+TURNED = [name for name in COMMENTED if "inertia" in (*TARGETS[name].needs, *TARGETS[name].uses)]
 FORMS: dict[str, Callable[[str], Any]] = {
     "h": macros,
     "toml": tomllib.loads,
@@ -30,6 +33,9 @@ FORMS: dict[str, Callable[[str], Any]] = {
     "sdf": ET.fromstring,
     "py": ast.parse,
     "yaml": str,
+    "json": json.loads,
+    "proto": str,
+    "22000_gz_crazyflie": lambda text: shlex.split(text, comments=True),
 }
 
 
@@ -40,7 +46,7 @@ def words(text: str) -> str:
 # Origins
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", COMMENTED)
 def test_every_file_says_by_which_fit_of_which_run_and_when(name: str) -> None:
     text = words(export(name, vehicle()))
 
@@ -48,7 +54,7 @@ def test_every_file_says_by_which_fit_of_which_run_and_when(name: str) -> None:
     assert "method thesis; 2015-08-31 12:30 UTC; cfid 9.8.7; from run_1" in text or name == "crazyswarm2"
 
 
-@pytest.mark.parametrize("name", DIRECTIONAL)
+@pytest.mark.parametrize("name", TURNED)
 def test_every_file_with_directions_says_how_it_was_turned_and_that_copies_of_the_thesis_were_not(name: str) -> None:
     text = words(export(name, vehicle()))
 
@@ -69,11 +75,34 @@ def test_a_file_of_scalars_does_not_claim_to_have_been_turned() -> None:
     assert "nothing was turned" in export("system-id", vehicle())
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", COMMENTED)
 def test_a_file_lists_no_quantity_that_it_does_not_take(name: str) -> None:
-    text = export(name, vehicle())
+    text = export(name, vehicle()).partition("this format has no place for")[0]
 
-    assert "rising" not in text or "tf.time_constant_s" not in text or name == "system-id"
+    assert "dynamics.rising" not in text or "tf.time_constant_s" not in text or name == "system-id"
+
+
+@pytest.mark.parametrize("name", [name for name in EVERY if name != "firmware"])
+def test_every_quantity_is_taken_or_named_as_one_that_has_no_place(name: str) -> None:
+    target = TARGETS[name]
+    taken = {part for need in (*target.needs, *target.uses) for part in need.replace("|", "+").split("+")}
+
+    assert taken | set(target.no_place) == set(SOURCES)
+    assert not taken & set(target.no_place)
+
+
+def test_what_has_no_place_is_listed_where_it_was_measured() -> None:
+    listed = words(export("rotorpy", vehicle())).partition("this format has no place for")[2]
+
+    assert "motor.thrust_voltage_poly" in listed
+    assert "rotor_inertia_kg_m2" not in listed
+    assert "vehicle.json (`cfid export json`)" in listed
+
+
+def test_what_diagonal_inertia_leaves_out_is_in_the_file() -> None:
+    left_out = export("gym-pybullet-drones", vehicle()).partition("measured and left out:")[2]
+
+    assert left_out.startswith(' ixy="-8.30806e-07" ixz="1.800197e-06" iyz="-7.18277e-07" kg m^2')
 
 
 def test_a_file_says_what_hovering_should_take_by_both_ways_to_the_speed() -> None:
@@ -145,6 +174,13 @@ def test_a_coefficient_that_is_not_above_zero_is_refused(value: float) -> None:
         export("firmware", with_value(vehicle(), "thrust_per_speed_squared", value))
 
 
+def test_a_delay_may_be_negative() -> None:
+    delayed = sections() | {"tf identify": section({"tf.delay_s": -0.027, "tf.time_constant_s": 0.07})}
+
+    found = json.loads(export("json", collect(thesis_rig(), delayed)))
+    assert found["quantities"]["tf.delay_s"]["value"] == -0.027
+
+
 @pytest.mark.parametrize(
     ("name", "quantity", "value", "said"),
     [
@@ -198,10 +234,14 @@ def test_an_unknown_part_of_a_value_is_as_if_nothing_was_measured() -> None:
 def test_drag_that_was_not_measured_is_marked_or_left_out(tmp_path_factory: pytest.TempPathFactory) -> None:
     none = vehicle("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
-    assert "k_d" not in python("rotorpy", none, tmp_path_factory.mktemp("rotorpy"))
-    assert "drag_coeff_xy" not in attributes(xml("gym-pybullet-drones", none).find("properties"))
+    # Without these RotorPy's controllers and the gyms' parsers stop.
+    assert python("rotorpy", none, tmp_path_factory.mktemp("rotorpy"))["k_d"] == 0
+    assert '"k_d": 0.0,  # kg/rad: NOT MEASURED' in export("rotorpy", none)
+    assert attributes(xml("gym-pybullet-drones", none).find("properties"))["drag_coeff_xy"] == 0
+    assert "prop_radius, drag_coeff_xy, drag_coeff_z, dw_coeff_1" in export("gym-pybullet-drones", none)
+    assert "drag_x" not in export("mujoco", none).partition("<mujoco")[2]
     assert "DRAG_B_X" not in macros(export("firmware", none))
-    assert toml("crazyflow", none)["Crazyflie_2_0"]["drag_matrix"] == [[0.0] * 3] * 3
+    assert toml("crazyflow", none)["cf2x_L250"]["drag_matrix"] == [[0.0] * 3] * 3
     assert "NOT MEASURED: zero switches drag off" in export("crazyflow", none)
     # Gazebo would take a drag of its own where the file had none.
     assert {e.text for e in xml("gazebo", none).iter("rotorDragCoefficient")} == {"0.0"}
@@ -209,10 +249,11 @@ def test_drag_that_was_not_measured_is_marked_or_left_out(tmp_path_factory: pyte
         assert "drag.simple_kg_per_rad" in export(name, none).split("NOT MEASURED", 1)[1]
 
 
-def test_what_nobody_measures_is_in_no_urdf() -> None:
-    properties = attributes(xml("gym-pybullet-drones", vehicle()).find("properties"))
+def test_what_nobody_measures_is_named_in_the_urdf() -> None:
+    text = export("gym-pybullet-drones", vehicle())
 
-    assert not {"gnd_eff_coeff", "dw_coeff_1", "max_speed_kmh", "prop_radius"} & set(properties)
+    others = "max_speed_kmh, gnd_eff_coeff, prop_radius, dw_coeff_1, dw_coeff_2, dw_coeff_3"
+    assert f"NOT MEASURED, the gym's own numbers or zero: {others}, and both cylinders" in text
 
 
 def test_a_vehicle_too_heavy_to_hover_is_refused_where_hovering_matters() -> None:

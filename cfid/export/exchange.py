@@ -1,0 +1,142 @@
+"""One JSON file with all that was measured, for every program that has no export of its own, and for uncertainties.
+
+`vehicle.schema.json` beside this module describes it.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cfid import __version__
+from cfid.errors import DataError
+from cfid.export.frame import turned, turned_matrix, turned_spread
+from cfid.export.hover import (
+    YAW_SIGNS,
+    drag_n_s_per_m,
+    has_lag,
+    hover_command,
+    hover_speed_rad_s,
+    hover_thrust_n,
+    lags_s,
+    moment_per_thrust_m,
+    rotor_places_m,
+)
+from cfid.export.target import EXCHANGE_FILE, Target, has
+from cfid.export.vehicle import SOURCES, Quantity, Vehicle
+from cfid.parameters import Value, plain
+
+FORMAT = "cfid-vehicle-1"
+_DIRECTIONAL = ("inertia.", "drag.")  # keys whose numbers belong to the campaign's body axes
+_DEPENDENCES = ("covariance", "common")
+_TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
+
+
+def write(vehicle: Vehicle) -> str:
+    """Return the file."""
+    frame = vehicle.frame
+    axes = [turned(axis, frame) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "written_by": f"cfid {__version__}",
+        "name": vehicle.name,
+        "gravity_mps2": vehicle.gravity_mps2,
+        "frames": {
+            "campaign": {"forward": frame.forward, "left": frame.left, "up": frame.up},
+            "vehicle": "x forward, y left, z up; origin in the centre of mass",
+            "campaign_to_vehicle": [[axis[row] for axis in axes] for row in range(3)],
+        },
+        "quantities": {quantity.key: _entry(quantity, vehicle) for quantity in _all(vehicle)},
+        "covariance": plain(vehicle.covariance),
+        "rotors": _rotors(vehicle),
+        "at_hovering": _at_hovering(vehicle),
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
+    """Return what the sections of a parameters.toml say of numbers that depend on each other, by section, as it is."""
+    blocks = {
+        name: {key: plain(table[key]) for key in _DEPENDENCES if key in table}
+        for name, table in content.items()
+        if isinstance(table, Mapping)
+    }
+    return {name: block for name, block in blocks.items() if block}
+
+
+def _all(vehicle: Vehicle) -> list[Quantity]:
+    """Return every quantity once: as exports take them, then what no export takes."""
+    taken = {quantity.key: quantity for quantity in vehicle.quantities.values()}
+    return list((taken | {q.key: q for q in vehicle.others if q.key not in taken}).values())
+
+
+def _entry(quantity: Quantity, vehicle: Vehicle) -> dict[str, Value]:
+    directional = quantity.key.startswith(_DIRECTIONAL)
+    entry = {
+        "value": plain(quantity.value),
+        "std": plain(quantity.std),
+        "unit": quantity.unit,
+        "frame": "campaign" if directional else None,
+        "accepted": quantity.believed,
+        "simulated": quantity.simulated,
+        "caveat": quantity.caveat,
+        "commands": plain(quantity.commands),
+        "origin": quantity.origin,
+    }
+    if quantity.key in _TENSORS:
+        entry["in_vehicle_frame"] = {
+            "value": _turned(quantity.value, lambda matrix: turned_matrix(matrix, vehicle.frame)),
+            "std": quantity.std and _turned(quantity.std, lambda matrix: turned_spread(matrix, vehicle.frame)),
+        }
+    return entry
+
+
+def _turned(value: Sequence[Any], turn: Callable[[Sequence[Sequence[float]]], Sequence[Sequence[float]]]) -> Value:
+    """Return a matrix, or the diagonal of one, in the vehicle's frame."""
+    unknown = float("nan")
+    if isinstance(value[0], Sequence):
+        return plain(turn([[unknown if part is None else part for part in row] for row in value]))
+    diagonal = [
+        [0.0 if i != j else unknown if part is None else part for j in range(3)] for i, part in enumerate(value)
+    ]
+    return plain([row[i] for i, row in enumerate(turn(diagonal))])
+
+
+def _rotors(vehicle: Vehicle) -> list[dict[str, Value]]:
+    if "arm" not in vehicle:
+        return []
+    return [
+        {"name": f"m{i}", "place_m": list(place), "yaw_sign": sign}
+        for i, (place, sign) in enumerate(zip(rotor_places_m(vehicle), YAW_SIGNS, strict=True), start=1)
+    ]
+
+
+def _at_hovering(vehicle: Vehicle) -> dict[str, Value]:
+    """Return what follows around hovering, from the quantities that are known and make sense."""
+    derived: Mapping[str, tuple[str, Callable[[Vehicle], Value]]] = {
+        "thrust_of_a_motor_n": ("mass", hover_thrust_n),
+        "command": ("thrust_of_command", hover_command),
+        "rotor_speed_rad_s": ("thrust_per_speed_squared", hover_speed_rad_s),
+        "moment_per_thrust_m": ("torque_of_thrust", moment_per_thrust_m),
+        "drag_n_s_per_m": ("drag+thrust_per_speed_squared", drag_n_s_per_m),
+    }
+    found = {name: plain(_or_none(of, vehicle)) for name, (need, of) in derived.items() if has(vehicle, need)}
+    lags = {"lags_rising_and_falling_s": plain(_or_none(lags_s, vehicle))} if has_lag(vehicle) else {}
+    return found | lags
+
+
+def _or_none(calculate: Callable[[Vehicle], Value], vehicle: Vehicle) -> Value:
+    try:
+        return calculate(vehicle)
+    except DataError:  # no number instead of a wrong one; the other exports give the reason
+        return None
+
+
+TARGET = Target(
+    name="json",
+    file_name=EXCHANGE_FILE,
+    about="Everything as JSON",
+    comment="",
+    needs=("mass",),
+    uses=tuple(name for name in SOURCES if name != "mass"),
+    write=write,
+)

@@ -1,0 +1,125 @@
+"""What a measured vehicle does, calculated here from the thesis' numbers alone, and how an export's file is judged.
+
+x forward, y left, z up; motors m1 to m4 in front right, behind right, behind left, in front left.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.export.vehicle import Vehicle
+from tests.export import thesis_vehicle as thesis
+from tests.export.reading import export
+
+Array = npt.NDArray[np.float64]
+
+RPM = 2 * math.pi / 60
+G = 9.81
+MASS_KG, ARM_M = thesis.MASS_KG, thesis.ARM_M
+CENTRE_MM = (0.4, -0.6, 17.425)  # of mass, in the thesis' axes: 0.6 mm behind the middle and 0.4 mm right of it
+INERTIA = np.array(  # the thesis' matrix with its y forward and its -x left
+    [
+        [16.655602e-6, -0.830806e-6, 1.800197e-6],
+        [-0.830806e-6, 16.571710e-6, -0.718277e-6],
+        [1.800197e-6, -0.718277e-6, 29.261652e-6],
+    ]
+)
+PLACES = ARM_M / math.sqrt(2) * np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]) + np.array([0.6e-3, 0.4e-3])
+YAW = np.array([-1, 1, -1, 1])
+K, MOMENT_M = thesis.K_N_S2, thesis.TORQUE_POLY[0]
+HOVER_RAD_S = math.sqrt(MASS_KG * G / 4 / K)
+MOST_RAD_S = thesis.SPEED_POLY[0] * 65535 + thesis.SPEED_POLY[1]
+UP_S, DOWN_S = (1 / (a + 2 * b * HOVER_RAD_S) for a, b in (thesis.RISING, thesis.FALLING))
+DRAG_KG_PER_RAD = np.array([9.1785e-7, 9.1785e-7, 10.311e-7])  # over the sum of the speeds
+DRAG_1_S = DRAG_KG_PER_RAD * 4 * HOVER_RAD_S / MASS_KG  # deceleration over velocity at hovering
+MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "yaw": np.array([-1, 1, -1, 1])}
+
+
+def measured() -> Vehicle:
+    """Return the vehicle as a campaign has it, its centre of mass off the middle, its rotors measured."""
+    x, y, z = (0.001 * part for part in CENTRE_MM)
+    known = replace(thesis.vehicle(), centre_m=(x, y, z))
+    extra = {
+        name: replace(known.quantities["arm"], key=key, value=value, unit=unit)
+        for name, key, value, unit in (
+            ("rotor_inertia", "rotor_inertia_kg_m2", 3.0e-8, "kg m^2"),
+            ("rotor_radius", "rotor_radius_m", 0.0225, "m"),
+        )
+    }
+    return replace(known, quantities={**known.quantities, **extra})
+
+
+def written(target: str, folder: Path, name: str) -> Path:
+    """Return the path of an export, written for the measured vehicle."""
+    path = folder / name
+    path.write_text(export(target, measured()))
+    return path
+
+
+def speeds(axis: str) -> Array:
+    """Return rotor speeds that turn the vehicle about an axis: 5 % more on one side, 5 % less on the other."""
+    faster: Array = HOVER_RAD_S * (1 + 0.05 * MIXES[axis])
+    return faster
+
+
+def moments(rotor_speeds: Array) -> Array:
+    """Return the moments about the centre of mass in N m."""
+    thrusts = K * rotor_speeds**2
+    found: Array = np.array([PLACES[:, 1] @ thrusts, -PLACES[:, 0] @ thrusts, MOMENT_M * YAW @ thrusts])
+    return found
+
+
+def accelerations(inertia: Array = INERTIA) -> list[float]:
+    """Return the angular acceleration about each axis with the speeds that turn about it."""
+    return [float(np.linalg.solve(inertia, moments(speeds(axis)))[i]) for i, axis in enumerate(MIXES)]
+
+
+def time_to_63(thrust_of_time: Callable[[float], float], step_s: float = 1e-4, most_s: float = 2.0) -> float:
+    """Return when a thrust has made 63.2 % of its way from time 0 to the end."""
+    share = 1 - math.exp(-1)
+    values = np.array([thrust_of_time(t) for t in np.arange(0, most_s, step_s)])
+    return crossing(np.arange(0, most_s, step_s), values, values[0] + share * (values[-1] - values[0]))
+
+
+def crossing(times: Sequence[float] | Array, values: Sequence[float] | Array, level: float) -> float:
+    """Return when rising values first reach a level, between two samples."""
+    after = int(np.argmax(np.asarray(values) >= level))
+    rise = (level - values[after - 1]) / (values[after] - values[after - 1])
+    return float(times[after - 1] + rise * (times[after] - times[after - 1]))
+
+
+def lag_of_first_order(lag_s: float, faster: float = 1.1) -> float:
+    """Return when thrust has made 63.2 % of its way while a rotor goes to 1.1 times the speed of hovering."""
+    share = 1 - math.exp(-1)
+    reached = math.sqrt(1 + share * (faster**2 - 1))  # over the speed of hovering
+    return -lag_s * math.log((faster - reached) / (faster - 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A line of the evidence: pairs of predicted and found, None where the format has no such thing."""
+
+    target: str
+    version: str
+    loaded: str
+    hover: tuple[float, float]
+    hover_unit: str
+    turning: Sequence[tuple[float, float]] = ()
+    lag_s: tuple[float, float] | None = None
+    drag_1_s: Sequence[tuple[float, float]] = ()
+
+    def check(self) -> None:
+        """Raise AssertionError where something found is 0.1 % or more off what the file can represent."""
+        pairs = [self.hover, *self.turning, *([self.lag_s] if self.lag_s else []), *self.drag_1_s]
+        for predicted, found in pairs:
+            assert found == pytest.approx(predicted, rel=1e-3), (self.target, predicted, found)
+
+
+def pairs(predicted: Sequence[float] | Array, found: Sequence[float]) -> list[tuple[float, float]]:
+    """Return predicted and found side by side."""
+    return list(zip(map(float, predicted), map(float, found), strict=True))

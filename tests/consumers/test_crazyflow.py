@@ -1,0 +1,116 @@
+"""crazyflow loads the file from its own place in the package, and its state controller flies it."""
+
+import importlib.metadata
+import importlib.util
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.consumers.conftest import Judge
+from tests.consumers.plant import (
+    DRAG_1_S,
+    HOVER_RAD_S,
+    MIXES,
+    RPM,
+    Array,
+    Row,
+    accelerations,
+    crossing,
+    pairs,
+    speeds,
+    written,
+)
+from tests.export import thesis_vehicle as thesis
+from tests.export.reading import export
+
+DRONE = "cf2x_L250"
+STEP_S = 1e-3
+
+
+@pytest.fixture
+def parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a copy of the package before the installed one, and return the folder of the file that is copied over."""
+    found = importlib.util.find_spec("crazyflow")
+    assert found is not None
+    assert found.submodule_search_locations is not None
+    shutil.copytree(found.submodule_search_locations[0], tmp_path / "crazyflow")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path / "crazyflow/dynamics/first_principles"
+
+
+def moves(dynamics: Any, rotor_speeds: Array, velocity: Any = (0, 0, 0), command: Array | None = None) -> Any:
+    """Return the accelerations: linear, angular, of the rotors in rpm."""
+    rpm = np.asarray(rotor_speeds, dtype=float) / RPM
+    return [
+        np.asarray(part)
+        for part in dynamics(
+            pos=np.array([0.0, 0.0, 1.0]), quat=np.array([0.0, 0.0, 0.0, 1.0]), vel=np.array(velocity, dtype=float),
+            ang_vel=np.zeros(3), cmd=rpm if command is None else command / RPM, rotor_vel=rpm,
+        )[2:]
+    ]  # fmt: skip
+
+
+def rising_lag(faster: float, acceleration: Any) -> float:
+    """Return when thrust has made 63.2 % of its way from hovering; `acceleration` takes and gives rad/s."""
+    speed, values = HOVER_RAD_S, [HOVER_RAD_S**2]
+    for _ in range(800):  # Runge and Kutta
+        a = acceleration(speed)
+        b = acceleration(speed + STEP_S / 2 * a)
+        c = acceleration(speed + STEP_S / 2 * b)
+        d = acceleration(speed + STEP_S * c)
+        speed += STEP_S / 6 * (a + 2 * b + 2 * c + d)
+        values.append(speed**2)
+    level = HOVER_RAD_S**2 * (1 + (1 - np.exp(-1)) * (faster**2 - 1))
+    return crossing([i * STEP_S for i in range(len(values))], values, level)
+
+
+def flown() -> Array:
+    """Return the rotor speeds in rad/s after 15 seconds of the program's own controller, which has to arrive."""
+    from crazyflow.sim import Sim
+
+    sim = Sim(drone=DRONE, dynamics="first_principles", control="state", freq=500)
+    command = np.zeros((1, 1, 16), dtype=np.float32)
+    command[..., [2, 12]] = 1.0  # 1 m high, upright
+    for _ in range(150):
+        sim.state_control(command)
+        sim.step(sim.freq // 10)
+    np.testing.assert_allclose(np.asarray(sim.data.states.pos)[0, 0], [0, 0, 1], atol=0.05)
+    found: Array = RPM * np.asarray(sim.data.states.rotor_vel, dtype=float)[0, 0]
+    return found
+
+
+def test_crazyflow_flies_the_vehicle_from_its_own_file(parameters: Path, judge: Judge) -> None:
+    from crazyflow.drones import Drone
+    from crazyflow.dynamics.core import parametrize
+    from crazyflow.dynamics.first_principles import dynamics as first_principles
+
+    # The gains are those of another vehicle: this one falls over under them where its mass is off the middle.
+    (parameters / "params.toml").write_text(export("crazyflow", thesis.vehicle()))
+    at_end = flown()
+    written("crazyflow", parameters, "params.toml")
+    dynamics = parametrize(first_principles, Drone(DRONE))
+    hovering, target = np.full(4, HOVER_RAD_S), 1.1 * HOVER_RAD_S
+    a, b = thesis.RISING
+
+    braking = [-(moves(dynamics, hovering, np.eye(3)[i])[0] - moves(dynamics, hovering)[0])[i] for i in range(3)]
+    judge(
+        Row(
+            target="crazyflow",
+            version=f"crazyflow {importlib.metadata.version('crazyflow')}",
+            loaded="its own `params.toml`, flown by `Sim` with its state controller",
+            hover=(HOVER_RAD_S, float(np.sqrt(np.mean(at_end**2)))),
+            hover_unit="rad/s",
+            turning=pairs(accelerations(), [moves(dynamics, speeds(axis))[1][i] for i, axis in enumerate(MIXES)]),
+            lag_s=(
+                rising_lag(1.1, lambda w: a * (target - w) + b * (target**2 - w**2)),
+                rising_lag(
+                    1.1, lambda w: RPM * float(moves(dynamics, np.full(4, w), command=np.full(4, target))[2][0])
+                ),
+            ),
+            drag_1_s=pairs(DRAG_1_S, braking),
+        )
+    )
+    assert moves(dynamics, np.zeros(4))[0][2] == pytest.approx(-9.81)  # no thrust at rest

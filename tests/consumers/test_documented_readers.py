@@ -1,0 +1,162 @@
+"""Targets whose programs are not in the package index: a reader of ours for each, after their own sources."""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.consumers.conftest import Judge
+from tests.consumers.plant import (
+    DRAG_1_S,
+    HOVER_RAD_S,
+    INERTIA,
+    MASS_KG,
+    MIXES,
+    RPM,
+    Array,
+    G,
+    Row,
+    accelerations,
+    pairs,
+    speeds,
+    written,
+)
+from tests.export import thesis_vehicle as thesis
+
+
+def vrml(text: str) -> list[str]:
+    """Return the words of a PROTO, without its comments."""
+    lines = (re.sub(r"#.*", "", line) for line in text.splitlines())
+    return " ".join(lines).replace("[", " [ ").replace("]", " ] ").split()
+
+
+def after(words: list[str], name: str, count: int) -> list[list[float]]:
+    """Return the numbers that follow each field of a name."""
+    kept = [word for word in words if word not in "[]"]
+    return [[float(w) for w in kept[i + 1 : i + 1 + count]] for i, word in enumerate(kept) if word == name]
+
+
+def test_webots_propellers_lift_turn_and_brake_the_vehicle(tmp_path: Path, judge: Judge) -> None:
+    # WbPropeller.cpp: thrust t1 |w| w - t2 |w| V, and the vehicle turns against the torque q1 |w| w - q2 |w| V.
+    text = written("webots", tmp_path, "Crazyflie.proto").read_text()
+    words = vrml(text)
+    thrust, torque = np.array(after(words, "thrustConstants", 2)), np.array(after(words, "torqueConstants", 2))
+    places = np.array(after(words, "centerOfThrust", 3))
+    xx, yy, zz, xy, xz, yz = after(words, "inertiaMatrix", 6)[0]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    mass = after(words, "mass", 1)[0][0]
+    spin = np.array([1, -1, 1, -1])  # as rotors turn, and as the file says to command them
+
+    def lift(rotor_speeds: Array, rise_mps: float = 0.0) -> Array:
+        found: Array = thrust[:, 0] * rotor_speeds**2 * spin - thrust[:, 1] * rotor_speeds * rise_mps
+        return found
+
+    def turn(rotor_speeds: Array) -> Array:
+        moment = np.cross(places, np.outer(lift(rotor_speeds), [0, 0, 1])).sum(axis=0)
+        moment[2] -= np.sum(torque[:, 0] * rotor_speeds**2 * spin)
+        found: Array = np.linalg.solve(inertia, moment)
+        return found
+
+    hovering = np.full(4, HOVER_RAD_S)
+    judge(
+        Row(
+            target="webots",
+            version="R2023b's formulas",
+            loaded="a reader of ours",
+            hover=(HOVER_RAD_S, math.sqrt(mass * G / lift(np.ones(4)).sum())),
+            hover_unit="rad/s",
+            turning=pairs(accelerations(), [turn(speeds(axis))[i] for i, axis in enumerate(MIXES)]),
+            drag_1_s=[(float(DRAG_1_S[2]), float((lift(hovering) - lift(hovering, 1.0)).sum() / mass))],
+        )
+    )
+    assert text.startswith("#VRML_SIM R2023b utf8\n")
+    assert text.count("{") == text.count("}")
+    assert text.count("[") == text.count("]")
+    assert [word for word in words if word.endswith('_motor"')] == [f'"m{i}_motor"' for i in range(1, 5)]
+
+
+def test_omnidrones_rotors_lift_and_turn_the_vehicle(tmp_path: Path, judge: Judge) -> None:
+    # rotor_group.py: thrust (throttle w_max)^2 k, moment against the direction; lee_position_controller.py: places.
+    import yaml
+
+    found = yaml.safe_load(written("omnidrones", tmp_path, "crazyflie.yaml").read_text())
+    rotors = {name: np.array(values) for name, values in found["rotor_configuration"].items()}
+    angles, arms = rotors["rotor_angles"], rotors["arm_lengths"]
+    entries = found["inertia"]
+    inertia = np.array([[entries["".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
+
+    def turn(rotor_speeds: Array) -> Array:
+        share = (rotor_speeds / rotors["max_rotation_velocities"]) ** 2
+        lift = share * rotors["max_rotation_velocities"] ** 2 * rotors["force_constants"]
+        drag = -rotors["directions"] * share * rotors["max_rotation_velocities"] ** 2 * rotors["moment_constants"]
+        moment = np.array([np.sum(np.sin(angles) * arms * lift), -np.sum(np.cos(angles) * arms * lift), drag.sum()])
+        result: Array = np.linalg.solve(inertia, moment)
+        return result
+
+    judge(
+        Row(
+            target="omnidrones",
+            version="rotor_group.py",
+            loaded="a reader of ours",
+            hover=(HOVER_RAD_S, math.sqrt(found["mass"] * G / rotors["force_constants"].sum())),
+            hover_unit="rad/s",
+            turning=pairs(accelerations(), [turn(speeds(axis)[::-1])[i] for i, axis in enumerate(MIXES)]),  # m4 to m1
+        )
+    )
+
+
+def test_the_identification_tool_goes_on_from_the_file_in_all_its_modes(tmp_path: Path, judge: Judge) -> None:
+    # system_id.py: static_verification takes THRUST_MAX; dynamic takes THRUST_MIN and inverts two polynomials.
+    found: dict[str, Any] = tomllib.loads(written("system-id", tmp_path, "parameters_cfid.toml").read_text())
+    share = MASS_KG * G / 4
+    constant, linear, square = found["rpm2thrust"]
+    rpm = (-linear + math.sqrt(linear**2 - 4 * square * (constant - share))) / (2 * square)
+    roots = np.roots([*found["vmotor2thrust"][:0:-1], found["vmotor2thrust"][0] - share])
+    volt = float(np.max(roots[np.isreal(roots)].real))  # the largest real root, as there
+
+    assert found["vmotor2rpm"][0] + found["vmotor2rpm"][1] * volt == pytest.approx(rpm)
+    torque = np.polyval(found["vmotor2torque"][::-1], volt)
+    assert torque == pytest.approx(np.polyval(thesis.TORQUE_POLY, share))
+    assert torque == pytest.approx(np.polyval(found["rpm2torque"][::-1], rpm))
+    for name in ("MIN", "MAX"):
+        thrust = np.polyval(found["vmotor2thrust"][::-1], found[f"VMOTOR_{name}"])
+        assert thrust == pytest.approx(found[f"THRUST_{name}"])
+    assert found["THRUST_MAX"] == pytest.approx(thesis.MAX_THRUST_N)
+    assert found["THRUST_MIN"] == pytest.approx(7000 / 65535 * thesis.MAX_THRUST_N)
+    a, b = found["rpm_coef"][:2]
+    c, d = found["rpm_coef"][2:]
+    lags = [1 / (a + 2 * b * rpm), 1 / (c + 2 * d * rpm)]
+    assert found["rpm_coef_simple"] == pytest.approx(2 / sum(lags))
+    judge(
+        Row(
+            target="system-id",
+            version="system_id.py",
+            loaded="a reader of ours",
+            hover=(HOVER_RAD_S, rpm * RPM),
+            hover_unit="rad/s",
+            lag_s=(thesis.TIME_CONSTANT_S, 1 / found["thrust_coef"]),
+        )
+    )
+
+
+def test_crazyswarm2_finds_what_its_server_asks_for(tmp_path: Path) -> None:
+    # crazyflie_server.py: robots with type, uri and place; firmware_params of all, type and robot.
+    import yaml
+
+    found = yaml.safe_load(written("crazyswarm2", tmp_path, "crazyflies.yaml").read_text())
+    robot = found["robots"]["cf1"]
+    kind = found["robot_types"][robot["type"]]
+
+    assert found["fileversion"] == 3
+    assert robot["enabled"]
+    assert robot["uri"].startswith("radio://")
+    assert len(robot["initial_position"]) == 3
+    assert kind["motion_capture"]["tracking"] == "librigidbodytracker"
+    assert {"firmware_logging", "firmware_params", "reference_frame", "broadcasts"} <= set(found["all"])
+    lee = kind["firmware_params"]["ctrlLee"]
+    assert [lee["mass"], lee["J_x"], lee["J_y"], lee["J_z"]] == pytest.approx([MASS_KG, *np.diag(INERTIA)])
+    assert kind["firmware_params"]["ctrlMel"]["mass"] == MASS_KG

@@ -1,0 +1,51 @@
+"""The JSON is as its schema says, judged by jsonschema; whoever reads it needs nothing else."""
+
+import json
+from dataclasses import replace
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.export.exchange import covariance_blocks
+from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
+from tests.export.reading import export
+from tests.export.thesis_vehicle import vehicle
+
+SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_text())
+
+
+def judged(text: str) -> dict[str, Any]:
+    """Return what a file has, where it is as the schema says."""
+    import jsonschema
+
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    found: dict[str, Any] = json.loads(text)
+    jsonschema.Draft202012Validator(SCHEMA).validate(found)
+    return found
+
+
+def test_the_file_is_as_its_schema_says_and_turned_to_the_vehicles_frame() -> None:
+    found = judged(export("json", measured()))
+
+    matrix = found["quantities"]["inertia.matrix_kg_m2"]
+    turn = np.array(found["frames"]["campaign_to_vehicle"])
+    np.testing.assert_allclose(matrix["in_vehicle_frame"]["value"], INERTIA, rtol=1e-9)
+    np.testing.assert_allclose(turn @ matrix["value"] @ turn.T, INERTIA, rtol=1e-9)
+    drag = found["quantities"]["drag.simple_kg_per_rad"]
+    np.testing.assert_allclose(drag["in_vehicle_frame"]["value"], -DRAG_KG_PER_RAD)
+    np.testing.assert_allclose([rotor["place_m"][:2] for rotor in found["rotors"]], PLACES, atol=1e-12)
+
+
+@pytest.mark.parametrize("without", ["arm_m", "inertia.matrix_kg_m2", "motor.thrust_poly", "dynamics.rising"])
+def test_a_vehicle_that_was_measured_in_part_fits_the_schema(without: str) -> None:
+    assert without not in judged(export("json", vehicle(without)))["quantities"]
+
+
+def test_covariances_are_handed_on_as_they_are() -> None:
+    blocks = {"covariance": [{"of": ["a", "b"], "matrix": [[1.0, 0.5], [0.5, 2.0]]}], "common": {"arm_m": {"a": [0.1]}}}
+    content = {"format": 2, "thrust": {"method": "m", "parameters": {}, **blocks}, "speed": {"method": "m"}}
+
+    known = replace(measured(), covariance=covariance_blocks(content))
+    assert judged(export("json", known))["covariance"] == {"thrust": blocks}
