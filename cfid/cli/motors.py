@@ -104,6 +104,8 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
     ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
     stopped = stop_vehicle(uri, ports, say=note)
     _tell_stopped(uri, stopped.kind, stopped.after_s)
+    if stopped.state is not None and stopped.state.remedy:
+        note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
 
 
 def _found() -> str:

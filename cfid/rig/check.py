@@ -80,7 +80,7 @@ def check_loadcell(setting: LoadCellBox) -> list[Finding]:
             return [*found, held]
         if over_tcp.state == "fault" if settings is None else not settings.rdt_enabled:
             return found
-        with DeviceLock.take(where, holder="cfid rig check"):
+        with DeviceLock.take(where):
             return [*found, *_udp(setting, settings, alive=over_tcp.state != "fault")]
     except DeviceError as error:  # its lock was taken just now, or is of no use
         return [*found, Finding("RDT, UDP", "fault", str(error), "ask again when nothing else uses the box")]

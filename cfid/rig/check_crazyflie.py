@@ -30,7 +30,7 @@ def check_crazyflie(setting: CrazyflieLink) -> list[Finding]:
     except DeviceError as error:
         return [Finding("link", "warning", str(error))]
     try:
-        with DeviceLock.take(uri, holder="cfid rig check"):
+        with DeviceLock.take(uri):
             return _ask(Link.connect(uri), setting)
     except DeviceError as error:
         return [Finding("link", "fault", str(error), "power, address, radio: devices.crazyflie.uri in rig.toml")]

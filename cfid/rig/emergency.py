@@ -13,6 +13,7 @@ from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import Acknowledged, Kind, stop_over
 from cfid.wire.app import Ports
+from cfid.wire.supervisor import VehicleState
 
 Say = Callable[[str], None]
 Open = Callable[[str], Line]
@@ -24,10 +25,11 @@ _DIES_S = 1.0
 
 
 class Stopped(NamedTuple):
-    """Motors that the vehicle says are stopped, how long after the first packet, and what runs on it."""
+    """Motors that the vehicle reports stopped, how long after the first packet, what runs on it, and its state."""
 
     kind: Kind
     after_s: float
+    state: VehicleState | None = None
 
 
 def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) -> Stopped:
@@ -47,7 +49,7 @@ def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) 
         from cfid.rig.read_back import read_back  # imports cflib, which the motors need not wait for
 
         try:
-            kind, acknowledged = read_back(uri, ports, acknowledged)
+            kind, acknowledged, state = read_back(uri, ports, acknowledged)
         except StopError:
             raise
         except DeviceError as error:
@@ -55,7 +57,7 @@ def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) 
         remaining = find_holder(uri)
     if remaining is not None and remaining.process != os.getpid():
         say(_what_remains(remaining, kind))
-    return Stopped(kind, acknowledged.after_s)
+    return Stopped(kind, acknowledged.after_s, state)
 
 
 def _end_holder(uri: str) -> Holder | None:

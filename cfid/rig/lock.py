@@ -34,7 +34,7 @@ class DeviceLock:
         self._bound = bound
 
     @classmethod
-    def take(cls, device: str, *, holder: str = "") -> Self:
+    def take(cls, device: str) -> Self:
         """Hold a device, named by where it is, in any spelling.
 
         Raises DeviceError that says who holds it.

@@ -65,14 +65,14 @@ def ready_encoder(
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
     names = [lock_name(found.port)]
     holding = held.enter_context(ExitStack())
-    holding.enter_context(DeviceLock.take(names[0], holder="cfid log"))
+    holding.enter_context(DeviceLock.take(names[0]))
 
     def again() -> Any:
         """Find it after its plug was pulled; where it has another port then, hold that one instead."""
         there = find_encoder(setting.port, counts_per_turn=counts_per_turn, serial_number=found.serial_number)
         name = lock_name(there.port)
         if name != names[-1]:
-            lock = DeviceLock.take(name, holder="cfid log")
+            lock = DeviceLock.take(name)
             holding.close()
             holding.enter_context(lock)
             names.append(name)
@@ -113,7 +113,7 @@ def ready_loadcell(
     """
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
-    held.enter_context(DeviceLock.take(where, holder="cfid log"))
+    held.enter_context(DeviceLock.take(where))
     if bias and not loadcell_box.take_bias(setting):
         say(f"{where}: the box' page shows the bias it had before. Look whether the load reads zero now.")
     settings = loadcell_box.set_rate(setting, buffered=buffered)

@@ -1,8 +1,10 @@
 """Asks a vehicle that was stopped once more, over a whole link with its tables: is every command zero?"""
 
 import time
+from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
+from cfid.rig.asking import state_of
 from cfid.rig.crazyflie import Link
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
 from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
@@ -18,13 +20,24 @@ from cfid.wire.crtp import (
     encode_read_parameter,
     encode_write_parameter,
 )
+from cfid.wire.supervisor import VehicleState, encode_arming
 
+_DISARMED_S = 1.0
+_LOOK_S = 0.05  # a little longer than the supervisor takes to look
 _WITHIN_S = 0.1
 _TRIES = 20
 
 
-def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> tuple[Kind, Acknowledged]:
-    """Read back that nothing drives the motors; return what runs on the vehicle, and what acknowledged the stop.
+class ReadBack(NamedTuple):
+    """What runs on a vehicle, what acknowledged the stop, and the state that its supervisor is in."""
+
+    kind: Kind
+    acknowledged: Acknowledged
+    state: VehicleState | None
+
+
+def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> ReadBack:
+    """Read back that nothing drives the motors, and disarm rotors that idle.
 
     Without an acknowledgement by then, a stop is sent over this link. Raises DeviceError for a vehicle that cannot be
     reached, StopError when something still drives its motors.
@@ -42,7 +55,7 @@ def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> tupl
             parameter = link.parameter(name)
             if parameter is not None and not _is_zero(link, parameter):
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: {name} was not seen at zero.")
-        return kind, acknowledged
+        return ReadBack(kind, acknowledged, _disarmed(link))
     finally:
         link.close()
 
@@ -67,6 +80,17 @@ class _Whole:
 
     def close(self) -> None:
         """Leave that to whoever opened it."""
+
+
+def _disarmed(link: Link) -> VehicleState | None:
+    """Return the vehicle's state, disarmed where its rotors would idle otherwise."""
+    end_s = time.monotonic() + _DISARMED_S
+    while (state := state_of(link)) is not None and state.armed and not state.arms_itself:
+        if time.monotonic() > end_s:
+            raise StopError(f"{MAY_BE_RUNNING}: {link.uri}: the vehicle was not seen disarmed: its rotors may idle.")
+        link.send(encode_arming(wanted=False, protocol=link.firmware_protocol))
+        time.sleep(_LOOK_S)
+    return state
 
 
 def _is_zero(link: Link, parameter: Variable) -> bool:

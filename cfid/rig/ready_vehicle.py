@@ -216,7 +216,7 @@ class ReadyVehicle:
 def ready_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
     """Find the vehicle, hold it, connect, and ask what runs on it. Raises DeviceError."""
     uri = setting.uri or find_vehicle()
-    held.enter_context(DeviceLock.take(uri, holder="cfid"))
+    held.enter_context(DeviceLock.take(uri))
     link = Link.connect(uri)
     held.callback(link.close)
     ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)

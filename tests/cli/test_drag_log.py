@@ -88,7 +88,9 @@ def test_without_a_confirmation_nothing_turns(bench: Bench) -> None:
     pilot.process.communicate(b"n\n")
 
     assert pilot.process.returncode == 2
-    assert "motors 1, 2, 3, 4 will turn at commands up to 40000. Fastened, and nobody near?" in pilot.err
+    assert (
+        "motors 1, 2, 3, 4 will turn at commands up to 40000. Is the vehicle fastened and everyone clear?" in pilot.err
+    )
     assert "not confirmed: no motor was started." in pilot.err
     assert len(bench.history) == 1
 

@@ -253,7 +253,8 @@ def test_the_motors_stop_twenty_times_out_of_twenty(tmp_path: Path, way: str, ki
         stops.append(stop_once(folder, way, kind, afterwards_s=LOCKS_AFTER_S))
     stopped_s = [stop.after_s for stop in stops]
     left = ", ".join(sorted({stop.state.value for stop in stops}))
-    print(f"\n{way}, {kind}: off after {statistics.median(stopped_s):.3f} s, at most {max(stopped_s):.3f} s; left {left}")
+    median_s, most_s = statistics.median(stopped_s), max(stopped_s)
+    print(f"\n{way}, {kind}: off after {median_s:.3f} s, at most {most_s:.3f} s; left {left}")
     assert max(stopped_s) < STOPPED_WITHIN_S
     assert not {stop.state for stop in stops} & GONE_WRONG
 

@@ -68,4 +68,6 @@ def test_the_duration_stands_before_the_question(tmp_path: Path) -> None:
     with bench_in(tmp_path) as bench:
         pilot = bench.start("log", "sine", "--l", "3,5", "--n", 500)
         assert pilot.end() == 2
-        assert pilot.err.index("2 sines of 4 s: 0.1 min") < pilot.err.index("Fastened, and nobody near?")
+        assert pilot.err.index("2 sines of 4 s: 0.1 min") < pilot.err.index(
+            "Is the vehicle fastened and everyone clear?"
+        )

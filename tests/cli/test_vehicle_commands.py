@@ -197,7 +197,10 @@ def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Benc
     pilot = bench.start("motors", "set", 20000, "--for", 0.3, stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None
     bench.wait_until(lambda: "[y/N]" in pilot.err, pilot)
-    assert f"{bench.uri}: motors 1, 2, 3, 4 will turn at commands up to 20000. Fastened, and nobody near?" in pilot.err
+    assert (
+        f"{bench.uri}: motors 1, 2, 3, 4 will turn at commands up to 20000. Is the vehicle fastened and everyone clear?"
+        in pilot.err
+    )
     assert len(bench.history) == 1
     pilot.process.stdin.write(b"y\n")
     pilot.process.stdin.flush()
@@ -265,6 +268,7 @@ def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
         "commands": 0,
         "loadcell": 0,
         "crazyflie": 0,
+        "supervisor": 0,
     }
     assert run.header.asked["steps"] == [10000, 20000, 30000]
     commands, cell = (pd.read_csv(run.device_file(name)) for name in ("commands", "loadcell"))

@@ -18,7 +18,6 @@ from tests.rig.flying import CLIENT, Flight
 
 ALL = (1, 2, 3, 4)
 SETPOINT = Packet(3, 0, bytes(14))  # what the stock library sends on closing
-BRUSHLESS = {"platform": "cf21bl"}
 BOTH = pytest.mark.parametrize("platform", ["cf2", "cf21bl"])
 FIRMWARES = pytest.mark.parametrize("firmware", ["app", "stock"])
 
@@ -45,7 +44,7 @@ def idle_of(flight: Flight) -> int:
 
 @pytest.mark.parametrize("time_constant_s", [0.02, 0.05, 0.1, 0.2, 0.3])
 def test_a_brushless_vehicle_is_armed_driven_and_left_as_it_was_found(tmp_path: Path, time_constant_s: float) -> None:
-    flight = Flight(tmp_path, time_constant_s=time_constant_s, **BRUSHLESS)
+    flight = Flight(tmp_path, time_constant_s=time_constant_s, platform="cf21bl")
     run, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=2.0))
     flight.turn(for_s=8.0)
 
@@ -59,7 +58,7 @@ def test_a_brushless_vehicle_is_armed_driven_and_left_as_it_was_found(tmp_path: 
 
 @pytest.mark.parametrize("time_constant_s", [0.02, 0.1, 0.3])
 def test_pauses_of_a_staircase_lock_no_brushless_vehicle(tmp_path: Path, time_constant_s: float) -> None:
-    flight = Flight(tmp_path, time_constant_s=time_constant_s, **BRUSHLESS)
+    flight = Flight(tmp_path, time_constant_s=time_constant_s, platform="cf21bl")
     stairs = Staircase(steps=(0, 3500, 9000, 60000), motors=ALL, hold_s=1.5, rest_s=1.0)
     run, failure = flight.record(
         [flight.commands(), flight.states()],
@@ -74,7 +73,7 @@ def test_pauses_of_a_staircase_lock_no_brushless_vehicle(tmp_path: Path, time_co
 
 
 def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp_path: Path) -> None:
-    flight = Flight(tmp_path, time_constant_s=0.3, **BRUSHLESS)
+    flight = Flight(tmp_path, time_constant_s=0.3, platform="cf21bl")
     sine = SineRequest(1, 20000, omega_of(4, 1000), 1000)
     run, failure = flight.record(
         [flight.crossings(), flight.states()],
@@ -95,7 +94,7 @@ def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp
 def test_commands_that_would_hold_a_rotor_too_slow_are_refused(
     tmp_path: Path, motors: tuple[int, ...], command: int, allowed: bool
 ) -> None:
-    flight = Flight(tmp_path, **BRUSHLESS)
+    flight = Flight(tmp_path, platform="cf21bl")
     _, failure = flight.record([flight.commands(), flight.states()], holding(flight, command, motors))
 
     if allowed:
@@ -127,7 +126,7 @@ def test_the_limit_itself_is_allowed_and_one_more_never_leaves(
 
 
 def test_a_brushless_vehicle_whose_rotor_is_blocked_is_reported_and_left_disarmed(tmp_path: Path) -> None:
-    flight = Flight(tmp_path, stall_rpm=4000.0, **BRUSHLESS)
+    flight = Flight(tmp_path, stall_rpm=4000.0, platform="cf21bl")
     _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
     flight.turn(for_s=4.0)
 
@@ -292,7 +291,7 @@ def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path)
 
 
 def test_a_vehicle_that_was_armed_is_ready_for_any_other_client(tmp_path: Path) -> None:
-    flight = Flight(tmp_path, **BRUSHLESS)
+    flight = Flight(tmp_path, platform="cf21bl")
     flight.record([flight.commands(), flight.states()], holding(flight, 20000))
     flight.turn(for_s=4.0)
     flight.sim.heard(encode_packet(Packet(9, 1, b"\x01\x01")), CLIENT, flight.clock.seconds())
