@@ -31,7 +31,7 @@ OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
 
 _SILENT_S = 2.0  # without any packet
 _STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nobody sends it again
-_CONNECT_S = 12.0
+_CONNECT_S = 30.0  # tables of a real vehicle come in a second, and in twenty where one packet in ten is lost
 _FOREIGN_TRIES = 3  # connections in which something answered, but never as a Crazyflie does
 _CLOSE_S = 2.5
 _HEARD_EVERY_S = 0.02
@@ -81,7 +81,7 @@ class Link:
         while True:
             link = cls(uri, Crazyflie(rw_cache=str(_table_cache())))
             try:
-                if link._opened():
+                if link._opened(begun_s + _CONNECT_S):
                     return link
                 answered = answered or bool(link.heard_s)
                 foreign += bool(link.heard_s) and link.firmware_protocol < 0
@@ -190,7 +190,7 @@ class Link:
                 "packets. Bring the vehicle closer, change the channel, or quieten the network."
             )
 
-    def _opened(self) -> bool:
+    def _opened(self, end_s: float) -> bool:
         """Open and wait until the tables are there; False when a lost packet stopped that."""
         connected = threading.Event()
         cf = self._cf
@@ -205,6 +205,8 @@ class Link:
         threading.Thread(target=self._send_all, daemon=True).start()
         while not connected.wait(_HEARD_EVERY_S):
             self._check_answers()
+            if time.monotonic() > end_s:
+                return False
             if time.monotonic() - max(self.heard_s, begun_s) > self._patience_s:
                 return False
             if self.heard_s and self.firmware_protocol < 0 and time.monotonic() - begun_s > _STUCK_S:

@@ -23,6 +23,7 @@ import pytest
 from cfid.campaign import RIG_FILE
 from cfid.run import list_runs, read_run
 from cfid.sim.crazyflie_tables import parameters
+from cfid.sim.supervisor_states import State
 from cfid.wire.app import Ports
 from tests.cli.flying_in_a_folder import Bench, bench_in
 
@@ -111,6 +112,58 @@ def test_an_old_protocol_is_told(bench: Bench) -> None:
     assert "speaks version 3 of its protocol, cfid needs 4 or newer: update its firmware." in told
 
 
+@pytest.mark.parametrize("loss", [0.03, 0.1])
+def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: float) -> None:
+    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": loss}) as bench:
+        pilot = bench.start("motors", "set", 20000, "--for", 0.3, "--yes")
+        assert pilot.end() == 0, pilot.err
+        assert "motors stopped, confirmed in" in pilot.out
+        assert not any(bench.motors)
+
+
+def test_a_link_that_loses_nearly_everything_is_named_as_the_cause(tmp_path: Path) -> None:
+    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": 0.6}) as bench:
+        told = refused(bench, "log", "ping", within_s=60.0)
+    assert "link loses" in told
+
+
+# What state it is in
+
+
+def spoiled(bench: Bench, state: str) -> None:
+    """Bring the vehicle into a state in which no motor may start."""
+    bench.vehicle_suffers(**{"emergency_after_s" if state == "locked" else "tumble_after_s": 0})
+    end_s, there = time.monotonic() + 10.0, State.LOCKED if state == "locked" else State.NOT_PASSED
+    while bench.rig.crazyflie.vehicle.supervisor.state is not there:
+        bench.in_loop(lambda: bench.rig.crazyflie.advance(time.monotonic()))
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("state", ["locked", "tumbled"])
+@pytest.mark.parametrize("words", [STAIRS, ("motors", "set", 20000, "--yes"), ("motors", "--yes")])
+def test_a_vehicle_that_cannot_run_is_refused_by_its_state_before_a_run_folder_exists(
+    bench: Bench, words: tuple[object, ...], state: str
+) -> None:
+    spoiled(bench, state)
+    told = refused(bench, *words)
+
+    assert f"the vehicle is {state}: " in told
+    assert list_runs(bench.folder / "runs") == []
+
+
+@pytest.mark.parametrize("state", ["locked", "tumbled"])
+def test_rig_check_calls_no_such_vehicle_ok(bench: Bench, state: str) -> None:
+    spoiled(bench, state)
+    pilot = bench.start("rig", "check", "--json")
+    pilot.end()
+    answers = {answer["asked"]: answer for answer in json.loads(pilot.out)["devices"]["crazyflie"]}
+
+    assert answers["supervisor"]["answer"] == state
+    assert answers["supervisor"]["state"] == "fault"
+    assert answers["supervisor"]["advice"]
+
+
 def test_a_vehicle_that_is_busy_with_another_client_is_told(bench: Bench) -> None:
     port = int(bench.uri.rpartition(":")[2])
     ended = threading.Event()
@@ -182,12 +235,6 @@ def test_motors_stop_without_an_address_stops_the_vehicle_that_is_driven(bench: 
     assert second.out.startswith(f"{bench.uri}: motors stopped, confirmed in ")
     assert first.end() == 0
     assert not any(bench.motors)
-
-
-def test_a_link_that_loses_packets_is_connected_all_the_same(tmp_path: Path) -> None:
-    with bench_in(tmp_path, radio={"loss": 0.002}) as bench:
-        pilot = bench.start("motors", "set", 20000, "--yes", "--for", 0.3)
-        assert pilot.end() == 0, pilot.err
 
 
 # Before anything turns
