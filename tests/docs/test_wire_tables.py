@@ -16,7 +16,7 @@ from cfid.wire import rdt_status
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "reference" / "wires.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| `(\w+)\.([^`]+)` \| `([^`]+)` \|", TEXT, re.MULTILINE)
-MODULES = ("app", "crtp", "e201", "netft", "rdt", "rls", "scales", "ut372")
+MODULES = ("app", "crtp", "e201", "netft", "rdt", "rls", "scales", "supervisor", "ut372")
 WORDS = {"VERDICTS", "OUTCOMES"}  # sentences about numbers that have rows
 
 
