@@ -11,7 +11,7 @@ from cfid.cli.live import LiveLine
 from cfid.cli.log_thrust import Note, Resume, StairOptions, announce
 from cfid.cli.options import flat
 from cfid.cli.recorded import KeepOptions, record, rig_of
-from cfid.cli.vehicle import LogMs, Motor, VehicleOptions, confirm, reach
+from cfid.cli.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def speed(
     """
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
-    wanted = stairs.stairs(tuple(motor or (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
+    wanted = stairs.stairs(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
 
     def instrument(crazyflie: "ReadyVehicle") -> "list[Device]":
         from cfid.rig.ready_instruments import ready_tachometer
@@ -96,7 +96,7 @@ def scales(
 
     Example: [bold]cfid log scales --motor 1 --motor 3[/bold]
     """
-    wanted = stairs.stairs(tuple(motor or (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S)
+    wanted = stairs.stairs(motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S)
 
     def instrument(crazyflie: "ReadyVehicle") -> "list[Device]":
         from cfid.rig.ready_instruments import ready_scales

@@ -10,7 +10,7 @@ import typer
 from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.recorded import KeepOptions, record, rig_of
-from cfid.cli.vehicle import LogMs, Motor, VehicleOptions, confirm, reach
+from cfid.cli.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def thrust(
     from cfid.run import Label
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    wanted = stairs.stairs(tuple(motor or (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
+    wanted = stairs.stairs(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
     if resume is not None:
         wanted = missing(interrupted(resume, campaign, kind="thrust"), kind="thrust")
     if stairs.dry_run:

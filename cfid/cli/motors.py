@@ -10,7 +10,7 @@ from cfid.cli.live import LiveLine
 from cfid.cli.options import flat, positive
 from cfid.cli.recorded import rig_of, stop_line
 from cfid.cli.speech import note
-from cfid.cli.vehicle import Motor, VehicleOptions, confirm, reach
+from cfid.cli.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError, DeviceError
 
 if TYPE_CHECKING:
@@ -63,13 +63,13 @@ def set_motors(
 ) -> None:
     """Run motors at a command until the time is over or Ctrl-C, then stop them and check.
 
-    Example: [bold]cfid motors set 30000 --motor 1 --motor 3 --for 10[/bold]
+    Example: [bold]cfid motors set 30000 --motor 1,3 --for 10[/bold]
     """
     from cfid.rig.procedures import hold
 
     if for_s is not None:
         positive(for_s, "--for")
-    chosen = tuple(motor or _ALL)
+    chosen = motors_of(motor, _ALL)
     _, devices, simulated = rig_of(campaign)
     live = LiveLine()
     with ExitStack() as held:
@@ -131,11 +131,14 @@ def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
 def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:
     from cfid.rig.log import drive
 
+    def stopped(seconds: float) -> None:
+        live.end()
+        _tell_stopped(vehicle.uri, vehicle.firmware.kind, seconds)
+
     try:
-        stopped_in_s = drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show)
+        drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show, stopped=stopped)
     finally:
         live.end()
-    _tell_stopped(vehicle.uri, vehicle.firmware.kind, stopped_in_s or 0.0)
 
 
 def _tell_stopped(uri: str, kind: str, seconds: float) -> None:

@@ -20,9 +20,22 @@ if TYPE_CHECKING:
 VEHICLE = "Vehicle"
 
 Motor = Annotated[
-    list[int] | None,
-    typer.Option("--motor", min=1, max=4, help="A motor to use; may be said again.", rich_help_panel=VEHICLE),
+    list[str] | None,
+    typer.Option(
+        "--motor", metavar="1,3", help="Motors to use, with commas; can be repeated.", rich_help_panel=VEHICLE
+    ),
 ]
+
+
+def motors_of(words: Sequence[str] | None, usual: Sequence[int]) -> tuple[int, ...]:
+    """Return the motors that `--motor` names, each once and in order. Raises ConfigError for anything else."""
+    if not words:
+        return tuple(usual)
+    named = [part.strip() for word in words for part in word.split(",")]
+    if not all(part in ("1", "2", "3", "4") for part in named):
+        raise ConfigError(f"--motor {','.join(named)}: motors are 1 to 4, with commas between, as 1,3.")
+    return tuple(sorted({int(part) for part in named}))
+
 
 _FIRMWARE = {
     "app": "cfid's app",

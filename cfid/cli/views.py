@@ -168,7 +168,11 @@ def _device_view(run: "Run", device: str) -> View:
         source=rows.source,
         notes=notes,
         parameters=_sampling(since_s)
-        | {f"mean.{name}": Parameter(value=float(column.mean())) for name, column in rows.columns.items()},
+        | {
+            f"mean.{name}": Parameter(value=float(column.mean()))
+            for name, column in rows.columns.items()
+            if device != SUPERVISOR  # a word of bits has no mean
+        },
         curve=Curve(since_s[chosen], rows.columns[first][chosen], first),
         draw=draw,
     )

@@ -24,6 +24,7 @@ _ALLOWED_S = 0.7  # for a brushed vehicle to arm itself again, which takes it 0.
 _AGAIN_S = 0.05
 _SINE_ENDS_S = 2.0
 _OTHERS_S = 0.7  # for the app to drop a program that died
+_WHY_S = 0.15
 _OVERRIDES = "motorPowerSet.enable"
 
 
@@ -39,8 +40,9 @@ class AppMotors:
         self._commands: Four | None = None  # as the app confirmed them; None: not known, or the sine's own
         self._settled_at = 0  # the number of the last keep-alive that was sent before that
         self._answered_s = 0.0
-        self._heard = self._stopped = self.playing = False
+        self._heard = self._kept_out = self._stopped = self.playing = False
         self._fault = ""
+        self._taken_back: tuple[AppState, float] | None = None  # when the app first drove something else
         self._next: DelayedCall | None = None
         vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._hear)
 
@@ -91,6 +93,11 @@ class AppMotors:
         self._vehicle.check()
         if self._fault:
             raise DeviceError(self._fault)
+        if self._taken_back is not None:
+            state, taken_s = self._taken_back
+            # The supervisor's state, which says why, may come a moment later.
+            if self._supervisor.seen_s > taken_s or self._vehicle.loop.seconds() - taken_s > _WHY_S:
+                raise DeviceError(f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}.")
         deaf_s = self._vehicle.loop.seconds() - self._answered_s
         if self._next is not None and deaf_s > _DEAF_S:
             raise DeviceError(
@@ -108,6 +115,8 @@ class AppMotors:
         if self._next is not None and self._next.active():
             self._next.cancel()
         self._next = self._commands = None
+        if self._kept_out:  # nothing of ours ever counted, and what turns is another program's
+            return 0.0
         self._number += 1
         number = self._number
 
@@ -213,9 +222,10 @@ class AppMotors:
             if Flags.NOT_OWNER not in (await self._state()).flags:
                 self._heard = True
             elif self._vehicle.loop.seconds() > end_s:
+                self._kept_out = True
                 raise DeviceError(
-                    f"{self._vehicle.uri}: another program drives the motors of this vehicle: `cfid motors stop` ends "
-                    "it."
+                    f"{self._vehicle.uri}: another program drives the motors of this vehicle: end it. "
+                    "`cfid motors stop` stops its motors."
                 )
             else:
                 await sleep(self._vehicle.loop, _AGAIN_S)
@@ -255,15 +265,16 @@ class AppMotors:
         if Flags.NOT_OWNER in state.flags:
             self._fault = f"{self._vehicle.uri}: another program stopped the motors of this vehicle."
         elif self._commands is not None and state.number > self._settled_at and state.commands != self._commands:
-            self._fault = f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}."
+            self._taken_back = self._taken_back or (state, arrived_s)
 
-    def _why(self, state: AppState) -> str:
-        if Flags.MOTORS_ALLOWED in state.flags:
-            return "it heard no keep-alive for a while"
+    def _why(self, taken_back: AppState) -> str:
+        """Return why the app took commands back, with the state that the supervisor has reported since."""
         seen = self._supervisor.state
-        if seen is not None and seen.remedy:
-            return f"it is {seen.name}: {seen.remedy}"
-        return app.VERDICTS[Verdict.MOTORS_NOT_ALLOWED]
+        if Flags.MOTORS_ALLOWED in taken_back.flags and (seen is None or seen.can_fly):
+            return "it heard no keep-alive for a while, or its supervisor was away for a moment"
+        if seen is None or seen.can_fly:
+            return app.VERDICTS[Verdict.MOTORS_NOT_ALLOWED]
+        return f"it is {seen.name}{': ' if seen.remedy else ''}{seen.remedy}"
 
     def _refuse_when_stopped(self) -> None:
         if self._stopped:

@@ -1,7 +1,9 @@
 """What a vehicle is asked over an open link before a loop runs: its state, a log variable, a parameter."""
 
 import time
+from typing import TypeVar
 
+from cfid.errors import DeviceError
 from cfid.rig.crazyflie import Link
 from cfid.wire import crtp
 from cfid.wire.crtp import (
@@ -24,6 +26,8 @@ from cfid.wire.supervisor import (
     decode_state,
 )
 
+Answer = TypeVar("Answer")
+
 _BLOCK = 199
 _PERIOD_MS = 20
 _ROW_S = 0.3
@@ -37,7 +41,7 @@ def state_of(link: Link) -> VehicleState | None:
         def answered(packet: Packet) -> VehicleState | None:
             return decode_state(packet.payload) if packet[:2] == (SUPERVISOR_PORT, INFO_CHANNEL) else None
 
-        return link.ask(ASK_STATE, answered, tries=_TRIES)
+        return _answered(link, link.ask(ASK_STATE, answered, tries=_TRIES), "its state")
     word = logged(link, INFO_VARIABLE)
     return None if word is None else VehicleState.of(int(word))
 
@@ -77,4 +81,11 @@ def parameter_of(link: Link, name: str) -> float | None:
             return None
         return decode_read_parameter(parameter, packet.payload)
 
-    return link.ask(Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter)), value, tries=_TRIES)
+    found = link.ask(Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter)), value, tries=_TRIES)
+    return _answered(link, found, name)
+
+
+def _answered(link: Link, answer: Answer | None, what: str) -> Answer:
+    if answer is None:
+        raise DeviceError(f"{link.uri}: the vehicle does not answer for {what}: the link loses packets.")
+    return answer

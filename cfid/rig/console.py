@@ -51,14 +51,25 @@ def order(line: str, before: Order, limits: Limits) -> Order:
         commands |= dict.fromkeys(motors, command)
         chosen += motors
     m1, m2, m3, m4 = commands.values()
+    limits.check_four((m1, m2, m3, m4))
     return Order((m1, m2, m3, m4), tuple(chosen))
 
 
 def nudged(before: Order, key: str, limits: Limits) -> Order:
-    """Return what an arrow key orders: a little more or less for the motors named last, within the limits."""
-    more = STEP if key == UP else -STEP
+    """Return what an arrow key orders: a little more or less for the motors named last, within the limits.
+
+    From zero they step to the slowest command that the vehicle's rotors allow, and from there back to zero.
+    """
+    turning = [motor for motor, command in zip(MOTORS, before.commands, strict=True) if command]
+    slowest = limits.slowest_command(sorted({*turning, *before.chosen}))
+
+    def step(command: int) -> int:
+        if key == UP:
+            return min(max(command + STEP, slowest), limits.largest_command)
+        return command - STEP if command - STEP >= slowest else 0
+
     m1, m2, m3, m4 = (
-        min(max(command + more, 0), limits.largest_command) if motor in before.chosen else command
+        max(step(command), 0) if motor in before.chosen else command
         for motor, command in zip(MOTORS, before.commands, strict=True)
     )
     return Order((m1, m2, m3, m4), before.chosen)
@@ -127,6 +138,11 @@ class Console:
             self._woken.callback(None)
 
     async def _obey(self, wanted: Order) -> None:
+        try:
+            self._limits.check_four(wanted.commands)
+        except ConfigError as error:  # one motor that stops may leave the others too slow
+            self._say(f"{error} The motors are stopped.")
+            wanted = Order(STILL, wanted.chosen)
         self._now = wanted
         self._doing = Deferred.fromCoroutine(self._commands.set(wanted.commands))
         try:

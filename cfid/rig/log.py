@@ -166,21 +166,30 @@ def log(
     return run_until_done(main)
 
 
-def drive(devices: Sequence[Device], procedure: Procedure, *, show: Callable[[Recorder], None]) -> float | None:
-    """Do a procedure with devices and keep nothing of it; return how many seconds the motors' stop took.
+def drive(
+    devices: Sequence[Device],
+    procedure: Procedure,
+    *,
+    show: Callable[[Recorder], None],
+    stopped: Callable[[float], None],
+) -> None:
+    """Do a procedure with devices and keep nothing of it; `stopped` gets the seconds that the motors' stop took.
 
     Raises DeviceError like `log`; the motors are stopped and checked in every case.
     """
 
-    async def main(loop: Loop, ending: Ending) -> float | None:
+    async def main(loop: Loop, ending: Ending) -> None:
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
         recorder = Recorder(instruments, Nowhere(), loop=loop, show=lambda: show(recorder))
-        await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
-        stops = [instrument.facts().get("stopped_in_s") for instrument in instruments]
-        return next((seconds for seconds in stops if seconds is not None), None)
+        try:
+            await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
+        finally:
+            for seconds in (instrument.facts().get("stopped_in_s") for instrument in instruments):
+                if seconds is not None:
+                    stopped(seconds)
 
-    return run_until_done(main)
+    run_until_done(main)
 
 
 async def _recorded(

@@ -31,6 +31,8 @@ MAY_BE_RUNNING = "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTE
 STOPPED = "the motors were stopped: nothing is commanded any more."
 
 OWNERS_SINCE = 2  # version of the app
+_DSHOT_SHIFT = 5  # of a command's 16 bits, 11 are carried
+_DSHOT_NONE = 47  # throttles up to here are none
 _HELLO_S = 0.3
 _HELLOS = 5
 
@@ -77,8 +79,8 @@ class Limits:
     """What the operator allows in rig.toml, and what the vehicle's rotors allow.
 
     A vehicle with an `idle_thrust` keeps its rotors at that command or above, and locks itself where one turns at 1 to
-    499 rpm. It arms only at 1000 rpm or more, so half its idle thrust is the slowest command; with a motor at zero,
-    which idles then, it is idle thrust itself.
+    499 rpm. It arms only at 1000 rpm or more, so half the throttle of its idle thrust is the slowest command. With a
+    motor at zero, which idles then, a command has to be above idle thrust to count as flying.
     """
 
     largest_command: int = LARGEST_COMMAND
@@ -93,7 +95,12 @@ class Limits:
 
     def slowest_command(self, motors: Sequence[int]) -> int:
         """Return the least command above zero that these motors, and the others at zero, may have."""
-        return -(-self.idle_thrust // 2) if set(motors) == set(MOTORS) else self.idle_thrust
+        if not self.idle_thrust:
+            return 0
+        throttle = (self.idle_thrust >> _DSHOT_SHIFT) - _DSHOT_NONE
+        if set(motors) != set(MOTORS) or throttle <= 0:
+            return self.idle_thrust + 1
+        return (_DSHOT_NONE + (throttle + 1) // 2) << _DSHOT_SHIFT
 
     def check_turning(self, motors: Sequence[int], smallest: int, largest: int) -> None:
         """Raise ConfigError where motors shall turn at commands beyond the limits; zero is none of them."""

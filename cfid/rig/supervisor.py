@@ -109,10 +109,16 @@ class Supervisor:
     async def make_ready(self) -> None:
         """Bring the vehicle into a state in which motors may run, arming it where it does not do so by itself.
 
-        Raises DeviceError that names the state it stays in.
+        One that does gets disarmed first, so that its time begins anew: 30 s after it got ready and 3 s after it landed
+        it disarms itself, perhaps in the moment in which motors start. Raises DeviceError that names the state it
+        stays in.
         """
         state = await self.wait(lambda state: bool(state.remedy) or _settled(state), within_s=_BACK_S)
-        if state is not None and _waits_for_arming(state):
+        if state is not None and state.arms_itself and not state.remedy:
+            await self.arm(wanted=False)
+            await sleep(self._vehicle.loop, EVERY_S)  # by then it has looked
+            state = await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_BACK_S)
+        elif state is not None and _waits_for_arming(state):
             if not await self.arm():
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle refuses to be armed.")
             state = await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_SPIN_UP_S)

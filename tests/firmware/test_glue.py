@@ -156,6 +156,17 @@ def test_a_vehicle_that_was_armed_and_never_driven_is_disarmed_when_its_client_d
     assert seen(events, "disarm") == [(499, "")]
 
 
+def test_a_vehicle_that_another_client_armed_is_disarmed_by_a_stop(brushless: Glue) -> None:
+    assert seen(brushless("v 1 0", "t 10", STOP, "t 10"), "disarm") == [(10, "")]
+
+
+def test_a_program_whose_motors_were_stopped_gets_no_hold_again_however_many_follow(brushed: Glue) -> None:
+    others = [line for owner in range(100, 107) for line in (alive(owner), "t 1", STOP, "t 1")]
+    events = brushed("v 1 0", alive(), "t 1", STOP, "t 1", *others, alive(), thrust(9000), "t 5")
+
+    assert not any("9000" in told for _, told in seen(events, "motors"))
+
+
 def test_an_armed_vehicle_waits_for_its_first_thrust(brushless: Glue) -> None:
     assert seen(brushless("v 1 0", alive(), "t 300"), "disarm") == []
 
@@ -166,7 +177,7 @@ def test_a_brushed_vehicle_is_never_disarmed_and_its_idle_thrust_never_touched(b
     assert seen(events, "disarm") == seen(events, "idle") == []
 
 
-@pytest.mark.parametrize(("command", "off"), [(3499, False), (3500, True), (7000, True), (65535, True)])
+@pytest.mark.parametrize(("command", "off"), [(4255, False), (4256, True), (7000, True), (65535, True)])
 def test_idle_thrust_goes_only_while_every_motor_turns_fast_enough_without_it(
     brushless: Glue, command: int, off: bool
 ) -> None:

@@ -1,5 +1,6 @@
 """Motors under a supervisor with states over time: arming, states that end a run, stops that are confirmed."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ def test_a_brushless_vehicle_is_armed_driven_and_left_as_it_was_found(tmp_path: 
 @pytest.mark.parametrize("time_constant_s", [0.02, 0.1, 0.3])
 def test_pauses_of_a_staircase_lock_no_brushless_vehicle(tmp_path: Path, time_constant_s: float) -> None:
     flight = Flight(tmp_path, time_constant_s=time_constant_s, platform="cf21bl")
-    stairs = Staircase(steps=(0, 3500, 9000, 60000), motors=ALL, hold_s=1.5, rest_s=1.0)
+    stairs = Staircase(steps=(0, 4256, 9000, 60000), motors=ALL, hold_s=1.5, rest_s=1.0)
     run, failure = flight.record(
         [flight.commands(), flight.states()],
         lambda there: climb(stairs, there["commands"], loop=flight.clock, tell=lambda text: None),
@@ -89,7 +90,7 @@ def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp
 
 @pytest.mark.parametrize(
     ("motors", "command", "allowed"),
-    [(ALL, 3500, True), (ALL, 3499, False), ((1,), 7000, True), ((1,), 6999, False), ((1, 2, 3), 6999, False)],
+    [(ALL, 4256, True), (ALL, 4255, False), ((1,), 7001, True), ((1,), 7000, False), ((1, 2, 3), 7000, False)],
 )
 def test_commands_that_would_hold_a_rotor_too_slow_are_refused(
     tmp_path: Path, motors: tuple[int, ...], command: int, allowed: bool
@@ -105,7 +106,7 @@ def test_commands_that_would_hold_a_rotor_too_slow_are_refused(
         assert not any(any(commands) for _, commands in flight.motors)
 
 
-@pytest.mark.parametrize(("motor", "amplitude"), [(0, 26501), (1, 23001)])
+@pytest.mark.parametrize(("motor", "amplitude"), [(0, 25745), (1, 23000)])
 def test_a_sine_whose_trough_is_too_slow_is_refused(tmp_path: Path, motor: int, amplitude: int) -> None:
     limits = Limits(idle_thrust=7000)
     with pytest.raises(ConfigError, match="slower than 500 rpm"):
@@ -198,6 +199,31 @@ def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path) -> 
 
 
 @BOTH
+@pytest.mark.parametrize("rest_s", [4.8, 4.9, 4.94, 4.97, 5.0, 5.03, 5.1])
+def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(tmp_path: Path, rest_s: float) -> None:
+    """It lands 2 s after its motors stopped and disarms itself 3 s later, just when the next step may begin."""
+    flight = Flight(tmp_path)
+    stairs = Staircase(steps=(10000, 20000, 30000), motors=ALL, hold_s=0.5, rest_s=rest_s)
+    _, failure = flight.record(
+        [flight.commands(), flight.states()],
+        lambda there: climb(stairs, there["commands"], loop=flight.clock, tell=lambda text: None),
+    )
+
+    assert failure is None
+    starts = [motors for (_, before), (_, motors) in pairwise(flight.motors) if any(motors) and not any(before)]
+    assert starts == [(step,) * 4 for step in stairs.steps]
+
+
+def test_a_vehicle_that_somebody_disarms_in_a_run_is_named_so(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, platform="cf21bl")
+    disarm = encode_packet(Packet(9, 1, b"\x01\x00"))
+    flight.clock.callLater(1.5, lambda: flight.sim.heard(disarm, CLIENT, flight.clock.seconds()))
+    _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=6.0))
+
+    assert isinstance(failure, DeviceError)
+    assert "stopped its motors: it is " in str(failure)
+
+
 def test_older_firmware_is_armed_and_watched_by_its_own_ways(tmp_path: Path, platform: str) -> None:
     flight = Flight(tmp_path, platform=platform, protocol=10)
     run, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=2.0))

@@ -15,6 +15,8 @@ enum {
     REST_US = 1000000, /* from the motors' stop to the byte `a` (C.2.4) */
     MOST_PERIODS = 1 << 22, /* of a larger l a float knows too little: half a period at 2^23 */
     LONGEST_ECHO = 22,
+    DSHOT_SHIFT = 5,
+    DSHOT_NONE = 47,
 };
 
 static const double PI = 3.14159265358979323846;
@@ -386,11 +388,28 @@ static void answer_state(struct cfid_core *core, const struct cfid_packet *reque
     post(core, &state);
 }
 
-/* Takes a keep-alive and returns whether it counts: not while another client's is fresh, and never again from one whose
+static bool is_revoked(const struct cfid_core *core, uint32_t owner)
+{
+    for (int i = 0; i < CFID_REVOKED; i++)
+        if (owner != 0 && core->revoked[i] == owner)
+            return true;
+    return false;
+}
+
+/* Ends an owner's rights, until as many others have followed as there is room for. */
+static void revoke(struct cfid_core *core, uint32_t owner)
+{
+    if (owner == 0 || is_revoked(core, owner))
+        return;
+    core->revoked[core->next_revoked] = owner;
+    core->next_revoked = (uint8_t)((core->next_revoked + 1) % CFID_REVOKED);
+}
+
+/* Takes a keep-alive and returns whether it counts: not while another client's is fresh, and not again from one whose
    motors a stop ended, should it have slept meanwhile. */
 static bool keep_alive(struct cfid_core *core, uint32_t owner, uint64_t now_us)
 {
-    if ((core->heard && owner != core->owner) || (owner != 0 && owner == core->revoked))
+    if ((core->heard && owner != core->owner) || is_revoked(core, owner))
         return false;
     core->heard = true;
     core->owner = owner;
@@ -407,7 +426,7 @@ static void receive_ping(struct cfid_core *core, const struct cfid_packet *reque
         answer_state(core, request, now_us, allowed, counts);
     } else if (request->channel == PING_STOP) { /* whatever its length: a stop that came damaged is still one */
         core->heard = false;
-        core->revoked = core->owner;
+        revoke(core, core->owner);
         core->stopped = true;
         stop(core, STOPPED, now_us);
         answer_state(core, request, now_us, allowed, true);
@@ -436,6 +455,17 @@ void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet,
         receive_ping(core, packet, now_us, vehicle->can_fly);
 }
 
+/* Returns the least command at which a motor turns half as fast as at idle thrust: the supervisor saw at least 1000 rpm
+   there before it let the vehicle run, and takes a rotor below 500 rpm for blocked.
+
+   Speed is taken to be in proportion to the throttle that DSHOT carries, a command's upper 11 bits of which the first 47
+   mean none. */
+static uint16_t slowest_without(uint16_t idle)
+{
+    const int throttle = (idle >> DSHOT_SHIFT) - DSHOT_NONE;
+    return throttle <= 0 ? idle : (uint16_t)((DSHOT_NONE + (throttle + 1) / 2) << DSHOT_SHIFT);
+}
+
 /* What the vehicle shall do besides the commands.
 
    Its setpoint stays fresh until it has left Flying: there the supervisor locks it when a setpoint grows old that any
@@ -444,8 +474,7 @@ void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet,
    A vehicle that has to be armed is disarmed when its motors stop. Rotors that coast down from idle thrust would pass
    1 to 499 rpm, where the supervisor, if it lets them run, takes them for blocked ones and locks the vehicle.
 
-   For the same reason a motor at zero beside running ones keeps its idle thrust, and so does one below half of it: the
-   supervisor saw at least 1000 rpm at idle thrust before it let the vehicle run, so half of it gives 500. */
+   For the same reason a motor at zero beside running ones keeps its idle thrust, and so does one below half of it. */
 static void give_orders(struct cfid_core *core, const struct cfid_vehicle *vehicle, struct cfid_orders *orders)
 {
     bool runs = core->sine.stage == PLAYING;
@@ -457,7 +486,8 @@ static void give_orders(struct cfid_core *core, const struct cfid_vehicle *vehic
     memcpy(orders->commands, core->commands, sizeof core->commands);
     orders->holds = core->heard;
     orders->feeds = core->heard || (core->fed && vehicle->flying);
-    orders->idles_off = core->heard && vehicle->can_fly && vehicle->idle > 0 && 2 * slowest >= vehicle->idle;
+    orders->idles_off = core->heard && vehicle->can_fly && vehicle->idle > 0 &&
+                        slowest >= slowest_without(vehicle->idle);
     orders->disarms = vehicle->needs_arming &&
                       (core->stopped || (core->ran && !runs) || (core->held && !core->heard));
     core->held = core->heard;

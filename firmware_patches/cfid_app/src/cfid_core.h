@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { CFID_MOTORS = 4, CFID_PAYLOAD = 30, CFID_OUTBOX = 16 };
+enum { CFID_MOTORS = 4, CFID_PAYLOAD = 30, CFID_OUTBOX = 16, CFID_REVOKED = 8 };
 
 enum cfid_service { CFID_THRUST, CFID_SINE, CFID_PING };
 
@@ -61,7 +61,8 @@ struct cfid_core {
     uint64_t alive_us; /* the last keep-alive, while heard */
     bool heard;        /* a keep-alive that is neither too old nor revoked */
     uint32_t owner;    /* of the last keep-alive that counted: a client's random number, 0 for one that has none */
-    uint32_t revoked;  /* the owner that the last stop ended; 0 for none */
+    uint32_t revoked[CFID_REVOKED]; /* the owners that the latest stops ended; 0 for none */
+    uint8_t next_revoked;
     bool held, ran, fed, stopped; /* at the tick before; stopped: a stop came since */
     uint16_t commands[CFID_MOTORS];
     struct cfid_sine sine;
