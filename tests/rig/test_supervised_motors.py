@@ -198,7 +198,6 @@ def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path) -> 
         assert failure is None
 
 
-@BOTH
 @pytest.mark.parametrize("rest_s", [4.8, 4.9, 4.94, 4.97, 5.0, 5.03, 5.1])
 def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(tmp_path: Path, rest_s: float) -> None:
     """It lands 2 s after its motors stopped and disarms itself 3 s later, just when the next step may begin."""
@@ -224,6 +223,7 @@ def test_a_vehicle_that_somebody_disarms_in_a_run_is_named_so(tmp_path: Path) ->
     assert "stopped its motors: it is " in str(failure)
 
 
+@BOTH
 def test_older_firmware_is_armed_and_watched_by_its_own_ways(tmp_path: Path, platform: str) -> None:
     flight = Flight(tmp_path, platform=platform, protocol=10)
     run, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=2.0))
