@@ -418,9 +418,9 @@ def test_an_encoder_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: L
     said = log.ask_to_end()
 
     assert second.code == 3
-    assert f"{lab.port} is held by process {log.process.pid} (cfid log). End that first." in second.err
+    assert f"{lab.port} is held by process {log.process.pid} (cfid log encoder). End that first." in second.err
     assert checked.code == said.code == 0
-    assert f"port            ok       {lab.port} is held by process {log.process.pid} (cfid log)" in checked.out
+    assert f"port            ok       {lab.port} is held by process {log.process.pid} (cfid log encoder)" in checked.out
     check_rows(lab)
     check_nothing_mixed_up(lab)
 

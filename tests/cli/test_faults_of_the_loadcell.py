@@ -416,11 +416,11 @@ def test_a_box_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: Lab) -
     said = log.ask_to_end()
 
     assert second.code == 3
-    assert f"is held by process {log.process.pid} (cfid log). End that first." in second.err
+    assert f"is held by process {log.process.pid} (cfid log loadcell). End that first." in second.err
     assert checked.code == said.code == 0
     assert "settings, HTTP  ok" in checked.out
     assert "reading, TCP    ok" in checked.out
-    assert f"RDT, UDP        ok       held by process {log.process.pid} (cfid log)" in checked.out
+    assert f"RDT, UDP        ok       held by process {log.process.pid} (cfid log loadcell)" in checked.out
     assert lab.facts("loadcell")["gaps"] == []
     check_count(lab)
 

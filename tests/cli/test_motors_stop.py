@@ -295,7 +295,7 @@ def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_moto
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"), [("app", "the vehicle stopped its motors"), ("stock", "its battery is not watched")]
+    ("kind", "told"), [("app", "another program stopped the motors"), ("stock", "its battery is not watched")]
 )
 def test_a_process_that_heeds_no_signal_cannot_keep_the_motors_on(tmp_path: Path, kind: str, told: str) -> None:
     def heed_nothing() -> None:

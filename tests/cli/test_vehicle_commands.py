@@ -122,7 +122,7 @@ def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: 
 
 
 def test_a_link_that_loses_nearly_everything_is_named_as_the_cause(tmp_path: Path) -> None:
-    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": 0.6}) as bench:
+    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": 0.4}) as bench:
         told = refused(bench, "log", "ping", within_s=60.0)
     assert "link loses" in told
 
