@@ -90,10 +90,15 @@ def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int,
             for name, one in made.items():
                 rendered[name].append(one)
         if sum(reasons.values()) > MOST_REJECTED * drawn:
+            itself, _ = _vehicle(joint.shaped(joint.mean), known, targets)
+            cause = (
+                f"The measured values themselves belong to no possible vehicle: {itself}."
+                if itself
+                else "The uncertainties are too large for a normal distribution: measure these again."
+            )
             raise DataError(
                 f"samples: nothing was written. {100 * sum(reasons.values()) / drawn:.0f} % of {drawn} draws are no "
-                f"possible vehicle (limit {100 * MOST_REJECTED:.0f} %): {_told(reasons)}. The uncertainties are too "
-                "large for a normal distribution: measure these again."
+                f"possible vehicle (limit {100 * MOST_REJECTED:.0f} %): {_told(reasons)}. {cause}"
             )
     return Drawn(numbers[:count], {name: made[:count] for name, made in rendered.items()}, drawn, reasons)
 

@@ -209,6 +209,17 @@ def test_what_is_implausible_is_exported_by_force_alone_and_marked(cfid: Cfid, c
     assert "#define ARM_LENGTH 46.0f" in text
 
 
+@pytest.mark.parametrize("target", ["mujoco", "rotorpy", "firmware"])
+def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path, target: str) -> None:
+    impossible = [[16.6e-6, 0.0, 0.0], [0.0, 16.7e-6, 0.0], [0.0, 0.0, 9e-5]]
+    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": impossible}))
+    refused = cfid("export", target, "--out", "-")
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 is that of no body" in " ".join(refused.stderr.split())
+
+    assert "IMPLAUSIBLE: inertia.matrix_kg_m2 is that of no body" in cfid("export", target, "--out", "-", "--force").stdout
+
+
 def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cfid, campaign: Path) -> None:
     whole = sections()["thrust"]
     cubic = "motor.thrust_voltage_poly"

@@ -19,7 +19,7 @@ from cfid.covariances import covariance_between, shaped_as
 from cfid.export import crazyflow, rotorpy
 from cfid.export.samples import with_values
 from cfid.parameters import Parameter, Section, load_sections, store_section
-from tests.export.thesis_vehicle import INERTIA_KG_M2, sections, vehicle
+from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections, vehicle
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -156,6 +156,17 @@ def test_where_over_half_of_the_draws_are_no_vehicle_nothing_is_written(cfid: Cf
     assert "motor.torque_poly does not rise (" in words
     assert "tf.time_constant_s is not above zero (" in words
     assert not (campaign / "exports").exists()
+
+
+def test_measured_values_that_no_vehicle_has_are_blamed_themselves(cfid: Cfid, campaign: Path) -> None:
+    body = [[16.6e-6, 0.0, 0.0], [0.0, 16.7e-6, 0.0], [0.0, 0.0, 9e-5]]
+    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": body}))
+    said = cfid("export", "samples", "--n", "5", "--force")
+
+    words = " ".join(said.stderr.split())
+    assert said.returncode == 4
+    assert "values themselves belong to no possible vehicle: inertia.matrix_kg_m2 is that of no possible body" in words
+    assert "uncertainties are too large" not in words
 
 
 def test_what_should_not_be_exported_is_not_drawn_from_either(cfid: Cfid, campaign: Path) -> None:
