@@ -41,7 +41,7 @@ def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force:
     Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
     """
     from cfid.cli.export import refuse
-    from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed
+    from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
     from cfid.export.target import asked_for, missing
 
     targets = [target for target in (ROTORPY, CRAZYFLOW) if not missing(target, known.vehicle)]
@@ -51,18 +51,22 @@ def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force:
         raise ConfigError(
             f"{there[0]} is there already: nothing was changed. --force overwrites it, --out names another folder."
         )
-    refuse(_everything(known), known, force=force)
+    everything = _everything(known)
+    refuse(everything, known, force=force)
     joint = _joint(known)
     drawn = draw(joint, known, targets, count=count, seed=seed)
     comments = [
         f"{count} vehicles drawn with seed {seed} from what was measured of {known.vehicle.name}.",
         f"{100 * drawn.rejected_share:.1f} % of the draws were no possible vehicle and are not in.",
+        *warnings_of(everything, known.vehicle),
     ]
     texts = {FILES[target.name]: listed(target, drawn.rendered[target.name], comments).encode() for target in targets}
-    _write(folder, {**_tables(joint, drawn, seed), **texts})
+    _write(folder, {**_tables(joint, drawn, seed, comments), **texts})
     for path in paths:
         typer.echo(str(path))
     _report(joint, drawn, count)
+    for sentence in warnings_of(everything, known.vehicle):
+        note(sentence)
     for target in (ROTORPY, CRAZYFLOW):
         if target not in targets:
             needs = "; ".join(asked_for(need) for need in missing(target, known.vehicle))
@@ -180,12 +184,15 @@ def _weighed(quantity: "Quantity") -> "Section":
     )
 
 
-def _tables(joint: "Joint", drawn: Drawn, seed: int) -> dict[str, bytes]:
+def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dict[str, bytes]:
     import csv
 
     import numpy as np
 
+    from cfid.export.wording import HASH, commented
+
     table, packed = io.StringIO(), io.BytesIO()
+    table.write(commented(comments, HASH))
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(joint.names)
     writer.writerows(row.tolist() for row in drawn.numbers)
@@ -197,6 +204,7 @@ def _tables(joint: "Joint", drawn: Drawn, seed: int) -> dict[str, bytes]:
         covariance=joint.covariance,
         rejected_share=np.array(drawn.rejected_share),
         seed=np.array(seed),
+        about=np.array(comments),
     )
     return {"samples.csv": table.getvalue().encode(), "samples.npz": packed.getvalue()}
 

@@ -7,6 +7,7 @@ import subprocess
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from cfid.analysis.possible import impossible
 from cfid.campaign import new_rig_text
 from cfid.covariances import covariance_between, shaped_as
 from cfid.export import crazyflow, rotorpy
-from cfid.export.samples import with_values
+from cfid.export.samples import FILES, with_values
 from cfid.parameters import Parameter, Section, load_sections, store_section
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
 from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections, vehicle
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -61,7 +64,7 @@ def campaign(tmp_path: Path) -> Path:
 
 
 def read_csv(path: Path) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
-    head, *rows = csv.reader(path.read_text().splitlines())
+    head, *rows = csv.reader(line for line in path.read_text().splitlines() if not line.startswith("#"))
     return head, np.array(rows, dtype=np.float64)
 
 
@@ -173,6 +176,34 @@ def test_what_should_not_be_exported_is_not_drawn_from_either(cfid: Cfid, campai
     store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
     assert cfid("export", "samples", "--n", "5").returncode == 4
     assert cfid("export", "samples", "--n", "5", "--force").returncode == 0
+
+
+def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, campaign: Path) -> None:
+    writer = create_run(
+        campaign / "runs",
+        kind="swing",
+        label=Label(axis="x"),
+        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
+        started=datetime(2026, 11, 21, 8, 30, tzinfo=UTC),
+        cfid_version="0",
+        simulated=True,
+    )
+    writer.close("complete")
+    body = uncertain(section(sections()["inertia"].parameters, run=writer.folder.name))
+    store_section(campaign / "parameters.toml", "inertia", body)
+    store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
+    assert cfid("set", "rotor_radius_m", "23.1", "--force").returncode == 0
+    said = cfid("export", "samples", "--n", "5", "--force")
+    assert said.returncode == 0, said.stderr
+
+    folder = campaign / "exports"
+    texts = {name: (folder / name).read_text() for name in ("samples.csv", "samples_rotorpy.py", FILES["crazyflow"])}
+    texts["samples.npz"] = " ".join(np.load(folder / "samples.npz")["about"].tolist())
+    texts["screen"] = " ".join(said.stderr.split())
+    for name, text in texts.items():
+        assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in text, name
+        assert "IMPLAUSIBLE: rotor_radius_m is implausible, 23.1 m: millimetres?" in text, name
+        assert "NOT BELIEVED by its fit: motor.torque_poly." in text, name
 
 
 def test_what_a_target_lacks_leaves_its_list_out_and_says_so(cfid: Cfid, tmp_path: Path) -> None:
