@@ -89,7 +89,8 @@ def test_crazyflow_takes_k_where_the_quadratic_would_pull_down_or_bend_down(poly
 
 
 def test_crazyflows_rotors_stand_around_the_centre_of_mass() -> None:
-    moved = replace(vehicle(), centre_m=(0.002, 0.001, 0.017))  # 1 mm forward, 2 mm to the right
+    known = vehicle()
+    moved = replace(known, centre=replace(known.centre, value=[0.002, 0.001, 0.017]))  # 1 mm forward, 2 mm to the right
     found = toml("crazyflow", moved)["cf2x_L250"]
 
     roll, pitch = (found["L"] * np.array(found["mixing_matrix"][i]) for i in (0, 1))
