@@ -13,6 +13,7 @@ from cfid.errors import ConfigError, DataError
 if TYPE_CHECKING:
     from cfid.analysis.joint import Joint
     from cfid.cli.export import Known
+    from cfid.covariances import Covariance
     from cfid.export.target import Target
     from cfid.export.vehicle import Quantity
     from cfid.parameters import Section
@@ -149,12 +150,13 @@ def _joint(known: "Known") -> "Joint":
     from cfid.analysis.joint import joint_of
     from cfid.parameters import plain
 
-    fits: dict[str, tuple[Section, list[str]]] = {}
-    for quantity in known.vehicle.quantities.values():
-        if quantity.key == "motor.command_of_thrust":  # follows from the map
-            continue
-        if quantity.key == "mass_kg":
-            fits["mass"] = _weighed(quantity), ["mass_kg"]
+    vehicle = known.vehicle
+    fits: dict[str, tuple[Section, list[str]]] = {
+        quantity.key: (_stated(quantity), [quantity.key])
+        for quantity in (vehicle.quantities["mass"], vehicle.centre, vehicle.gravity)
+    }
+    for quantity in vehicle.quantities.values():
+        if quantity.key in ("motor.command_of_thrust", "mass_kg"):  # the former follows from the map
             continue
         holding = [
             (section.believed, section.found, name)
@@ -166,22 +168,34 @@ def _joint(known: "Known") -> "Joint":
     return joint_of(list(fits.values()))
 
 
-def _weighed(quantity: "Quantity") -> "Section":
-    """Return the mass of rig.toml as a fit, with itself as the cause that it shares."""
+def _stated(quantity: "Quantity") -> "Section":
+    """Return what rig.toml states as a fit; the mass, with itself as the cause that it shares."""
     from datetime import UTC, datetime
 
     from cfid.parameters import Parameter, Section
 
-    std = float(quantity.std or 0.0)
+    mass = quantity.key == "mass_kg" and quantity.std is not None
     return Section(
         method="by hand",
         found=datetime.now(UTC),
         cfid_version="",
         believed=True,
         sources=(),
-        parameters={"mass_kg": Parameter(value=quantity.value, std=std, unit="kg")},
-        common={"mass": {"mass_kg": [std]}} if std else {},
+        parameters={quantity.key: Parameter(value=quantity.value, std=quantity.std, unit=quantity.unit)},
+        covariance=_independent(quantity),
+        common={"mass": {"mass_kg": [quantity.std]}} if mass else {},
     )
+
+
+def _independent(quantity: "Quantity") -> "tuple[Covariance, ...]":
+    """Return the covariance of lengths that were measured one by one."""
+    import numpy as np
+
+    from cfid.covariances import covariance_between
+
+    if not isinstance(quantity.std, list):
+        return ()
+    return covariance_between({quantity.key: quantity.value}, np.diag(np.square(quantity.std)))
 
 
 def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dict[str, bytes]:

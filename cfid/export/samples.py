@@ -30,7 +30,10 @@ def with_values(vehicle: Vehicle, values: Mapping[str, Value]) -> Vehicle:
     if "thrust_of_command" in quantities and "thrust_range" in quantities:
         poly, known = quantities["thrust_of_command"].value, quantities["thrust_range"]
         quantities["thrust_range"] = replace(known, value=[_of_map(row, poly) for row in known.value])
-    return replace(vehicle, quantities=quantities)
+    gravity, centre = (
+        replace(known, value=values.get(known.key, known.value)) for known in (vehicle.gravity, vehicle.centre)
+    )
+    return replace(vehicle, quantities=quantities, gravity=gravity, centre=centre)
 
 
 def rendered(target: Target, vehicle: Vehicle) -> Any:

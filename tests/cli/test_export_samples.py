@@ -85,7 +85,7 @@ def test_every_vehicle_that_is_delivered_is_possible_and_the_rejected_share_is_p
     known = {
         key: p.value for s in load_sections(campaign / "parameters.toml").values() for key, p in s.parameters.items()
     }
-    known = {"mass_kg": 0.028, **known}
+    known = {"mass_kg": 0.028, "centre_of_mass_m": [0.0] * 3, "gravity_mps2": 9.81, **known}
     assert len(rows) == 300
     for row in rows:
         values = {
@@ -118,6 +118,33 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
         # The thesis' x is to the right: its yy is about the axis that points forward.
         assert quad["Ixx"] == drone["J"][0][0] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
     assert len({drone["mass"] for drone in drones}) == 20
+
+
+def test_the_centre_of_mass_and_gravity_are_drawn_too(cfid: Cfid, campaign: Path) -> None:
+    rig = campaign / "rig.toml"
+    text = re.sub(r"^centre_of_mass_std_mm = .*$", "", rig.read_text(), flags=re.MULTILINE)
+    text = re.sub(r"^gravity_std_mps2 = .*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^centre_of_mass_mm = .*$", r"\g<0>\ncentre_of_mass_std_mm = [0.5, 0.4, 0.3]", text, count=1, flags=re.M)
+    text = re.sub(r"^gravity_mps2 = .*$", r"\g<0>\ngravity_std_mps2 = 0.002", text, flags=re.M)
+    rig.write_text(text)
+    said = cfid("export", "samples", "--n", "400", "--seed", "3")
+    assert said.returncode == 0, said.stderr
+
+    head, rows = read_csv(campaign / "exports" / "samples.csv")
+    names = [*(f"centre_of_mass_m [{i}]" for i in range(3)), "gravity_mps2"]
+    spread = [rows[:, head.index(name)].std() for name in names]
+    assert spread == pytest.approx([5e-4, 4e-4, 3e-4, 2e-3], rel=0.15)
+    drones = json.loads((campaign / "exports" / FILES["crazyflow"]).read_text())["drones"]
+    assert len({drone["mixing_matrix"][0][0] for drone in drones}) == 400
+    assert not re.search(r"(no uncertainty|no covariance) is k\w+ of [^:]*(centre|gravity)", " ".join(said.stderr.split()))
+
+
+def test_a_gravity_without_an_uncertainty_is_listed_as_constant(cfid: Cfid, campaign: Path) -> None:
+    rig = campaign / "rig.toml"
+    rig.write_text(re.sub(r"^gravity_std_mps2 = .*$", "", rig.read_text(), flags=re.MULTILINE))
+    words = " ".join(cfid("export", "samples", "--n", "5").stderr.split())
+
+    assert "no uncertainty is known of gravity_mps2: the same in every vehicle" in words
 
 
 def test_a_drawn_vehicle_is_rendered_by_the_targets_themselves() -> None:
