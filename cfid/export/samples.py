@@ -56,7 +56,8 @@ def warnings_of(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
 def listed(target: Target, drawn: Sequence[Any], comments: Iterable[str]) -> str:
     """Return the file with all of them."""
     if target is ROTORPY:
-        return f"{commented(comments, HASH)}\nimport numpy as np\n\nQUADS = [\n{''.join(f'{text},{chr(10)}' for text in drawn)}]\n"
+        head = commented(comments, HASH)
+        return f"{head}\nimport numpy as np\n\nQUADS = [\n{''.join(f'{text},{chr(10)}' for text in drawn)}]\n"
     return json.dumps({"written_by": f"cfid {__version__}", "about": list(comments), "drones": list(drawn)}) + "\n"
 
 

@@ -140,9 +140,7 @@ def collect(
             quantities[name] = _quantity(*found, simulated, stale)
             givers[found[0]] = found[1]
     best = {key: _best(sections, key) for section in sections.values() for key in section.parameters}
-    others = [
-        _quantity(key, name, sections[name], simulated, stale) for key, name in best.items() if key not in givers
-    ]
+    others = [_quantity(key, name, sections[name], simulated, stale) for key, name in best.items() if key not in givers]
     further = {
         name: [
             _quantity(key, name, section, simulated, stale)

@@ -252,7 +252,9 @@ def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid,
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 is that of no body" in " ".join(refused.stderr.split())
 
-    assert "IMPLAUSIBLE: inertia.matrix_kg_m2 is that of no body" in cfid("export", target, "--out", "-", "--force").stdout
+    assert (
+        "IMPLAUSIBLE: inertia.matrix_kg_m2 is that of no body" in cfid("export", target, "--out", "-", "--force").stdout
+    )
 
 
 def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cfid, campaign: Path) -> None:

@@ -50,8 +50,10 @@ def uncertain(section: Section, std: Mapping[str, Any] = STD) -> Section:
     inertia = "inertia.matrix_kg_m2"
     if inertia not in parameters:
         return replace(section, parameters=parameters)
+    parameters[inertia] = replace(parameters[inertia], std=[[BODY] * 3] * 3)
     covariance = BODY**2 * (0.5 * np.eye(6) + 0.5 * np.ones((6, 6)))
-    return replace(section, covariance=covariance_between({inertia: INERTIA_KG_M2}, covariance))
+    block = covariance_between({inertia: INERTIA_KG_M2}, covariance)
+    return replace(section, parameters=parameters, covariance=block)
 
 
 @pytest.fixture
@@ -124,7 +126,9 @@ def test_the_centre_of_mass_and_gravity_are_drawn_too(cfid: Cfid, campaign: Path
     rig = campaign / "rig.toml"
     text = re.sub(r"^centre_of_mass_std_mm = .*$", "", rig.read_text(), flags=re.MULTILINE)
     text = re.sub(r"^gravity_std_mps2 = .*$", "", text, flags=re.MULTILINE)
-    text = re.sub(r"^centre_of_mass_mm = .*$", r"\g<0>\ncentre_of_mass_std_mm = [0.5, 0.4, 0.3]", text, count=1, flags=re.M)
+    text = re.sub(
+        r"^centre_of_mass_mm = .*$", r"\g<0>\ncentre_of_mass_std_mm = [0.5, 0.4, 0.3]", text, count=1, flags=re.M
+    )
     text = re.sub(r"^gravity_mps2 = .*$", r"\g<0>\ngravity_std_mps2 = 0.002", text, flags=re.M)
     rig.write_text(text)
     said = cfid("export", "samples", "--n", "400", "--seed", "3")
@@ -136,7 +140,9 @@ def test_the_centre_of_mass_and_gravity_are_drawn_too(cfid: Cfid, campaign: Path
     assert spread == pytest.approx([5e-4, 4e-4, 3e-4, 2e-3], rel=0.15)
     drones = json.loads((campaign / "exports" / FILES["crazyflow"]).read_text())["drones"]
     assert len({drone["mixing_matrix"][0][0] for drone in drones}) == 400
-    assert not re.search(r"(no uncertainty|no covariance) is k\w+ of [^:]*(centre|gravity)", " ".join(said.stderr.split()))
+    assert not re.search(
+        r"(no uncertainty|no covariance) is k\w+ of [^:]*(centre|gravity)", " ".join(said.stderr.split())
+    )
 
 
 def test_a_gravity_without_an_uncertainty_is_listed_as_constant(cfid: Cfid, campaign: Path) -> None:
@@ -247,3 +253,15 @@ def test_numbers_and_seeds_go_with_samples_alone(cfid: Cfid, campaign: Path) -> 
 
     assert said.returncode == 2
     assert "go with `cfid export samples`" in said.stderr
+
+
+def test_samples_need_a_folder_and_uncertainties_that_are_sizes(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "samples", "--n", "5", "--out", "-")
+    assert (said.returncode, "--out names a folder" in said.stderr) == (2, True)
+    assert not (campaign / "-").exists()
+
+    path = campaign / "parameters.toml"
+    path.write_text(path.read_text().replace("std = 0.0001\n", "std = -0.05\n"))
+    negative = cfid("export", "samples", "--n", "5")
+    assert negative.returncode == 4
+    assert "parameters.arm_m.std: should not be below zero" in " ".join(negative.stderr.split())
