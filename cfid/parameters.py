@@ -174,6 +174,8 @@ def bent(section: Section) -> str:
     for key, parameter in section.parameters.items():
         if said := misshapen(key, parameter.value, parameter.std):
             return f"parameters.{key}: {said}"
+        if any(number < 0 for number in _numbers(parameter.std)):
+            return f"parameters.{key}.std: should not be below zero"
     values = {key: parameter.value for key, parameter in section.parameters.items()}
     for number, covariance in enumerate(section.covariance):
         if said := covariance_fault(covariance, values):
@@ -182,6 +184,14 @@ def bent(section: Section) -> str:
         if said := common_fault(effects, values):
             return f"common.{cause}: {said}"
     return ""
+
+
+def _numbers(value: Value) -> Iterator[float]:
+    if isinstance(value, list):
+        for item in value:
+            yield from _numbers(item)
+    elif isinstance(value, int | float):
+        yield value
 
 
 def _table(section: Section) -> dict[str, Any]:

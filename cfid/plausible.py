@@ -15,7 +15,11 @@ _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
     "N": {1e-3: "millinewtons", 9.81e-3: "grams of thrust"},
     "kg m^2": {1e-9: "g mm^2", 1e-7: "g cm^2", 1e-6: "kg mm^2", 1e-3: "g m^2"},
     "N s^2/rad^2": {(60 / (2 * math.pi)) ** 2: "N/rpm^2"},
+    "m/s^2": {1e-2: "cm/s^2", 9.81: "multiples of g"},
 }
+
+_INERTIA = "inertia.matrix_kg_m2"
+_ROUNDING = 1e-9  # of a matrix' trace
 
 
 @dataclass(frozen=True)
@@ -33,17 +37,19 @@ RANGES: Mapping[str, Range] = {
     "arm_m": Range(0.015, 0.3, "m"),
     "rotor_radius_m": Range(0.005, 0.15, "m"),
     "rotor_inertia_kg_m2": Range(1e-10, 1e-5, "kg m^2"),
-    "inertia.matrix_kg_m2": Range(5e-7, 2e-2, "kg m^2"),  # of its diagonal
+    _INERTIA: Range(5e-7, 2e-2, "kg m^2"),  # of its diagonal
     "motor.max_thrust_n": Range(0.01, 10.0, "N"),
     "motor.thrust_per_speed_squared_n_s2": Range(1e-9, 1e-5, "N s^2/rad^2"),
     "tf.time_constant_s": Range(1e-3, 1.0, "s"),
+    "gravity_mps2": Range(9.7, 9.9, "m/s^2"),  # on earth: 9.76 on Huascaran, 9.83 at the poles
 }
 
 
 def implausible(key: str, value: Any) -> str:
     """Return what is implausible about a quantity's value as a sentence, with a guess of its unit; "" where nothing.
 
-    Of a matrix the diagonal is judged. Keys without a range pass, and so does what is no number.
+    Of a matrix the diagonal is judged, and an inertia matrix has to be that of a possible body. Keys without a range
+    pass, and so does what is no number.
     """
     if key not in RANGES:
         return ""
@@ -55,7 +61,22 @@ def implausible(key: str, value: Any) -> str:
                 f"{key} is implausible, {_shown(number)} {found.unit}{f': {guess}?' if guess else '.'} "
                 f"Expected {found.least:g} to {found.largest:g} {found.unit}."
             )
-    return ""
+    return _body_fault(key, value) if key == _INERTIA else ""
+
+
+def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
+    """Return why a vehicle with its centre of mass (3,) there cannot hover, "" where it can; x and y count.
+
+    The rotors stand in a square, a diagonal arm from the middle, and push upwards only.
+    """
+    side = arm_m / math.sqrt(2)
+    if all(abs(length) < side for length in centre_m[:2]):
+        return ""
+    x, y = (1e3 * length for length in centre_m[:2])
+    return (
+        f"centre_of_mass_mm is implausible, x = {x:.1f} mm and y = {y:.1f} mm: beyond the rotors. Expected within "
+        f"{1e3 * side:.1f} mm of the middle, with an arm of {1e3 * arm_m:.1f} mm."
+    )
 
 
 def cubic_fault(lowest_first: Sequence[float], *, least_n: float = 0.01) -> str:
@@ -90,6 +111,21 @@ def _judged(value: Any) -> list[float]:
         value = [row[i] for i, row in enumerate(value)]
     numbers = value if isinstance(value, list) else [value]
     return [number for number in numbers if isinstance(number, int | float)]
+
+
+def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
+    """Return why an inertia matrix (3, 3) is that of no body: its second moments have to be positive definite [WKS]."""
+    trace = sum(matrix[i][i] for i in range(3))
+    if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in ((0, 1), (0, 2), (1, 2))):
+        return f"{key} is that of no body: it is not symmetric."
+    (a, b, c), (_, d, e), (_, _, f) = ([(i == j) - 2 * matrix[i][j] / trace for j in range(3)] for i in range(3))
+    if min(a, a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) > 0:
+        return ""
+    diagonal = ", ".join(f"{matrix[i][i]:.3g}" for i in range(3))
+    return (
+        f"{key} is that of no body (diagonal {diagonal} kg m^2): each principal moment has to be below the sum of the "
+        "other two."
+    )
 
 
 def _guess(number: float, expected: Range) -> str:

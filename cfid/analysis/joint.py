@@ -18,6 +18,7 @@ from cfid.parameters import Section, plain
 Array = npt.NDArray[np.float64]
 
 _NEGATIVE = 1e-6  # of the largest eigenvalue of the correlations: what is below zero by less is rounding
+_DIFFERENT = 0.01  # of a standard uncertainty, from where a covariance states another one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,10 @@ class Joint:
 
 
 def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
-    """Return the joint distribution of some parameters of fits; each parameter is taken from one fit alone."""
+    """Return the joint distribution of some parameters of fits; each parameter is taken from one fit alone.
+
+    Raises DataError for a covariance that contradicts its parameter's std, and for a std whose square is no number.
+    """
     values = {key: plain(section.parameters[key].value) for section, keys in fits for key in keys}
     places: dict[str, slice] = {}
     end = 0
@@ -73,7 +77,7 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
     covered: set[str] = set()
     for section, keys in fits:
         for key in keys:
-            covariance[places[key], places[key]] = np.diag(_std(section, key) ** 2)
+            covariance[places[key], places[key]] = np.diag(_variances(section, key))
     effects = _effects(fits, places, end)
     shared = sum((np.outer(effect, effect) for effect in effects), np.zeros((end, end)))
     for one in places.values():
@@ -86,6 +90,8 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
             own = _own_places(section, block.of, inside)
             there = np.concatenate([np.arange(end)[places[key]] for key in inside] or [np.arange(0)])
             covariance[np.ix_(there, there)] = np.array(block.matrix)[np.ix_(own, own)]
+            for key in inside:
+                _refuse_contradiction(section, key, np.diag(covariance)[places[key]])
     uncertain = [key for key in values if np.any(np.diag(covariance)[places[key]] > 0)]
     return Joint(
         values=values,
@@ -95,6 +101,24 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
         exact=tuple(key for key in values if key not in uncertain),
         independent=tuple(key for key in uncertain if key not in covered and places[key].stop - places[key].start > 1),
     )
+
+
+def _variances(section: Section, key: str) -> Array:
+    with np.errstate(over="ignore"):
+        found = _std(section, key) ** 2
+    if not np.isfinite(found).all():
+        raise DataError(f"parameters.toml: the std of {key} is too large to be one: its square is no number.")
+    return found
+
+
+def _refuse_contradiction(section: Section, key: str, variances: Array) -> None:
+    """Raise DataError where the diagonal of a covariance is not what a parameter's std states, if it states one."""
+    std = _std(section, key)
+    if section.parameters[key].std is not None and not np.allclose(np.sqrt(variances), std, rtol=_DIFFERENT, atol=0):
+        raise DataError(
+            f"parameters.toml: the std of {key} and the diagonal of its covariance contradict each other. Expected the "
+            "square root of the diagonal: fit again."
+        )
 
 
 def _std(section: Section, key: str) -> Array:

@@ -59,6 +59,8 @@ def export(
     if target == SAMPLES:
         from cfid.cli.export_samples import write_samples
 
+        if out == "-":
+            raise ConfigError("samples are several files: --out names a folder, and - is none.")
         folder = Path(out) if out else found.folder / FOLDER
         write_samples(known, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
         return

@@ -13,6 +13,7 @@ from cfid.errors import ConfigError, DataError
 if TYPE_CHECKING:
     from cfid.analysis.joint import Joint
     from cfid.cli.export import Known
+    from cfid.covariances import Covariance
     from cfid.export.target import Target
     from cfid.export.vehicle import Quantity
     from cfid.parameters import Section
@@ -41,7 +42,7 @@ def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force:
     Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
     """
     from cfid.cli.export import refuse
-    from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed
+    from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
     from cfid.export.target import asked_for, missing
 
     targets = [target for target in (ROTORPY, CRAZYFLOW) if not missing(target, known.vehicle)]
@@ -51,18 +52,22 @@ def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force:
         raise ConfigError(
             f"{there[0]} is there already: nothing was changed. --force overwrites it, --out names another folder."
         )
-    refuse(_everything(known), known, force=force)
+    everything = _everything(known)
+    refuse(everything, known, force=force)
     joint = _joint(known)
     drawn = draw(joint, known, targets, count=count, seed=seed)
     comments = [
         f"{count} vehicles drawn with seed {seed} from what was measured of {known.vehicle.name}.",
         f"{100 * drawn.rejected_share:.1f} % of the draws were no possible vehicle and are not in.",
+        *warnings_of(everything, known.vehicle),
     ]
     texts = {FILES[target.name]: listed(target, drawn.rendered[target.name], comments).encode() for target in targets}
-    _write(folder, {**_tables(joint, drawn, seed), **texts})
+    _write(folder, {**_tables(joint, drawn, seed, comments), **texts})
     for path in paths:
         typer.echo(str(path))
     _report(joint, drawn, count)
+    for sentence in warnings_of(everything, known.vehicle):
+        note(sentence)
     for target in (ROTORPY, CRAZYFLOW):
         if target not in targets:
             needs = "; ".join(asked_for(need) for need in missing(target, known.vehicle))
@@ -90,10 +95,15 @@ def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int,
             for name, one in made.items():
                 rendered[name].append(one)
         if sum(reasons.values()) > MOST_REJECTED * drawn:
+            itself, _ = _vehicle(joint.shaped(joint.mean), known, targets)
+            cause = (
+                f"The measured values themselves belong to no possible vehicle: {itself}."
+                if itself
+                else "The uncertainties are too large for a normal distribution: measure these again."
+            )
             raise DataError(
                 f"samples: nothing was written. {100 * sum(reasons.values()) / drawn:.0f} % of {drawn} draws are no "
-                f"possible vehicle (limit {100 * MOST_REJECTED:.0f} %): {_told(reasons)}. The uncertainties are too "
-                "large for a normal distribution: measure these again."
+                f"possible vehicle (limit {100 * MOST_REJECTED:.0f} %): {_told(reasons)}. {cause}"
             )
     return Drawn(numbers[:count], {name: made[:count] for name, made in rendered.items()}, drawn, reasons)
 
@@ -140,12 +150,13 @@ def _joint(known: "Known") -> "Joint":
     from cfid.analysis.joint import joint_of
     from cfid.parameters import plain
 
-    fits: dict[str, tuple[Section, list[str]]] = {}
-    for quantity in known.vehicle.quantities.values():
-        if quantity.key == "motor.command_of_thrust":  # follows from the map
-            continue
-        if quantity.key == "mass_kg":
-            fits["mass"] = _weighed(quantity), ["mass_kg"]
+    vehicle = known.vehicle
+    fits: dict[str, tuple[Section, list[str]]] = {
+        quantity.key: (_stated(quantity), [quantity.key])
+        for quantity in (vehicle.quantities["mass"], vehicle.centre, vehicle.gravity)
+    }
+    for quantity in vehicle.quantities.values():
+        if quantity.key in ("motor.command_of_thrust", "mass_kg"):  # the former follows from the map
             continue
         holding = [
             (section.believed, section.found, name)
@@ -157,30 +168,45 @@ def _joint(known: "Known") -> "Joint":
     return joint_of(list(fits.values()))
 
 
-def _weighed(quantity: "Quantity") -> "Section":
-    """Return the mass of rig.toml as a fit, with itself as the cause that it shares."""
+def _stated(quantity: "Quantity") -> "Section":
+    """Return what rig.toml states as a fit; the mass, with itself as the cause that it shares."""
     from datetime import UTC, datetime
 
     from cfid.parameters import Parameter, Section
 
-    std = float(quantity.std or 0.0)
+    mass = quantity.key == "mass_kg" and quantity.std is not None
     return Section(
         method="by hand",
         found=datetime.now(UTC),
         cfid_version="",
         believed=True,
         sources=(),
-        parameters={"mass_kg": Parameter(value=quantity.value, std=std, unit="kg")},
-        common={"mass": {"mass_kg": [std]}} if std else {},
+        parameters={quantity.key: Parameter(value=quantity.value, std=quantity.std, unit=quantity.unit)},
+        covariance=_independent(quantity),
+        common={"mass": {"mass_kg": [quantity.std]}} if mass else {},
     )
 
 
-def _tables(joint: "Joint", drawn: Drawn, seed: int) -> dict[str, bytes]:
+def _independent(quantity: "Quantity") -> "tuple[Covariance, ...]":
+    """Return the covariance of lengths that were measured one by one."""
+    import numpy as np
+
+    from cfid.covariances import covariance_between
+
+    if not isinstance(quantity.std, list):
+        return ()
+    return covariance_between({quantity.key: quantity.value}, np.diag(np.square(quantity.std)))
+
+
+def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dict[str, bytes]:
     import csv
 
     import numpy as np
 
+    from cfid.export.wording import HASH, commented
+
     table, packed = io.StringIO(), io.BytesIO()
+    table.write(commented(comments, HASH))
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(joint.names)
     writer.writerows(row.tolist() for row in drawn.numbers)
@@ -192,6 +218,7 @@ def _tables(joint: "Joint", drawn: Drawn, seed: int) -> dict[str, bytes]:
         covariance=joint.covariance,
         rejected_share=np.array(drawn.rejected_share),
         seed=np.array(seed),
+        about=np.array(comments),
     )
     return {"samples.csv": table.getvalue().encode(), "samples.npz": packed.getvalue()}
 

@@ -82,6 +82,11 @@ def set_by_hand(
         return
     number = _number(value, name)
     _check(name, number, std, force=force)
+    if unit and _unit_of(name) not in ("", unit):
+        raise ConfigError(
+            f"{name} is in {_unit_of(name)}, as its name states, and --unit says {unit}: convert the value, or leave "
+            "--unit out. Nothing was changed."
+        )
     found = here(campaign)
     into = _into_rig if name in _IN_RIG else partial(_into_parameters, unit=unit)
     where = into(found, name, number, std)

@@ -29,6 +29,7 @@ def write(vehicle: Vehicle) -> str:
     spin = vehicle.quantities["rotor_inertia"].value if "rotor_inertia" in vehicle else 0.0
     drag_words = "N/(m/s) with four rotors hovering" if "drag" in vehicle else "NOT MEASURED: zero switches drag off"
     spin_words = "kg m^2" if "rotor_inertia" in vehicle else "NOT MEASURED: zero leaves out the rotors' own inertia"
+    _, *rising_torque = rpm_to_torque(vehicle)  # what is constant cancels between rotors that turn left and right
     least = float(vehicle["thrust_range"][0]["thrust_min_n"])
     diagonal = [[-drag[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     return f"""
@@ -40,7 +41,7 @@ thrust_max = {number(vehicle["max_thrust"])}  # N of one motor
 L = {number(arm_per_axis_m(vehicle))}  # m, distance from the forward and the left axis: the diagonal arm / sqrt(2)
 prop_inertia = {number(spin)}  # {spin_words}
 rpm2thrust = [{numbers(rpm_to_thrust(vehicle))}]  # N of one motor, power 0, 1, 2 of rpm
-rpm2torque = [{numbers(rpm_to_torque(vehicle))}]  # N m of one motor, power 0, 1, 2 of rpm
+rpm2torque = [{numbers((0.0, *rising_torque))}]  # N m of one motor, power 0, 1, 2 of rpm; none at rest
 rotor_dyn_coef = [{numbers(rotor_coefficients(vehicle))}]  # rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)
 mixing_matrix = {rows(_mixing(vehicle))}  # m1 to m4: roll and pitch in units of L about the centre of mass, yaw
 drag_matrix = {rows(diagonal)}  # {drag_words}

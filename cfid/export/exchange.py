@@ -26,7 +26,7 @@ from cfid.export.vehicle import SOURCES, Quantity, Vehicle
 from cfid.parameters import Value, plain
 
 FORMAT = "cfid-vehicle-1"
-_DIRECTIONAL = ("inertia.", "drag.")  # keys whose numbers belong to the campaign's body axes
+_DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # keys whose numbers belong to the campaign's body axes
 _DEPENDENCES = ("covariance", "common")
 _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
@@ -46,6 +46,10 @@ def write(vehicle: Vehicle) -> str:
             "campaign_to_vehicle": [[axis[row] for axis in axes] for row in range(3)],
         },
         "quantities": {quantity.key: _entry(quantity, vehicle) for quantity in _all(vehicle)},
+        "further": {
+            section: {quantity.key: _entry(quantity, vehicle) for quantity in found}
+            for section, found in vehicle.further.items()
+        },
         "covariance": plain(vehicle.covariance),
         "rotors": _rotors(vehicle),
         "at_hovering": _at_hovering(vehicle),
@@ -65,7 +69,8 @@ def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
 
 def _all(vehicle: Vehicle) -> list[Quantity]:
     """Return every quantity once: as exports take them, then what no export takes."""
-    taken = {quantity.key: quantity for quantity in vehicle.quantities.values()}
+    known = (*vehicle.quantities.values(), vehicle.gravity, vehicle.centre)
+    taken = {quantity.key: quantity for quantity in known}
     return list((taken | {q.key: q for q in vehicle.others if q.key not in taken}).values())
 
 

@@ -7,7 +7,7 @@ from cfid.errors import DataError
 from cfid.export.target import Target, taken
 from cfid.export.vehicle import SOURCES, Quantity, Stale, Vehicle
 from cfid.parameters import Section
-from cfid.plausible import implausible
+from cfid.plausible import centre_fault, implausible
 
 
 def refuse_rejected(target: Target, vehicle: Vehicle, sections: Mapping[str, Section]) -> None:
@@ -23,7 +23,8 @@ def objections(
     target: Target, vehicle: Vehicle, sections: Mapping[str, Section], *, stale: Stale = lambda _: ()
 ) -> tuple[str, ...]:
     """Return why what a target takes should not be exported, a sentence each; none where nothing speaks against it."""
-    return tuple(said for quantity in taken(target, vehicle) for said in _against(quantity, sections, stale))
+    against = [said for quantity in taken(target, vehicle) for said in _against(quantity, sections, stale)]
+    return (*against, *filter(None, (_gravity_fault(vehicle), _centre_fault(vehicle))))
 
 
 def marked(vehicle: Vehicle, sections: Mapping[str, Section]) -> Vehicle:
@@ -36,7 +37,24 @@ def marked(vehicle: Vehicle, sections: Mapping[str, Section]) -> Vehicle:
         ]
         caveat = " ".join([*([quantity.caveat] if quantity.caveat else []), *marks])
         quantities[name] = replace(quantity, caveat=caveat)
-    return replace(vehicle, quantities=quantities)
+    return replace(
+        vehicle,
+        quantities=quantities,
+        gravity=_with_mark(vehicle.gravity, _gravity_fault(vehicle)),
+        centre=_with_mark(vehicle.centre, _centre_fault(vehicle)),
+    )
+
+
+def _with_mark(quantity: Quantity, fault: str) -> Quantity:
+    return replace(quantity, caveat=f"IMPLAUSIBLE: {fault}") if fault else quantity
+
+
+def _gravity_fault(vehicle: Vehicle) -> str:
+    return implausible(vehicle.gravity.key, vehicle.gravity.value)
+
+
+def _centre_fault(vehicle: Vehicle) -> str:
+    return centre_fault(vehicle.centre_m, vehicle["arm"]) if "arm" in vehicle else ""
 
 
 def _against(quantity: Quantity, sections: Mapping[str, Section], stale: Stale) -> Iterator[str]:

@@ -10,8 +10,9 @@ from typing import Any
 from cfid import __version__
 from cfid.export import crazyflow, rotorpy
 from cfid.export.hover import value_of
-from cfid.export.target import Target
+from cfid.export.target import Target, caveats, doubted, simulated
 from cfid.export.vehicle import Vehicle
+from cfid.export.wording import HASH, commented
 from cfid.parameters import Value
 
 ROTORPY, CRAZYFLOW = rotorpy.TARGET, crazyflow.TARGET
@@ -29,7 +30,10 @@ def with_values(vehicle: Vehicle, values: Mapping[str, Value]) -> Vehicle:
     if "thrust_of_command" in quantities and "thrust_range" in quantities:
         poly, known = quantities["thrust_of_command"].value, quantities["thrust_range"]
         quantities["thrust_range"] = replace(known, value=[_of_map(row, poly) for row in known.value])
-    return replace(vehicle, quantities=quantities)
+    gravity, centre = (
+        replace(known, value=values.get(known.key, known.value)) for known in (vehicle.gravity, vehicle.centre)
+    )
+    return replace(vehicle, quantities=quantities, gravity=gravity, centre=centre)
 
 
 def rendered(target: Target, vehicle: Vehicle) -> Any:
@@ -41,10 +45,18 @@ def rendered(target: Target, vehicle: Vehicle) -> Any:
     return _dictionary(text) if target is ROTORPY else next(iter(tomllib.loads(text).values()))
 
 
+def warnings_of(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what marks the quantities that were drawn from: simulated, implausible, rejected or doubtful ones."""
+    of_no_vehicle = simulated(target, vehicle)
+    marks = [f"SIMULATED, no vehicle was measured: {', '.join(of_no_vehicle)}."] if of_no_vehicle else []
+    unaccepted = [f"NOT BELIEVED by its fit: {key}." for key in doubted(target, vehicle)]
+    return (*marks, *caveats(target, vehicle), *unaccepted)
+
+
 def listed(target: Target, drawn: Sequence[Any], comments: Iterable[str]) -> str:
     """Return the file with all of them."""
     if target is ROTORPY:
-        head = "".join(f"# {line}\n" for line in comments)
+        head = commented(comments, HASH)
         return f"{head}\nimport numpy as np\n\nQUADS = [\n{''.join(f'{text},{chr(10)}' for text in drawn)}]\n"
     return json.dumps({"written_by": f"cfid {__version__}", "about": list(comments), "drones": list(drawn)}) + "\n"
 

@@ -104,7 +104,7 @@ def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
 
 def caveats(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return what has to be known of what a target takes, a sentence each."""
-    said = [f"{q.key}: {q.caveat}" for q in taken(target, vehicle) if q.caveat]
+    said = [f"{q.key}: {q.caveat}" for q in (*taken(target, vehicle), *_marked_in_rig(vehicle)) if q.caveat]
     return (*said, *(line.strip() for line in _hovering(vehicle) if "EXTRAPOLATED" in line))
 
 
@@ -130,7 +130,7 @@ def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
         yield "Nothing here has a direction: nothing was turned."
     yield ""
     yield "Measured, one standard deviation behind +- , in the body frame of the campaign (not turned):"
-    for quantity in taken(target, vehicle):
+    for quantity in (*taken(target, vehicle), *_marked_in_rig(vehicle)):
         yield from _told(quantity)
     yield from _hovering(vehicle)
     lacking = left_out(target, vehicle)
@@ -142,6 +142,11 @@ def _heading(target: Target, vehicle: Vehicle) -> Iterator[str]:
     if target.notes:
         yield ""
         yield from target.notes
+
+
+def _marked_in_rig(vehicle: Vehicle) -> Sequence[Quantity]:
+    """Return which of gravity and the centre of mass need a comment."""
+    return [quantity for quantity in (vehicle.gravity, vehicle.centre) if quantity.caveat]
 
 
 def _no_place(target: Target, vehicle: Vehicle) -> Iterator[str]:

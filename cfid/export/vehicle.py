@@ -77,17 +77,19 @@ class Quantity:
 class Vehicle:
     """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
 
-    `centre_m` is the centre of mass (3,) from the vehicle's middle, on the table it stands on. `others` are the
-    quantities that no target takes, `covariance` has by section what parameters.toml says of numbers that depend on
+    `gravity` and `centre` are what rig.toml states, the latter the centre of mass (3,) in m from the vehicle's middle,
+    on the table it stands on. `others` are the quantities that no target takes, `further` has by section what it says
+    of keys that another section gave. `covariance` has by section what parameters.toml says of numbers that depend on
     each other.
     """
 
     name: str
     frame: BodyFrame
-    gravity_mps2: float
-    centre_m: tuple[float, float, float]
+    gravity: Quantity
+    centre: Quantity
     quantities: Mapping[str, Quantity]
     others: Sequence[Quantity] = ()
+    further: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
     covariance: Mapping[str, Value] = field(default_factory=dict)
 
     def __contains__(self, name: str) -> bool:
@@ -97,6 +99,16 @@ class Vehicle:
     def __getitem__(self, name: str) -> Value:
         """Return a quantity's value; it has to be known."""
         return self.quantities[name].value
+
+    @property
+    def gravity_mps2(self) -> float:
+        """The acceleration of free fall."""
+        return float(self.gravity.value)
+
+    @property
+    def centre_m(self) -> Sequence[float]:
+        """The centre of mass (3,), in the campaign's axes."""
+        return list(self.centre.value)
 
 
 def collect(
@@ -120,27 +132,32 @@ def collect(
             f"{rig_file}: vehicle.body_frame is missing: say which body axis points forward, left and up "
             '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
         )
-    x, y, z = (0.001 * length for length in rig.vehicle.centre_of_mass_mm)
     quantities: dict[str, Quantity] = {}
+    givers: dict[str, str] = {}
     for name, source in SOURCES.items():
         found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
         if found is not None:
             quantities[name] = _quantity(*found, simulated, stale)
-    taken = {quantity.key for quantity in quantities.values()}
-    others = [
-        _quantity(key, name, sections[name], simulated, stale)
-        for key in dict.fromkeys(key for section in sections.values() for key in section.parameters)
-        if key not in taken
-        for name in [_best(sections, key)]
-    ]
+            givers[found[0]] = found[1]
+    best = {key: _best(sections, key) for section in sections.values() for key in section.parameters}
+    others = [_quantity(key, name, sections[name], simulated, stale) for key, name in best.items() if key not in givers]
+    further = {
+        name: [
+            _quantity(key, name, section, simulated, stale)
+            for key in section.parameters
+            if (best | givers)[key] != name
+        ]
+        for name, section in sections.items()
+    }
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
     return Vehicle(
         name=rig.vehicle.name,
         frame=rig.vehicle.body_frame,
-        gravity_mps2=rig.site.gravity_mps2,
-        centre_m=(x, y, z),
+        gravity=_gravity(rig, rig_file),
+        centre=_centre(rig, rig_file),
         quantities=quantities,
         others=others,
+        further={name: found for name, found in further.items() if found},
         covariance=covariance or {},
     )
 
@@ -155,6 +172,25 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
         unit="kg",
         origin=rig_file,
         caveat=f"As `cfid new` writes it, which is the thesis' vehicle: was yours weighed? ({rig_file})" * unweighed,
+    )
+
+
+def _gravity(rig: Rig, rig_file: str) -> Quantity:
+    site = rig.site
+    return Quantity(
+        key="gravity_mps2", value=site.gravity_mps2, std=site.gravity_std_mps2 or None, unit="m/s^2", origin=rig_file
+    )
+
+
+def _centre(rig: Rig, rig_file: str) -> Quantity:
+    own = rig.vehicle
+    std = [0.001 * length for length in own.centre_of_mass_std_mm]
+    return Quantity(
+        key="centre_of_mass_m",
+        value=[0.001 * length for length in own.centre_of_mass_mm],
+        std=std if any(std) else None,
+        unit="m",
+        origin=rig_file,
     )
 
 

@@ -146,3 +146,14 @@ def test_common_causes_that_no_uncertainty_holds_are_refused() -> None:
     ]
     with pytest.raises(DataError, match="contradict each other"):
         joint_of(fits).draw(1, np.random.default_rng(1))
+
+
+def test_a_covariance_that_contradicts_the_stated_uncertainties_is_refused() -> None:
+    fit = fit_of({"motor.torque_poly": ([6e-3, 1e-5], [1e-5, 1e-6])}, covariance=np.diag([4e-10, 1e-12]))
+    with pytest.raises(DataError, match=r"std of motor\.torque_poly and the diagonal of its covariance contradict"):
+        joint_of([(fit, ["motor.torque_poly"])])
+
+
+def test_an_uncertainty_whose_square_is_no_number_is_refused() -> None:
+    with pytest.raises(DataError, match="std of arm_m is too large"):
+        joint_of([(fit_of({"arm_m": (0.046, 1e308)}), ["arm_m"])])

@@ -1,6 +1,7 @@
 """cfid export as an operator types it: where files go, what is never overwritten, what is said, exit codes, JSON."""
 
 import json
+import re
 import subprocess
 import tomllib
 from collections.abc import Callable
@@ -207,6 +208,53 @@ def test_what_is_implausible_is_exported_by_force_alone_and_marked(cfid: Cfid, c
     text = cfid("export", "firmware", "--out", "-", "--force").stdout
     assert "IMPLAUSIBLE: arm_m is implausible, 46.0 m" in text
     assert "#define ARM_LENGTH 46.0f" in text
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("gravity_mps2 = 981.0", "gravity_mps2 is implausible, 981.0 m/s^2: cm/s^2?"),
+        ("centre_of_mass_mm = [70.0, 0.0, 17.4]", "x = 70.0 mm and y = 0.0 mm: beyond the rotors"),
+    ],
+)
+def test_what_rig_toml_states_is_judged_as_well(cfid: Cfid, campaign: Path, line: str, said: str) -> None:
+    key, rig = line.partition(" ")[0], campaign / "rig.toml"
+    rig.write_text(re.sub(rf"^{key} = .*$", line, rig.read_text(), count=1, flags=re.MULTILINE))
+    refused = cfid("export", "mujoco", "--out", "-")
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert said in " ".join(refused.stderr.split())
+
+    forced = cfid("export", "mujoco", "--out", "-", "--force")
+    assert forced.returncode == 0
+    assert "IMPLAUSIBLE: " in forced.stdout
+    assert said in forced.stdout
+
+
+def test_a_unit_that_contradicts_the_name_or_a_gravity_of_another_unit_is_not_noted(cfid: Cfid, campaign: Path) -> None:
+    before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
+    for words, told in (
+        (("arm_m", "0.046", "--unit", "mm"), "arm_m is in m, as its name states, and --unit says mm"),
+        (("mass_kg", "0.028", "--unit", "g"), "mass_kg is in kg, as its name states, and --unit says g"),
+        (("gravity_mps2", "981"), "981.0 m/s^2: cm/s^2?"),
+    ):
+        said = cfid("set", *words)
+        assert said.returncode == 2
+        assert told in " ".join(said.stderr.split())
+    assert {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()} == before
+    assert cfid("set", "arm_m", "0.046", "--unit", "m").returncode == 0
+
+
+@pytest.mark.parametrize("target", ["mujoco", "rotorpy", "firmware"])
+def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path, target: str) -> None:
+    impossible = [[16.6e-6, 0.0, 0.0], [0.0, 16.7e-6, 0.0], [0.0, 0.0, 9e-5]]
+    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": impossible}))
+    refused = cfid("export", target, "--out", "-")
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 is that of no body" in " ".join(refused.stderr.split())
+
+    assert (
+        "IMPLAUSIBLE: inertia.matrix_kg_m2 is that of no body" in cfid("export", target, "--out", "-", "--force").stdout
+    )
 
 
 def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cfid, campaign: Path) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,11 @@ from cfid.analysis.possible import impossible
 from cfid.campaign import new_rig_text
 from cfid.covariances import covariance_between, shaped_as
 from cfid.export import crazyflow, rotorpy
-from cfid.export.samples import with_values
+from cfid.export.samples import FILES, with_values
 from cfid.parameters import Parameter, Section, load_sections, store_section
-from tests.export.thesis_vehicle import INERTIA_KG_M2, sections, vehicle
+from cfid.run import DeviceRecord, Label
+from cfid.run_writer import create_run
+from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections, vehicle
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -47,8 +50,10 @@ def uncertain(section: Section, std: Mapping[str, Any] = STD) -> Section:
     inertia = "inertia.matrix_kg_m2"
     if inertia not in parameters:
         return replace(section, parameters=parameters)
+    parameters[inertia] = replace(parameters[inertia], std=[[BODY] * 3] * 3)
     covariance = BODY**2 * (0.5 * np.eye(6) + 0.5 * np.ones((6, 6)))
-    return replace(section, covariance=covariance_between({inertia: INERTIA_KG_M2}, covariance))
+    block = covariance_between({inertia: INERTIA_KG_M2}, covariance)
+    return replace(section, parameters=parameters, covariance=block)
 
 
 @pytest.fixture
@@ -61,7 +66,7 @@ def campaign(tmp_path: Path) -> Path:
 
 
 def read_csv(path: Path) -> tuple[list[str], np.ndarray[Any, np.dtype[np.float64]]]:
-    head, *rows = csv.reader(path.read_text().splitlines())
+    head, *rows = csv.reader(line for line in path.read_text().splitlines() if not line.startswith("#"))
     return head, np.array(rows, dtype=np.float64)
 
 
@@ -82,7 +87,7 @@ def test_every_vehicle_that_is_delivered_is_possible_and_the_rejected_share_is_p
     known = {
         key: p.value for s in load_sections(campaign / "parameters.toml").values() for key, p in s.parameters.items()
     }
-    known = {"mass_kg": 0.028, **known}
+    known = {"mass_kg": 0.028, "centre_of_mass_m": [0.0] * 3, "gravity_mps2": 9.81, **known}
     assert len(rows) == 300
     for row in rows:
         values = {
@@ -115,6 +120,37 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
         # The thesis' x is to the right: its yy is about the axis that points forward.
         assert quad["Ixx"] == drone["J"][0][0] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
     assert len({drone["mass"] for drone in drones}) == 20
+
+
+def test_the_centre_of_mass_and_gravity_are_drawn_too(cfid: Cfid, campaign: Path) -> None:
+    rig = campaign / "rig.toml"
+    text = re.sub(r"^centre_of_mass_std_mm = .*$", "", rig.read_text(), flags=re.MULTILINE)
+    text = re.sub(r"^gravity_std_mps2 = .*$", "", text, flags=re.MULTILINE)
+    text = re.sub(
+        r"^centre_of_mass_mm = .*$", r"\g<0>\ncentre_of_mass_std_mm = [0.5, 0.4, 0.3]", text, count=1, flags=re.M
+    )
+    text = re.sub(r"^gravity_mps2 = .*$", r"\g<0>\ngravity_std_mps2 = 0.002", text, flags=re.M)
+    rig.write_text(text)
+    said = cfid("export", "samples", "--n", "400", "--seed", "3")
+    assert said.returncode == 0, said.stderr
+
+    head, rows = read_csv(campaign / "exports" / "samples.csv")
+    names = [*(f"centre_of_mass_m [{i}]" for i in range(3)), "gravity_mps2"]
+    spread = [rows[:, head.index(name)].std() for name in names]
+    assert spread == pytest.approx([5e-4, 4e-4, 3e-4, 2e-3], rel=0.15)
+    drones = json.loads((campaign / "exports" / FILES["crazyflow"]).read_text())["drones"]
+    assert len({drone["mixing_matrix"][0][0] for drone in drones}) == 400
+    assert not re.search(
+        r"(no uncertainty|no covariance) is k\w+ of [^:]*(centre|gravity)", " ".join(said.stderr.split())
+    )
+
+
+def test_a_gravity_without_an_uncertainty_is_listed_as_constant(cfid: Cfid, campaign: Path) -> None:
+    rig = campaign / "rig.toml"
+    rig.write_text(re.sub(r"^gravity_std_mps2 = .*$", "", rig.read_text(), flags=re.MULTILINE))
+    words = " ".join(cfid("export", "samples", "--n", "5").stderr.split())
+
+    assert "no uncertainty is known of gravity_mps2: the same in every vehicle" in words
 
 
 def test_a_drawn_vehicle_is_rendered_by_the_targets_themselves() -> None:
@@ -158,10 +194,49 @@ def test_where_over_half_of_the_draws_are_no_vehicle_nothing_is_written(cfid: Cf
     assert not (campaign / "exports").exists()
 
 
+def test_measured_values_that_no_vehicle_has_are_blamed_themselves(cfid: Cfid, campaign: Path) -> None:
+    body = [[16.6e-6, 0.0, 0.0], [0.0, 16.7e-6, 0.0], [0.0, 0.0, 9e-5]]
+    store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": body}))
+    said = cfid("export", "samples", "--n", "5", "--force")
+
+    words = " ".join(said.stderr.split())
+    assert said.returncode == 4
+    assert "values themselves belong to no possible vehicle: inertia.matrix_kg_m2 is that of no possible body" in words
+    assert "uncertainties are too large" not in words
+
+
 def test_what_should_not_be_exported_is_not_drawn_from_either(cfid: Cfid, campaign: Path) -> None:
     store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
     assert cfid("export", "samples", "--n", "5").returncode == 4
     assert cfid("export", "samples", "--n", "5", "--force").returncode == 0
+
+
+def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, campaign: Path) -> None:
+    writer = create_run(
+        campaign / "runs",
+        kind="swing",
+        label=Label(axis="x"),
+        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
+        started=datetime(2026, 11, 21, 8, 30, tzinfo=UTC),
+        cfid_version="0",
+        simulated=True,
+    )
+    writer.close("complete")
+    body = uncertain(section(sections()["inertia"].parameters, run=writer.folder.name))
+    store_section(campaign / "parameters.toml", "inertia", body)
+    store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
+    assert cfid("set", "rotor_radius_m", "23.1", "--force").returncode == 0
+    said = cfid("export", "samples", "--n", "5", "--force")
+    assert said.returncode == 0, said.stderr
+
+    folder = campaign / "exports"
+    texts = {name: (folder / name).read_text() for name in ("samples.csv", "samples_rotorpy.py", FILES["crazyflow"])}
+    texts["samples.npz"] = " ".join(np.load(folder / "samples.npz")["about"].tolist())
+    texts["screen"] = " ".join(said.stderr.split())
+    for name, text in texts.items():
+        assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in text, name
+        assert "IMPLAUSIBLE: rotor_radius_m is implausible, 23.1 m: millimetres?" in text, name
+        assert "NOT BELIEVED by its fit: motor.torque_poly." in text, name
 
 
 def test_what_a_target_lacks_leaves_its_list_out_and_says_so(cfid: Cfid, tmp_path: Path) -> None:
@@ -178,3 +253,15 @@ def test_numbers_and_seeds_go_with_samples_alone(cfid: Cfid, campaign: Path) -> 
 
     assert said.returncode == 2
     assert "go with `cfid export samples`" in said.stderr
+
+
+def test_samples_need_a_folder_and_uncertainties_that_are_sizes(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("export", "samples", "--n", "5", "--out", "-")
+    assert (said.returncode, "--out names a folder" in said.stderr) == (2, True)
+    assert not (campaign / "-").exists()
+
+    path = campaign / "parameters.toml"
+    path.write_text(path.read_text().replace("std = 0.0001\n", "std = -0.05\n"))
+    negative = cfid("export", "samples", "--n", "5")
+    assert negative.returncode == 4
+    assert "parameters.arm_m.std: should not be below zero" in " ".join(negative.stderr.split())

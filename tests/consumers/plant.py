@@ -43,7 +43,8 @@ MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "y
 def measured() -> Vehicle:
     """Return the vehicle as a campaign has it, its centre of mass off the middle, its rotors measured."""
     x, y, z = (0.001 * part for part in CENTRE_MM)
-    known = replace(thesis.vehicle(), centre_m=(x, y, z))
+    flown = thesis.vehicle()
+    known = replace(flown, centre=replace(flown.centre, value=[x, y, z]))
     extra = {
         name: replace(known.quantities["arm"], key=key, value=value, unit=unit)
         for name, key, value, unit in (

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.campaign import thesis_rig
 from cfid.export.exchange import covariance_blocks
+from cfid.export.vehicle import collect
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
-from tests.export.thesis_vehicle import vehicle
+from tests.export.thesis_vehicle import sections, vehicle
 
 SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_text())
 
@@ -49,3 +51,32 @@ def test_covariances_are_handed_on_as_they_are() -> None:
 
     known = replace(measured(), covariance=covariance_blocks(content))
     assert judged(export("json", known))["covariance"] == {"thrust": blocks}
+
+
+def test_both_fits_of_a_key_fit_the_schema() -> None:
+    known = sections()
+    known["speed"] = replace(known["speed"], parameters={**known["speed"].parameters, **known["thrust"].parameters})
+
+    assert set(judged(export("json", collect(thesis_rig(), known)))["further"]) == {"speed"}
+
+
+@pytest.mark.parametrize(
+    ("block", "broken"),
+    [
+        ("covariance", {"thrust": {"covariance": [{"of": ["a"]}]}}),
+        ("covariance", {"thrust": {"covariance": {"of": ["a"], "matrix": [[1.0]]}}}),
+        ("covariance", {"thrust": {"common": {"arm": [0.1]}}}),
+        ("quantities", {"mass_kg": {"value": "28 g"}}),
+        ("quantities", {"mass_kg": {"std": True}}),
+        ("quantities", {"mass_kg": {"std": [{"mass_kg": 1.0}]}}),
+    ],
+)
+def test_what_is_of_another_form_is_refused_by_the_schema(block: str, broken: dict[str, Any]) -> None:
+    import jsonschema
+
+    found = json.loads(export("json", measured()))
+    for key, entry in broken.items():
+        found[block][key] = {**found[block].get(key, {}), **entry}
+
+    with pytest.raises(jsonschema.ValidationError):
+        judged(json.dumps(found))

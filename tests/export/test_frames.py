@@ -74,7 +74,7 @@ def test_drag_turns_too_and_is_positive_where_it_brakes() -> None:
 
 def test_rotors_stand_around_the_centre_of_mass_not_around_the_middle() -> None:
     straight = vehicle()
-    moved = replace(straight, centre_m=(0.002, 0.001, 0.017))
+    moved = replace(straight, centre=replace(straight.centre, value=[0.002, 0.001, 0.017]))
     side = 0.046 / np.sqrt(2)
 
     assert rotor_places_m(straight)[0] == pytest.approx((side, -side, 0))

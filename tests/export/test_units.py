@@ -51,7 +51,7 @@ def test_crazyflow_has_thrust_torque_and_lag_per_rpm_and_drag_per_velocity() -> 
         return sum(c * HOVER_RPM**power for power, c in enumerate(poly))
 
     assert at_hover(found["rpm2thrust"]) == pytest.approx(SHARE_N)
-    assert at_hover(found["rpm2torque"]) == pytest.approx(MOMENT_NM + thesis.TORQUE_POLY[1])
+    assert at_hover(found["rpm2torque"]) == pytest.approx(MOMENT_NM)
     up, up_squared, down, down_squared = found["rotor_dyn_coef"]
     assert (up, down) == (7.0, 3.0)
     step = 10.0  # rad/s: both say the same acceleration
@@ -89,7 +89,8 @@ def test_crazyflow_takes_k_where_the_quadratic_would_pull_down_or_bend_down(poly
 
 
 def test_crazyflows_rotors_stand_around_the_centre_of_mass() -> None:
-    moved = replace(vehicle(), centre_m=(0.002, 0.001, 0.017))  # 1 mm forward, 2 mm to the right
+    known = vehicle()
+    moved = replace(known, centre=replace(known.centre, value=[0.002, 0.001, 0.017]))  # 1 mm forward, 2 mm to the right
     found = toml("crazyflow", moved)["cf2x_L250"]
 
     roll, pitch = (found["L"] * np.array(found["mixing_matrix"][i]) for i in (0, 1))
@@ -177,3 +178,9 @@ def test_a_curved_torque_is_taken_by_its_tangent_where_it_hovers() -> None:
     curved = thesis.with_value(vehicle(), "torque_of_thrust", [0.01, 0.005, 1e-5])
 
     assert toml("system-id", curved)["thrust2torque"] == pytest.approx(2 * 0.01 * SHARE_N + 0.005)
+
+
+def test_crazyflows_rotors_have_neither_thrust_nor_torque_at_rest() -> None:
+    drone = toml("crazyflow", vehicle())["cf2x_L250"]
+
+    assert drone["rpm2thrust"][0] == drone["rpm2torque"][0] == 0.0

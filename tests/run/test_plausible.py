@@ -2,7 +2,7 @@
 
 import pytest
 
-from cfid.plausible import RANGES, implausible
+from cfid.plausible import RANGES, centre_fault, implausible
 
 
 @pytest.mark.parametrize(
@@ -15,6 +15,9 @@ from cfid.plausible import RANGES, implausible
         ("motor.max_thrust_n", 150.0, "150.0 N: millinewtons?"),
         ("motor.thrust_per_speed_squared_n_s2", 2e-10, "N/rpm^2?"),
         ("inertia.matrix_kg_m2", [[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]], "16.6 kg m^2: kg mm^2?"),
+        ("gravity_mps2", 981.0, "981.0 m/s^2: cm/s^2?"),
+        ("gravity_mps2", 1.0, "1.0 m/s^2: multiples of g?"),
+        ("inertia.matrix_kg_m2", [[-1.6e-5, 0, 0], [0, 1.6e-5, 0], [0, 0, 2.9e-5]], "-1.6e-05 kg m^2."),
         ("mass_kg", -0.028, "-0.028 kg. Expected 0.005 to 1 kg."),
     ],
 )
@@ -32,14 +35,38 @@ def test_vehicles_that_are_flown_pass() -> None:
         "motor.max_thrust_n": (0.15, 0.2, 5.0),
         "motor.thrust_per_speed_squared_n_s2": (1.9e-8, 2.9e-8, 1.4e-6),
         "tf.time_constant_s": (0.065, 0.02),
+        "gravity_mps2": (9.764, 9.81, 9.834),
         "inertia.matrix_kg_m2": (
             [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 29.3e-6]],
             [[3e-3, 0, 0], [0, 3e-3, 0], [0, 0, 5e-3]],
         ),
     }
     assert set(flown) == set(RANGES)
-    assert [implausible(key, value) for key, values in flown.items() for value in values] == [""] * 21
+    assert [implausible(key, value) for key, values in flown.items() for value in values] == [""] * 24
 
 
 def test_what_has_no_range_passes() -> None:
     assert implausible("weight_m", 1e9) == ""
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 33.4e-6]],
+        [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 9e-5]],
+        [[16.6e-6, 15e-6, 0], [15e-6, 16.7e-6, 0], [0, 0, 29.3e-6]],
+        [[16.6e-6, 1e-6, 0], [2e-6, 16.7e-6, 0], [0, 0, 29.3e-6]],
+    ],
+    ids=["flat beyond a plate", "far beyond it", "large products", "not symmetric"],
+)
+def test_an_inertia_matrix_that_no_body_has_is_refused(matrix: list[list[float]]) -> None:
+    assert implausible("inertia.matrix_kg_m2", matrix).startswith("inertia.matrix_kg_m2 is that of no body")
+
+
+def test_a_plate_is_the_flattest_body() -> None:
+    assert implausible("inertia.matrix_kg_m2", [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 33.2e-6]]) == ""
+
+
+def test_a_centre_of_mass_beyond_the_rotors_is_refused() -> None:
+    assert centre_fault([0.032, -0.032, 0.1], 0.046) == ""
+    assert "x = 70.0 mm and y = 0.0 mm: beyond the rotors. Expected within 32.5 mm" in centre_fault([0.07, 0, 0], 0.046)
