@@ -17,6 +17,8 @@ _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
     "N s^2/rad^2": {(60 / (2 * math.pi)) ** 2: "N/rpm^2"},
 }
 
+_LARGEST_FLOAT = 3.4e38  # of single precision
+
 
 @dataclass(frozen=True)
 class Range:
@@ -68,6 +70,9 @@ def cubic_fault(lowest_first: Sequence[float], *, least_n: float = 0.01) -> str:
     """
     if len(lowest_first) != 4:
         return f"motor.thrust_voltage_poly has {len(lowest_first)} numbers; the firmware takes a cubic, of 4."
+    if not all(abs(c) <= _LARGEST_FLOAT for c in lowest_first):  # nan neither
+        shown = ", ".join(f"{c:g}" for c in lowest_first)
+        return f"motor.thrust_voltage_poly is {shown}; the firmware takes finite numbers in single precision."
     c0, c1, c2, c3 = lowest_first
     if c1 > 0 and c3 > 0 and (c2**2 <= 3 * c1 * c3 or _falls_below_zero_volts(c0, c1, c2, c3, least_n)):
         return ""
