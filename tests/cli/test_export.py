@@ -241,3 +241,13 @@ def test_a_voltage_cubic_that_single_precision_cannot_hold_is_not_noted(cfid: Cf
     assert said.returncode == 2
     assert "finite numbers in single precision. Nothing was noted." in " ".join(said.stderr.split())
     assert (campaign / "parameters.toml").read_bytes() == before
+
+
+@pytest.mark.parametrize("cubic", ["0,0.04,0,1e-30", "100,0.01,0,0.001"])
+def test_a_voltage_cubic_that_no_header_could_have_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
+    before = (campaign / "parameters.toml").read_bytes()
+    said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
+
+    assert said.returncode == 2
+    assert "Nothing was noted." in said.stderr
+    assert (campaign / "parameters.toml").read_bytes() == before

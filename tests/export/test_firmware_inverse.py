@@ -19,8 +19,8 @@ from cfid.errors import DataError
 from cfid.export.firmware import TARGET
 from cfid.export.target import text_of
 from cfid.parameters import load_sections
-from cfid.plausible import cubic_fault
 from cfid.stand_table import read_stand_table
+from cfid.voltage_cubic import cubic_fault
 from tests.export.thesis_vehicle import vehicle, with_value
 
 Array = npt.NDArray[np.float64]
@@ -119,7 +119,7 @@ def test_maps_that_the_firmware_ships_come_back(inverse: Inverse, name: str) -> 
     worst = assert_flies(inverse, cubic, limits)
     print(f"{name}: {100 * worst:.4f} % of the range")
 
-    assert cubic_fault(cubic, least_n=limits[0]) == cubic_fault(cubic) == ""
+    assert cubic_fault(cubic, max_thrust_n=limits[1]) == cubic_fault(cubic) == ""
     assert limits[0] / limits[1] == pytest.approx(7000 / 65535, rel=1e-6)  # the rule that headers follow
 
 
@@ -136,6 +136,21 @@ def test_a_map_that_stops_motors_is_no_header() -> None:
     for cubic in ([0.0036, 0.0072, 0.0113, -0.00034], [0.02, 0.01, 0.012, 0.002], [0.0, 0.03, -0.03, 0.006]):
         with pytest.raises(DataError, match=r"no header: .* does not rise over all voltages"):
             text_of(TARGET, with_value(vehicle(), "thrust_of_voltage", cubic))
+
+
+@pytest.mark.parametrize(
+    ("cubic", "said"),
+    [
+        ([0, 0.04, 0, 1e-30], "has no inverse in the firmware's single precision"),
+        ([100, 0.01, 0, 0.001], "gives 100 N at 0 V"),
+        ([9.1322e-4, 0.0157323, 0.00557237, 0.000662268], "falls by"),  # c2^2 = 0.993 * 3 c1 c3
+        ([0, 1e-3, 0, 1e-5], "reaches none up to 4.2 V"),
+    ],
+)
+def test_a_map_that_single_precision_cannot_invert_is_no_header(cubic: list[float], said: str) -> None:
+    known = with_value(with_value(vehicle(), "thrust_of_voltage", cubic), "max_thrust", 0.16)
+    with pytest.raises(DataError, match=f"no header: motor.thrust_voltage_poly.*{said}"):
+        text_of(TARGET, known)
 
 
 def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
