@@ -190,6 +190,22 @@ def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, se
     assert_header_flies(inverse, found.lowest_first, float(thrust.max()))
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flies(inverse: Inverse, seed: int) -> None:
+    """Ordinary motors: at c2^2 = 0.98 * 3 c1 c3 the formula subtracts nearly equal numbers of single precision."""
+    rng = np.random.default_rng(seed)
+    command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
+    vbat_v = 4.0 - 0.4 * command / 65535 - 0.02 * rng.random(len(command))
+    volts = command / 65535 * vbat_v
+    thrust = 0.00077 + 0.0158 * volts + 0.00558 * volts**2 + 0.00066 * volts**3
+    measured = thrust + 1e-4 * rng.standard_normal(len(command))
+    most_n = 1.04 * float(thrust.max())
+    found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, max_thrust_n=most_n)
+
+    assert found.refusal == ""
+    assert_header_flies(inverse, found.lowest_first, most_n)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 7])
 def test_headers_of_whole_campaigns_fly_and_their_covariances_agree_with_their_uncertainties(
