@@ -42,9 +42,9 @@ def cubic_fault(lowest_first: Sequence[float], *, max_thrust_n: float | None = N
     that falls at negative voltages alone, to below the least thrust that the firmware inverts, is good too: that of
     the thrust upgrade kit in 2026.08 is one.
 
-    All commands are then inverted in single precision, up to `max_thrust_n` (where that is unknown, up to the firmware's
-    largest default, 0.2 N): voltages are finite and not negative, a motor command falls by `fall` of 65535 at most, and each thrust
-    comes back within 1 % of the range.
+    All commands are then inverted in single precision, up to `max_thrust_n` (where that is unknown, up to the
+    firmware's largest default, 0.2 N): voltages are finite and not negative, a motor command falls by `fall` of 65535
+    at most, and each thrust comes back within 1 % of the range.
     """
     if len(lowest_first) != 4:
         return f"{_KEY} has {len(lowest_first)} numbers; the firmware takes a cubic, of 4."

@@ -113,7 +113,10 @@ def deliver_map(
         from cfid.report.motor_figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
 
         name = command.replace(" ", "_")
-        pages = {f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name) for r in drawn}
+        pages = {
+            f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name, thrust=r.thrust)
+            for r in drawn
+        }
         figures = {name: map_figure(mapped, verification=verification), **pages}
         if over_speed is not None:
             figures["thrust_of_speed"] = speed_thrust_figure(over_speed)

@@ -49,8 +49,8 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
 
 def _fault(vehicle: Vehicle) -> str:
     """Return why the firmware cannot invert the map, from its least thrust up."""
-    most_n = vehicle["max_thrust"] if "max_thrust" in vehicle else None
-    return cubic_fault(thrust_of_voltage(vehicle), max_thrust_n=most_n)
+    known = vehicle.quantities.get("max_thrust")
+    return cubic_fault(thrust_of_voltage(vehicle), max_thrust_n=known.value if known else None)
 
 
 def _least_thrust_n(vehicle: Vehicle) -> float:

@@ -154,6 +154,7 @@ def test_a_map_that_single_precision_cannot_invert_is_no_header(cubic: list[floa
 
 
 def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
+    """Of all rows of the recording: the steady steps alone, which a fit takes, are too few for a cubic."""
     if not STOCK.exists():
         pytest.skip("the recordings of stock motors are not here")
     table = read_stand_table(STOCK)
