@@ -12,7 +12,7 @@ import pytest
 from cfid.export.hover import hover_command
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, python, toml, xml, yaml
-from tests.export.thesis_vehicle import vehicle
+from tests.export.thesis_vehicle import vehicle, with_value
 
 RPM = 2 * math.pi / 60
 SHARE_N = thesis.MASS_KG * 9.81 / 4
@@ -177,3 +177,13 @@ def test_a_curved_torque_is_taken_by_its_tangent_where_it_hovers() -> None:
     curved = thesis.with_value(vehicle(), "torque_of_thrust", [0.01, 0.005, 1e-5])
 
     assert toml("system-id", curved)["thrust2torque"] == pytest.approx(2 * 0.01 * SHARE_N + 0.005)
+
+
+def test_system_id_and_the_header_have_one_least_thrust_where_the_cubic_begins_above_idle() -> None:
+    """At 0 V the map gives 0.02 N, more than 7000/65535 of the largest thrust."""
+    lifted = with_value(with_value(vehicle(), "thrust_of_voltage", [0.02, 0.02, 0.001, 0.001]), "max_thrust", 0.16)
+    found = toml("system-id", lifted)
+
+    assert found["THRUST_MIN"] == pytest.approx(0.02)
+    assert found["VMOTOR_MIN"] == pytest.approx(0.0, abs=1e-8)
+    assert "#define THRUST_MIN 0.02f" in export("firmware", lifted)
