@@ -1,10 +1,10 @@
-"""Which values a Crazyflie-sized vehicle can have, and which voltage cubic its firmware can invert.
+"""Which values a Crazyflie-sized vehicle can have.
 
 A value outside of its range is most likely in another unit: the message guesses which.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,33 +77,6 @@ def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
         f"centre_of_mass_mm is implausible, x = {x:.1f} mm and y = {y:.1f} mm: beyond the rotors. Expected within "
         f"{1e3 * side:.1f} mm of the middle, with an arm of {1e3 * arm_m:.1f} mm."
     )
-
-
-def cubic_fault(lowest_first: Sequence[float], *, least_n: float = 0.01) -> str:
-    """Return why the firmware cannot invert a thrust over motor voltage, "" where it can.
-
-    It takes Cardano's formula for one real root: the cubic has to rise over all voltages, the negative ones included,
-    c1 > 0, c3 > 0 and c2^2 <= 3 c1 c3. Else a square root's argument is negative, and the motors get no command. One
-    that falls at negative voltages alone, to below the least thrust that the firmware inverts, is good too: that of
-    the thrust upgrade kit in 2026.08 is one. All shipped maps have a least thrust above 0.01 N.
-    """
-    if len(lowest_first) != 4:
-        return f"motor.thrust_voltage_poly has {len(lowest_first)} numbers; the firmware takes a cubic, of 4."
-    c0, c1, c2, c3 = lowest_first
-    if c1 > 0 and c3 > 0 and (c2**2 <= 3 * c1 * c3 or _falls_below_zero_volts(c0, c1, c2, c3, least_n)):
-        return ""
-    return (
-        f"motor.thrust_voltage_poly does not rise over all voltages (c1 = {c1:.4g}, c2 = {c2:.4g}, c3 = {c3:.4g}; "
-        "expected c1 > 0, c3 > 0 and c2^2 <= 3 c1 c3): the firmware's inverse of it is no number, and its motors stop."
-    )
-
-
-def _falls_below_zero_volts(c0: float, c1: float, c2: float, c3: float, least_n: float) -> bool:
-    """Return whether a cubic's upper extreme is at a negative voltage and below a thrust; c1 and c3 are above zero."""
-    if c2 <= 0:
-        return False
-    volts = (-c2 - math.sqrt(c2**2 - 3 * c1 * c3)) / (3 * c3)
-    return c0 + volts * (c1 + volts * (c2 + volts * c3)) < least_n
 
 
 def _judged(value: Any) -> list[float]:

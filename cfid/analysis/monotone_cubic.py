@@ -5,8 +5,8 @@ slope c1 + 2 c2 V + 3 c3 V^2 is above zero at every V: c1 > 0, c3 > 0 and c2^2 <
 squares under that constraint are the unconstrained ones where these lie inside, else the nearest point of the cone's
 surface in the metric of the normal matrix; the surface has one angle, and what else there is is linear.
 
-Single precision asks for a distance from the surface where its flat point can be reached (c2 < 0), and for none where
-it cannot, since the formula then loses a term that is small. What is all but straight has no root it can find.
+Single precision asks for a distance from the surface, as the formula subtracts nearly equal numbers there: how far
+depends on the cubic. The cone is narrowed until the firmware's inverse, calculated in single precision, is good.
 """
 
 from dataclasses import dataclass, replace
@@ -19,16 +19,18 @@ from scipy.special import ndtri
 
 from cfid.analysis.polynomials import PolynomialFit, fit_polynomial
 from cfid.errors import FitError
+from cfid.voltage_cubic import FALL, IDLE, cubic_fault
 
 Array = npt.NDArray[np.float64]
 
 LEVEL = 0.01  # of the one-sided test by which the data refuse a cubic
 TOLERANCE = 0.01  # of the largest thrust: a departure that does not matter, as a motor's own scatter is larger
-IDLE = 7000 / 65535  # of the largest thrust: below, firmware stops a motor (tools/system_id of the firmware)
 
 _STEP = 0.004  # of the angles that are tried
 _ANGLES = np.concatenate([np.arange(-1.57, -0.3, _STEP), np.arange(0.02, 1.57, _STEP)])
-_ROUNDED = 0.005  # of the largest thrust: what single precision may cost
+_MARGINS = (0.0, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # of 1 - c2^2 / (3 c1 c3), tried until rounding does no harm
+_FLAT_MARGIN = 1e-3  # the least where the flat point can be reached, c2 < 0
+_FALL = FALL / 2  # half of what is allowed: coefficients are rounded when they are written
 _DRAWS, _SEED = 400, 1
 
 
@@ -47,11 +49,14 @@ class MonotoneCubic:
     refusal: str
 
 
-def constrain(free: PolynomialFit, *, thrust_n: Array, std_n: Array | None = None) -> MonotoneCubic:
+def constrain(
+    free: PolynomialFit, *, thrust_n: Array, std_n: Array | None = None, max_thrust_n: float | None = None
+) -> MonotoneCubic:
     """Return the cubic that rises over all voltages and fits points best.
 
     `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages;
-    `std_n` (n,) weighed them. On the constraint the covariance is that of 400 unconstrained estimates, drawn from
+    `std_n` (n,) weighed them; `max_thrust_n` is the largest thrust that the firmware asks for, that of the points where
+    it is not given. On the constraint the covariance is that of 400 unconstrained estimates, drawn from
     their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
 
     A cubic is refused where, at some voltage from the idle thrust up to the largest that was measured, it departs from
@@ -61,34 +66,30 @@ def constrain(free: PolynomialFit, *, thrust_n: Array, std_n: Array | None = Non
     """
     if free.order != 3:
         raise FitError(f"the firmware takes a cubic of motor voltage, and this polynomial has order {free.order}.")
-    if _inside(free.coefficients[::-1]) and _survives_rounding(free):
+    most_n = max_thrust_n or float(free.at(free.x.max()))
+    if _inside(free.coefficients[::-1]) and not _fault(free, most_n):
         return MonotoneCubic(fit=free, bound=False, departure=0.0, refusal="")
-    found = _bound(free.x, thrust_n, std_n, missed_n=0.0)
-    if std_n is not None and found.excess > 0:
-        # Where a cubic misses the points by more than they vary, all of them count more alike.
-        most = 2 * float(np.max(np.abs(found.fit.residual)))
-        missed = brentq(lambda m: _bound(free.x, thrust_n, std_n, missed_n=m).excess, 0.0, most, rtol=1e-3)
-        found = _bound(free.x, thrust_n, std_n, missed_n=float(missed))
+    for margin in _MARGINS:
+        found = _weighed(free.x, thrust_n, std_n, margin)
+        if not (fault := _fault(found.fit, most_n)):
+            break
     departure, refusal = _judge(free, found.fit)
+    refusal = refusal or (fault and f"no voltage cubic for the firmware: {fault}")
     return MonotoneCubic(fit=found.with_spread(), bound=True, departure=departure, refusal=refusal)
 
 
-def firmware_volts(lowest_first: Array, thrust_n: Array) -> Array:
-    """Return the motor voltages (n,) that the firmware finds for thrusts (n,), in its single precision."""
-    c0, c1, c2, c3 = lowest_first.astype(np.float32)
-    p, r = -c2 / (3 * c3), c1 / (3 * c3)
-    with np.errstate(invalid="ignore", over="ignore"):
-        q = p * p * p + (c2 * c1 - 3 * c3 * (c0 - thrust_n.astype(np.float32))) / (6 * c3 * c3)
-        root = np.sqrt(q * q + (r - p * p) * (r - p * p) * (r - p * p))
-        return np.asarray(np.cbrt(q + root) + np.cbrt(q - root) + p, dtype=np.float64)
+def _fault(fit: PolynomialFit, most_n: float) -> str:
+    return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=most_n, fall=_FALL)
 
 
-def _survives_rounding(fit: PolynomialFit) -> bool:
-    """Return whether thrusts come back through the firmware's inverse, from the idle thrust up."""
-    largest = float(fit.at(fit.x.max()))
-    thrust = np.linspace(IDLE * largest, largest, 2000)
-    apart = np.abs(fit.at(firmware_volts(fit.coefficients[::-1], thrust)) - thrust)
-    return bool(np.all(apart <= _ROUNDED * largest))  # and not nan
+def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, margin: float) -> "_Bound":
+    """Return the best cubic of the cone's surface; where it misses points by more than they vary, all count alike."""
+    found = _bound(volts, thrust_n, std_n, margin, missed_n=0.0)
+    if std_n is None or found.excess <= 0:
+        return found
+    most = 2 * float(np.max(np.abs(found.fit.residual)))
+    missed = brentq(lambda m: _bound(volts, thrust_n, std_n, margin, missed_n=m).excess, 0.0, most, rtol=1e-3)
+    return _bound(volts, thrust_n, std_n, margin, missed_n=float(missed))
 
 
 class _Bound(NamedTuple):
@@ -124,12 +125,12 @@ class _Bound(NamedTuple):
         )
 
 
-def _bound(volts: Array, thrust_n: Array, std_n: Array | None, *, missed_n: float) -> _Bound:
+def _bound(volts: Array, thrust_n: Array, std_n: Array | None, margin: float, *, missed_n: float) -> _Bound:
     """Return the best cubic of the cone's surface, weighed by what points vary by and by what a cubic misses."""
     std = None if std_n is None else np.hypot(std_n, missed_n)
     free = fit_polynomial(volts, thrust_n, order=3, std=std)
     weights = np.ones_like(thrust_n) if std is None else std
-    cone = _Cone(volts, weights)
+    cone = _Cone(volts, weights, margin)
     nearest = cone.nearest(free.coefficients[::-1] * cone.powers)
     if nearest[1] <= 0:
         raise FitError("thrust does not rise with motor voltage: look at the points, and at the sign of Fz.")
@@ -141,10 +142,11 @@ def _bound(volts: Array, thrust_n: Array, std_n: Array | None, *, missed_n: floa
 class _Cone:
     """The surface of the cone of rising cubics, seen from points; cubics are in units of the largest voltage here.
 
-    Distances are lengths of R c, where R' R is the points' normal matrix.
+    Distances are lengths of R c, where R' R is the points' normal matrix. The `margin` narrows the cone.
     """
 
-    def __init__(self, volts: Array, std: Array) -> None:
+    def __init__(self, volts: Array, std: Array, margin: float) -> None:
+        self._margin = margin
         size = float(np.max(np.abs(volts)))
         self.powers = size ** np.arange(4.0)
         rows = (volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis]
@@ -165,26 +167,25 @@ class _Cone:
                 lambda angle: -self._felt(angle) @ wanted, bounds=bounds, method="bounded", options={"xatol": 1e-9}
             )
             angle = float(found.x)
-        shape = self._triangle @ _surface(angle)
+        shape = self._triangle @ self._surface(angle)
         size = max(float(self._felt(angle) @ wanted), 0.0) / float(self._felt(angle) @ shape)
         level = (wanted - size * shape)[0] / self._triangle[0, 0]
-        return np.asarray(size * _surface(angle) + level * np.eye(4)[0])
+        return np.asarray(size * self._surface(angle) + level * np.eye(4)[0])
 
     def _felt(self, angle: float) -> Array:
         """Return the direction (4,), of length one, in which a cubic of the surface moves the points beside a level.
 
         R is triangular: a level moves the first of its rows alone.
         """
-        moved = self._triangle @ _surface(angle)
+        moved = self._triangle @ self._surface(angle)
         moved[0] = 0.0
         return np.asarray(moved / np.linalg.norm(moved))
 
-
-def _surface(angle: float) -> Array:
-    """Return the cubic (4,) of the cone's surface at an angle, without a constant."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    margin = 1e-3 if angle < 0 else 1e-6
-    return np.array([0.0, cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3])
+    def _surface(self, angle: float) -> Array:
+        """Return the cubic (4,) of the cone's surface at an angle, without a constant."""
+        cosine, sine = np.cos(angle), np.sin(angle)
+        margin = max(self._margin, _FLAT_MARGIN if angle < 0 else 1e-6)
+        return np.array([0.0, cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3])
 
 
 def _inside(lowest_first: Array) -> bool:

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.analysis.consistency import is_consistent
-from cfid.analysis.monotone_cubic import IDLE
 from cfid.analysis.motor_points import DEAD_COMMAND, FULL_COMMAND
+from cfid.voltage_cubic import IDLE
 
 Array = npt.NDArray[np.float64]
 

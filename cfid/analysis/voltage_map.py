@@ -75,17 +75,24 @@ def motor_volts(*, command: npt.ArrayLike, vbat_v: npt.ArrayLike) -> Array:
 
 
 def compare_thrust(
-    *, command: Array, vbat_v: Array, thrust_n: Array, std_n: Array | None = None, folds: int | None = None
+    *,
+    command: Array,
+    vbat_v: Array,
+    thrust_n: Array,
+    std_n: Array | None = None,
+    folds: int | None = None,
+    max_thrust_n: float | None = None,
 ) -> VoltageComparison:
     """Fit thrust (n,) as a cubic of motor voltage, and of the command alone; see `compare`.
 
-    The cubic of motor voltage is one that rises over all voltages: see `constrain`.
+    The cubic of motor voltage is one that rises over all voltages, and that the firmware can invert up to
+    `max_thrust_n`: see `constrain`.
 
     Raises FitError when there are too few commands, or when thrust does not rise with the voltage.
     """
     found = compare(command=command, vbat_v=vbat_v, value=thrust_n, order=THRUST_ORDER, std=std_n, folds=folds)
     std = _used(std_n, command=command, vbat_v=vbat_v, value=thrust_n)
-    rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std)
+    rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std, max_thrust_n=max_thrust_n)
     if rising.refusal:
         return replace(found, refusal=rising.refusal)
     said = (

@@ -98,7 +98,7 @@ def thrust(
         warnings += inverse.warnings
     except FitError as error:
         warnings.append(str(error))
-    voltage = by_voltage(found, warnings)
+    voltage = by_voltage(found, warnings, max_thrust_n=most.thrust_n)
     if voltage is not None:
         parameters |= told.voltage_parameters(voltage)
         covariances += told.voltage_covariances(voltage)

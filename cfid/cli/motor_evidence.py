@@ -56,12 +56,13 @@ class StandOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Reduced:
-    """A record of the load cell that was reduced, for its figure."""
+    """A record of the load cell that was reduced, for its figure; `thrust` is the place of that channel."""
 
     name: str
     time_s: Any
     thrust_n: Any
     staircase: "Staircase"
+    thrust: int = 2
 
 
 @dataclass(frozen=True, kw_only=True)

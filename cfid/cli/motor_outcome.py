@@ -35,7 +35,7 @@ def noted_first(found: Evidence) -> Iterator[None]:
         raise
 
 
-def by_voltage(found: Evidence, warnings: list[str]) -> "VoltageComparison | None":
+def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float) -> "VoltageComparison | None":
     """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
     import numpy as np
 
@@ -47,7 +47,11 @@ def by_voltage(found: Evidence, warnings: list[str]) -> "VoltageComparison | Non
         points = found.points
         assert points.thrust_n is not None
         compared = compare_thrust(
-            command=points.command, vbat_v=found.vbat_v, thrust_n=points.thrust_n, std_n=points.thrust_std_n
+            command=points.command,
+            vbat_v=found.vbat_v,
+            thrust_n=points.thrust_n,
+            std_n=points.thrust_std_n,
+            max_thrust_n=max_thrust_n,
         )
     except FitError as error:
         warnings.append(f"thrust of motor voltage: {error}")
@@ -109,7 +113,10 @@ def deliver_map(
         from cfid.report.motor_figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
 
         name = command.replace(" ", "_")
-        pages = {f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name) for r in drawn}
+        pages = {
+            f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name, thrust=r.thrust)
+            for r in drawn
+        }
         figures = {name: map_figure(mapped, verification=verification), **pages}
         if over_speed is not None:
             figures["thrust_of_speed"] = speed_thrust_figure(over_speed)

@@ -92,6 +92,8 @@ def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
             *(f"{table.path.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
         ),
         sources=(table.source,),
-        reduced=(Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found),),
+        reduced=(
+            Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found, thrust=0),
+        ),
         paths=(table.path,),
     )

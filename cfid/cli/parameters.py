@@ -19,6 +19,7 @@ BY_HAND = "set"  # the section of parameters.toml for what no fit finds
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 
+_MOST = "motor.max_thrust_n"
 _CUBIC = "motor.thrust_voltage_poly"  # lowest power first; what the firmware ships may be noted by hand
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 # What rig.toml states is changed there, so that it stands in one place: table, key, key of the deviation.
@@ -105,11 +106,15 @@ def _numbers(words: str, name: str) -> list[float]:
 
 
 def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
-    from cfid.plausible import cubic_fault
+    from cfid.parameters import load_sections
+    from cfid.voltage_cubic import cubic_fault
 
     if std is not None:
         raise ConfigError(f"{_CUBIC}: --std is one number, and a cubic has four: `cfid fit thrust` gives them.")
-    if fault := cubic_fault(lowest_first):
+    known = [s for s in load_sections(campaign.parameters_file).values() if _MOST in s.parameters]
+    latest = max(known, key=lambda section: (section.believed, section.found), default=None)
+    most_n = latest.parameters[_MOST].value if latest else None
+    if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was noted.")
     where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit="N(V)")
     typer.echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")

@@ -5,13 +5,12 @@ from collections.abc import Iterator
 from cfid.errors import DataError
 from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m, thrust_of_voltage
 from cfid.export.target import Target, has
-from cfid.export.vehicle import FULL, Vehicle
+from cfid.export.vehicle import Vehicle
 from cfid.export.wording import SLASHES, number
-from cfid.plausible import cubic_fault
+from cfid.voltage_cubic import IDLE, cubic_fault, least_thrust_n
 
 _NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_IDLE = 7000  # of 65535: THRUST_MIN over THRUST_MAX of every map that the firmware ships, and of its tools/system_id
 
 
 def write(vehicle: Vehicle) -> str:
@@ -50,14 +49,13 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
 
 def _fault(vehicle: Vehicle) -> str:
     """Return why the firmware cannot invert the map, from its least thrust up."""
-    cubic = thrust_of_voltage(vehicle)
-    return cubic_fault(cubic, least_n=_least_thrust_n(vehicle)) if "max_thrust" in vehicle else cubic_fault(cubic)
+    known = vehicle.quantities.get("max_thrust")
+    return cubic_fault(thrust_of_voltage(vehicle), max_thrust_n=known.value if known else None)
 
 
 def _least_thrust_n(vehicle: Vehicle) -> float:
-    """Return the firmware's own share of THRUST_MAX, and no less than the cubic's thrust at zero volts."""
-    offset = thrust_of_voltage(vehicle)[0] if "thrust_of_voltage" in vehicle else 0.0
-    return float(max(_IDLE / FULL * vehicle["max_thrust"], offset))
+    most_n = float(vehicle["max_thrust"])
+    return least_thrust_n(thrust_of_voltage(vehicle), most_n) if "thrust_of_voltage" in vehicle else IDLE * most_n
 
 
 TARGET = Target(

@@ -18,8 +18,7 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, number, numbers
-
-_LEAST, _MOST = 7000, 65535  # PWM_MIN and PWM_MAX of system_id.py: commands of its idle and of its THRUST_MAX
+from cfid.voltage_cubic import least_thrust_n
 
 
 def write(vehicle: Vehicle) -> str:
@@ -33,9 +32,9 @@ def write(vehicle: Vehicle) -> str:
 
 def _entries(vehicle: Vehicle, cubic: Sequence[float]) -> Iterator[tuple[str, str, str]]:
     most = float(vehicle["max_thrust"])
-    least = _LEAST / _MOST * most
+    least = least_thrust_n(cubic, most)
     yield "vmotor2thrust", f"[{numbers(cubic)}]", "N of one motor, power 0 to 3 of its voltage"
-    yield "THRUST_MIN", number(least), "N of one motor, 7000/65535 of THRUST_MAX: the tool's own rule, not measured"
+    yield "THRUST_MIN", number(least), "N of one motor, not measured: 7000/65535 of THRUST_MAX, or more at 0 V"
     yield "THRUST_MAX", number(most), "N of one motor at the full command, battery as it was measured"
     yield "VMOTOR_MIN", number(_voltage_of(cubic, least)), "V at THRUST_MIN"
     yield "VMOTOR_MAX", number(_voltage_of(cubic, most)), "V at THRUST_MAX"

@@ -279,3 +279,23 @@ def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid
 
     assert cfid("set", cubic, "0.0067,0.0101,0.0103,0.0028").returncode == 0
     assert "#define VMOTOR2THRUST3 0.0028f" in cfid("export", "firmware", "--out", "-").stdout
+
+
+@pytest.mark.parametrize("cubic", ["nan,0.01,0,0.001", "0,inf,0,0.001", "0,1,1e200,1"])
+def test_a_voltage_cubic_that_single_precision_cannot_hold_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
+    before = (campaign / "parameters.toml").read_bytes()
+    said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
+
+    assert said.returncode == 2
+    assert "finite numbers in single precision. Nothing was noted." in " ".join(said.stderr.split())
+    assert (campaign / "parameters.toml").read_bytes() == before
+
+
+@pytest.mark.parametrize("cubic", ["0,0.04,0,1e-30", "100,0.01,0,0.001"])
+def test_a_voltage_cubic_that_no_header_could_have_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
+    before = (campaign / "parameters.toml").read_bytes()
+    said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
+
+    assert said.returncode == 2
+    assert "Nothing was noted." in said.stderr
+    assert (campaign / "parameters.toml").read_bytes() == before

@@ -12,9 +12,9 @@ import pytest
 
 from cfid.campaign import RIG_FILE, new_rig_text
 from cfid.parameters import load_sections
-from cfid.plausible import cubic_fault
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
+from cfid.voltage_cubic import cubic_fault
 from tests.cli.stand_in_a_folder import climbed, write_run, write_thesis_file
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -382,3 +382,17 @@ def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, 
     none = cfid("fit", "speed", "--campaign", str(campaign))
     assert none.returncode == 2
     assert "no complete runs of cfid log speed: record one, or name runs." in none.stderr
+
+
+def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
+    """It has one channel, thrust, where a load cell has six."""
+    table, rng, grams = tmp_path / "stand.csv", np.random.default_rng(1), 0.0
+    rows = ["weight[g],pwm,vbat[V]"]
+    for command in np.repeat([0, *range(8000, 64001, 8000), 0], 400):  # at 100 Hz
+        grams += 0.1 * (68.0 * (command / 65535) ** 2 - grams)
+        rows.append(f"{grams + 0.02 * rng.standard_normal():.4f},{command},4.0")
+    table.write_text("\n".join(rows) + "\n")
+    done = cfid("fit", "thrust", "--table", str(table), "--campaign", str(campaign))
+
+    assert done.returncode == 0, done.stderr
+    assert (campaign / "figures" / "fit_thrust_stand.png").exists()

@@ -19,8 +19,8 @@ from cfid.errors import DataError
 from cfid.export.firmware import TARGET
 from cfid.export.target import text_of
 from cfid.parameters import load_sections
-from cfid.plausible import cubic_fault
 from cfid.stand_table import read_stand_table
+from cfid.voltage_cubic import cubic_fault
 from tests.export.thesis_vehicle import vehicle, with_value
 
 Array = npt.NDArray[np.float64]
@@ -119,7 +119,7 @@ def test_maps_that_the_firmware_ships_come_back(inverse: Inverse, name: str) -> 
     worst = assert_flies(inverse, cubic, limits)
     print(f"{name}: {100 * worst:.4f} % of the range")
 
-    assert cubic_fault(cubic, least_n=limits[0]) == cubic_fault(cubic) == ""
+    assert cubic_fault(cubic, max_thrust_n=limits[1]) == cubic_fault(cubic) == ""
     assert limits[0] / limits[1] == pytest.approx(7000 / 65535, rel=1e-6)  # the rule that headers follow
 
 
@@ -138,7 +138,23 @@ def test_a_map_that_stops_motors_is_no_header() -> None:
             text_of(TARGET, with_value(vehicle(), "thrust_of_voltage", cubic))
 
 
+@pytest.mark.parametrize(
+    ("cubic", "said"),
+    [
+        ([0, 0.04, 0, 1e-30], "has no inverse in the firmware's single precision"),
+        ([100, 0.01, 0, 0.001], "gives 100 N at 0 V"),
+        ([9.1322e-4, 0.0157323, 0.00557237, 0.000662268], "falls by"),  # c2^2 = 0.993 * 3 c1 c3
+        ([0, 1e-3, 0, 1e-5], "reaches none up to 4.2 V"),
+    ],
+)
+def test_a_map_that_single_precision_cannot_invert_is_no_header(cubic: list[float], said: str) -> None:
+    known = with_value(with_value(vehicle(), "thrust_of_voltage", cubic), "max_thrust", 0.16)
+    with pytest.raises(DataError, match=f"no header: motor.thrust_voltage_poly.*{said}"):
+        text_of(TARGET, known)
+
+
 def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
+    """Of all rows of the recording: the steady steps alone, which a fit takes, are too few for a cubic."""
     if not STOCK.exists():
         pytest.skip("the recordings of stock motors are not here")
     table = read_stand_table(STOCK)
@@ -173,6 +189,22 @@ def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, se
 
     assert found.refusal == ""
     assert_header_flies(inverse, found.lowest_first, float(thrust.max()))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flies(inverse: Inverse, seed: int) -> None:
+    """Ordinary motors: at c2^2 = 0.98 * 3 c1 c3 the formula subtracts nearly equal numbers of single precision."""
+    rng = np.random.default_rng(seed)
+    command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
+    vbat_v = 4.0 - 0.4 * command / 65535 - 0.02 * rng.random(len(command))
+    volts = command / 65535 * vbat_v
+    thrust = 0.00077 + 0.0158 * volts + 0.00558 * volts**2 + 0.00066 * volts**3
+    measured = thrust + 1e-4 * rng.standard_normal(len(command))
+    most_n = 1.04 * float(thrust.max())
+    found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, max_thrust_n=most_n)
+
+    assert found.refusal == ""
+    assert_header_flies(inverse, found.lowest_first, most_n)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 from cfid.export.hover import hover_command
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, python, toml, xml, yaml
-from tests.export.thesis_vehicle import vehicle
+from tests.export.thesis_vehicle import vehicle, with_value
 
 RPM = 2 * math.pi / 60
 SHARE_N = thesis.MASS_KG * 9.81 / 4
@@ -184,3 +184,13 @@ def test_crazyflows_rotors_have_neither_thrust_nor_torque_at_rest() -> None:
     drone = toml("crazyflow", vehicle())["cf2x_L250"]
 
     assert drone["rpm2thrust"][0] == drone["rpm2torque"][0] == 0.0
+
+
+def test_system_id_and_the_header_have_one_least_thrust_where_the_cubic_begins_above_idle() -> None:
+    """At 0 V the map gives 0.02 N, more than 7000/65535 of the largest thrust."""
+    lifted = with_value(with_value(vehicle(), "thrust_of_voltage", [0.02, 0.02, 0.001, 0.001]), "max_thrust", 0.16)
+    found = toml("system-id", lifted)
+
+    assert found["THRUST_MIN"] == pytest.approx(0.02)
+    assert found["VMOTOR_MIN"] == pytest.approx(0.0, abs=1e-8)
+    assert "#define THRUST_MIN 0.02f" in export("firmware", lifted)
