@@ -4,7 +4,7 @@ A value outside of its range is most likely in another unit: the message guesses
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
