@@ -33,14 +33,13 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
     """
     if context.invoked_subcommand is not None:
         return
-    from cfid.rig.console import HELP, Console
+    from cfid.rig.console import Console
 
     _, devices, simulated = rig_of(campaign)
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         confirm(crazyflie, _ALL, [crazyflie.limits.largest_command], yes=vehicle.yes)
-        live.tell(HELP)
         _drive(
             crazyflie,
             live,

@@ -93,7 +93,8 @@ class Console:
 
         At a terminal nonsense stops the motors and is answered with a sentence; in a script it raises ConfigError.
         """
-        self._keyboard.open()
+        self._keyboard.open()  # what was typed before is discarded: nobody had read yet what the keys do
+        self._say(HELP)
         try:
             while not self._now.quit:
                 self._show()

@@ -463,7 +463,9 @@ void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet,
 static uint16_t slowest_without(uint16_t idle)
 {
     const int throttle = (idle >> DSHOT_SHIFT) - DSHOT_NONE;
-    return throttle <= 0 ? idle : (uint16_t)((DSHOT_NONE + (throttle + 1) / 2) << DSHOT_SHIFT);
+    if (throttle <= 0)
+        return idle;
+    return (uint16_t)((DSHOT_NONE + (throttle + 1) / 2) << DSHOT_SHIFT);
 }
 
 /* What the vehicle shall do besides the commands.
