@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cfid.analysis.swing import FreeSwing, find_swing
-from cfid.analysis.swing_fit import fit_swing
-from cfid.analysis.swing_thesis import fit_damped_cosine
-from cfid.report.bias_figures import bias_figure, peaks_figure
-from cfid.report.save import save_figure
-from cfid.report.swing_figures import swing_figure
+from cfid.drawing.save import save_figure
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.bias_figures import bias_figure, peaks_figure
+from cfid.swing.estimation import fit_swing
+from cfid.swing.figures import swing_figure
+from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.thesis import fit_damped_cosine
 
 Array = npt.NDArray[np.float64]
 

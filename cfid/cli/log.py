@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.cli.live import LiveLine
-from cfid.cli.options import flat, positive
-from cfid.cli.recorded import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
+from cfid.console.live import LiveLine
+from cfid.console.options import flat, positive
+from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.campaign import Campaign
-    from cfid.run import Label
+    from cfid.records.campaign import Campaign
+    from cfid.records.run import Label
 
 _LABEL = "What is recorded"
 
@@ -119,7 +119,7 @@ def loadcell(
 
 def _label(options: LabelOptions, campaign: "Campaign") -> "Label":
     """Check the label against rig.toml, where a misspelt mount would only be found by the fit."""
-    from cfid.run import Label
+    from cfid.records.run import Label
 
     body = options.body or ("crazyflie" if options.axis else None)
     if options.axis and options.weight:

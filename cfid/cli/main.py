@@ -7,37 +7,37 @@ from typing import Annotated
 import typer
 
 from cfid import __version__
-from cfid.cli.campaign import new
-from cfid.cli.demo import demo
-from cfid.cli.export import export
-from cfid.cli.fit_drag import drag
-from cfid.cli.fit_dynamics import dynamics
-from cfid.cli.fit_friction import friction
-from cfid.cli.fit_inertia import inertia
-from cfid.cli.fit_motors import speed as fit_speed
-from cfid.cli.fit_motors import thrust as fit_thrust
-from cfid.cli.fit_motors import torque as fit_torque
-from cfid.cli.fit_rotor import rotor
-from cfid.cli.fit_swing import swing
-from cfid.cli.fit_testbody import testbody
-from cfid.cli.fleet import fleet
 from cfid.cli.log import encoder, loadcell
-from cfid.cli.log_ping import ping
-from cfid.cli.log_readings import scales, speed
-from cfid.cli.log_sine import sine
-from cfid.cli.log_thrust import thrust
-from cfid.cli.log_wind import wind
 from cfid.cli.motors import console, set_motors, stop
+from cfid.cli.new import new
 from cfid.cli.parameters import parameters, set_by_hand
-from cfid.cli.report import report
 from cfid.cli.rig import check, sim
 from cfid.cli.runs import exclude, include, note, runs
 from cfid.cli.show import show
-from cfid.cli.speech import fault
-from cfid.cli.tf_identify import identify
-from cfid.cli.tf_latency import latency
-from cfid.cli.tf_verify import verify
+from cfid.console.messages import fault
+from cfid.demo.command import demo
+from cfid.drag.command import drag
+from cfid.drag.wind.command import wind
 from cfid.errors import CfidError
+from cfid.export.command import export
+from cfid.fleet.command import fleet
+from cfid.friction.command import friction
+from cfid.inertia.command import inertia
+from cfid.inertia.testbody_command import testbody
+from cfid.latency.command import latency
+from cfid.latency.log_command import ping
+from cfid.motors.command import thrust
+from cfid.motors.maps.command import speed as fit_speed
+from cfid.motors.maps.command import thrust as fit_thrust
+from cfid.motors.maps.command import torque as fit_torque
+from cfid.motors.readings_command import scales, speed
+from cfid.motors.steps.command import dynamics
+from cfid.motors.vibration.command import rotor
+from cfid.report.command import report
+from cfid.swing.command import swing
+from cfid.transfer.command import identify
+from cfid.transfer.sines.command import sine
+from cfid.transfer.verify_command import verify
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.cli.live import LiveLine
-from cfid.cli.options import flat, positive
-from cfid.cli.recorded import rig_of, stop_line
-from cfid.cli.speech import note
-from cfid.cli.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
+from cfid.console.live import LiveLine
+from cfid.console.messages import note
+from cfid.console.options import flat, positive
+from cfid.console.recording import rig_of, stop_line
+from cfid.console.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError, DeviceError
 
 if TYPE_CHECKING:
-    from cfid.campaign import CrazyflieLink
+    from cfid.records.campaign import CrazyflieLink
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
 
@@ -115,7 +115,7 @@ def _found() -> str:
 
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
     """Return where the vehicle is; an address on the command line needs no campaign, nor a rig.toml without faults."""
-    from cfid.campaign import CrazyflieLink
+    from cfid.records.campaign import CrazyflieLink
 
     if uri is None:
         return rig_of(campaign)[1].crazyflie

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.cli.campaign import here
-from cfid.cli.speech import note
+from cfid.console.campaign import here
+from cfid.console.messages import note
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.campaign import Campaign
-    from cfid.parameters import Section
+    from cfid.records.campaign import Campaign
+    from cfid.records.parameters import Section
 
 BY_HAND = "set"  # the section of parameters.toml for what no fit finds
 
@@ -55,7 +55,7 @@ def parameters(
 
     Example: [bold]cfid parameters --campaign my-crazyflie[/bold]
     """
-    from cfid.parameters import load_sections
+    from cfid.records.parameters import load_sections
 
     sections = load_sections(here(campaign).parameters_file)
     (_print_json if json else _print_tables)(sections)
@@ -106,8 +106,8 @@ def _numbers(words: str, name: str) -> list[float]:
 
 
 def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
-    from cfid.parameters import load_sections
-    from cfid.voltage_cubic import cubic_fault
+    from cfid.estimate.voltage_cubic import cubic_fault
+    from cfid.records.parameters import load_sections
 
     if std is not None:
         raise ConfigError(f"{_CUBIC}: --std is one number, and a cubic has four: `cfid fit thrust` gives them.")
@@ -123,7 +123,7 @@ def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | No
 def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
     import math
 
-    from cfid.plausible import implausible
+    from cfid.records.plausible import implausible
 
     if not _NAME.fullmatch(name):
         raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
@@ -137,8 +137,8 @@ def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
     import tomlkit
 
-    from cfid.campaign import RIG_FILE, check_rig
-    from cfid.durable import alone_in, write_whole
+    from cfid.records.campaign import RIG_FILE, check_rig
+    from cfid.records.files import alone_in, write_whole
 
     table, key, std_key = _IN_RIG[name]
     path = campaign.folder / RIG_FILE
@@ -165,7 +165,7 @@ def _into_parameters(
     from datetime import UTC, datetime
 
     from cfid import __version__
-    from cfid.parameters import Parameter, Section, change_section
+    from cfid.records.parameters import Parameter, Section, change_section
 
     known = unit or _unit_of(name)
     if not known:
@@ -197,7 +197,7 @@ def _print_json(sections: "dict[str, Section]") -> None:
     import json
     from dataclasses import asdict
 
-    from cfid.parameters import plain
+    from cfid.records.parameters import plain
 
     content = {
         "command": "parameters",
@@ -218,7 +218,7 @@ def _print_json(sections: "dict[str, Section]") -> None:
 
 
 def _print_tables(sections: "dict[str, Section]") -> None:
-    from cfid.cli.tables import print_parameters
+    from cfid.console.tables import print_parameters
 
     if not sections:
         typer.echo("nothing found yet: `cfid fit --help` lists what finds parameters, `cfid set` notes one.")

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.cli.options import flat, positive
-from cfid.cli.speech import note
+from cfid.console.messages import note
+from cfid.console.options import flat, positive
 from cfid.errors import ConfigError, DeviceError
 
 if TYPE_CHECKING:
-    from cfid.campaign import Campaign
+    from cfid.records.campaign import Campaign
     from cfid.rig.check import Finding
     from cfid.rig.loop import Ending, Loop
     from cfid.sim.propulsion import OnMotors
@@ -29,7 +29,7 @@ def check(
 
     Example: [bold]cfid rig check[/bold]
     """
-    from cfid.cli.campaign import here
+    from cfid.console.campaign import here
     from cfid.rig.check import check_encoder, check_loadcell
     from cfid.rig.check_crazyflie import check_crazyflie
     from cfid.rig.sim_file import SIM_FILE, devices_in
@@ -99,7 +99,7 @@ def sim(
 
     Example: [bold]cfid rig sim --axis x --spin 28000,0,28000,0[/bold]
     """
-    from cfid.cli.campaign import here
+    from cfid.console.campaign import here
     from cfid.rig.loop import run_until_done
     from cfid.sim.motor_trace import motor_trace
 
@@ -146,7 +146,7 @@ def _simulated(
 async def _serve(
     campaign: "Campaign", rig: "SimulatedRig", ending: "Ending", *, for_s: float | None, seed: int
 ) -> None:
-    from cfid.campaign import Devices
+    from cfid.records.campaign import Devices
     from cfid.rig.sim_file import published
 
     where = rig.open()

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid.cli.campaign import here
-from cfid.cli.run_words import LAST
-from cfid.cli.speech import note as say
+from cfid.console.campaign import here
+from cfid.console.messages import note as say
+from cfid.console.selection import LAST
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.errors import DataError
-    from cfid.run import Run
+    from cfid.records.run import Run
 
 _QUIET_S = 2.0  # a run whose files changed within this time is being recorded
 
@@ -29,7 +29,7 @@ def runs(
 
     Example: [bold]cfid runs --campaign my-crazyflie[/bold]
     """
-    from cfid.run import list_runs
+    from cfid.records.run import list_runs
 
     if context.invoked_subcommand is None:
         _print_runs(list_runs(here(campaign).runs_folder), json=json)
@@ -69,7 +69,7 @@ def note(
 
 
 def _amend(word: str, folder: Path | None, *, told: str, excluded: str | None = None, note: str | None = None) -> None:
-    from cfid.run import amend_run
+    from cfid.records.run import amend_run
 
     for run in _meant(word, folder):
         if run.cut and _changed_lately(run):
@@ -86,7 +86,7 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     from fnmatch import fnmatch
 
     from cfid.errors import DataError
-    from cfid.run import RUN_FILE, list_runs, read_run
+    from cfid.records.run import RUN_FILE, list_runs, read_run
 
     if (Path(word) / RUN_FILE).is_file():
         return [read_run(Path(word))]

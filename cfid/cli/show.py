@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.cli.inputs import open_workplace
-from cfid.cli.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
-from cfid.cli.outcome import Outcome, deliver
-from cfid.cli.views import View, views_of
+from cfid.console.inputs import open_workplace
+from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.console.outcome import Outcome, deliver
+from cfid.console.views import View, views_of
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from cfid.parameters import Parameter
+    from cfid.records.parameters import Parameter
 
 
 @flat

@@ -23,7 +23,7 @@ from cfid.export.hover import (
 )
 from cfid.export.target import EXCHANGE_FILE, Target, has
 from cfid.export.vehicle import SOURCES, Quantity, Vehicle
-from cfid.parameters import Value, plain
+from cfid.records.parameters import Value, plain
 
 FORMAT = "cfid-vehicle-1"
 _DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # keys whose numbers belong to the campaign's body axes

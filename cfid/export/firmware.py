@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 
 from cfid.errors import DataError
+from cfid.estimate.voltage_cubic import IDLE, cubic_fault, least_thrust_n
 from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m, thrust_of_voltage
 from cfid.export.target import Target, has
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import SLASHES, number
-from cfid.voltage_cubic import IDLE, cubic_fault, least_thrust_n
 
 _NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

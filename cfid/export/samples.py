@@ -13,7 +13,7 @@ from cfid.export.hover import value_of
 from cfid.export.target import Target, caveats, doubted, simulated
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, commented
-from cfid.parameters import Value
+from cfid.records.parameters import Value
 
 ROTORPY, CRAZYFLOW = rotorpy.TARGET, crazyflow.TARGET
 FILES: Mapping[str, str] = {ROTORPY.name: "samples_rotorpy.py", CRAZYFLOW.name: "samples_crazyflow.json"}

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from cfid.errors import DataError
+from cfid.estimate.voltage_cubic import least_thrust_n
 from cfid.export.crazyflow import rotor_coefficients, rpm_to_thrust, rpm_to_torque
 from cfid.export.hover import (
     RPM,
@@ -18,7 +19,6 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, number, numbers
-from cfid.voltage_cubic import least_thrust_n
 
 
 def write(vehicle: Vehicle) -> str:

@@ -5,10 +5,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cfid.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
 from cfid.errors import ConfigError
-from cfid.parameters import Section, Value, plain
-from cfid.parameters import Source as File
+from cfid.records.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
+from cfid.records.parameters import Section, Value, plain
+from cfid.records.parameters import Source as File
 
 FULL = 65535  # the largest command of a motor, 16 bits
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated

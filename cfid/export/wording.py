@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 
-from cfid.parameters import Value
+from cfid.records.parameters import Value
 
 HASH, SLASHES, XML = "#", "//", "<!--"
 

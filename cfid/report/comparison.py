@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from cfid.campaign import BodyFrame
-from cfid.parameters import plain
+from cfid.records.campaign import BodyFrame
+from cfid.records.parameters import plain
 from cfid.report import published
 from cfid.report.known import Found, Known, axis_of, turned
 from cfid.report.published import Published, PublishedInertia

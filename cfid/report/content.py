@@ -6,18 +6,18 @@ from datetime import datetime
 from typing import Any, TypeVar
 
 from cfid import __version__
-from cfid.campaign import Campaign
 from cfid.errors import DataError
-from cfid.fits import Fit, list_fits
-from cfid.parameters import load_sections, plain
+from cfid.records.campaign import Campaign
+from cfid.records.fits import Fit, list_fits
+from cfid.records.parameters import load_sections, plain
+from cfid.records.run import Run, list_runs
+from cfid.records.stale import stale_in
 from cfid.report.comparison import Comparison, comparisons, frame_text
 from cfid.report.experiments import Experiment, experiments
 from cfid.report.known import Known
 from cfid.report.measurements import measurements
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import Group, sheet
-from cfid.report.stale import stale_in
-from cfid.run import Run, list_runs
 
 FORMAT = 1  # of the JSON object
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from cfid.fits import Fit
-from cfid.parameters import Source
+from cfid.records.fits import Fit
+from cfid.records.parameters import Source
+from cfid.records.stale import Stale
 from cfid.report.known import entries
 from cfid.report.measurements import Measurement
 from cfid.report.sheet import Row
-from cfid.report.stale import Stale
 from cfid.report.tables import Table, parameter_tables, quality_tables
 
 _TITLES = {

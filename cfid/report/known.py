@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from cfid.campaign import BodyFrame, Rig
-from cfid.parameters import Parameter, Section, part, plain
+from cfid.records.campaign import BodyFrame, Rig
+from cfid.records.parameters import Parameter, Section, part, plain
 
 _SYMMETRIC = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _ALL = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}

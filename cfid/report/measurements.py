@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from cfid.fits import Fit
+from cfid.records.fits import Fit
 
 
 @dataclass(frozen=True)

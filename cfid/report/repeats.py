@@ -7,7 +7,7 @@ from datetime import datetime
 
 import numpy as np
 
-from cfid.analysis.repeats import LEAST_PROBABILITY, repeats
+from cfid.estimate.repetition import LEAST_PROBABILITY, repeats
 from cfid.report.known import entries
 from cfid.report.measurements import Measurement
 

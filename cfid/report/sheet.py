@@ -9,10 +9,10 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import NamedTuple
 
-from cfid.campaign import RUNS_FOLDER
-from cfid.parameters import Section
+from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.parameters import Section
+from cfid.records.stale import Stale
 from cfid.report.known import Entry, Known, entries
-from cfid.report.stale import Stale
 
 
 @dataclass(frozen=True)

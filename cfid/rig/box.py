@@ -4,8 +4,8 @@ import http.client
 import socket
 import time
 
-from cfid.campaign import LoadCellBox
 from cfid.errors import DeviceError
+from cfid.records.campaign import LoadCellBox
 from cfid.wire import netft, rdt
 
 _TIME_OUT_S = 3.0

@@ -1,7 +1,7 @@
 """Asks the vehicle who it is, what runs on it, and what state it is in, and how full its battery is; no motor turns."""
 
-from cfid.campaign import CrazyflieLink
 from cfid.errors import DeviceError
+from cfid.records.campaign import CrazyflieLink
 from cfid.rig.asking import logged, parameter_of, state_of
 from cfid.rig.check import Finding
 from cfid.rig.crazyflie import Link, find_vehicle

@@ -10,8 +10,10 @@ from typing import Any
 from twisted.internet.defer import Deferred
 
 from cfid import __version__
-from cfid.campaign import EncoderPort, LoadCellBox
 from cfid.errors import DeviceError
+from cfid.records.campaign import EncoderPort, LoadCellBox
+from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run_writer import create_run
 from cfid.rig import box as loadcell_box
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_port import find_encoder, lock_name
@@ -22,8 +24,6 @@ from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say
 from cfid.rig.serial_line import serial_lines
-from cfid.run import DeviceRecord, Label, Run
-from cfid.run_writer import create_run
 
 Open = Callable[[Loop, HostClock], Instrument]
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name

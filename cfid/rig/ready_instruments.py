@@ -1,12 +1,12 @@
 """Hand-held instruments as devices of a run."""
 
+from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
 from cfid.rig.hand_held import HandHeld, Readings, ScalesSpeech, Ut372Speech
 from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
 from cfid.rig.log import Device, Open
 from cfid.rig.loop import Loop
 from cfid.rig.recorder import Instrument
-from cfid.run import DeviceRecord
 
 
 def ready_tachometer(port: str | None) -> Device:

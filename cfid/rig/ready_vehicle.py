@@ -5,8 +5,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
-from cfid.campaign import CrazyflieLink
 from cfid.errors import DeviceError
+from cfid.records.campaign import CrazyflieLink
+from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
 from cfid.rig.asking import parameter_of, state_of
 from cfid.rig.clock import HostClock
@@ -24,7 +25,6 @@ from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
-from cfid.run import DeviceRecord
 from cfid.wire.app import Ports
 from cfid.wire.supervisor import VehicleState
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from cfid.campaign import Devices, Rig
-from cfid.durable import first_fault, read_toml, write_toml
 from cfid.errors import ConfigError
+from cfid.records.campaign import Devices, Rig
+from cfid.records.files import first_fault, read_toml, write_toml
 
 SIM_FILE = "rig.sim.toml"
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from cfid.campaign import MM, Rig
+from cfid.records.campaign import MM, Rig
 from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun
 from cfid.sim.encoder import EncoderModel, Recording, record
 from cfid.sim.plants import DroppingWeight, drop

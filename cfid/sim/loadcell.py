@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from cfid.campaign import Number, Positive, Spread
+from cfid.records.campaign import Number, Positive, Spread
 from cfid.sim.stepping import Array
 
 SATURATED = 0x80020000  # bit 31, any error, and bit 17

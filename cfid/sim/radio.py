@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cfid.campaign import Number, Spread
+from cfid.records.campaign import Number, Spread
 
 _REMEMBERED = 100_000  # pings
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.campaign import Number, Positive, Spread
+from cfid.records.campaign import Number, Positive, Spread
 from cfid.sim.stepping import Array
 
 Six = tuple[Number, Number, Number, Number, Number, Number]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.campaign import MM, Cuboid, Mount, Rig
 from cfid.errors import ConfigError
+from cfid.records.campaign import MM, Cuboid, Mount, Rig
 from cfid.sim.stepping import Array
 
 FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary so (table 2.3)

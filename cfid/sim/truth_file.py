@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
-from cfid.campaign import Positive, Spread, Vector
-from cfid.durable import first_fault, read_toml
 from cfid.errors import ConfigError
+from cfid.records.campaign import Positive, Spread, Vector
+from cfid.records.files import first_fault, read_toml
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.loadcell import LoadCellTruth

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from cfid.campaign import Number, Spread, Vector
+from cfid.records.campaign import Number, Spread, Vector
 from cfid.sim.stepping import Array
 
 

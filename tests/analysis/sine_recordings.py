@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cfid.analysis.sine_runs import Channel, RecordedSine, thrust_of
-from cfid.analysis.sine_runs_reports import SAMPLE_S, Reports, SinePlan
-from cfid.analysis.transfer_models import EQ_3_15
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import ARM_M, SILENT_CELL, Bench, LinearTruth, SimulatedSine, simulate_sines
+from cfid.transfer.model import EQ_3_15
+from cfid.transfer.sines.alignment import Channel, RecordedSine, thrust_of
+from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan
 
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)
 FIRST_PERIODS = (*range(1, 16), *range(20, 101, 5))  # table 3.1 as far as C.2.5 tells, without 0 and what is cut off

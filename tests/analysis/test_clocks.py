@@ -6,16 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.analysis.clocks import (
-    COUNTER_S,
-    clock_line,
-    least_of,
-    ping_latency,
-    sessions,
-    start_by_phase,
-    unwrapped_s,
-)
 from cfid.errors import DataError
+from cfid.latency.clocks import COUNTER_S, clock_line, least_of, ping_latency, sessions, start_by_phase, unwrapped_s
 
 Array = npt.NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.drag_experiments import DragExperiments
-from cfid.analysis.drag_models import COMPLEX, CROSS, SIMPLE, DragModel
-from cfid.analysis.drag_plan import THESIS_WINDS, missing_runs, thesis_plan
-from cfid.analysis.drag_reduction import WindRun, reduce_runs
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
+from cfid.drag.wind.campaign_plan import THESIS_WINDS, missing_runs, thesis_plan
+from cfid.drag.wind.reduction import WindRun, reduce_runs
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.wind_tunnel import (
     Air,

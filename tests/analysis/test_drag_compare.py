@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_compare import compare_models
-from cfid.analysis.drag_experiments import DragExperiments
-from cfid.analysis.drag_fit import flat_rows, solve
-from cfid.analysis.drag_models import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragModel
-from cfid.analysis.drag_reduction import reduce_runs
+from cfid.drag.comparison import compare_models
+from cfid.drag.estimation import flat_rows, solve
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragModel
+from cfid.drag.wind.reduction import reduce_runs
 from cfid.errors import FitError
 from cfid.sim.wind_tunnel import Air, CrossAir, Tunnel, Wind, simulate_campaign
 from tests.analysis.test_drag_campaigns import EQ_4_11, NAMES, SIMPLE_AIR, WINDS, WORLDS, as_typed, measured

@@ -6,11 +6,11 @@ Load-cell noise, drift that nobody states, wind that is inhomogeneous, unsteady 
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_experiments import DragExperiments
-from cfid.analysis.drag_fit import fit_drag
-from cfid.analysis.drag_models import CROSS, SIMPLE, DragModel
-from cfid.analysis.drag_reduction import reduce_runs
-from cfid.analysis.drag_simple import group_simple
+from cfid.drag.estimation import fit_drag
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import CROSS, SIMPLE, DragModel
+from cfid.drag.thesis import group_simple
+from cfid.drag.wind.reduction import reduce_runs
 from cfid.sim.wind_tunnel import Air, Tunnel, simulate_campaign
 from tests.analysis.test_drag_campaigns import (
     CROSS_AIR,

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_cross import fit_cross, resolves_kappa_4
-from cfid.analysis.drag_fit import fit_drag
-from cfid.analysis.drag_models import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragModel
+from cfid.drag.cross_coupling import fit_cross, resolves_kappa_4
+from cfid.drag.estimation import fit_drag
+from cfid.drag.model import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragModel
 from cfid.errors import FitError
 from cfid.sim.wind_tunnel import CrossAir
 from tests.analysis.test_drag_campaigns import (

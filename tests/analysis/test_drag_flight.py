@@ -5,12 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_flight import (
-    acceleration_mps2,
-    drag_force_n,
-    drag_from_acceleration_n,
-    velocity_from_acceleration_mps,
-)
+from cfid.drag.flight import acceleration_mps2, drag_force_n, drag_from_acceleration_n, velocity_from_acceleration_mps
 from tests.analysis.test_drag_campaigns import EQ_4_8, EQ_4_11, Array
 
 MASS_KG, GRAVITY = 0.028, 9.81

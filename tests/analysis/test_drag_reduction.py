@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_experiments import DragExperiments, experiments_from_table
-from cfid.analysis.drag_reduction import WindRun, reduce_runs
+from cfid.drag.experiments import DragExperiments, experiments_from_table
+from cfid.drag.wind.reduction import WindRun, reduce_runs
 from cfid.errors import DataError
 from cfid.sim.wind_tunnel import Air
 from tests.analysis.test_drag_campaigns import (

@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_complex import normalise
-from cfid.analysis.drag_experiments import DragExperiments, experiments_from_table
-from cfid.analysis.drag_fit import fit_drag
-from cfid.analysis.drag_models import COMPLEX, CROSS, SIMPLE, DragModel
-from cfid.analysis.drag_simple import group_simple
+from cfid.drag.estimation import fit_drag
+from cfid.drag.experiments import DragExperiments, experiments_from_table
+from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
+from cfid.drag.normalisation import normalise
+from cfid.drag.thesis import group_simple
 from cfid.errors import FitError
 from cfid.sim.wind_tunnel import Air, ComplexAir, CrossAir, SimpleAir
 from tests.analysis.test_drag_campaigns import (

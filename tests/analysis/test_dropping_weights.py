@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.drops import Drop, measure_drop
-from cfid.analysis.friction import fit_friction, thesis_friction
 from cfid.errors import DataError, FitError
+from cfid.friction.drops import Drop, measure_drop
+from cfid.friction.estimation import fit_friction, thesis_friction
 from cfid.sim.plants import DroppingWeight, drop
 
 Array = npt.NDArray[np.float64]

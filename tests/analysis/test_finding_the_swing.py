@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.swing import FreeSwing, find_swing
 from cfid.errors import DataError
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.free_swing import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.frequency_response import Response, respond, respond_all
-from cfid.analysis.sine_runs import SineRun, align
-from cfid.analysis.transfer_models import EQ_3_15
 from cfid.errors import DataError, FitError
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import Bench, simulate_sines
+from cfid.transfer.frequency_response import Response, respond, respond_all
+from cfid.transfer.model import EQ_3_15
+from cfid.transfer.sines.alignment import SineRun, align
 from tests.analysis.sine_recordings import STILL, exact, noiseless_bench, recorded, simulated
 
 PERIODS = (2, 5, 12, 35, 100)

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
-from cfid.analysis.bodies import axis_distance, axis_inertia
-from cfid.analysis.consistency import is_consistent, nearest_consistent
-from cfid.analysis.inertia import fit_inertia, icosahedron_axes, matrix_rows, off_diagonal_gain
-from cfid.campaign import MM, Fixture, Mount, thesis_rig
 from cfid.errors import FitError
+from cfid.inertia.consistency import is_consistent, nearest_consistent
+from cfid.inertia.estimation import fit_inertia, icosahedron_axes, matrix_rows, off_diagonal_gain
+from cfid.records.campaign import MM, Fixture, Mount, thesis_rig
+from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.swing.bodies import axis_distance, axis_inertia
 
 Array = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.joint import Joint, joint_of
-from cfid.covariances import covariance_between
 from cfid.errors import DataError
-from cfid.parameters import Parameter, Section
+from cfid.export.joint import Joint, joint_of
+from cfid.records.covariances import covariance_between
+from cfid.records.parameters import Parameter, Section
 
 Array = npt.NDArray[np.float64]
 

@@ -5,10 +5,10 @@ import numpy.typing as npt
 import pytest
 from scipy.optimize import minimize
 
-from cfid.analysis.monotone_cubic import MonotoneCubic, constrain
-from cfid.analysis.polynomials import fit_polynomial
 from cfid.errors import FitError
-from cfid.voltage_cubic import firmware_volts
+from cfid.estimate.monotone_cubic import MonotoneCubic, constrain
+from cfid.estimate.polynomials import fit_polynomial
+from cfid.estimate.voltage_cubic import firmware_volts
 
 Array = npt.NDArray[np.float64]
 

@@ -9,19 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.motor_inverse import hover_mass_kg, invert, maximum_thrust
-from cfid.analysis.motor_maps import MotorMap, fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
-from cfid.analysis.motor_points import (
-    MotorPoints,
-    TableRow,
-    command_means,
-    joined,
-    motor_table,
-    per_motor,
-    rotor_speed_rad_s,
-)
-from cfid.analysis.motor_scales import scales_thrust_n, verify_thrust
 from cfid.errors import FitError
+from cfid.motors.maps.estimation import MotorMap, fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
+from cfid.motors.maps.inverse import hover_mass_kg, invert, maximum_thrust
+from cfid.motors.maps.scales import scales_thrust_n, verify_thrust
+from cfid.motors.points import MotorPoints, TableRow, command_means, joined, motor_table, per_motor, rotor_speed_rad_s
 
 Array = npt.NDArray[np.float64]
 

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.motor_maps import fit_thrust, fit_torque
-from cfid.analysis.motor_points import MotorPoints
-from cfid.analysis.polynomials import PolynomialFit
-from cfid.analysis.rotor_speed import rotor_speed
-from cfid.analysis.signals import without_spikes
-from cfid.analysis.staircase import Point, reduce_staircase
-from cfid.analysis.stand_points import points_of
-from cfid.analysis.voltage_map import THRUST_ORDER, VoltageComparison, compare
+from cfid.estimate.polynomials import PolynomialFit
+from cfid.estimate.signals import without_spikes
+from cfid.estimate.staircase import Point, reduce_staircase
+from cfid.motors.maps.estimation import fit_thrust, fit_torque
+from cfid.motors.maps.voltage import THRUST_ORDER, VoltageComparison, compare
+from cfid.motors.points import MotorPoints
+from cfid.motors.stand_points import points_of
+from cfid.motors.vibration.estimation import rotor_speed
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import NOMINAL_V, RotorTruth

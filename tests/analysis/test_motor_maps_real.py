@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.motor_inverse import invert, maximum_thrust
-from cfid.analysis.motor_maps import fit_speed, fit_thrust, fit_thrust_of_speed
-from cfid.analysis.motor_points import MotorPoints
-from cfid.analysis.polynomials import fit_polynomial
-from cfid.stand_table import StandTable, read_stand_table
+from cfid.estimate.polynomials import fit_polynomial
+from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed
+from cfid.motors.maps.inverse import invert, maximum_thrust
+from cfid.motors.points import MotorPoints
+from cfid.records.tables.stand import StandTable, read_stand_table
 
 Array = npt.NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.motor_checks import missing_commands, speed_doubts
-from cfid.analysis.motor_maps import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
-from cfid.analysis.motor_points import MotorPoints
 from cfid.errors import FitError
+from cfid.motors.maps.checks import missing_commands, speed_doubts
+from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
+from cfid.motors.points import MotorPoints
 
 Array = npt.NDArray[np.float64]
 

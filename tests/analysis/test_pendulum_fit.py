@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
-from cfid.analysis.pendulum import TERMS, Coefficients, OutputError, first_guess, fit_output_error, sample
-from cfid.analysis.signals import correlation_inflation, smooth
+from cfid.estimate.signals import correlation_inflation, smooth
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.model import TERMS, Coefficients, OutputError, first_guess, fit_output_error, sample
 
 Array = npt.NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.polynomials import fit_best_order, fit_polynomial, fit_power
 from cfid.errors import FitError
+from cfid.estimate.polynomials import fit_best_order, fit_polynomial, fit_power
 
 Array = npt.NDArray[np.float64]
 

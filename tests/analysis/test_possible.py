@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from cfid.analysis.possible import impossible
+from cfid.export.possible import impossible
 
 THESIS: dict[str, Any] = {
     "mass_kg": 0.028,

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.analysis.swing import FreeSwing, find_swing
-from cfid.analysis.swing_fit import fit_swing
-from cfid.analysis.swing_thesis import fit_damped_cosine
-from cfid.recording import AngleRecord, Reading, read_angle
+from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.swing.estimation import fit_swing
+from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.thesis import fit_damped_cosine
 
 DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 SOUND = DATA / "multiarm_pendulum" / "single_free_swing.csv"

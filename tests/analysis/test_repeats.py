@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cfid.analysis.repeats import repeats
 from cfid.errors import FitError
+from cfid.estimate.repetition import repeats
 
 DAYS = np.linspace(0.0, 5 * 86400.0, 6)
 

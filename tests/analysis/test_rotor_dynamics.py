@@ -8,8 +8,8 @@ import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 
-from cfid.analysis.rotor_dynamics import command_steps, fit_rotor_model, fit_steps, followed
 from cfid.errors import FitError
+from cfid.motors.steps.estimation import command_steps, fit_rotor_model, fit_steps, followed
 
 Array = npt.NDArray[np.float64]
 

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.rotor_lines import spectrum
-from cfid.analysis.rotor_speed import RotorSpeed, rotor_speed
 from cfid.errors import FitError
+from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
+from cfid.motors.vibration.lines import spectrum
 from cfid.sim.loadcell import LoadCell, LoadCellTruth
 from cfid.sim.rotors import Rotors, RotorTruth
 

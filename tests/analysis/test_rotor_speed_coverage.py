@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 from scipy.signal import lfilter
 
-from cfid.analysis.rotor_speed import RotorSpeed, rotor_speed
+from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
 from cfid.sim.loadcell import LoadCellTruth
 from tests.analysis.test_rotor_speed import HZ, window
 

@@ -7,8 +7,8 @@ import numpy.typing as npt
 import pytest
 from scipy.special import roots_jacobi
 
-from cfid.analysis.rotor_ridge import SpeedRidge, speed_ridge
 from cfid.errors import FitError
+from cfid.motors.vibration.ridge import SpeedRidge, speed_ridge
 from cfid.sim.loadcell import LoadCell, LoadCellTruth
 from cfid.sim.rotors import Rotors, RotorTruth
 from tests.analysis.test_rotor_speed import HZ, noise, rotating

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from cfid.analysis.blocks import block_means
-from cfid.analysis.signals import (
+from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import (
     Runs,
     amplitude_spectrum,
     cosine_taper,

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.sine_runs import RecordedSine, align, held, thrust_of
-from cfid.analysis.sine_runs_reports import SAMPLE_S, Reports, SinePlan, match_reports
 from cfid.errors import DataError
 from cfid.sim.crazyflie_modules import PING, SINE
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
+from cfid.transfer.sines.alignment import RecordedSine, align, held, thrust_of
+from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan, match_reports
 from cfid.wire import app
 from tests.analysis.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
 from tests.firmware.stand import MAY_RUN, new_core

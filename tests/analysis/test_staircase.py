@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.staircase import Point, Staircase, mean_beside, reduce_single, reduce_staircase
-from cfid.analysis.staircase_thesis import reduce_thesis
 from cfid.errors import DataError, FitError
+from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_single, reduce_staircase
+from cfid.motors.maps.thesis import reduce_thesis
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
 from cfid.sim.rotors import RotorTruth

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
-from cfid.analysis.staircase import Point, Staircase, reduce_staircase
 from cfid.errors import FitError
+from cfid.estimate.staircase import Point, Staircase, reduce_staircase
 
 Array = npt.NDArray[np.float64]
 

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.swing import find_swing
-from cfid.analysis.swing_fit import fit_swing
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.rig import draw_release
+from cfid.swing.estimation import fit_swing
+from cfid.swing.free_swing import find_swing
 from cfid.wire.rls import decode_words
 
 Array = npt.NDArray[np.float64]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cfid.analysis.axis_inertias import AxisInertias, MountedSwing, Surroundings
-from cfid.analysis.bodies import axis_distance, from_cuboids
-from cfid.analysis.testbody import compare, swung_test_body
-from cfid.campaign import Cuboid, TestBody, thesis_rig
+from cfid.inertia.testbody import compare
+from cfid.records.campaign import Cuboid, TestBody, thesis_rig
+from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, swung_test_body
+from cfid.swing.bodies import axis_distance, from_cuboids
 
 SITE = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)
 

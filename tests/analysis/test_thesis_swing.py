@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.swing import FreeSwing, find_swing
-from cfid.analysis.swing_thesis import fit_damped_cosine, fit_flexible, log_decrement
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.thesis import fit_damped_cosine, fit_flexible, log_decrement
 
 Array = npt.NDArray[np.float64]
 

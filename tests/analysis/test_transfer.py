@@ -6,21 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.frequency_response import respond
-from cfid.analysis.sine_runs import align
-from cfid.analysis.transfer import (
-    Measured,
-    TransferFit,
-    corrected_aic,
-    fit_each,
-    fit_orders,
-    fit_transfer,
-    measure,
-)
-from cfid.analysis.transfer_likelihood import Shape
 from cfid.errors import FitError
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import Bench, LinearTruth, simulate_sines
+from cfid.transfer.estimation import Measured, TransferFit, corrected_aic, fit_each, fit_orders, fit_transfer, measure
+from cfid.transfer.frequency_response import respond
+from cfid.transfer.likelihood import Shape
+from cfid.transfer.sines.alignment import align
 from tests.analysis.sine_recordings import (
     FIRST_PERIODS,
     GAIN_N,

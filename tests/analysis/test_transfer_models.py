@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cfid.analysis.transfer_models import EQ_3_15, EQ_3_16, Dynamics, Form, evaluate, static_gain, time_constant_s
+from cfid.transfer.model import EQ_3_15, EQ_3_16, Dynamics, Form, evaluate, static_gain, time_constant_s
 
 PLANTS = [
     EQ_3_15,

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.sine_runs import RecordedSine, align
-from cfid.analysis.transfer import fit_transfer, measure
-from cfid.analysis.transfer_thesis import (
+from cfid.errors import DataError, FitError
+from cfid.sim.radio import RadioTruth
+from cfid.sim.sine_bench import Bench
+from cfid.transfer.estimation import fit_transfer, measure
+from cfid.transfer.sines.alignment import RecordedSine, align
+from cfid.transfer.thesis import (
     FIRST_SERIES,
     SECOND_SERIES,
     Complex,
@@ -16,9 +19,6 @@ from cfid.analysis.transfer_thesis import (
     least_squares,
     thesis_response,
 )
-from cfid.errors import DataError, FitError
-from cfid.sim.radio import RadioTruth
-from cfid.sim.sine_bench import Bench
 from tests.analysis.sine_recordings import FIRST_PERIODS, LAG_S, SHAKEN, STILL, exact, recorded, simulated
 
 EQUATIONS = [(6.0705967e-8, 0.9745210), (7.2345374e-8, 0.9695404)]

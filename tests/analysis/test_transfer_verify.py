@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.analysis.sine_runs import SineRun, align
-from cfid.analysis.transfer import fit_transfer, measure
-from cfid.analysis.transfer_models import EQ_3_15
-from cfid.analysis.transfer_verify import verify
 from cfid.errors import DataError
+from cfid.transfer.estimation import fit_transfer, measure
+from cfid.transfer.model import EQ_3_15
+from cfid.transfer.sines.alignment import SineRun, align
+from cfid.transfer.verification import verify
 from tests.analysis.sine_recordings import SHAKEN, STILL, noiseless_bench, recorded, simulated
 
 LEAST_S = 0.0006 - 0.012

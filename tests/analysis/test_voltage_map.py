@@ -4,8 +4,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.voltage_map import compare, compare_speed, compare_thrust, motor_volts
 from cfid.errors import FitError
+from cfid.motors.maps.voltage import compare, compare_speed, compare_thrust, motor_volts
 
 Array = npt.NDArray[np.float64]
 

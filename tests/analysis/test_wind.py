@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cfid.analysis.wind import body_from_sensor, body_std_from_sensor, speed_sum_rad_s, velocity_in_air, wind_speed
+from cfid.drag.wind.frames import body_from_sensor, body_std_from_sensor, speed_sum_rad_s, velocity_in_air, wind_speed
 
 
 def test_wind_from_above_is_a_climb() -> None:

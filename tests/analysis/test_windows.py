@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.analysis.signals import Slow
-from cfid.analysis.windows import Stretch, changes_seen, commanded_intervals, level, onsets, prepared, steady_stretch
 from cfid.errors import DataError
+from cfid.estimate.signals import Slow
+from cfid.estimate.windows import Stretch, changes_seen, commanded_intervals, level, onsets, prepared, steady_stretch
 
 Array = npt.NDArray[np.float64]
 

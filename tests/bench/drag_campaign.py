@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.analysis.drag_plan import THESIS_WINDS
-from cfid.analysis.drag_result import DragChoices, fit_models
-from cfid.cli.drag_inputs import WindInputs, read_wind_evidence
-from cfid.cli.inputs import open_workplace
-from cfid.cli.options import LoadCellOptions, ReadingOptions, RigOptions
+from cfid.console.inputs import open_workplace
+from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
+from cfid.drag.data import WindInputs, read_wind_evidence
+from cfid.drag.selection import DragChoices, fit_models
+from cfid.drag.wind.campaign_plan import THESIS_WINDS
 from cfid.sim.wind_tunnel import COMMANDS, SHOWN_RPM, SimpleAir, Tunnel, Wind, record
 
 RATE_HZ = 7000.0

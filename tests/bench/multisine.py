@@ -18,15 +18,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from cfid.analysis.blocks import block_means
-from cfid.analysis.frequency_response import END_S, SETTLE_S, Response
-from cfid.analysis.sine_runs import RecordedSine, SineRun, SineSeries, align, thrust_of
-from cfid.analysis.sine_runs_reports import SAMPLE_S, Reports, SinePlan
-from cfid.analysis.transfer import Measured, fit_transfer, measure
+from cfid.estimate.blocks import block_means
 from cfid.sim.loadcell import LoadCell, LoadCellTruth
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.rotors import NOMINAL_V, Rotors, RotorTruth
 from cfid.sim.sine_bench import ARM_M, LATE_RADIO, SILENT_CELL, USUAL_CELL
+from cfid.transfer.estimation import Measured, fit_transfer, measure
+from cfid.transfer.frequency_response import END_S, SETTLE_S, Response
+from cfid.transfer.sines.alignment import RecordedSine, SineRun, SineSeries, align, thrust_of
+from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan
 from cfid.wire.app import MIDDLE
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.analysis.staircase import Point, reduce_single
+from cfid.estimate.staircase import Point, reduce_single
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth

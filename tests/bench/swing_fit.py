@@ -15,8 +15,8 @@ import numpy.typing as npt
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cfid.analysis.pendulum import first_guess, fit_output_error
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.model import first_guess, fit_output_error
 
 Array = npt.NDArray[np.float64]
 

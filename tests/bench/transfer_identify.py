@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.analysis.sine_runs import RecordedSine, align, thrust_of
-from cfid.analysis.sine_runs_reports import Reports, SinePlan
-from cfid.analysis.transfer import corrected_aic, fit_orders, measure
-from cfid.analysis.transfer_models import EQ_3_15
-from cfid.analysis.transfer_thesis import fit_thesis
 from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+from cfid.transfer.estimation import corrected_aic, fit_orders, measure
+from cfid.transfer.model import EQ_3_15
+from cfid.transfer.sines.alignment import RecordedSine, align, thrust_of
+from cfid.transfer.sines.reports import Reports, SinePlan
+from cfid.transfer.thesis import fit_thesis
 
 PERIODS = [*range(16), *range(20, 101, 5), *range(110, 191, 10), 500]
 FILES = 5

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.campaign import RIG_FILE, find_campaign, load_rig, new_rig_text
-from cfid.cli.campaign import make_campaign
-from cfid.cli.demo_recordings import write_runs
+from cfid.console.campaign import make_campaign
+from cfid.demo.recordings import write_runs
+from cfid.records.campaign import RIG_FILE, find_campaign, load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH

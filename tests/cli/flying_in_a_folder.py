@@ -16,9 +16,9 @@ from typing import Any
 
 from twisted.internet.threads import blockingCallFromThread
 
-from cfid.campaign import RIG_FILE, RUNS_FOLDER, load_rig, new_rig_text
+from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, load_rig, new_rig_text
+from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
-from cfid.run import Run, read_run
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.service import SimulatedRig

@@ -20,10 +20,10 @@ import numpy.typing as npt
 from twisted.internet.posixbase import PosixReactorBase
 from twisted.internet.threads import blockingCallFromThread
 
-from cfid.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
+from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
+from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import SIM_FILE
-from cfid.run import Run, read_run
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults

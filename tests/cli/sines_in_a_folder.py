@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from cfid.cli.main import main
-from cfid.run import DeviceRecord, Label, Run
-from cfid.run_writer import create_run
+from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run_writer import create_run
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.run import DeviceRecord, Label, Run
-from cfid.run_writer import create_run
+from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth

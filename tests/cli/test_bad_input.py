@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.campaign import new_rig_text
+from cfid.records.campaign import new_rig_text
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Spoil = Callable[[list[str]], list[str]]

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.campaign import find_campaign
-from cfid.cli.demo_fits import compared, covers
-from cfid.fits import Fit, list_fits
-from cfid.parameters import load_sections
+from cfid.demo.fits import compared, covers
+from cfid.records.campaign import find_campaign
+from cfid.records.fits import Fit, list_fits
+from cfid.records.parameters import load_sections
 from cfid.sim.demo import DEMO_TRUTH, simulate_demo
 
 SECTIONS = {

@@ -12,16 +12,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.drag_experiments import DragExperiments
-from cfid.analysis.drag_models import COMPLEX, CROSS, SIMPLE, DragModel
-from cfid.analysis.drag_result import NO_INTERCEPTS, DragChoices, fit_models
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.cli.drag_inputs import WindEvidence, WindInputs, read_wind_evidence
-from cfid.cli.drag_results import NORMALISED, Grouping, drag_lines, drag_parameters, drag_quality
-from cfid.cli.fit_drag import ModelOptions
-from cfid.cli.inputs import Workplace, open_workplace
-from cfid.cli.options import LoadCellOptions, Method, ReadingOptions, RigOptions
+from cfid.console.inputs import Workplace, open_workplace
+from cfid.console.options import LoadCellOptions, Method, ReadingOptions, RigOptions
+from cfid.drag.command import ModelOptions
+from cfid.drag.data import WindEvidence, WindInputs, read_wind_evidence
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
+from cfid.drag.result import NORMALISED, Grouping, drag_lines, drag_parameters, drag_quality
+from cfid.drag.selection import NO_INTERCEPTS, DragChoices, fit_models
 from cfid.errors import ConfigError, DataError, FitError
+from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind_tunnel import CrossAir, Wind
 from tests.analysis.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact

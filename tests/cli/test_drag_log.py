@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.cli.log_wind import SweepOptions, WindOptions
-from cfid.cli.resume import missing
+from cfid.drag.wind.command import SweepOptions, WindOptions
 from cfid.errors import ConfigError
-from cfid.run import list_runs, read_run
+from cfid.motors.resume import missing
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.run import list_runs, read_run
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.wind import WindTruth
 from tests.cli.flying_in_a_folder import Bench, bench_in

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.analysis.drag_result import DragChoices, fit_models
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.cli.drag_inputs import WindEvidence, WindInputs, read_wind_evidence
-from cfid.cli.inputs import open_workplace
-from cfid.cli.options import LoadCellOptions, ReadingOptions, RigOptions
-from cfid.cli.wind_run import WindSetting
+from cfid.console.inputs import open_workplace
+from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
+from cfid.drag.data import WindEvidence, WindInputs, read_wind_evidence
+from cfid.drag.selection import DragChoices, fit_models
+from cfid.drag.wind.plan import WindSetting
 from cfid.errors import DataError, FitError
-from cfid.run import DeviceRecord, Label, Run
-from cfid.run_writer import create_run
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind import WindTruth

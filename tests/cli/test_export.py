@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from cfid.campaign import new_rig_text
 from cfid.export.catalogue import TARGETS
-from cfid.parameters import store_section
-from cfid.run import DeviceRecord, Label, amend_run
-from cfid.run_writer import create_run
+from cfid.records.campaign import new_rig_text
+from cfid.records.parameters import store_section
+from cfid.records.run import DeviceRecord, Label, amend_run
+from cfid.records.run_writer import create_run
 from tests.export.thesis_vehicle import section, sections
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

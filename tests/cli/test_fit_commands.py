@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.campaign import new_rig_text
+from cfid.records.campaign import new_rig_text
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 

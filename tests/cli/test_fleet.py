@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cfid.cli.campaign import make_campaign
-from cfid.parameters import Parameter, Section, Source, store_section
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
+from cfid.console.campaign import make_campaign
+from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from tests.cli.conftest import Cfid
 
 DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)

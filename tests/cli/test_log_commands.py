@@ -16,8 +16,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.run import Run
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.run import Run
 from tests.cli.rig_in_a_folder import Command, Lab, lab_in
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

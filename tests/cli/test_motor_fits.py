@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.parameters import load_sections
+from cfid.estimate.voltage_cubic import cubic_fault
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import load_sections
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
-from cfid.voltage_cubic import cubic_fault
 from tests.cli.stand_in_a_folder import climbed, write_run, write_thesis_file
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

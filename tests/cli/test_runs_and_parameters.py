@@ -10,14 +10,14 @@ from typing import Literal
 
 import pytest
 
-from cfid.campaign import Campaign, find_campaign
-from cfid.cli.campaign import make_campaign
 from cfid.cli.parameters import set_by_hand
-from cfid.cli.run_words import chosen, labelled
+from cfid.console.campaign import make_campaign
+from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError
-from cfid.parameters import load_sections
-from cfid.run import DeviceRecord, Label, Run, amend_run, read_run
-from cfid.run_writer import create_run
+from cfid.records.campaign import Campaign, find_campaign
+from cfid.records.parameters import load_sections
+from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run
+from cfid.records.run_writer import create_run
 from tests.cli.conftest import Cfid
 
 DROPS = labelled("drop")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from tests.cli.conftest import Cfid
 
 T = 1.7e9 + np.arange(5.0)

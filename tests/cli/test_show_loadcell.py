@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 

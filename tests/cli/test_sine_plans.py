@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.cli.sine_plans import THESIS_FIRST, THESIS_SECOND, log_spaced
+from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
 from tests.cli.flying_in_a_folder import bench_in
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

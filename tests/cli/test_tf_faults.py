@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from cfid.sim.sine_bench import SimulatedSine
 from tests.cli.sines_in_a_folder import Here, Said, sines, write_index, write_run
 

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.parameters import Parameter, Section, load_sections, store_section
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import Parameter, Section, load_sections, store_section
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.cli.sines_in_a_folder import (
     GAIN_N,

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.campaign import RIG_FILE, new_rig_text
-from cfid.parameters import load_sections
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import load_sections
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
 from tests.cli.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run

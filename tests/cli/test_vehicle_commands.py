@@ -20,8 +20,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.campaign import RIG_FILE
-from cfid.run import list_runs, read_run
+from cfid.records.campaign import RIG_FILE
+from cfid.records.run import list_runs, read_run
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import State
 from cfid.wire.app import Ports

@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from cfid.campaign import Mount, Rig
 from cfid.errors import CfidError
+from cfid.records.campaign import Mount, Rig
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "docs" / "reference"

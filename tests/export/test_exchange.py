@@ -6,10 +6,10 @@ from importlib.resources import files
 
 import numpy as np
 
-from cfid.campaign import thesis_rig
-from cfid.covariances import names_of
 from cfid.export.vehicle import collect
-from cfid.parameters import Parameter
+from cfid.records.campaign import thesis_rig
+from cfid.records.covariances import names_of
+from cfid.records.parameters import Parameter
 from tests.export.reading import export
 from tests.export.thesis_vehicle import INERTIA_KG_M2, sections
 

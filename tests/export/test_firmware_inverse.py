@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.analysis.voltage_map import compare_thrust
-from cfid.covariances import numbers_of
 from cfid.errors import DataError
+from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.export.firmware import TARGET
 from cfid.export.target import text_of
-from cfid.parameters import load_sections
-from cfid.stand_table import read_stand_table
-from cfid.voltage_cubic import cubic_fault
+from cfid.motors.maps.voltage import compare_thrust
+from cfid.records.covariances import numbers_of
+from cfid.records.parameters import load_sections
+from cfid.records.tables.stand import read_stand_table
 from tests.export.thesis_vehicle import vehicle, with_value
 
 Array = npt.NDArray[np.float64]

@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from cfid.campaign import load_rig, new_rig_text, thesis_rig
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.export.catalogue import TARGETS, target_named
 from cfid.export.target import caveats, text_of
 from cfid.export.vehicle import SOURCES, collect
 from cfid.export.wording import HASH, XML, commented, identifier, number
+from cfid.records.campaign import load_rig, new_rig_text, thesis_rig
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml
 from tests.export.thesis_vehicle import section, sections, vehicle, with_value

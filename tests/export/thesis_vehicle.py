@@ -6,9 +6,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from cfid.campaign import thesis_rig
 from cfid.export.vehicle import Vehicle, collect
-from cfid.parameters import Parameter, Section, Source
+from cfid.records.campaign import thesis_rig
+from cfid.records.parameters import Parameter, Section, Source
 
 MASS_KG = 0.028
 INERTIA_KG_M2 = [  # about x (pitch), y (roll), z

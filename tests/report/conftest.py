@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy.integrate import solve_ivp
 
-from cfid.analysis.drops import Drop, measure_drop
-from cfid.analysis.swing import FreeSwing, find_swing
-from cfid.analysis.swing_fit import SwingFit, fit_swing
-from cfid.report.style import DOUBT
+from cfid.drawing.style import DOUBT
+from cfid.friction.drops import Drop, measure_drop
+from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.free_swing import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from cfid.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
-from cfid.fits import Fit, keep_fit
-from cfid.parameters import Parameter, Section, Source, store_section
+from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
+from cfid.records.fits import Fit, keep_fit
+from cfid.records.parameters import Parameter, Section, Source, store_section
 from cfid.report.content import Report, gather
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.report.bias_figures import bias_figure, peaks_figure
+from cfid.swing.bias_figures import bias_figure, peaks_figure
 
 Look = Callable[[Figure], Any]
 

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cfid.analysis.drag_result import DragChoices, DragResult, fit_models
-from cfid.report.drag_figures import coefficients_figure, forces_figure, models_figure
+from cfid.drag.figures import coefficients_figure, forces_figure, models_figure
+from cfid.drag.selection import DragChoices, DragResult, fit_models
 from cfid.sim.wind_tunnel import Wind
 from tests.analysis.test_drag_campaigns import SIMPLE_AIR, exact, measured
 

@@ -9,9 +9,9 @@ import pytest
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
-from cfid.analysis.rotor_dynamics import RotorModel, StepFit, command_steps, fit_rotor_model, fit_steps
-from cfid.report.dynamics_figures import dynamics_figure
-from cfid.report.style import DOUBT
+from cfid.drawing.style import DOUBT
+from cfid.motors.steps.estimation import RotorModel, StepFit, command_steps, fit_rotor_model, fit_steps
+from cfid.motors.steps.figures import dynamics_figure
 
 Array = npt.NDArray[np.float64]
 Fits = tuple[Array, Array, tuple[StepFit, ...], RotorModel]

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from cfid.report.style import PAGE_WIDTH_IN, figure, styled, thinned
-from cfid.report.wording import plus_minus, shortened
+from cfid.drawing.numbers import plus_minus, shortened
+from cfid.drawing.style import PAGE_WIDTH_IN, figure, styled, thinned
 
 
 @given(count=st.integers(1, 30_000), seed=st.integers(0, 9))

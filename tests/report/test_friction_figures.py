@@ -8,9 +8,9 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from cfid.analysis.drops import Drop
-from cfid.analysis.friction import fit_friction
-from cfid.report.friction_figures import drops_figure, friction_figure
+from cfid.friction.drops import Drop
+from cfid.friction.estimation import fit_friction
+from cfid.friction.figures import drops_figure, friction_figure
 
 Look = Callable[[Figure], Any]
 MakeDrop = Callable[..., Drop]

@@ -12,19 +12,19 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from cfid.analysis.motor_maps import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
-from cfid.analysis.motor_points import MotorPoints
-from cfid.analysis.motor_scales import verify_thrust
-from cfid.analysis.staircase import Point, Staircase, reduce_staircase
-from cfid.analysis.voltage_map import compare_speed, compare_thrust
-from cfid.report.motor_figures import (
+from cfid.estimate.staircase import Point, Staircase, reduce_staircase
+from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
+from cfid.motors.maps.figures import (
     map_figure,
     rotor_spectrum_figure,
     speed_thrust_figure,
     staircase_figure,
     voltage_figure,
 )
-from cfid.report.motor_panels import binned, flag_rows, scientific
+from cfid.motors.maps.scales import verify_thrust
+from cfid.motors.maps.voltage import compare_speed, compare_thrust
+from cfid.motors.panels import binned, flag_rows, scientific
+from cfid.motors.points import MotorPoints
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]

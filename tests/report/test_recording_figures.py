@@ -9,10 +9,10 @@ import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.parameters import Source
-from cfid.recording import AngleRecord
-from cfid.report.recording_figures import recording_figure
-from cfid.run import Label
+from cfid.drawing.angle import recording_figure
+from cfid.records.parameters import Source
+from cfid.records.run import Label
+from cfid.records.tables.angle import AngleRecord
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.campaign import Campaign
-from cfid.parameters import Source, store_section
-from cfid.report.html import LARGEST_SVG_BYTES, as_html
-from cfid.report.save import save_figure
-from cfid.run import DeviceRecord, Label, amend_run
-from cfid.run_writer import create_run
+from cfid.drawing.save import save_figure
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Source, store_section
+from cfid.records.run import DeviceRecord, Label, amend_run
+from cfid.records.run_writer import create_run
+from cfid.report.formats.html import LARGEST_SVG_BYTES, as_html
 from tests.report.fits_by_hand import APPENDIX_A, NOON, new_campaign, number, put, report_of
 
 

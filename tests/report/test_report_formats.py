@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from cfid.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
-from cfid.report.formats import Format, rendered
+from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
+from cfid.report.formats.render import Format, rendered
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, put, put_appendix_a, report_of
 
 HOSTILE = r"""<script>alert("1")</script> | 50 % _of_ {$x} & \end{document} ~^# Förster µ"""

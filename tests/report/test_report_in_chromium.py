@@ -3,8 +3,8 @@
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.report.formats import rendered
-from cfid.report.save import save_figure
+from cfid.drawing.save import save_figure
+from cfid.report.formats.render import rendered
 from tests.report.chromium import BROWSER, Look, look_at
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cfid.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
+from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
 from cfid.report.comparison import Comparison
-from cfid.report.grids import comparison_grid, comparison_notes, sources_of
+from cfid.report.formats.grids import comparison_grid, comparison_notes, sources_of
 from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, new_campaign, number, put, put_appendix_a, report_of
 
 COPIED = {"Bitcraze Gazebo model", "Bitcraze firmware (Brescianini)", "Bitcraze firmware (Lee)"}

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.campaign import Campaign
-from cfid.report.grids import repeat_grid
+from cfid.records.campaign import Campaign
+from cfid.report.formats.grids import repeat_grid
 from cfid.report.repeats import Reading, Repeat, compared
 from tests.report.fits_by_hand import new_campaign, number, put, report_of
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.report.sealed import MARK, write_report
+from cfid.report.formats.sealed import MARK, write_report
 
 TEXT = f"<!-- {MARK} -->\nwhat was measured\n"
 

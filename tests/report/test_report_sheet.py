@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from cfid.campaign import Campaign
-from cfid.parameters import Source, store_section
-from cfid.report.grids import origin_text, row_grid
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Source, store_section
+from cfid.report.formats.grids import origin_text, row_grid
 from cfid.report.sheet import Quantity
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
 

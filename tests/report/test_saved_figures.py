@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from cfid.drawing.save import save_figure
+from cfid.drawing.style import draw_line, figure, name_panel, styled
 from cfid.errors import ConfigError
-from cfid.report.save import save_figure
-from cfid.report.style import draw_line, figure, name_panel, styled
 
 
 @styled
@@ -101,7 +101,7 @@ def test_drawing_neither_loads_pyplot_nor_touches_its_settings() -> None:
     code = """
 import sys, matplotlib
 before = dict(matplotlib.rcParams.copy())
-import cfid.report.bias_figures as drawn, numpy as np
+import cfid.swing.bias_figures as drawn, numpy as np
 drawn.bias_figure(*np.ones((4, 5)))
 assert dict(matplotlib.rcParams.copy()) == before
 assert "matplotlib.pyplot" not in sys.modules

@@ -9,12 +9,12 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from cfid.analysis.pendulum import Coefficients, sample
-from cfid.analysis.swing import FreeSwing, find_swing
-from cfid.analysis.swing_fit import SwingFit, fit_swing
-from cfid.analysis.swing_thesis import fit_damped_cosine, fit_flexible
-from cfid.report.motion import fitted_motion
-from cfid.report.swing_figures import swing_figure, thesis_swing_figure
+from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.figures import swing_figure, thesis_swing_figure
+from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.model import Coefficients, sample
+from cfid.swing.motion import fitted_motion
+from cfid.swing.thesis import fit_damped_cosine, fit_flexible
 
 Look = Callable[[Figure], Any]
 

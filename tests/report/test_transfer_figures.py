@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.analysis.sine_runs import RecordedSine, SineSeries, align
-from cfid.analysis.sine_runs_reports import SAMPLE_S
-from cfid.analysis.transfer import Measured, TransferFit, fit_transfer, measure
-from cfid.analysis.transfer_thesis import ThesisFit, fit_thesis
-from cfid.analysis.transfer_verify import verify
-from cfid.report.transfer_figures import bode_figure, step_figure, thesis_bode_figure, verification_figure
-from cfid.report.transfer_panels import sine_run_figure
+from cfid.transfer.estimation import Measured, TransferFit, fit_transfer, measure
+from cfid.transfer.figures import bode_figure, step_figure, thesis_bode_figure, verification_figure
+from cfid.transfer.panels import sine_run_figure
+from cfid.transfer.sines.alignment import RecordedSine, SineSeries, align
+from cfid.transfer.sines.reports import SAMPLE_S
+from cfid.transfer.thesis import ThesisFit, fit_thesis
+from cfid.transfer.verification import verify
 from tests.analysis.sine_recordings import GAIN_N, LAG_S, recorded, simulated
 
 Look = Callable[[Figure], Any]

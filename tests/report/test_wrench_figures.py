@@ -9,11 +9,11 @@ import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.parameters import Source
-from cfid.report.save import save_figure
-from cfid.report.wrench_figures import gaps_of, lines_of, spectrum_of, wrench_figure
-from cfid.run import Label
-from cfid.wrench import WrenchRecord
+from cfid.drawing.save import save_figure
+from cfid.drawing.wrench import gaps_of, lines_of, spectrum_of, wrench_figure
+from cfid.records.parameters import Source
+from cfid.records.run import Label
+from cfid.records.tables.wrench import WrenchRecord
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]

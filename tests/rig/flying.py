@@ -13,6 +13,8 @@ from twisted.internet.task import Clock
 from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
+from cfid.records.run import DeviceRecord, Label, Run, read_run
+from cfid.records.run_writer import create_run
 from cfid.rig.app_motors import AppMotors
 from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
@@ -26,8 +28,6 @@ from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
-from cfid.run import DeviceRecord, Label, Run, read_run
-from cfid.run_writer import create_run
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import PROTOCOL, Crazyflie, CrazyflieTruth

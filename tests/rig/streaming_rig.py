@@ -21,17 +21,17 @@ import numpy as np
 import pandas as pd
 from twisted.internet.threads import blockingCallFromThread
 
-from cfid.campaign import RIG_FILE, Devices, find_campaign, load_rig, new_rig_text
-from cfid.recording import Reading, read_angle
+from cfid.records.campaign import RIG_FILE, Devices, find_campaign, load_rig, new_rig_text
+from cfid.records.run import Label, Run, read_run
+from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.e201_port import lock_name
 from cfid.rig.lock import holder_of
 from cfid.rig.log import Plan, log, ready_encoder, ready_loadcell
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import devices_in, published
-from cfid.run import Label, Run, read_run
 from cfid.sim.service import Addresses, SimulatedRig
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
-from cfid.wrench import WrenchReading, read_wrench
 
 ROOT = Path(__file__).parents[2]
 DEVICES = ("encoder", "loadcell")

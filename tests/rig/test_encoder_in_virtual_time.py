@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.run import Run
+from cfid.records.run import Run
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.rig.virtual import STEP_S, UNIX_S, Session, encoder, rows_of

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from cfid.errors import DeviceError
+from cfid.records.run import Run
 from cfid.rig.clock import HostClock
 from cfid.rig.encoder import Receiver
 from cfid.rig.hand_held import HandHeld, Readings, ScalesSpeech, Ut372Speech
 from cfid.rig.listening import HidrawEar, Listen, Port, find_ut372, serial_ports, ut372_ports
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.recorder import Block, Instrument, sleep
-from cfid.run import Run
 from tests.rig.virtual import UNIX_S, Session, rows_of
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo terminals of Unix")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.run import read_run
+from cfid.records.run import read_run
 from tests.rig.streaming_rig import (
     DEVICES,
     ServedRig,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.run import Run
+from cfid.records.run import Run
 from cfid.sim.faults import LoadCellFaults
 from cfid.wire.rdt import Command, Request, decode_request, encode_request
 from tests.rig.virtual import STEP_S, UNIX_S, RdtWire, Session, loadcell, rows_of

@@ -18,10 +18,10 @@ from twisted.internet.task import Clock
 from twisted.python.failure import Failure
 
 from cfid.errors import DataError, DeviceError
+from cfid.records.run import DeviceRecord, Label, Run, read_run
+from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.loop import Ending
 from cfid.rig.recorder import Block, Progress, Recorder, no_rows, sleep
-from cfid.run import DeviceRecord, Label, Run, read_run
-from cfid.run_writer import RunWriter, create_run
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.rig.streaming_rig import ROOT

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DeviceError
+from cfid.records.run import Run
 from cfid.rig.loop import Ending
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
 from cfid.rig.procedures import Staircase, climb, hold, ping_often, play_sine
-from cfid.run import Run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth

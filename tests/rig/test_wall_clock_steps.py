@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cfid.records.run import read_run
 from cfid.rig.loop import Loop
 from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.run import read_run
 from cfid.wire.rdt import RECORD_BYTES
 from tests.rig.streaming_rig import ROOT, ServedRig, served_rig, whole_rows
 

@@ -11,6 +11,8 @@ from twisted.internet.defer import Deferred
 from twisted.internet.task import Clock
 from twisted.python.failure import Failure
 
+from cfid.records.run import DeviceRecord, Label, Run, read_run
+from cfid.records.run_writer import create_run
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_port import Found
 from cfid.rig.encoder import Encoder, Line, Receiver
@@ -18,8 +20,6 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.loop import Ending
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, Inbox
 from cfid.rig.recorder import Instrument, Recorder
-from cfid.run import DeviceRecord, Label, Run, read_run
-from cfid.run_writer import create_run
 from cfid.sim.e201 import E201Device
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import EncoderFaults, LoadCellFaults

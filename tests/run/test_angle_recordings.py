@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import ConfigError, DataError
-from cfid.recording import AngleRecord, Reading, counts_per_turn, read_angle
+from cfid.records.tables.angle import AngleRecord, Reading, counts_per_turn, read_angle
 from cfid.wire.rls import encode_positions
 
 TURN = 2 * np.pi

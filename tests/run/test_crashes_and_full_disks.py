@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.parameters import load_sections
-from cfid.recording import Reading, read_angle
-from cfid.run import Run, read_run
+from cfid.records.parameters import load_sections
+from cfid.records.run import Run, read_run
+from cfid.records.tables.angle import Reading, read_angle
 
 STEP_RAD = 2 * np.pi / 8192
 
@@ -23,9 +23,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 import numpy as np
 from cfid.errors import CfidError
-from cfid.parameters import Parameter, Section, Source, store_section
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
+from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from cfid.wire.rls import encode_positions
 
 place = Path(sys.argv[1])
@@ -213,7 +213,7 @@ assert (place / "parameters.toml").read_bytes() == before
 def test_a_file_that_is_being_replaced_is_whole_at_any_time(tmp_path: Path) -> None:
     size = 3_000_000
     body = f"""
-from cfid.durable import write_whole
+from cfid.records.files import write_whole
 while True:
     for letter in (b"a", b"b"):
         write_whole(place / "file", {size} * letter)
@@ -261,11 +261,11 @@ def test_fits_that_end_at_the_same_time_all_keep_their_section(tmp_path: Path) -
 def test_what_this_user_may_not_read_or_write_is_said_by_name() -> None:
     body = """
 import fcntl, os, tomli_w  # before another user, who may not see this Python, is taken on
-from cfid.campaign import find_campaign, load_rig
-from cfid.parameters import load_sections
-from cfid.recording import Reading, read_angle
-from cfid.run import read_run
-from cfid.table import open_table
+from cfid.records.campaign import find_campaign, load_rig
+from cfid.records.parameters import load_sections
+from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.run import read_run
+from cfid.records.tables.table import open_table
 
 if os.geteuid() == 0:
     os.setgroups([])

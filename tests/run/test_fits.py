@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import DataError
-from cfid.fits import Fit, keep_fit, list_fits
-from cfid.parameters import Parameter, Section, Source
+from cfid.records.fits import Fit, keep_fit, list_fits
+from cfid.records.parameters import Parameter, Section, Source
 
 FIT = Fit(
     name="inertia",

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from cfid.covariances import Covariance, covariance_between, names_of, numbers_of, shaped_as
 from cfid.errors import DataError
-from cfid.fits import Fit, keep_fit, list_fits
-from cfid.parameters import FORMAT, Parameter, Section, load_sections, store_section
+from cfid.records.covariances import Covariance, covariance_between, names_of, numbers_of, shaped_as
+from cfid.records.fits import Fit, keep_fit, list_fits
+from cfid.records.parameters import FORMAT, Parameter, Section, load_sections, store_section
 
 MATRIX = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]
 WHOLE = Section(

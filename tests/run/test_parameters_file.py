@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
-from cfid.parameters import Parameter, Section, Source, load_sections, plain, scalars, store_section
+from cfid.records.parameters import Parameter, Section, Source, load_sections, plain, scalars, store_section
 
 FOUND = datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cfid.plausible import RANGES, centre_fault, implausible
+from cfid.records.plausible import RANGES, centre_fault, implausible
 
 
 @pytest.mark.parametrize(

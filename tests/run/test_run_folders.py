@@ -11,9 +11,9 @@ import pytest
 import tomli_w
 
 from cfid.errors import ConfigError, DataError
-from cfid.recording import Reading, read_angle
-from cfid.run import DeviceRecord, Label, Run, list_runs, read_run
-from cfid.run_writer import RunWriter, create_run
+from cfid.records.run import DeviceRecord, Label, Run, list_runs, read_run
+from cfid.records.run_writer import RunWriter, create_run
+from cfid.records.tables.angle import Reading, read_angle
 from cfid.wire.rls import encode_positions
 
 STARTED = datetime(2026, 11, 21, 8, 30, 12, 345678, tzinfo=UTC)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cfid.errors import DataError
-from cfid.recording import Reading, read_angle
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import create_run
-from cfid.wrench import WrenchReading, read_wrench
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.wrench import WrenchReading, read_wrench
 
 EPOCH_S = 1_763_712_345.0
 

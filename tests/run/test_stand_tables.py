@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError, DataError
-from cfid.stand_table import StandTable, read_stand_table
+from cfid.records.tables.stand import StandTable, read_stand_table
 
 DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 OLD = DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv"

@@ -12,10 +12,10 @@ import pytest
 import tomli_w
 
 from cfid.errors import ConfigError, DataError
-from cfid.recording import Reading, read_angle
-from cfid.run import DeviceRecord, Label
-from cfid.run_writer import RunWriter, create_run
-from cfid.wrench import WrenchReading, WrenchRecord, holds_wrench, read_wrench
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import RunWriter, create_run
+from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.wrench import WrenchReading, WrenchRecord, holds_wrench, read_wrench
 
 HEAD = "t,Fx,Fy,Fz,Tx,Ty,Tz"
 ROWS = 200

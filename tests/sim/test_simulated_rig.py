@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from cfid.campaign import Rig, Site, thesis_rig
 from cfid.errors import ConfigError
+from cfid.records.campaign import Rig, Site, thesis_rig
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.plants import HandRelease, swing
 from cfid.sim.rig import Friction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings

@@ -12,8 +12,8 @@ import pytest
 import serial
 from twisted.internet.posixbase import PosixReactorBase
 
-from cfid.campaign import thesis_rig
 from cfid.errors import ConfigError
+from cfid.records.campaign import thesis_rig
 from cfid.sim.service import SimulatedRig
 from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
 from cfid.wire.e201 import PositionReader

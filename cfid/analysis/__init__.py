@@ -1,1 +1,0 @@
-"""Arrays in, fits out: pure functions that neither print nor plot."""

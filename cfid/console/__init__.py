@@ -1,0 +1,1 @@
+"""Options, inputs, prompts and tables that commands share."""

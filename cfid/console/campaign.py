@@ -1,0 +1,40 @@
+"""`cfid new`: a campaign folder; and which one a command is meant for."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+
+
+def make_campaign(folder: Path) -> Path:
+    """Make a campaign folder and return the path of its rig.toml.
+
+    Raises ConfigError when there is one already.
+    """
+    from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
+
+    try:
+        (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
+        with (folder / RIG_FILE).open("x", encoding="utf-8") as file:
+            file.write(new_rig_text())
+    except FileExistsError:
+        raise ConfigError(f"{folder / RIG_FILE} is there already: nothing was changed.") from None
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be made: {error.strerror}.") from None
+    return folder / RIG_FILE
+
+
+def here(folder: Path | None) -> "Campaign":
+    """Return the campaign named, else the one at or above the current folder.
+
+    Raises ConfigError when there is none.
+    """
+    from cfid.records.campaign import RIG_FILE, find_campaign
+
+    found = find_campaign(folder, start=Path.cwd())
+    if found is None:
+        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
+    return found

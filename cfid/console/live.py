@@ -1,0 +1,90 @@
+"""The line on the terminal while a run is recorded, and the sentences that come in between."""
+
+import os
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from cfid.console.messages import noted
+from cfid.console.screen import Screen
+
+if TYPE_CHECKING:
+    from cfid.rig.recorder import Progress, Recorder
+
+_EVERY_S = 0.2
+_BARS = "▁▂▃▄▅▆▇█"
+
+
+class LiveLine:
+    """One line on stderr that is written over and over; silent where stderr is no terminal.
+
+    A terminal that was closed or stopped costs its line, never the recording.
+    """
+
+    def __init__(self) -> None:
+        """Start with an empty line."""
+        self._screen = Screen()
+        file = self._screen.file
+        self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
+        self._next_s = 0.0
+        self._length = 0
+        self._task = ""
+
+    def task(self, text: str) -> None:
+        """Put before the line what is being done, at the next block."""
+        self._task = text
+        self._next_s = 0.0
+
+    def show(self, recorder: "Recorder") -> None:
+        """Show how the recording does, a few times a second."""
+        now_s = time.monotonic()
+        if self._terminal is None or now_s < self._next_s or not self._screen.idle:
+            return
+        self._next_s = now_s + _EVERY_S
+        told = [f"{name} {_told(progress)}" for name, progress in recorder.progress.items()]
+        if self._task:
+            told.insert(0, self._task)
+        self._replace(f"{recorder.seconds:6.1f} s  " + "  |  ".join(told))
+
+    def say(self, text: str) -> None:
+        """Say a sentence above the line."""
+        self.tell(f"note: {text}" if self._terminal is None else noted(text))
+
+    def tell(self, text: str) -> None:
+        """Say above the line what is no note: where it is recorded to."""
+        self._replace("")
+        self._screen.write(f"{text}\n")
+
+    def end(self) -> None:
+        """Clear the line."""
+        self._replace("")
+        self._screen.finish()
+
+    def _replace(self, text: str) -> None:
+        """Write over the line."""
+        if self._terminal is None:
+            return
+        try:
+            text = text[: max(os.get_terminal_size(self._terminal).columns - 1, 0)]
+        except OSError:  # it was closed
+            return
+        self._screen.write("\r" + text.ljust(self._length) + ("" if text else "\r"))
+        self._length = len(text)
+
+
+def sparkline(values: Sequence[float]) -> str:
+    """Return values as bars between their least and their greatest."""
+    if not values:
+        return ""
+    least, range_ = min(values), max(values) - min(values)
+    if not range_:
+        return _BARS[0] * len(values)
+    return "".join(_BARS[min(int((value - least) / range_ * len(_BARS)), len(_BARS) - 1)] for value in values)
+
+
+def _told(progress: "Progress") -> str:
+    if progress.status:
+        return progress.status
+    latest = " ".join(f"{value:.6g}" for value in progress.latest[:6])
+    rate = f"{progress.rate_hz:5.0f} Hz {progress.rows} rows {progress.lost} lost"
+    return f"{rate} {sparkline(list(progress.trace))} {latest}"

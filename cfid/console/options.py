@@ -1,0 +1,233 @@
+"""The options that several commands share: each group is a dataclass, which `flat` spreads over a command."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+
+import typer
+
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.records.tables.angle import Reading
+    from cfid.records.tables.wrench import WrenchReading
+
+_FILE = "Files that something else wrote"
+_OUTPUT = "Output"
+_RIG = "Vehicle and rig"
+
+Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' calculates as the thesis did.")]
+
+
+MassKg = Annotated[
+    float | None, typer.Option(help="Mass of what swings; its deviation stays rig.toml's.", rich_help_panel=_RIG)
+]
+GravityMps2 = Annotated[
+    float | None, typer.Option(help="Local gravity; its deviation stays rig.toml's.", rich_help_panel=_RIG)
+]
+Swings = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="AXIS=FILE|AXIS=NUMBER[:STD]|RUN ...",
+        help="Swings, or known axis inertias; default: the campaign's complete, labelled swings.",
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadingOptions:
+    """How to read a file that does not say so itself."""
+
+    time_unit: Annotated[
+        Literal["s", "ms", "us"] | None,
+        typer.Option(help="Unit of the time column; default: its name's suffix, else s.", rich_help_panel=_FILE),
+    ] = None
+    angle_unit: Annotated[
+        Literal["counts", "rad", "deg"] | None,
+        typer.Option(
+            help="Unit of the angle; default: its name's suffix, whole numbers are counts.",
+            rich_help_panel=_FILE,
+        ),
+    ] = None
+    counts_per_turn: Annotated[
+        str | None,
+        typer.Option(metavar="N|rls-13bit-in-22", help="What one turn of the encoder is.", rich_help_panel=_FILE),
+    ] = None
+    rate_hz: Annotated[
+        float | None, typer.Option(help="Sampling rate of a file without times.", rich_help_panel=_FILE)
+    ] = None
+    skip_lines: Annotated[int, typer.Option(min=0, help="Lines to leave out at the top.", rich_help_panel=_FILE)] = 0
+    columns: Annotated[
+        str | None, typer.Option(metavar="TIME,ANGLE", help="Names of the columns.", rich_help_panel=_FILE)
+    ] = None
+
+    def reading(self) -> "Reading":
+        """Return the options as the readers take them."""
+        from cfid.records.tables import angle as recording
+
+        if self.rate_hz is not None:
+            positive(self.rate_hz, "--rate-hz")
+        scale = self.counts_per_turn
+        return recording.Reading(
+            time_unit=self.time_unit,
+            angle_unit=self.angle_unit,
+            counts_per_turn=None if scale is None else recording.counts_per_turn(scale),
+            rate_hz=self.rate_hz,
+            skip_lines=self.skip_lines,
+            columns=self.column_names,
+        )
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """The columns' names, none where they were not said."""
+        return () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCellOptions:
+    """What the forces and torques of a file are in."""
+
+    counts_per_n: Annotated[
+        float | None, typer.Option(help="Counts of a newton; default: the run's, else 1e6.", rich_help_panel=_FILE)
+    ] = None
+    counts_per_nm: Annotated[
+        float | None,
+        typer.Option(help="Counts of a newton metre; default: the run's, else 1e6.", rich_help_panel=_FILE),
+    ] = None
+    units: Annotated[
+        Literal["counts", "n,nm"] | None,
+        typer.Option(
+            help="Units of forces and torques; default: their names' suffix, else counts.", rich_help_panel=_FILE
+        ),
+    ] = None
+
+    def reading(self, file: ReadingOptions) -> "WrenchReading":
+        """Return these options and those of any file as the reader of load cells takes them."""
+        from cfid.records.tables.wrench import WrenchReading
+
+        return WrenchReading(
+            time_unit=file.time_unit,
+            units=self.units,
+            counts_per_n=self.counts_per_n,
+            counts_per_nm=self.counts_per_nm,
+            rate_hz=file.rate_hz,
+            skip_lines=file.skip_lines,
+            columns=file.column_names,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions:
+    """Which campaign and rig a command works with."""
+
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            help="Campaign folder; default: this one or its nearest parent with a rig.toml.",
+            rich_help_panel=_RIG,
+        ),
+    ] = None
+    geometry: Annotated[
+        Path | None, typer.Option(help="A rig.toml to use instead of the campaign's.", rich_help_panel=_RIG)
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowOptions:
+    """Which part of a swing to use."""
+
+    peaks: Annotated[
+        str | None,
+        typer.Option(metavar="N|AXIS=N,...", help="Use that many peaks, the release being the first."),
+    ] = None
+    min_angle_deg: Annotated[
+        float | None, typer.Option(min=1, max=90, help="Use peaks down to this angle (the thesis' rule: 10).")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CutOptions:
+    """A window set by hand."""
+
+    from_s: Annotated[
+        float | None,
+        typer.Option("--from", metavar="S", min=0, help="Window's start, since the first sample."),
+    ] = None
+    to_s: Annotated[
+        float | None, typer.Option("--to", metavar="S", min=0, help="Window's end, since the first sample.")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delivery:
+    """How the operator wants a result."""
+
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Give numbers that are not believed; overwrite files.", rich_help_panel=_OUTPUT),
+    ] = False
+    figures: Annotated[
+        bool, typer.Option(help="Draw figures (with --json only if --out is given).", rich_help_panel=_OUTPUT)
+    ] = True
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the figures; default: beside the run.", rich_help_panel=_OUTPUT),
+    ] = None
+
+
+def positive(value: float, option: str) -> float:
+    """Return a number that has to be above zero.
+
+    Raises ConfigError when it is not.
+    """
+    if not 0 < value < float("inf"):
+        raise ConfigError(f"{option} {value:g}: has to be above zero.")
+    return value
+
+
+def finite(value: float, option: str) -> float:
+    """Return a number that may be any.
+
+    Raises ConfigError when it is none.
+    """
+    if not abs(value) < float("inf"):
+        raise ConfigError(f"{option} {value:g}: has to be a number.")
+    return value
+
+
+def _default(field: "Field[Any]") -> Any:
+    return inspect.Parameter.empty if field.default is MISSING else field.default
+
+
+def flat(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command, whose parameters may be dataclasses of options, those options one by one.
+
+    Called from Python, an option that is left out has its default.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    bundles: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        own = {name: (hints[name], parameter.default)}
+        if name in bundles:
+            kinds = get_type_hints(bundles[name], include_extras=True)
+            own = {field.name: (kinds[field.name], _default(field)) for field in fields(bundles[name])}
+        parameters += [
+            inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+            for key, (kind, default) in own.items()
+        ]
+
+    @functools.wraps(command)
+    def called(**options: Any) -> None:
+        for name, bundle in bundles.items():
+            options[name] = bundle(**{field.name: options.pop(field.name, field.default) for field in fields(bundle)})
+        command(**options)
+
+    del called.__wrapped__
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return called

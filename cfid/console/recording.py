@@ -1,0 +1,226 @@
+"""What every `cfid log` shares: where it records to, the run itself, and the summary at its end."""
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid import __version__
+from cfid.console.live import LiveLine
+from cfid.console.messages import note
+from cfid.console.options import positive
+from cfid.errors import CfidError, ConfigError, DataError
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign, Devices
+    from cfid.records.run import Run
+    from cfid.rig.log import Device, Plan
+
+OUTPUT = "Output"
+
+
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepOptions:
+    """Where a run goes, and how its end is told."""
+
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None
+    plot: Annotated[bool, typer.Option("--plot", help="Write the figure too.", rich_help_panel=OUTPUT)] = False
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=OUTPUT)] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lasting:
+    """How long a recording without a procedure takes."""
+
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="S", help="Seconds to record; default: until Ctrl-C.")
+    ] = None
+    dry_run: DryRun = False
+
+    @property
+    def seconds(self) -> float | None:
+        """The seconds, None for no end. Raises ConfigError for none above zero."""
+        return None if self.for_s is None else positive(self.for_s, "--for")
+
+
+def rig_of(folder: Path | None) -> "tuple[Campaign, Devices, bool]":
+    """Return the campaign, where its devices are and whether they are simulated, which is said."""
+    from cfid.console.campaign import here
+    from cfid.rig.sim_file import SIM_FILE, devices_in
+
+    campaign = here(folder)
+    devices, simulated = devices_in(campaign.folder, campaign.rig)
+    if simulated:
+        note(f"the rig is simulated: {campaign.folder / SIM_FILE} points at it.")
+    return campaign, devices, simulated
+
+
+def refuse_mixture(option: str, simulated: bool) -> None:
+    """Raise ConfigError for a device named by hand while a simulated rig serves the campaign."""
+    if simulated:
+        raise ConfigError(
+            f"{option} names a real device while a simulated rig serves this campaign, and a run is one or the other: "
+            f"end `cfid rig sim`, or leave {option} out."
+        )
+
+
+def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
+    """Say what would be recorded, where and for how long, with nothing opened."""
+    lasts = "until Ctrl-C" if for_s is None else f"{for_s:g} s"
+    typer.echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
+
+
+def record(
+    command: str,
+    plan: "Plan",
+    devices: "Sequence[Device]",
+    live: LiveLine,
+    options: KeepOptions,
+    *,
+    found: "Callable[[Run], tuple[Mapping[str, Any], Sequence[str]]]" = lambda run: ({}, ()),
+) -> None:
+    """Record a run and tell what came of it, also when it failed. Raises what ended it.
+
+    `found` returns parameters as --json has them and lines for a person, from a run that did not fail.
+    """
+    run, failure = attempt(plan, devices, live)
+    if run is not None:
+        parameters, lines = found(run) if failure is None else ({}, ())
+        if options.json:
+            print_json({**summary(command, run, failure, parameters), "figures": _figures(run, options)})
+        else:
+            print_summary(run, lines if failure is None else ())
+            _figures(run, options)
+    if failure is not None:
+        raise failure
+
+
+def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
+    """Record a run; return it, if its folder could be made, and what ended it too early."""
+    from cfid.records.run import read_run
+    from cfid.rig.log import log
+
+    folders: list[Path] = []
+
+    def begun(folder: Path) -> None:
+        folders.append(folder)
+        live.tell(f"recording into {folder} ({_until(plan)})")
+
+    try:
+        return log(plan, devices, show=live.show, begun=begun), None
+    except CfidError as error:
+        with contextlib.suppress(DataError):
+            if folders:
+                return read_run(folders[0]), error
+        return None, error
+    finally:
+        live.end()
+
+
+def _until(plan: "Plan") -> str:
+    if plan.procedure is not None:
+        return "Ctrl-C stops the motors and ends it" if {"motor", "motors"} & set(plan.asked) else "Ctrl-C ends it"
+    return "Ctrl-C ends it" if plan.for_s is None else f"{plan.for_s:g} s; Ctrl-C ends it before"
+
+
+def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
+    """Tell a person what a run holds."""
+    for name, device in _devices(run).items():
+        typer.echo(f"{name}: {device['rows']} rows, {device['lost']} lost{_told(device)} -> {device['file']}")
+    for line in lines:
+        typer.echo(line)
+    if (stopped_in_s := _stopped_in_s(run)) is not None:
+        typer.echo(stop_line(stopped_in_s))
+    if run.header.reason and run.header.state != "failed":
+        typer.echo(run.header.reason)
+
+
+def stop_line(stopped_in_s: float) -> str:
+    """Return the sentence at the end of every command that turned a motor."""
+    return f"motors stopped, confirmed in {1000 * stopped_in_s:.0f} ms."
+
+
+def _stopped_in_s(run: "Run") -> float | None:
+    told = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
+    return next((seconds for seconds in told if seconds is not None), None)
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """Print the one object of --json."""
+    import json
+
+    typer.echo(json.dumps(content, indent=2))
+
+
+def _told(device: Mapping[str, Any]) -> str:
+    counts = [f"{count} {kind.replace('_', ' ')}" for kind, count in device["kinds"].items() if count]
+    if device["gaps"]:
+        counts.append(f"{device['gaps']} gaps")
+    return f" ({', '.join(counts)})" if counts else ""
+
+
+def summary(
+    command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return what --json says of a run."""
+    devices = _devices(run)
+    return {
+        "command": command,
+        "run": str(run.folder),
+        "state": run.header.state,
+        "reason": run.header.reason,
+        "parameters": dict(parameters or {}),
+        "quality": {"believed": run.header.state == "complete"},
+        "devices": devices,
+        "stopped_in_s": _stopped_in_s(run),
+        "warnings": [] if failure is None else [str(failure)],
+        "sources": [{"path": device["file"], "sha256": _hash(Path(device["file"]))} for device in devices.values()],
+        "version": __version__,
+    }
+
+
+def _devices(run: "Run") -> dict[str, dict[str, Any]]:
+    devices: dict[str, dict[str, Any]] = {}
+    for name, record in run.header.devices.items():
+        extra = record.model_extra or {}
+        kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
+        kinds.pop("lost", None)  # stands before them
+        file = run.device_file(name)
+        gaps = len(extra.get("gaps", ()))
+        devices[name] = {"rows": record.rows, "lost": record.lost, "kinds": kinds, "gaps": gaps, "file": str(file)}
+    return devices
+
+
+def _hash(path: Path) -> str:
+    import hashlib
+
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _figures(run: "Run", options: KeepOptions) -> list[str]:
+    """Draw what `cfid show` draws, beside the run's files; what cannot be drawn is said, not an error."""
+    if not options.plot:
+        return []
+    from cfid.console.inputs import open_workplace
+    from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
+    from cfid.console.views import views_of
+    from cfid.drawing.save import save_figure
+
+    try:
+        workplace = open_workplace(RigOptions(campaign=run.folder.parent.parent))
+        views, _ = views_of(str(run.folder), workplace, ReadingOptions(), LoadCellOptions())
+        paths = [path for view in views for path in save_figure(view.draw(), run.folder / f"{view.device}_recording")]
+    except (CfidError, OSError) as error:
+        note(f"no figure: {error}")
+        return []
+    for path in paths:
+        if path.suffix == ".png" and not options.json:
+            typer.echo(f"figure: {path} (and .svg)", err=True)
+    return [str(path) for path in paths]

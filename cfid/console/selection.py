@@ -1,0 +1,118 @@
+"""Which runs the words on a command line stand for: names, globs, `last`, or no word at all."""
+
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cfid.console.messages import note
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+    from cfid.records.run import Run
+
+LAST = "last"
+RUN_FILE = "run.toml"
+
+Suits = Callable[["Run"], bool]
+
+
+def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: Suits, wanted: str) -> list[str]:
+    """Return the words with `last` and globs in the names of the campaign's runs; without words all that suit.
+
+    Only complete runs that were not excluded are found so, and what is left out is said. Words that are paths, or of
+    the form NAME=FILE, stay as they are. `wanted` is what a suitable run is, for a person. Raises ConfigError when a
+    word finds nothing.
+    """
+    words = words or ()
+    finding = not words or any(_is_search(word) for word in words)
+    there = _readable(campaign) if campaign is not None and finding else []
+    runs = [run for run in there if suits(run)]
+    if not words:
+        return _every(runs, campaign, wanted)
+    found: list[str] = []
+    for word in words:
+        if not _is_search(word):
+            found.append(word)
+            continue
+        names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, runs, campaign, wanted)
+        found += [name for name in names if name not in found]  # no run counts twice because two words mean it
+    return found
+
+
+def _is_search(word: str) -> bool:
+    """Return whether a word is `last` or a glob, and no path that there is."""
+    return not Path(word).exists() and "=" not in word and (word == LAST or is_glob(word))
+
+
+def is_glob(word: str) -> bool:
+    """Return whether a word is a pattern of names."""
+    return bool(set(word) & set("*?["))
+
+
+def labelled(kind: str, *bodies: str) -> Suits:
+    """Return what tells runs of a kind, and of some bodies; one that says no body is of the vehicle."""
+    return lambda run: run.header.kind == kind and (not bodies or (run.header.label.body or "crazyflie") in bodies)
+
+
+def _every(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
+    taken = _taken(runs, campaign, wanted)
+    left = _left(runs)
+    note(f"takes {len(taken)} complete {wanted}" + (f"; left out: {left}." if left else "."))
+    return taken
+
+
+def _latest(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> str:
+    last = _taken(runs, campaign, wanted)[-1]
+    if newer := _left([run for run in runs if run.folder.name > last]):
+        note(f"{LAST} is {last}; newer ones are left out: {newer}.")
+    return last
+
+
+def _taken(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
+    if campaign is None:
+        raise ConfigError(f"there is no campaign here to look for runs in: name files or runs: {wanted}.")
+    taken = [run.folder.name for run in runs if _is_taken(run)]
+    if not taken:
+        unfit = f" ({_left(runs)})" if runs else ""
+        raise ConfigError(f"{campaign.runs_folder}: no complete {wanted}{unfit}: record one, or name runs.")
+    return taken
+
+
+def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
+    if campaign is None:
+        raise ConfigError(f"{glob}: there is no campaign here whose runs it could stand for.")
+    named = [run for run in runs if fnmatch(run.folder.name, glob)]
+    taken, left = [run.folder.name for run in named if _is_taken(run)], _left(named)
+    if not taken:
+        unfit = f" but {left}" if left else ""
+        raise ConfigError(f"{glob}: no complete {wanted} in {campaign.runs_folder} has such a name{unfit}.")
+    if left:
+        note(f"{glob}: left out: {left}.")
+    return taken
+
+
+def _readable(campaign: "Campaign") -> "list[Run]":
+    """Return the campaign's runs; of those that cannot be read nobody knows whether they are meant: that is said."""
+    from cfid.records.run import Run, list_runs
+
+    found = list_runs(campaign.runs_folder)
+    for fault in found:
+        if not isinstance(fault, Run):
+            note(f"a run is left out: {fault}")
+    return [run for run in found if isinstance(run, Run)]
+
+
+def _is_taken(run: "Run") -> bool:
+    return run.header.state == "complete" and not run.header.excluded
+
+
+def _left(runs: "Sequence[Run]") -> str:
+    """Return which runs are not taken, and why."""
+    return ", ".join(_why_left(run) for run in runs if not _is_taken(run))
+
+
+def _why_left(run: "Run") -> str:
+    state = "cut" if run.cut else run.header.state
+    return f"{run.folder.name} ({f'excluded: {run.header.excluded}' if run.header.excluded else state})"

@@ -1,0 +1,36 @@
+"""Results on the terminal: values and deviations to the digits that mean something."""
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cfid.records.parameters import Parameter
+
+_DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
+
+
+def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> None:
+    """Print value, one standard deviation and unit of every parameter; a list of rows is its command's to print."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from cfid.records.parameters import scalars
+
+    table = Table(title=title, title_justify="left")
+    for heading in ("parameter", "value", "std", "unit"):
+        table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")
+    for name, parameter in parameters.items():
+        for label, value, std in scalars(name, parameter):
+            table.add_row(label, *value_and_deviation(value, std), parameter.unit)
+    Console().print(table)
+
+
+def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:
+    """Return a value to the digit that its deviation's second digit stands at, and the deviation."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return ("-" if value is None else str(value)), "-"
+    if not isinstance(std, int | float) or not math.isfinite(std) or std <= 0:
+        return f"{value:.{_DIGITS}g}", "-"
+    digits = 1 + max(math.floor(math.log10(abs(value))) - math.floor(math.log10(std)), 0) + 1 if value else 2
+    return f"{value:#.{min(digits, 12)}g}", f"{std:#.2g}"

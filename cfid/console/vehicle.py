@@ -1,0 +1,123 @@
+"""What every command that reaches the vehicle shares: which one, and that it is fastened before a motor turns."""
+
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.console.messages import note
+from cfid.console.recording import refuse_mixture
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import CrazyflieLink, Devices
+    from cfid.rig.ready_vehicle import ReadyVehicle
+
+VEHICLE = "Vehicle"
+
+Motor = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--motor", metavar="1,3", help="Motors to use, with commas; can be repeated.", rich_help_panel=VEHICLE
+    ),
+]
+
+
+def motors_of(words: Sequence[str] | None, usual: Sequence[int]) -> tuple[int, ...]:
+    """Return the motors that `--motor` names, each once and in order. Raises ConfigError for anything else."""
+    if not words:
+        return tuple(usual)
+    named = [part.strip() for word in words for part in word.split(",")]
+    if not all(part in ("1", "2", "3", "4") for part in named):
+        raise ConfigError(f"--motor {','.join(named)}: motors are 1 to 4, with commas between, as 1,3.")
+    return tuple(sorted({int(part) for part in named}))
+
+
+_FIRMWARE = {
+    "app": "cfid's app",
+    "thesis": "the thesis' modules of 2015",
+    "stock": "stock firmware",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleOptions:
+    """Which vehicle, and whether it is fastened."""
+
+    uri: Annotated[
+        str | None,
+        typer.Option(help="Address of the vehicle; default: rig.toml's, else looked for.", rich_help_panel=VEHICLE),
+    ] = None
+    yes: Annotated[
+        bool, typer.Option("--yes", help="The vehicle is fastened: do not ask.", rich_help_panel=VEHICLE)
+    ] = False
+
+
+LogMs = Annotated[
+    int,
+    typer.Option(min=1, max=1000, help="Milliseconds between rows of the vehicle's log.", rich_help_panel=VEHICLE),
+]
+
+
+def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
+    """Connect to the vehicle that is meant and say which it is and what runs on it. Raises DeviceError."""
+    setting = devices.crazyflie
+    if options.uri is not None:
+        refuse_mixture("--uri", simulated)
+        setting = setting.model_copy(update={"uri": options.uri})
+    return reach_at(setting, held)
+
+
+def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
+    """Connect to a vehicle and say what of it the operator should know. Raises DeviceError."""
+    from cfid.rig.ready_vehicle import ready_vehicle
+
+    vehicle = ready_vehicle(setting, held)
+    note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
+    if vehicle.firmware.kind != "app":
+        note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
+    if setting.stop_below_v is not None and not vehicle.tells_battery:
+        note("the vehicle does not tell its battery's voltage: stop_below_v of rig.toml does nothing.")
+    if vehicle.state is not None:
+        note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")
+    if vehicle.firmware.kind == "app" and not vehicle.firmware.knows_owners:
+        note("the app on it is older than this cfid: another program's keep-alives prolong commands there. Flash it.")
+    return vehicle
+
+
+def _line() -> str:
+    """Return the next line of standard input, and take no byte of what follows: a script's answers come behind."""
+    if sys.stdin is None:
+        return ""
+    line = b""
+    while not line.endswith(b"\n") and (byte := os.read(sys.stdin.fileno(), 1)):
+        line += byte
+    return line.decode(errors="replace")
+
+
+def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool) -> None:
+    """Let the operator confirm that the vehicle is fastened, before motors turn at these commands.
+
+    Raises ConfigError when that does not come, or rig.toml or the rotors do not allow such a command; DeviceError for a
+    vehicle whose motors cannot be started as it is.
+    """
+    vehicle.refuse_unfit()
+    turning = [command for command in commands if command] or [0]
+    largest = max(turning)
+    if largest:
+        vehicle.limits.check_turning(motors, min(turning), largest)
+    if yes:
+        return
+    which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
+    turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}."
+    question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
+    typer.echo(question, nl=False, err=True)
+    answer = _line()
+    if not answer:
+        raise ConfigError("nobody confirmed that the vehicle is fastened: --yes says it in a script.")
+    if answer.strip().lower() not in ("y", "yes"):
+        raise ConfigError("not confirmed: no motor was started.")

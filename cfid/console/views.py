@@ -1,0 +1,203 @@
+"""What `cfid show` has of each device in a recording: numbers for a table, a curve for the terminal, a figure."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from cfid.console.inputs import Workplace, find_recording, read_recording
+from cfid.console.options import LoadCellOptions, ReadingOptions
+from cfid.errors import DataError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cfid.records.parameters import Parameter, Source
+    from cfid.records.run import Run
+    from cfid.records.tables.angle import AngleRecord
+    from cfid.records.tables.table import Array
+    from cfid.records.tables.wrench import WrenchRecord
+
+_CURVE_POINTS = 400  # more than a terminal has dots from left to right
+
+
+class Curve(NamedTuple):
+    """A value over time (n,), thinned to what a terminal shows, and what its axis is called."""
+
+    time_s: "Array"
+    value: "Array"
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """One device's recording as it is shown."""
+
+    device: str
+    name: str
+    path: Path
+    source: "Source"
+    notes: tuple[str, ...]
+    parameters: "Mapping[str, Parameter]"
+    curve: Curve
+    draw: "Callable[[], Figure]"
+
+
+def views_of(
+    word: str, workplace: Workplace, file: ReadingOptions, loadcell: LoadCellOptions
+) -> tuple[list[View], tuple[str, ...]]:
+    """Read a RUN; return a view of every device in it, and why another could not be read.
+
+    A bare file is told by its columns. Raises DataError when nothing can be read.
+    """
+    from cfid.records.tables.angle import ENCODER
+    from cfid.records.tables.times import run_at
+    from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
+
+    path, forces = find_recording(word, workplace), loadcell.reading(file)
+    readers: dict[str, Callable[[], View]] = {
+        ENCODER: lambda: _angle_view(ENCODER, read_recording(word, file.reading(), workplace)),
+        LOADCELL: lambda: _wrench_view(LOADCELL, read_wrench(path, forces)),
+    }
+    run = run_at(path)
+    if run is None:
+        return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
+    order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
+    wanted = [_reader_of(run, device, readers) for device in order]
+    return _readable(wanted or [readers[ENCODER]])
+
+
+def _reader_of(run: "Run", device: str, readers: "Mapping[str, Callable[[], View]]") -> "Callable[[], View]":
+    return readers.get(device) or (lambda: _device_view(run, device))
+
+
+def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str, ...]]:
+    """Read what can be read: a device that said nothing does not hide the other."""
+    views: list[View] = []
+    faults: list[DataError] = []
+    for read in readers:
+        try:
+            views.append(read())
+        except DataError as fault:
+            faults.append(fault)
+    if not views:
+        raise faults[0]
+    return views, tuple(str(fault) for fault in faults)
+
+
+def _angle_view(device: str, record: "AngleRecord") -> View:
+    import numpy as np
+
+    from cfid.records.parameters import Parameter
+
+    def draw() -> "Figure":
+        from cfid.drawing.angle import recording_figure
+
+        return recording_figure(record, title=record.name)
+
+    chosen = np.linspace(0, len(record.time_s) - 1, min(_CURVE_POINTS, len(record.time_s))).astype(int)
+    return View(
+        device=device,
+        name=record.name,
+        path=record.path,
+        source=record.source,
+        notes=record.notes,
+        parameters=_sampling(record.time_s)
+        | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
+        curve=Curve(record.time_s[chosen], np.degrees(record.angle_rad[chosen]), "angle, degrees"),
+        draw=draw,
+    )
+
+
+def _wrench_view(device: str, record: "WrenchRecord") -> View:
+    from cfid.estimate.blocks import block_means
+    from cfid.records.parameters import Parameter
+
+    def draw() -> "Figure":
+        from cfid.drawing.wrench import wrench_figure
+
+        return wrench_figure(record, title=record.name)
+
+    # Means, as single samples of a vibration would make a curve that was never there.
+    length = -(-len(record.time_s) // _CURVE_POINTS)
+    means = block_means(record.time_s, length=length), block_means(record.force_n[:, 2], length=length)
+    return View(
+        device=device,
+        name=record.name,
+        path=record.path,
+        source=record.source,
+        notes=record.notes,
+        parameters=_sampling(record.time_s)
+        | {
+            "mean_n": Parameter(value=record.force_n.mean(axis=0), unit="N"),
+            "std_n": Parameter(value=record.force_n.std(axis=0), unit="N"),
+            "mean_nm": Parameter(value=record.torque_nm.mean(axis=0), unit="N m"),
+            "std_nm": Parameter(value=record.torque_nm.std(axis=0), unit="N m"),
+        },
+        curve=Curve(*means, "Fz, N"),
+        draw=draw,
+    )
+
+
+def _device_view(run: "Run", device: str) -> View:
+    import numpy as np
+
+    from cfid.drawing.device import groups
+    from cfid.records.parameters import Parameter
+    from cfid.records.tables.times import losses
+    from cfid.records.tables.vehicle import SUPERVISOR, read_rows
+
+    rows = read_rows(run, device)
+    since_s = rows.time_s - rows.time_s[0]
+    notes = tuple(losses(run, run.header.devices[device], len(rows.time_s)))
+    if device == SUPERVISOR:
+        notes += (_states(since_s, rows.columns["state"]),)
+    first = groups(list(rows.columns))[0][0]
+    chosen = np.linspace(0, len(rows.time_s) - 1, min(_CURVE_POINTS, len(rows.time_s))).astype(int)
+
+    def draw() -> "Figure":
+        from cfid.drawing.device import device_figure
+
+        return device_figure(rows.time_s, rows.columns, title=f"{run.folder.name}, {device}", notes=notes)
+
+    return View(
+        device=device,
+        name=run.folder.name,
+        path=run.device_file(device),
+        source=rows.source,
+        notes=notes,
+        parameters=_sampling(since_s)
+        | {
+            f"mean.{name}": Parameter(value=float(column.mean()))
+            for name, column in rows.columns.items()
+            if device != SUPERVISOR  # a word of bits has no mean
+        },
+        curve=Curve(since_s[chosen], rows.columns[first][chosen], first),
+        draw=draw,
+    )
+
+
+def _states(since_s: "Array", words: "Array") -> str:
+    """Return the vehicle's states in turn, each with the second at which it began."""
+    from cfid.wire.supervisor import VehicleState
+
+    named = [(time_s, VehicleState.of(int(word)).name) for time_s, word in zip(since_s, words, strict=True)]
+    changes = [named[0], *(after for before, after in pairwise(named) if after[1] != before[1])]
+    return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
+
+
+def _sampling(time_s: "Array") -> "dict[str, Parameter]":
+    import numpy as np
+
+    from cfid.records.parameters import Parameter
+
+    if len(time_s) < 2:
+        return {"samples": Parameter(value=len(time_s), unit="1")}
+    interval = np.diff(time_s)
+    return {
+        "samples": Parameter(value=len(time_s), unit="1"),
+        "duration_s": Parameter(value=float(time_s[-1]), unit="s"),
+        "median_interval_s": Parameter(value=float(np.median(interval)), unit="s"),
+        "longest_interval_s": Parameter(value=float(interval.max()), unit="s"),
+    }

@@ -1,0 +1,1 @@
+"""A whole campaign on the simulated rig, compared with its truth."""

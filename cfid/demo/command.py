@@ -1,0 +1,95 @@
+"""`cfid demo`: a whole campaign on the simulated rig, so that a newcomer sees every step with a known truth."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder to make.")] = Path("cfid-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another rig and other recordings.")] = 1,
+    truth: Annotated[
+        Path | None, typer.Option(help="TOML file of what the rig really is, as `cfid rig sim` takes it.")
+    ] = None,
+    wire: Annotated[
+        bool, typer.Option("--wire", help="In real time over the devices' own wires: a shorter list, two minutes.")
+    ] = False,
+    figures: Annotated[bool, typer.Option(help="Draw figures.")] = True,
+) -> None:
+    """Make a campaign on the simulated rig, fit and report it, and compare with the truth that the simulation knows.
+
+    Every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind. Lists are
+    thinned where the thesis has dozens, and the load cell samples at 1 kHz (the steps at 7 kHz).
+
+    Example: [bold]cfid demo my-demo --seed 7[/bold]
+    """
+    from cfid.demo.fits import FITS, FITS_OVER_WIRES, HANDED_ON, print_comparison, run_all
+
+    _check(folder, truth)
+    campaign = _new_campaign(folder)
+    try:
+        known = (_record_over_wires if wire else _record)(campaign, truth, seed)
+        run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
+        run_all(campaign, ("report",) if wire else HANDED_ON, figures=figures)
+        print_comparison(campaign, known)
+        typer.echo(
+            f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known."
+        )
+    except KeyboardInterrupt:
+        typer.echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
+        raise
+
+
+def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
+    """Simulate everything as fast as it goes; return the truth by the parameters' names."""
+    from cfid.cli.parameters import set_by_hand
+    from cfid.demo.fits import ARM_M, ARM_STD_M
+    from cfid.demo.recordings import write_runs
+    from cfid.sim.demo import DEMO_TRUTH, simulate_demo
+    from cfid.sim.truth_file import load_truth
+
+    typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
+    known, runs = simulate_demo(campaign.rig, DEMO_TRUTH if truth is None else load_truth(truth), seed=seed)
+    folders = write_runs(campaign, runs)
+    typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
+    set_by_hand("arm_m", str(ARM_M), std=ARM_STD_M, campaign=campaign.folder)
+    return known
+
+
+def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
+    from cfid.demo.wire import record_over_wires
+    from cfid.sim.demo import true_motors
+    from cfid.sim.truth_file import USUAL_TRUTH, load_truth
+
+    record_over_wires(campaign, truth=truth, seed=seed)
+    known = true_motors(USUAL_TRUTH if truth is None else load_truth(truth))
+    # This computer is late too, by more than the simulated radio, and nobody knows by how much.
+    return {name: value for name, value in known.items() if name not in ("tf.delay_s", "latency.rtt_mean_s")}
+
+
+def _check(folder: Path, truth: Path | None) -> None:
+    """Refuse what cannot be done before anything is made. Raises ConfigError."""
+    from cfid.records.campaign import RIG_FILE, RUNS_FOLDER
+    from cfid.sim.truth_file import load_truth
+
+    left = (folder / RIG_FILE, folder / "parameters.toml", folder / "fits", *(folder / RUNS_FOLDER).glob("*"))
+    if any(path.exists() for path in left):
+        raise ConfigError(f"{folder} holds a campaign already: delete it, or give another folder.")
+    if truth is not None:
+        load_truth(truth)
+
+
+def _new_campaign(folder: Path) -> "Campaign":
+    from cfid.console.campaign import make_campaign
+    from cfid.records.campaign import find_campaign
+
+    make_campaign(folder)
+    campaign = find_campaign(folder, start=folder)
+    assert campaign is not None  # it was named
+    return campaign

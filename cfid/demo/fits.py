@@ -1,0 +1,154 @@
+"""The demo's fits, by the same commands that an operator types, and its table of truth against estimate."""
+
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import typer
+
+from cfid.errors import FitError
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+    from cfid.records.parameters import Section
+
+_COVERED = 1.96
+_AT_ONCE = 2  # fits, which is as many as a small computer has processors
+
+# The longest first, so that no processor waits for it at the end.
+FITS = (
+    "fit inertia",
+    "fit rotor {thrust[1]}",
+    "fit dynamics {thrust[1]}",
+    "tf identify",
+    "fit drag --markers 2",
+    "fit friction",
+    "fit thrust {thrust[0]} {speed[0]} --markers 2",
+    "fit testbody",
+    "fit torque {thrust[0]}",
+    "fit speed {speed[0]} --markers 2",
+    "tf latency {ping[0]}",
+)
+FITS_OVER_WIRES = (
+    "fit swing {swing[0]}",
+    "fit thrust {thrust[0]}",
+    "fit torque {thrust[0]}",
+    "tf identify --yaw-deg 0",  # nobody turned the simulated vehicle on its load cell
+    "tf latency {ping[0]}",
+)
+HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
+ARM_M, ARM_STD_M = 0.046, 0.0005
+
+
+def run_all(campaign: "Campaign", commands: Sequence[str], *, figures: bool) -> None:
+    """Run commands of cfid, two at once, and print what they say in order; names of runs stand for their kinds.
+
+    Raises FitError that names the command which failed.
+    """
+    names, processes = _names(campaign), _Processes(campaign, figures=figures)
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        running = [(words, pool.submit(processes.run, words)) for words in (each.format(**names) for each in commands)]
+        try:
+            for words, said in running:
+                _tell(words, *said.result())
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            processes.end()
+            raise
+
+
+class _Processes:
+    """Commands of cfid in processes of their own, each in the campaign's folder."""
+
+    def __init__(self, campaign: "Campaign", *, figures: bool) -> None:
+        """Start none yet."""
+        self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
+        self._started: list[subprocess.Popen[str]] = []
+
+    def run(self, words: str) -> tuple[int, str, str]:
+        """Run a command to its end; return exit code, and what it said on both ways."""
+        drawn = self._drawn if words.startswith(("fit", "tf")) else []
+        # Several at once leave each a processor: more threads of the linear algebra would stand in each other's way.
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cfid.cli.main", *words.split(), *drawn],
+            cwd=self._folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._started.append(process)
+        out, err = process.communicate()
+        return process.returncode, out, err
+
+    def end(self) -> None:
+        """End those that still run."""
+        for process in self._started:
+            process.terminate()
+
+
+def _tell(words: str, code: int, out: str, err: str) -> None:
+    typer.secho(f"\n$ cfid {words}", bold=True)
+    typer.echo(out, nl=False)
+    if code:
+        raise FitError(f"cfid {words} failed: {err.strip()}")
+
+
+def _names(campaign: "Campaign") -> dict[str, list[str]]:
+    """Return the names of the campaign's runs by kind, the first recorded first."""
+    from cfid.records.run import Run, list_runs
+
+    found: dict[str, list[str]] = {}
+    for run in list_runs(campaign.runs_folder):
+        if isinstance(run, Run):
+            found.setdefault(run.header.kind, []).append(run.folder.name)
+    return found
+
+
+def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
+    """Print the simulation's truth beside every estimate, and whether it lies in the 95 % interval."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from cfid.console.tables import value_and_deviation
+    from cfid.records.parameters import load_sections
+
+    table = Table(title="the simulation's truth against the estimates", title_justify="left")
+    table.add_column("parameter", overflow="fold")
+    for heading in ("truth", "estimate", "std", "in 95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    rows = list(compared(load_sections(campaign.parameters_file).values(), truth))
+    for name, true, value, std in rows:
+        table.add_row(
+            name, f"{true:.5g}", *value_and_deviation(value, std), "yes" if covers(true, value, std) else "no"
+        )
+    Console().print(table)
+    inside = sum(covers(true, value, std) for _, true, value, std in rows)
+    typer.echo(f"{inside} of {len(rows)} lie in their 95 % interval; one in twenty lies outside by chance.")
+
+
+def compared(
+    sections: "Iterable[Section]", truth: Mapping[str, float]
+) -> Iterator[tuple[str, float, float, float | None]]:
+    """Return name, truth, estimate and deviation of every number whose truth is known."""
+    from cfid.records.parameters import scalars
+
+    found = {
+        name: (value, std)
+        for section in sections
+        for key, parameter in section.parameters.items()
+        for name, value, std in scalars(key, parameter)
+    }
+    for name, true in truth.items():
+        if name in found:
+            yield name, true, *found[name]
+
+
+def covers(true: float, value: float, std: float | None) -> bool:
+    """Return whether the 95 % interval of an estimate holds the truth."""
+    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)

@@ -1,0 +1,64 @@
+"""The demo in real time: a simulated rig is served on real wires, and the operator's own logs record from it."""
+
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+from cfid.errors import DeviceError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from cfid.records.campaign import Campaign
+
+# A short list, since each takes as long as on a rig: some two minutes together.
+LOGS = (
+    "log encoder --axis x --for 14",
+    "log thrust --from 16000 --to 64000 --step 16000 --hold 3 --rest 1.5 --rate-hz 1000 --yes",
+    "log sine --l 2,8,30 --n 2000 --yes",
+    "log ping --count 100 --interval 0.05 --yes",
+)
+
+_STARTS_WITHIN_S = 30.0
+_LOOKS_EVERY_S = 0.1
+
+
+def record_over_wires(campaign: "Campaign", *, truth: "Path | None", seed: int) -> None:
+    """Serve a rig and record from it what LOGS says. Raises DeviceError with what a command said when it failed."""
+    with _served(campaign.folder, truth=truth, seed=seed):
+        for words in LOGS:
+            typer.secho(f"\n$ cfid {words}", bold=True)
+            if subprocess.run(_command(*words.split()), cwd=campaign.folder, check=False).returncode:
+                raise DeviceError(f"cfid {words} failed; {campaign.folder} keeps what was recorded.")
+
+
+@contextmanager
+def _served(folder: "Path", *, truth: "Path | None", seed: int) -> "Iterator[None]":
+    from cfid.rig.sim_file import SIM_FILE
+
+    known = [] if truth is None else ["--truth", str(truth.resolve())]
+    words = _command("rig", "sim", "--axis", "x", "--seed", str(seed), *known)
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as rig:
+        try:
+            _wait_for(folder / SIM_FILE, rig)
+            yield
+        finally:
+            rig.terminate()
+
+
+def _wait_for(file: "Path", rig: "subprocess.Popen[str]") -> None:
+    end_s = time.monotonic() + _STARTS_WITHIN_S
+    while not file.exists():
+        if rig.poll() is not None or time.monotonic() > end_s:
+            rig.terminate()
+            raise DeviceError(f"the simulated rig did not start: {rig.communicate()[1].strip()}")
+        time.sleep(_LOOKS_EVERY_S)
+
+
+def _command(*words: str) -> list[str]:
+    return [sys.executable, "-m", "cfid.cli.main", *words]

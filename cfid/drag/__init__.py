@@ -1,0 +1,1 @@
+"""Forces in wind to drag coefficients."""

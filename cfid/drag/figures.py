@@ -1,0 +1,204 @@
+"""Drag drawn: forces over wind and rotor speed (figure 4.10), coefficients (4.11), and what models say (4.12)."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from cfid.drag.estimation import DragFit
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import SIMPLE
+from cfid.drag.selection import DragResult
+from cfid.drawing.style import DASHES, INK, KEY_IN, MUTED, SERIES, figure, key_row, name_panel, styled, words
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+_SPEED = "sum of rotor speeds (rad/s)"
+_PALEST = 0.65  # of white in the colour of the strongest wind: light is fast, as in figure 4.11
+_AXES = ("x", "y", "z")
+_MOST_ANGLES = 3  # beside each other on a page
+
+
+class _Wind(NamedTuple):
+    """Experiments (rows) of one wind setting in the order of their speeds, and how it is drawn."""
+
+    rows: Rows
+    angle_deg: float
+    speed_mps: float
+    colour: tuple[float, ...]
+
+
+@styled
+def forces_figure(experiments: DragExperiments) -> Figure:
+    """Return each component of the drag force over the rotors' speed, a line a wind, a column an angle."""
+    angles, winds = _angles(experiments), list(_winds(experiments))
+    page, grid = figure(
+        4,
+        len(angles),
+        heights_in=(2 * KEY_IN, 1.9, 1.9, 2.1),
+        title="Drag force in wind, less the thrust without it",
+        notes=_not_drawn(experiments),
+    )
+    key_row(page.add_subplot(grid[0, :]), *_key(angles))
+    for row, axis in enumerate(_AXES):
+        beside: Axes | None = None
+        for column, angle in enumerate(angles):
+            beside = axes = page.add_subplot(grid[1 + row, column], sharey=beside)
+            last = row == len(_AXES) - 1
+            name_panel(
+                axes,
+                f"wind from {angle:g}°" if row == 0 else "",
+                x=_SPEED if last else "",
+                y=f"f{axis} (N)" if column == 0 else "",
+            )
+            axes.axhline(0.0, color=MUTED, lw=0.8)
+            _draw_winds(axes, winds, angle, experiments, experiments.force_n[:, row])
+            axes.tick_params(labelbottom=last, labelleft=column == 0)
+    page.align_ylabels()
+    return page
+
+
+@styled
+def coefficients_figure(found: DragResult) -> Figure:
+    """Return the simple model's coefficients of every experiment over the rotors' speed, beside those of the fit.
+
+    Those of x and y are of both together, and of winds from the side alone. Bands are one deviation.
+    """
+    assert found.groups is not None
+    experiments = found.experiments
+    angles, winds = _angles(experiments), list(_winds(experiments))
+    page, grid = figure(
+        3,
+        1,
+        heights_in=(2 * KEY_IN, 2.6, 2.6),
+        title="Drag coefficients of the simple model",
+        notes=_not_drawn(experiments),
+    )
+    key_row(page.add_subplot(grid[0, :]), *_key(angles), Line2D([], [], color=INK, label="all together"))
+    beside: Axes | None = None
+    panels = (("(a) x and y", found.groups.lateral, 0), ("(b) z", found.groups.each[:, 2], 2))
+    for row, (title, each, place) in enumerate(panels):
+        beside = axes = page.add_subplot(grid[1 + row, 0], sharex=beside)
+        name_panel(axes, title, x=_SPEED if row else "", y="coefficient (kg/rad)")
+        value, std = found.simple_kg_per_rad[place], found.simple_std_kg_per_rad[place]
+        axes.axhspan(value - std, value + std, fc=INK, alpha=0.15, lw=0)
+        axes.axhline(value, color=INK, lw=1.1)
+        for angle in angles:
+            _draw_winds(axes, winds, angle, experiments, each)
+        axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
+    page.align_ylabels()
+    return page
+
+
+@styled
+def models_figure(found: DragResult) -> Figure:
+    """Return the force along z as measured, marks, and as the chosen model says, lines, with what each leaves."""
+    experiments, chosen = found.experiments, found.chosen
+    angles, winds = _angles(experiments), list(_winds(experiments))
+    doubts = [f"Not believed: {doubt}" for doubt in chosen.doubts]
+    names = [name for name, fit in found.fits.items() if fit is chosen]
+    page, grid = figure(
+        4,
+        len(angles),
+        heights_in=(2 * KEY_IN, 2.6, 1.7, 0.42 + 0.165 * (len(found.fits) + 1)),
+        title=f"Drag force along z, measured and by the {names[0]} model",
+        doubts=doubts,
+        notes=_not_drawn(experiments),
+    )
+    key_row(page.add_subplot(grid[0, :]), *_key(angles), *_marks())
+    said = experiments.force_n - _residual(found, chosen)
+    rows = (("fz (N)", experiments.force_n[:, 2]), ("residual (N)", _residual(found, chosen)[:, 2]))
+    for row, (label, marks) in enumerate(rows):
+        beside: Axes | None = None
+        for column, angle in enumerate(angles):
+            beside = axes = page.add_subplot(grid[1 + row, column], sharey=beside)
+            name_panel(
+                axes,
+                f"wind from {angle:g}°" if row == 0 else "",
+                x=_SPEED if row else "",
+                y=label if column == 0 else "",
+            )
+            axes.axhline(0.0, color=MUTED, lw=0.8)
+            _draw_winds(axes, winds, angle, experiments, marks, line="" if row == 0 else ":")
+            if row == 0:
+                _draw_winds(axes, winds, angle, experiments, said[:, 2], marker="")
+            axes.tick_params(labelbottom=row == 1, labelleft=column == 0)
+    words(page.add_subplot(grid[3, :]), "sum of squared errors over x, y and z", _told(found))
+    page.align_ylabels()
+    return page
+
+
+def _residual(found: DragResult, fit: DragFit) -> Array:
+    """Return what a model leaves (n, 3); of the simple one with the coefficients that are given for it."""
+    return found.simple_residual_n if fit.model is SIMPLE else fit.residual_n
+
+
+def _told(found: DragResult) -> list[tuple[str, str]]:
+    named = [(name + " model", f"{value:.4g} N²") for name, value in found.sse_n2.items()]
+    chosen = next(name for name, fit in found.fits.items() if fit is found.chosen)
+    how = "not judged" if found.comparison is None else f"{chosen}, by winds left out one by one"
+    return [*named, ("chosen", how)]
+
+
+def _angles(experiments: DragExperiments) -> list[float]:
+    """Return the angles that have a column each: of many those that are spread evenly over all."""
+    there = np.unique(experiments.angle_deg)
+    kept = np.unique(np.linspace(0, len(there) - 1, min(len(there), _MOST_ANGLES)).round().astype(int))
+    return [float(angle) for angle in there[kept]]
+
+
+def _not_drawn(experiments: DragExperiments) -> list[str]:
+    left_out = [f"{angle:g}°" for angle in np.unique(experiments.angle_deg) if angle not in _angles(experiments)]
+    return [f"wind from {', '.join(left_out)} is fitted, not drawn."] if left_out else []
+
+
+def _winds(experiments: DragExperiments) -> Iterator[_Wind]:
+    """Yield the wind settings that are drawn, each angle in its own colour, lighter with faster wind."""
+    angles = _angles(experiments)
+    fastest = float(experiments.wind_mps.max())
+    for setting in range(experiments.settings):
+        there = np.flatnonzero(experiments.setting == setting)
+        rows = there[np.argsort(experiments.speed_sum_rad_s[there])]
+        angle, speed = float(experiments.angle_deg[rows[0]]), float(experiments.wind_mps[rows[0]])
+        if angle not in angles:
+            continue
+        base = np.array(to_rgb(SERIES[angles.index(angle) % len(SERIES)]))
+        colour = base + _PALEST * speed / fastest * (1 - base)
+        yield _Wind(rows, angle, speed, tuple(colour.tolist()))
+
+
+def _draw_winds(
+    axes: Axes,
+    winds: Sequence[_Wind],
+    angle_deg: float,
+    experiments: DragExperiments,
+    value: Array,
+    *,
+    line: str = "-",
+    marker: str = "o",
+) -> None:
+    for wind in winds:
+        if wind.angle_deg == angle_deg:
+            speed = experiments.speed_sum_rad_s[wind.rows]
+            axes.plot(speed, value[wind.rows], ls=line, marker=marker, ms=3, color=wind.colour, lw=1.0)
+
+
+def _key(angles: Sequence[float]) -> list[Line2D]:
+    named = [
+        Line2D([], [], color=SERIES[i % len(SERIES)], marker="o", ms=3, label=f"wind from {angle:g}°")
+        for i, angle in enumerate(angles)
+    ]
+    return [*named, Line2D([], [], ls="", label="(lighter: faster)")]
+
+
+def _marks() -> list[Line2D]:
+    return [
+        Line2D([], [], ls="", marker="o", ms=3, color=INK, label="measured"),
+        Line2D([], [], ls=DASHES[0], color=INK, label="model"),
+    ]

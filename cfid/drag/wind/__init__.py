@@ -1,0 +1,1 @@
+"""Wind runs: planned, recorded, and reduced to one force a command."""

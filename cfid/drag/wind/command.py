@@ -1,0 +1,248 @@
+"""`cfid log wind`: one setting of the wind generator, all commands in turn on the load cell (section 4.4.2)."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cfid.console.live import LiveLine
+from cfid.console.options import finite, flat, positive
+from cfid.console.recording import KeepOptions, record, rig_of
+from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
+from cfid.drag.wind.plan import KIND, WindSetting, missing_lines, recorded, setting_of
+from cfid.errors import ConfigError, DataError
+from cfid.motors.command import LARGEST_COMMAND, Note, Resume, announce
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+    from cfid.records.run import Run
+    from cfid.rig.log import Plan
+    from cfid.rig.loop import Loop
+    from cfid.rig.procedures import Staircase
+
+_WIND, _COMMANDS = "Wind", "Commands"
+_THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
+_ALL_MOTORS = (1, 2, 3, 4)
+_HIGHEST_DEG, _FASTEST_MPS = 180.0, 100.0  # the latter as `cfid fit drag` takes it
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindOptions:
+    """The wind generator's place, and what the anemometer showed around the vehicle."""
+
+    wind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MIN,MAX", help="Lowest and highest wind in m/s; 0 makes references.", rich_help_panel=_WIND
+        ),
+    ] = None
+    angle: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Of the generator to the vertical.", rich_help_panel=_WIND)
+    ] = None
+    fan_voltage: Annotated[
+        float | None, typer.Option(metavar="V", help="At the generator's fan.", rich_help_panel=_WIND)
+    ] = None
+    azimuth_rad: Annotated[
+        float | None,
+        typer.Option(help="Of the generator about z; default: what the fit is told.", rich_help_panel=_WIND),
+    ] = None
+
+    def setting(self) -> WindSetting:
+        """Return the wind setting. Raises ConfigError for one that is not complete, or cannot be."""
+        if self.wind is None:
+            raise ConfigError("say --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
+        low, high = _speeds(self.wind)
+        if high == 0:
+            return WindSetting(angle_deg=None, fan_v=0.0, min_mps=0.0, max_mps=0.0)
+        if self.angle is None:
+            raise ConfigError(f"--wind {self.wind}: say --angle DEG too, the wind generator's to the vertical.")
+        if not 0 <= self.angle <= _HIGHEST_DEG:
+            raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {_HIGHEST_DEG:g} degrees.")
+        if self.azimuth_rad is not None:
+            finite(self.azimuth_rad, "--azimuth-rad")
+        fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage")
+        return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_rad=self.azimuth_rad)
+
+    def refuse(self, resume: Path) -> None:
+        """Raise ConfigError where something is said that the run to be resumed says."""
+        if any(value is not None for value in (self.wind, self.angle, self.fan_voltage, self.azimuth_rad)):
+            raise ConfigError(f"--resume {resume} goes on in the wind that it was recorded in: leave its options out.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions:
+    """Which commands, how long each, and whether a tachometer is read."""
+
+    commands: Annotated[
+        str, typer.Option(metavar="C,C,...", help="Of all four motors, in turn.", rich_help_panel=_COMMANDS)
+    ] = _THESIS_COMMANDS
+    hold: Annotated[float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)] = 10.0
+    rest: Annotated[
+        float, typer.Option(metavar="S", help="Seconds of rest before, between, after.", rich_help_panel=_COMMANDS)
+    ] = 3.0
+    tachometer: Annotated[
+        Literal["typed", "none"],
+        typer.Option(
+            help="You type what it shows in wind; without it the fit hears the rotors.", rich_help_panel=_COMMANDS
+        ),
+    ] = "typed"
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be done, how long it takes, and what is missing.")
+    ] = False
+
+    def stairs(self) -> "Staircase":
+        """Return the commands as a staircase of all motors. Raises ConfigError for what is none."""
+        from cfid.rig.procedures import Staircase
+
+        words = [word.strip() for word in self.commands.split(",")]
+        if not all(word.isdecimal() and int(word) <= LARGEST_COMMAND for word in words):
+            raise ConfigError(
+                f"--commands {self.commands}: should be commands from 0 to {LARGEST_COMMAND}, as 0,10000."
+            )
+        if not any(map(int, words)):
+            raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
+        return Staircase(
+            steps=tuple(map(int, words)),
+            motors=_ALL_MOTORS,
+            hold_s=positive(self.hold, "--hold"),
+            rest_s=positive(self.rest, "--rest"),
+        )
+
+
+@flat
+def wind(
+    *,
+    options: WindOptions,
+    sweep: SweepOptions,
+    vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
+    resume: Resume = None,
+    keep: KeepOptions,
+    note: Note = None,
+    rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
+) -> None:
+    """Record load cell, commands and battery in one wind, command after command; Ctrl-C stops the motors.
+
+    The wind blows before the start: what it does to the body alone is the load cell's tare.
+
+    Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
+    """
+    from cfid.motors.resume import interrupted
+    from cfid.rig.log import ready_loadcell
+    from cfid.rig.ready_instruments import typed_readings
+
+    campaign, devices, simulated = rig_of(keep.campaign)
+    resumed = None if resume is None else interrupted(resume, campaign, kind=KIND)
+    setting, wanted = _wanted(options, sweep, resumed)
+    asks = sweep.tachometer == "typed" and setting.max_mps > 0
+    if sweep.dry_run:
+        _announce(setting, wanted, campaign, simulated=simulated, asks=asks)
+        return
+    cell, live = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {}), LiveLine()
+    with ExitStack() as held:
+        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        crazyflie.limits.refuse_idling(wanted.motors)
+        confirm(crazyflie, wanted.motors, wanted.steps, yes=vehicle.yes)
+        plan = _plan(setting, wanted, campaign, live, note=note, simulated=simulated, asks=asks)
+        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms), *([typed_readings("rpm")] * asks)]
+        record("log wind", plan, parts, live, keep, found=lambda run: _found(campaign, simulated=simulated))
+
+
+def _speeds(text: str) -> tuple[float, float]:
+    words = text.split(",")
+    try:
+        low, high = (float(word) for word in (words if len(words) > 1 else 2 * words))
+    except ValueError:
+        low = high = -1.0
+    if not 0 <= low <= high <= _FASTEST_MPS:
+        raise ConfigError(f"--wind {text}: should be the lowest and the highest speed in m/s, as 2.0,3.7, or 0.")
+    return low, high
+
+
+def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, Staircase]":
+    """Return wind and staircase: as asked, or those of an interrupted run without what it has."""
+    from cfid.motors.resume import missing
+    from cfid.records.run import read_run
+
+    if resume is None:
+        return options.setting(), sweep.stairs()
+    options.refuse(resume)
+    return setting_of(read_run(resume)), missing(resume, kind=KIND)
+
+
+def _plan(
+    setting: WindSetting,
+    wanted: "Staircase",
+    campaign: "Campaign",
+    live: LiveLine,
+    *,
+    note: str | None,
+    simulated: bool,
+    asks: bool,
+) -> "Plan":
+    from cfid.records.run import Label
+    from cfid.rig.log import Plan
+
+    return Plan(
+        runs_folder=campaign.runs_folder,
+        kind=KIND,
+        label=Label(note=note),
+        procedure=_procedure(wanted, live, asks=asks),
+        asked={**wanted.asked, **setting.asked},
+        simulated=simulated,
+    )
+
+
+def _procedure(wanted: "Staircase", live: LiveLine, *, asks: bool) -> Any:
+    """Return what is done: climb, or, with a tachometer, rest for the tare and ask at each command that turns."""
+    from cfid.rig.procedures import climb, read_at_steps
+    from cfid.rig.questions import Questions
+    from cfid.rig.recorder import sleep
+
+    async def read(there: Any, loop: "Loop") -> None:
+        questions = Questions(loop=loop, tell=live.task, say=live.tell)
+
+        async def ask(command: int) -> float | None:
+            if command == 0:
+                return None
+            return await questions.number(f"RPM shown at command {command}, Enter alone for none")
+
+        questions.open()
+        try:
+            await sleep(loop, wanted.rest_s)
+            await read_at_steps(wanted, there["commands"], there["readings"].add, ask, loop=loop, tell=live.task)
+        finally:
+            questions.close()
+
+    return read if asks else lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task)
+
+
+def _announce(setting: WindSetting, wanted: "Staircase", campaign: "Campaign", *, simulated: bool, asks: bool) -> None:
+    typer.echo(setting.sentence)
+    announce(wanted)
+    if asks:
+        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, wanted.steps))} times")
+    for line in missing_lines(recorded(_runs(campaign, simulated=simulated))):
+        typer.echo(line)
+
+
+def _found(campaign: "Campaign", *, simulated: bool) -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Return what of the thesis' plan the campaign still lacks, as --json has it and in words."""
+    from cfid.drag.wind.campaign_plan import missing_runs
+
+    done = recorded(_runs(campaign, simulated=simulated))
+    left = {"value": len(missing_runs(done)), "std": None, "unit": ""}
+    return {"wind.missing_runs": left}, missing_lines(done)
+
+
+def _runs(campaign: "Campaign", *, simulated: bool) -> "list[Run]":
+    """Return the campaign's runs in wind of this rig: simulated ones count for a simulated one only."""
+    from cfid.records.run import list_runs
+
+    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
+    same = [run for run in runs if run.header.kind == KIND and run.header.simulated == simulated]
+    return [run for run in same if not run.header.excluded]

@@ -1,0 +1,69 @@
+"""From a load cell's record of one command in wind to one mean force, less the tare.
+
+The tare is taken with the wind on and the rotors still, so that it also holds what the wind does to the body
+(section 4.4.3).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.estimate.signals import quiet_mean
+from cfid.estimate.staircase import Point, reduce_single
+from cfid.estimate.windows import Words
+
+Array = npt.NDArray[np.float64]
+Window = tuple[float, float]
+
+NO_REST_AFTER = "no rest follows the command: what the load cell drifted by then is not known."
+
+_THESIS_TARE = 500  # samples, C.3.1, prepare_data
+_FEWEST = 16  # samples of a window
+
+
+class MeanForce(NamedTuple):
+    """Mean force (3,) in the load cell's frame, N, one deviation of it (3,), the window it comes from, and a note."""
+
+    force_n: Array
+    std_n: Array
+    window_s: Window
+    note: str = ""
+
+
+def mean_force(
+    *, time_s: Array, force_n: Array, command: int, status: Words | None = None, window_s: Window | None = None
+) -> MeanForce:
+    """Average forces (n, 3) at times (n,) where they are steady, less the rests before and, if there is one, after.
+
+    A window by hand is taken as it is. Raises DataError or FitError when there is no rest before the command, no
+    command to be seen, or nothing steady.
+    """
+    found = reduce_single(time_s=time_s, channels=force_n, command=command, status=status, window=window_s)
+    (point,) = found.steady()
+    return of_point(point, note="" if found.tare_after is not None else NO_REST_AFTER)
+
+
+def of_point(point: Point, *, note: str = "") -> MeanForce:
+    """Return a steady point of a staircase, whose first three channels are the forces, as a mean force."""
+    return MeanForce(point.mean[:3], point.std_of_mean[:3], (point.begin_s, point.end_s), note)
+
+
+def mean_force_thesis(
+    *, time_s: Array, force_n: Array, command: int, status: Words | None = None, window_s: Window | None = None
+) -> MeanForce:
+    """Average forces (n, 3) as prepare_data of C.3.1 does: a window by hand less the mean of the first 500 samples.
+
+    Without a window by hand the steady one is taken. Raises DataError when the record or its window is too short.
+    """
+    if len(time_s) <= _THESIS_TARE:
+        raise DataError(f"{len(time_s)} samples: the thesis takes its tare from the first {_THESIS_TARE}.")
+    chosen = window_s or mean_force(time_s=time_s, force_n=force_n, command=command, status=status).window_s
+    first, last = np.searchsorted(time_s, chosen)
+    if last - first < _FEWEST:
+        raise DataError(f"the window from {chosen[0]:g} to {chosen[1]:g} s holds {last - first} samples: too few.")
+    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    tare, steady = force_n[:_THESIS_TARE], force_n[first:last]
+    std = [quiet_mean(part.T, rate_hz=rate_hz).std for part in (tare, steady)]
+    return MeanForce(steady.mean(axis=0) - tare.mean(axis=0), np.hypot(*std), chosen)

@@ -1,0 +1,1 @@
+"""Style of figures, panels, saving, and recordings drawn as they came."""

@@ -1,0 +1,86 @@
+"""A figure to PNG and SVG files, whole or not at all, and never over what somebody else made."""
+
+import io
+import re
+import struct
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from cfid import __version__
+from cfid.drawing.style import styled
+from cfid.errors import ConfigError
+from cfid.records.files import write_whole
+
+PNG_DPI = 150
+
+_MAKER = "cfid"
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEAD_BYTES = 4096  # both kinds of file name their maker at their beginning
+# matplotlib's own prologue: a drawing program that edited our SVG keeps the maker's name but not these lines,
+# and then it is somebody's work.
+_OUR_SVG = re.compile(
+    rb'\A<\?xml version="1\.0" encoding="utf-8" standalone="no"\?>\s*<!DOCTYPE svg [^>]*>\s*<svg [^>]*>\s*'
+    rb"<metadata>.*?<dc:creator>\s*<cc:Agent>\s*<dc:title>cfid ",
+    re.DOTALL,
+)
+
+
+@styled
+def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path]:
+    """Write `<stem>.png` and `<stem>.svg` and return their paths; equal figures make equal files.
+
+    Figures that cfid made before are replaced. Both files are rendered and checked before one is written.
+
+    Raises ConfigError when a file of that name is not cfid's and `force` was not said, or when the folder
+    cannot be written.
+    """
+    maker = f"{_MAKER} {__version__}"
+    contents = {
+        stem.with_name(stem.name + ".png"): _rendered(figure, "png", {"Software": maker}),
+        stem.with_name(stem.name + ".svg"): _rendered(figure, "svg", {"Creator": maker, "Date": None}),
+    }
+    try:
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        if not force:
+            _refuse_foreign(list(contents))
+        for path, content in contents.items():
+            write_whole(path, content)
+    except OSError as error:
+        raise ConfigError(f"{error.filename or stem}: no figure can be written there: {error.strerror}.") from None
+    return list(contents)
+
+
+def _rendered(figure: Figure, kind: str, metadata: dict[str, str | None]) -> bytes:
+    content = io.BytesIO()
+    figure.savefig(content, format=kind, dpi=PNG_DPI, metadata=metadata)
+    return content.getvalue()
+
+
+def _refuse_foreign(paths: list[Path]) -> None:
+    for path in paths:
+        if path.exists() and not _made_by_cfid(path):
+            raise ConfigError(
+                f"{path}: is there already and cfid did not draw it. "
+                "Say --force to replace it, or --out to write elsewhere."
+            )
+
+
+def _made_by_cfid(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if head.startswith(_PNG_SIGNATURE):
+        return _png_text(head, b"Software").startswith(f"{_MAKER} ".encode())
+    return _OUR_SVG.match(head) is not None
+
+
+def _png_text(head: bytes, keyword: bytes) -> bytes:
+    """Return a PNG's text of that keyword, or nothing; chunks are length, kind, content, checksum."""
+    at = len(_PNG_SIGNATURE)
+    while at + 8 <= len(head):
+        length, kind = struct.unpack_from(">I4s", head, at)
+        name, _, text = head[at + 8 : at + 8 + length].partition(b"\0")
+        if kind == b"tEXt" and name == keyword:
+            return text
+        at += length + 12
+    return b""

@@ -1,0 +1,201 @@
+"""A load cell's record as it came: forces, torques, the lines in Fz, and how evenly it was sampled. Fits nothing."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.signal import find_peaks, welch
+
+from cfid.drawing.numbers import plus_minus
+from cfid.drawing.style import DOUBT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
+from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import resample
+from cfid.records.tables.wrench import AXES, WrenchRecord
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+_TIME = "time (s)"
+_MEAN_S = 0.05  # over which means are drawn: some turns of the slowest rotor
+_MOST_MEANS = 1000
+_GAP = 10  # median intervals without a sample that are worth a word
+_HOST_GAP_S = 0.1  # the same where a computer stamped at arrival: it is late by tens of milliseconds at any time
+_EVEN = 0.5  # of the median interval: stamps that never come closer are the box' own
+_RESOLUTION_S = 1.0  # length of the stretches whose spectra are averaged; rotors do not hold a speed for longer
+_MOST_LINES = 5
+_ABOVE_NOISE = 8.0  # times the median of the spectrum around a line
+_AROUND_HZ = 100.0
+_APART_HZ = 12.0  # of two lines that are named
+_LEAST_SHARE = 0.02  # of the highest line, for a line that is named
+_SHOWN_RATIO = 350.0  # of highest to lowest frequency shown: from 10 Hz at 7 kHz
+_LEAST = 1e-5  # of the highest amplitude, for one that is shown
+_SHORTEST = 16  # samples of such a stretch
+_LABEL_DECADES = 0.9  # above the highest line, for the labels
+_LABEL_WIDTH = 0.085  # of the panel, from one label to the next
+_BINS = 60
+
+
+class Spectrum(NamedTuple):
+    """Amplitudes (n,) in N of a sine wave at each frequency (n,)."""
+
+    frequency_hz: Array
+    amplitude_n: Array
+
+
+@styled
+def wrench_figure(record: WrenchRecord, *, title: str) -> Figure:
+    """Return forces, torques, the spectrum of Fz and sampling intervals, with the reader's notes above."""
+    page, grid = figure(4, 2, heights_in=(2.1, 2.1, 2.3, 2.3), title=title, notes=record.notes)
+    forces, torques = page.add_subplot(grid[0, :]), page.add_subplot(grid[1, :])
+    _draw_axes(forces, record, record.force_n, names=AXES[:3], title="(a) forces", y="force (N)")
+    _draw_axes(torques, record, 1e3 * record.torque_nm, names=AXES[3:], title="(b) torques", y="torque (mNm)")
+    _draw_spectrum(page.add_subplot(grid[2, :]), spectrum_of(record.time_s, record.force_n[:, 2]))
+    _draw_intervals(page.add_subplot(grid[3, 0]), np.diff(record.time_s))
+    wrong = {"gaps": len(gaps_of(record.time_s)), "lost": record.lost}
+    red = [name for name, count in wrong.items() if count]
+    words(page.add_subplot(grid[3, 1]), "in numbers", _told(record), red=red)
+    page.align_ylabels()
+    return page
+
+
+def spectrum_of(time_s: Array, value: Array) -> Spectrum:
+    """Return the amplitude spectrum of a record (n,) without its mean, up to half its rate.
+
+    Hann windows over stretches of a second, half over each other, their powers averaged (Welch). Of a record with
+    gaps the longest stretch between two of them is taken.
+    """
+    gaps = gaps_of(time_s)
+    begins, ends = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
+    longest = int(np.argmax(time_s[ends] - time_s[begins]))
+    stretch = slice(begins[longest], ends[longest] + 1)
+    even, rate_hz = _evenly(time_s[stretch], value[stretch])
+    length = min(len(even), max(_SHORTEST, round(_RESOLUTION_S * rate_hz)))
+    frequency_hz, power = welch(even, rate_hz, window="hann", nperseg=length, detrend="constant", scaling="spectrum")
+    return Spectrum(frequency_hz[1:], np.sqrt(2 * power[1:]))
+
+
+def lines_of(spectrum: Spectrum) -> Indices:
+    """Return where the highest lines stand out of the noise around them, at most five, by frequency."""
+    step_hz, amplitude_n = float(spectrum.frequency_hz[0]), spectrum.amplitude_n
+    around = max(1, round(_AROUND_HZ / step_hz))
+    blocks = np.arange(0, len(amplitude_n), around)
+    noise = [np.median(amplitude_n[begin : begin + around]) for begin in blocks]
+    floor = np.interp(np.arange(len(amplitude_n)), blocks + around / 2, noise)
+    least = np.maximum(_ABOVE_NOISE * floor, _LEAST_SHARE * amplitude_n.max())
+    peaks, _ = find_peaks(amplitude_n, height=least, distance=max(1, round(_APART_HZ / step_hz)))
+    peaks = peaks[spectrum.frequency_hz[peaks] > _lowest_hz(spectrum)]
+    return np.sort(peaks[np.argsort(amplitude_n[peaks])[::-1][:_MOST_LINES]])
+
+
+def _lowest_hz(spectrum: Spectrum) -> float:
+    """Return where the spectrum begins to be of interest: below lie drift and steps of the command."""
+    return max(float(spectrum.frequency_hz[0]), float(spectrum.frequency_hz[-1]) / _SHOWN_RATIO)
+
+
+def gaps_of(time_s: Array) -> Indices:
+    """Return the samples after which the recording paused."""
+    intervals = np.diff(time_s)
+    least = _GAP * _usual_s(intervals)
+    return np.flatnonzero(intervals > (least if _is_even(intervals) else max(least, _HOST_GAP_S)))
+
+
+def _usual_s(intervals_s: Array) -> float:
+    """Return the median of the intervals that pass: stamps of a computer repeat when they come in blocks."""
+    return float(np.median(intervals_s[intervals_s > 0]))
+
+
+def _is_even(intervals_s: Array) -> bool:
+    return bool(intervals_s.min() > _EVEN * _usual_s(intervals_s))
+
+
+def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
+    """Return a stretch on an even grid, and its rate in Hz.
+
+    The box samples evenly: where a computer stamped what arrived, the samples' order tells time better than that.
+    """
+    step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # no single late stamp bends a line
+    if _is_even(np.diff(time_s)):
+        _, value = resample(time_s, value, step_s=step_s)
+    return value, 1 / step_s
+
+
+def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequence[str], title: str, y: str) -> None:
+    """Draw three axes (n, 3) pale as they came, and above them their means, which vibration does not hide."""
+    time, intervals = record.time_s, np.diff(record.time_s)
+    interval_s = _usual_s(intervals) if _is_even(intervals) else float(intervals.mean())
+    length = min(len(time), max(1, round(_MEAN_S / interval_s), len(time) // _MOST_MEANS))
+    name_panel(axes, f"{title}: as they came (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
+    pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
+    axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=DOUBT, alpha=0.25, lw=0.8)
+    for column, colour in zip(values.T, SERIES, strict=False):
+        # A band of thousands of strokes: as pixels it makes an SVG of a third the size.
+        draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5, rasterized=True)
+    for column, colour, name in zip(values.T, SERIES, names, strict=False):
+        means = block_means(time, length=length), block_means(column, length=length)
+        axes.plot(*means, color=colour, lw=1.2, label=name)
+    legend(axes)
+
+
+def _draw_spectrum(axes: Axes, spectrum: Spectrum) -> None:
+    """Draw both axes logarithmic: rotors lie in the lowest tenth of what a fast box resolves."""
+    frequency_hz, amplitude_n = spectrum
+    title = f"(c) amplitude spectrum of Fz, Hann windows of {1 / frequency_hz[0]:.2g} s"
+    name_panel(axes, title, x="frequency (Hz)", y="amplitude (N)")
+    highest = float(amplitude_n.max())
+    if highest <= 0:
+        return
+    axes.loglog(frequency_hz, np.maximum(amplitude_n, _LEAST * highest), color=RECORDED, lw=0.7)
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_xlim(_lowest_hz(spectrum), float(frequency_hz[-1]))
+    axes.set_ylim(max(_LEAST * highest, float(np.median(amplitude_n)) / 3), highest * 10**_LABEL_DECADES)
+    found = lines_of(spectrum)
+    wanted = np.log(frequency_hz[found] / axes.get_xlim()[0]) / np.log(frequency_hz[-1] / axes.get_xlim()[0])
+    for at, place in zip(found, _spread(wanted), strict=True):
+        _label_line(axes, float(frequency_hz[at]), float(amplitude_n[at]), place)
+
+
+def _label_line(axes: Axes, frequency_hz: float, amplitude_n: float, place: float) -> None:
+    leader = {"arrowstyle": "-", "color": MUTED, "lw": 0.6, "shrinkA": 0, "shrinkB": 2}
+    axes.annotate("", (frequency_hz, amplitude_n), xytext=(place, 0.9), textcoords="axes fraction", arrowprops=leader)
+    axes.text(place, 0.98, f"{frequency_hz:.0f} Hz", transform=axes.transAxes, ha="center", va="top", size=8.5)
+
+
+def _spread(wanted: Array) -> Array:
+    """Return places along an axis, from 0 to 1, about as near the wanted ones (n,) as labels have room."""
+    if not len(wanted):
+        return wanted
+    steps = _LABEL_WIDTH * np.arange(len(wanted))
+    # Places that keep their distance are steps plus what never falls; the nearest such lies midway of two bounds.
+    free = wanted - steps
+    level = (np.maximum.accumulate(free) + np.minimum.accumulate(free[::-1])[::-1]) / 2
+    return np.asarray(np.clip(level, _LABEL_WIDTH / 2, 1 - _LABEL_WIDTH / 2 - steps[-1]) + steps)
+
+
+def _draw_intervals(axes: Axes, intervals_s: Array) -> None:
+    name_panel(axes, "(d) sampling intervals", x="interval (ms)", y="count (-)")
+    low, high = 1e3 * intervals_s.min(), 1e3 * intervals_s.max()
+    # An even clock leaves only rounding between the two: a bin as wide as that would say nothing.
+    room = max(0.0, 0.1 * 1e3 * _usual_s(intervals_s) - (high - low)) / 2
+    axes.hist(1e3 * intervals_s, bins=_BINS, range=(low - room, high + room), color=RECORDED, lw=0)
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=0.7)
+
+
+def _told(record: WrenchRecord) -> list[tuple[str, str]]:
+    time, gaps = record.time_s, gaps_of(record.time_s)
+    intervals = np.diff(time)
+    longest = int(np.argmax(intervals))
+    rows = [
+        ("samples", f"{len(time)} in {time[-1]:.2f} s"),
+        ("mean rate", f"{len(intervals) / time[-1]:.5g} Hz"),
+        ("longest interval", f"{1e3 * intervals[longest]:.4g} ms after {time[longest]:.3f} s"),
+        ("gaps", f"{len(gaps)}, {intervals[gaps].sum():.4g} s in all" if len(gaps) else "none"),
+        ("lost", "not known" if record.lost is None else f"{record.lost}"),
+    ]
+    values = np.hstack([record.force_n, 1e3 * record.torque_nm])
+    for axis, mean, std in zip(AXES, values.mean(axis=0), values.std(axis=0), strict=True):
+        rows.append((f"{axis}, mean ± std", plus_minus(mean, std, unit="N" if axis[0] == "F" else "mNm")))
+    return rows

@@ -1,0 +1,210 @@
+"""A thrust cubic that rises over all motor voltages, as the Crazyflie's firmware needs it to find a voltage.
+
+The firmware inverts the cubic by Cardano's formula for one real root. That root exists for every thrust where the
+slope c1 + 2 c2 V + 3 c3 V^2 is above zero at every V: c1 > 0, c3 > 0 and c2^2 < 3 c1 c3, a convex cone. The least
+squares under that constraint are the unconstrained ones where these lie inside, else the nearest point of the cone's
+surface in the metric of the normal matrix; the surface has one angle, and what else there is is linear.
+
+Single precision asks for a distance from the surface, as the formula subtracts nearly equal numbers there: how far
+depends on the cubic. The cone is narrowed until the firmware's inverse, calculated in single precision, is good.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import ndtri
+
+from cfid.errors import FitError
+from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
+from cfid.estimate.voltage_cubic import FALL, IDLE, cubic_fault
+
+Array = npt.NDArray[np.float64]
+
+LEVEL = 0.01  # of the one-sided test by which the data refuse a cubic
+TOLERANCE = 0.01  # of the largest thrust: a departure that does not matter, as a motor's own scatter is larger
+
+_STEP = 0.004  # of the angles that are tried
+_ANGLES = np.concatenate([np.arange(-1.57, -0.3, _STEP), np.arange(0.02, 1.57, _STEP)])
+_MARGINS = (0.0, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # of 1 - c2^2 / (3 c1 c3), tried until rounding does no harm
+_FLAT_MARGIN = 1e-3  # the least where the flat point can be reached, c2 < 0
+_FALL = FALL / 2  # half of what is allowed: coefficients are rounded when they are written
+_DRAWS, _SEED = 400, 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonotoneCubic:
+    """A cubic `fit` that rises over all voltages.
+
+    `bound` says that the constraint holds it there, `departure` how far it is at most from the unconstrained cubic,
+    over the largest thrust, from the idle thrust up. `refusal` says why the data contradict every such cubic, "" where
+    they do not.
+    """
+
+    fit: PolynomialFit
+    bound: bool
+    departure: float
+    refusal: str
+
+
+def constrain(
+    free: PolynomialFit, *, thrust_n: Array, std_n: Array | None = None, max_thrust_n: float | None = None
+) -> MonotoneCubic:
+    """Return the cubic that rises over all voltages and fits points best.
+
+    `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages;
+    `std_n` (n,) weighed them; `max_thrust_n` is the largest thrust that the firmware asks for, that of the points where
+    it is not given. On the constraint the covariance is that of 400 unconstrained estimates, drawn from
+    their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
+
+    A cubic is refused where, at some voltage from the idle thrust up to the largest that was measured, it departs from
+    the unconstrained one by more than 1 % of the largest thrust and the points exclude that (one-sided, 1 %).
+
+    Raises FitError for another order than three, and where thrust does not rise with the voltage at all.
+    """
+    if free.order != 3:
+        raise FitError(f"the firmware takes a cubic of motor voltage, and this polynomial has order {free.order}.")
+    most_n = max_thrust_n or float(free.at(free.x.max()))
+    if _inside(free.coefficients[::-1]) and not _fault(free, most_n):
+        return MonotoneCubic(fit=free, bound=False, departure=0.0, refusal="")
+    for margin in _MARGINS:
+        found = _weighed(free.x, thrust_n, std_n, margin)
+        if not (fault := _fault(found.fit, most_n)):
+            break
+    departure, refusal = _judge(free, found.fit)
+    refusal = refusal or (fault and f"no voltage cubic for the firmware: {fault}")
+    return MonotoneCubic(fit=found.with_spread(), bound=True, departure=departure, refusal=refusal)
+
+
+def _fault(fit: PolynomialFit, most_n: float) -> str:
+    return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=most_n, fall=_FALL)
+
+
+def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, margin: float) -> "_Bound":
+    """Return the best cubic of the cone's surface; where it misses points by more than they vary, all count alike."""
+    found = _bound(volts, thrust_n, std_n, margin, missed_n=0.0)
+    if std_n is None or found.excess <= 0:
+        return found
+    most = 2 * float(np.max(np.abs(found.fit.residual)))
+    missed = brentq(lambda m: _bound(volts, thrust_n, std_n, margin, missed_n=m).excess, 0.0, most, rtol=1e-3)
+    return _bound(volts, thrust_n, std_n, margin, missed_n=float(missed))
+
+
+class _Bound(NamedTuple):
+    """A cubic of the cone's surface, the unconstrained one of the same weights, and the deviations (n,) of these."""
+
+    fit: PolynomialFit
+    free: PolynomialFit
+    std_n: Array
+    cone: "_Cone"
+
+    @property
+    def excess(self) -> float:
+        """By how much chi-squared exceeds its degrees of freedom."""
+        return float(np.sum((self.fit.residual / self.std_n) ** 2)) - self.fit.freedom
+
+    def with_spread(self) -> PolynomialFit:
+        """Return the cubic with the covariance of what the constraint makes of other unconstrained estimates."""
+        about, about_free = (float(np.sum((part.residual / self.std_n) ** 2)) for part in (self.fit, self.free))
+        known = self.fit.inflation is not None  # then the deviations say how far points vary
+        widened = 1.0 if known or about_free == 0 else about / about_free
+        units = np.outer(self.cone.powers, self.cone.powers)
+        draws = np.random.default_rng(_SEED).multivariate_normal(
+            self.free.coefficients[::-1] * self.cone.powers,
+            widened * self.free.covariance[::-1, ::-1] * units,
+            size=_DRAWS,
+            method="eigh",
+        )
+        moved = np.array([draw if _inside(draw) else self.cone.nearest(draw, refined=False) for draw in draws])
+        return replace(
+            self.fit,
+            covariance=(np.cov(moved.T) / units)[::-1, ::-1],
+            point_std=np.sqrt(widened) * self.fit.point_std,
+        )
+
+
+def _bound(volts: Array, thrust_n: Array, std_n: Array | None, margin: float, *, missed_n: float) -> _Bound:
+    """Return the best cubic of the cone's surface, weighed by what points vary by and by what a cubic misses."""
+    std = None if std_n is None else np.hypot(std_n, missed_n)
+    free = fit_polynomial(volts, thrust_n, order=3, std=std)
+    weights = np.ones_like(thrust_n) if std is None else std
+    cone = _Cone(volts, weights, margin)
+    nearest = cone.nearest(free.coefficients[::-1] * cone.powers)
+    if nearest[1] <= 0:
+        raise FitError("thrust does not rise with motor voltage: look at the points, and at the sign of Fz.")
+    coefficients = (nearest / cone.powers)[::-1]
+    fit = replace(free, coefficients=coefficients, residual=thrust_n - np.polyval(coefficients, volts))
+    return _Bound(fit, free, weights, cone)
+
+
+class _Cone:
+    """The surface of the cone of rising cubics, seen from points; cubics are in units of the largest voltage here.
+
+    Distances are lengths of R c, where R' R is the points' normal matrix. The `margin` narrows the cone.
+    """
+
+    def __init__(self, volts: Array, std: Array, margin: float) -> None:
+        self._margin = margin
+        size = float(np.max(np.abs(volts)))
+        self.powers = size ** np.arange(4.0)
+        rows = (volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis]
+        self._triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+        self._rising = np.array([self._felt(angle) for angle in _ANGLES])
+
+    def nearest(self, cubic: Array, *, refined: bool = True) -> Array:
+        """Return the point of the surface that is nearest to a cubic (4,), to within the grid of angles or exactly.
+
+        Where no rising cubic is nearer than a constant, that is the constant.
+        """
+        wanted = self._triangle @ cubic
+        angle = float(_ANGLES[np.argmax(self._rising @ wanted)])
+        if refined:
+            nearby = _ANGLES[np.abs(_ANGLES - angle) < 1.5 * _STEP]
+            bounds = float(nearby[0]), float(nearby[-1])
+            found = minimize_scalar(
+                lambda angle: -self._felt(angle) @ wanted, bounds=bounds, method="bounded", options={"xatol": 1e-9}
+            )
+            angle = float(found.x)
+        shape = self._triangle @ self._surface(angle)
+        size = max(float(self._felt(angle) @ wanted), 0.0) / float(self._felt(angle) @ shape)
+        level = (wanted - size * shape)[0] / self._triangle[0, 0]
+        return np.asarray(size * self._surface(angle) + level * np.eye(4)[0])
+
+    def _felt(self, angle: float) -> Array:
+        """Return the direction (4,), of length one, in which a cubic of the surface moves the points beside a level.
+
+        R is triangular: a level moves the first of its rows alone.
+        """
+        moved = self._triangle @ self._surface(angle)
+        moved[0] = 0.0
+        return np.asarray(moved / np.linalg.norm(moved))
+
+    def _surface(self, angle: float) -> Array:
+        """Return the cubic (4,) of the cone's surface at an angle, without a constant."""
+        cosine, sine = np.cos(angle), np.sin(angle)
+        margin = max(self._margin, _FLAT_MARGIN if angle < 0 else 1e-6)
+        return np.array([0.0, cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3])
+
+
+def _inside(lowest_first: Array) -> bool:
+    _, c1, c2, c3 = lowest_first
+    return bool(c1 > 0 and c3 > 0 and c2**2 < 3 * c1 * c3)
+
+
+def _judge(free: PolynomialFit, bound: PolynomialFit) -> tuple[float, str]:
+    """Return the largest departure over the largest thrust, and why the data refuse the cubic, "" where not."""
+    volts = np.linspace(free.x.min(), free.x.max(), 200)
+    largest = float(free.at(volts).max())
+    volts = volts[free.at(volts) >= IDLE * largest]
+    apart = np.abs(bound.at(volts) - free.at(volts)) / largest
+    sure = (apart - TOLERANCE) * largest / free.std_at(volts)
+    at = int(np.argmax(sure))
+    if sure[at] <= ndtri(1 - LEVEL):
+        return float(apart.max()), ""
+    return float(apart.max()), (
+        "no voltage cubic for the firmware: the nearest one that rises over all voltages departs from the data by "
+        f"{100 * apart[at]:.1f} % of the largest thrust at {volts[at]:.2f} V (allowed: {100 * TOLERANCE:.0f} %, tested "
+        f"at the {100 * LEVEL:.0f} % level). Likely causes: points that were not steady, or an empty battery."
+    )

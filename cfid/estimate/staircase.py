@@ -1,0 +1,293 @@
+"""From the record of a thrust staircase to one mean of each command, with tare and uncertainty. Fits no map."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError, FitError
+from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import SMOOTHED_S, Slow, quiet_mean
+from cfid.estimate.windows import (
+    LAGS,
+    Interval,
+    Onset,
+    StandSignals,
+    Stretch,
+    Words,
+    changes_seen,
+    commanded_intervals,
+    level,
+    onsets,
+    prepared,
+    steady_stretch,
+)
+
+Array = npt.NDArray[np.float64]
+Window = tuple[float, float]
+
+FZ = 2
+DEAD_UP_TO = 1000  # the command at which rotors may still stand (section 3.3.2)
+
+_DRIFT, _WAVE, _REST_WAVE = 0.05, 0.005, 0.001  # within a window, of a step's height; at rest, of the highest
+_LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
+_FEWEST_AT_REST = 2  # readings: a tare that is not sure is better than none
+_SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
+_NO_REST_AFTER = "no steady rest after the last command: what the load cell drifted by then is not known."
+
+
+class NeverRanError(DataError):
+    """A record in which no motor is seen to run."""
+
+
+class Level(NamedTuple):
+    """What the channels (k,) show in a window about a time: see `signals.Mean`."""
+
+    time_s: float
+    mean: Array
+    std: Array
+    slope: Array
+    effective_samples: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Point:
+    """One command: means (k,) of its steady window less the tare, with standard deviations that hold the tare's.
+
+    NaN where it never settled: `reason` says why it did not, or why it should not be used. `tare_shares` (r, k) is
+    what one deviation of each of the record's r rests does to the tare. `slope` per second is what
+    still changes in the window; `motors`, 1 to 4, are those that ran. The thrust began to follow at `onset_s`, with
+    the time constant `lag_s`, and `delay_s` after its command: what other instruments recorded by the clock of the
+    commands lies so much earlier. Delay, command and motors are not known without a command log.
+    """
+
+    command: int | None
+    motors: tuple[int, ...]
+    begin_s: float
+    end_s: float
+    mean: Array
+    std_of_mean: Array
+    effective_samples: Array
+    slope: Array
+    tare: Array
+    std_of_tare: Array
+    tare_shares: Array
+    onset_s: float
+    lag_s: float
+    delay_s: float | None
+    reason: str
+
+    @property
+    def settled(self) -> bool:
+        """Whether the mean is one."""
+        return not self.reason
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Staircase:
+    """A reduced record: its points as they came, and the load cell at rest.
+
+    `tare_after`, and the `drift` (k,) per second up to there, are None where no rest follows the last step.
+    """
+
+    points: tuple[Point, ...]
+    tare_before: Level
+    tare_after: Level | None
+    drift: Array | None
+    spikes: int
+    warnings: tuple[str, ...]
+
+    def steady(self) -> tuple[Point, ...]:
+        """Return the points that settled. Raises FitError when none did."""
+        steady = tuple(point for point in self.points if point.settled)
+        if not steady:
+            raise FitError(
+                f"none of {len(self.points)} steps settles. The first, from {self.points[0].onset_s:.3g} s on: "
+                f"{self.points[0].reason}. Hold each command longer, or give the windows by hand."
+            )
+        return steady
+
+
+def reduce_staircase(
+    *,
+    time_s: Array,
+    channels: Array,
+    command_time_s: Array | None = None,
+    commands: Array | None = None,
+    status: Words | None = None,
+    thrust: int = FZ,
+    lag_s: float | None = None,
+    window_override: Sequence[Window | None] | None = None,
+) -> Staircase:
+    """Reduce channels (n, k) in any unit at times (n,), of which `thrust` shows where the motors run.
+
+    Commands (m, 4) hold from `command_time_s` (m,) on, by the same clock; without them changes of thrust are looked
+    for. `lag_s` is the rotors' time constant, where it need not be found. Windows may be set by hand, an entry a
+    step, None where it shall be found. `status` (n,) are the load cell's words.
+
+    Raises DataError for a record that is too short, out of order, not finite or faulty, that begins without a rest
+    or shows no motor running.
+    """
+    record = prepared(time_s, channels, status=status, thrust=thrust)
+    if command_time_s is None or commands is None:
+        intervals = changes_seen(record.slow)
+    else:
+        first_s, last_s = record.slow.time_s[[0, -1]].tolist()
+        intervals = commanded_intervals(command_time_s, commands, begin_s=first_s, end_s=last_s)
+    return _reduced(record, intervals, lag_s=lag_s, windows=window_override)
+
+
+def reduce_single(
+    *,
+    time_s: Array,
+    channels: Array,
+    command: int | None = None,
+    motors: tuple[int, ...] = (),
+    status: Words | None = None,
+    thrust: int = FZ,
+    lag_s: float | None = None,
+    window: Window | None = None,
+) -> Staircase:
+    """Reduce a record of one command between two rests, as the thesis took them; all else as `reduce_staircase`.
+
+    Raises FitError when more than one step is seen, unless a window says which is meant.
+    """
+    record = prepared(time_s, channels, status=status, thrust=thrust)
+    intervals = changes_seen(record.slow)
+    steps = [interval for interval in intervals if not interval.rest]
+    meant = [window is None or step.begin_s <= sum(window) / 2 <= step.end_s for step in steps]
+    if steps and sum(meant) != 1:
+        seen = ", ".join(f"{step.begin_s:.4g} to {step.end_s:.4g} s" for step in steps)
+        raise FitError(f"one step between two rests is expected, seen: {seen}. Give its window, or the command log.")
+    found = _reduced(record, intervals, lag_s=lag_s, windows=[window if one else None for one in meant])
+    return replace(found, points=(replace(found.points[meant.index(True)], command=command, motors=motors),))
+
+
+def mean_beside(points: Sequence[Point], time_s: Array, value: Array) -> Array:
+    """Return the means (p,) of what another instrument showed in the windows of points: `value` (n,) at times (n,).
+
+    By the clock of the commands these lie as much earlier as thrust came late. NaN where nothing was recorded.
+    """
+    late_s = np.array([point.delay_s or 0.0 for point in points])
+    begin, end = (np.array([getattr(point, name) for point in points]) - late_s for name in ("begin_s", "end_s"))
+    first, last = np.searchsorted(time_s, begin), np.searchsorted(time_s, end, side="right")
+    windows = [value[i:j] for i, j in zip(first, last, strict=True)]
+    return np.array([window.mean() if len(window) else math.nan for window in windows])
+
+
+def _reduced(
+    record: StandSignals, intervals: Sequence[Interval], *, lag_s: float | None, windows: Sequence[Window | None] | None
+) -> Staircase:
+    steps = [i for i, interval in enumerate(intervals) if not interval.rest]
+    if not steps:
+        raise NeverRanError("the motors never run in this record: no command, or no change of thrust above its noise.")
+    by_hand = [None] * len(steps) if windows is None else windows
+    if len(by_hand) != len(steps):
+        raise DataError(f"{len(by_hand)} windows are given for {len(steps)} steps: one each, or None.")
+    levels = np.array([level(record.slow, interval.begin_s, interval.end_s) for interval in intervals])
+    begun = onsets(record.slow, intervals, rest=levels[0], lag_s=lag_s)
+    bounds = _bounds(intervals, begun)
+    heights = np.abs(levels - levels[0])
+    rests = _rests(record, [bounds[i] for i in range(len(bounds)) if i not in steps], wave=_REST_WAVE * heights.max())
+    if not rests or rests[0].time_s > bounds[steps[0]][0]:
+        raise DataError("no rest before the first command: log for some seconds before the motors start.")
+    points = []
+    for i, window in zip(steps, by_hand, strict=True):
+        height = max(heights[i], _LEAST_HEIGHT * heights.max())
+        stretch = Stretch(*window) if window else _steady(record, rests, bounds[i], height=height)
+        points.append(_point(record, rests, intervals[i], begun[i - 1], stretch))
+    asked = [point.reason for point in points if (point.command or 0) > DEAD_UP_TO]
+    if asked and all(reason.startswith(_SILENT) for reason in asked):
+        raise DataError(f"the motors never turn: {asked[-1]}. Is the vehicle armed, its battery charged?")
+    before, after = rests[0], rests[-1] if rests[-1].time_s > bounds[steps[-1]][1] else None
+    return Staircase(
+        points=tuple(points),
+        tare_before=before,
+        tare_after=after,
+        drift=(after.mean - before.mean) / (after.time_s - before.time_s) if after else None,
+        spikes=record.spikes,
+        warnings=() if after else (_NO_REST_AFTER,),
+    )
+
+
+def _bounds(intervals: Sequence[Interval], begun: Sequence[Onset]) -> list[Window]:
+    """Return where each interval may be steady: from five lags after its onset to just before the next."""
+    begins = [intervals[0].begin_s, *(onset.time_s + LAGS * onset.lag_s for onset in begun)]
+    ends = [*(onset.time_s - SMOOTHED_S / 2 for onset in begun), intervals[-1].end_s]
+    return list(zip(begins, ends, strict=True))
+
+
+def _rests(record: StandSignals, bounds: Sequence[Window], *, wave: float) -> list[Level]:
+    """Average the rests of two readings or more; a load cell that drifts is at rest too."""
+    limits = {"drift": math.inf, "wave": wave, "hold_s": record.held / record.rate_hz}
+    found = [steady_stretch(record.slow, each, **limits, fewest=_FEWEST_AT_REST) for each in bounds]
+    return [_averaged(record, rest) for rest in found if not rest.reason]
+
+
+def _averaged(record: StandSignals, stretch: Stretch) -> Level:
+    first, last = np.searchsorted(record.time_s, stretch[:2])
+    value = record.value[:, first:last]
+    value = value if record.held == 1 else block_means(value, length=record.held)
+    if value.shape[1] < _FEWEST_AT_REST:
+        raise DataError(f"fewer than two readings from {stretch.begin_s:.4g} to {stretch.end_s:.4g} s: no mean.")
+    mean, std, slope, samples = quiet_mean(value, rate_hz=record.rate_hz / record.held)
+    return Level((stretch.begin_s + stretch.end_s) / 2, mean, std, slope, samples * record.block)
+
+
+def _tare(rests: Sequence[Level], time_s: float) -> tuple[Array, Array, Array]:
+    """Return the tare (k,) on the line between the rests before and after a time, its shares (r, k) and its slope."""
+    place = float(np.interp(time_s, [rest.time_s for rest in rests], range(len(rests))))
+    before, after, part = rests[math.floor(place)], rests[math.ceil(place)], place % 1
+    rise = after.mean - before.mean
+    slope = rise / (after.time_s - before.time_s) if part else np.zeros_like(rise)
+    shares = np.zeros((len(rests), len(rise)))
+    shares[math.floor(place)] = (1 - part) * before.std
+    shares[math.ceil(place)] += part * after.std
+    return before.mean + part * rise, shares, slope
+
+
+def _steady(record: StandSignals, rests: Sequence[Level], bounds: Window, *, height: float) -> Stretch:
+    """Find the steady stretch of a step, once the drift of the load cell is taken off as well as it is known."""
+    drift = _DRIFT * height + _SEEN * float(np.linalg.norm(_tare(rests, sum(bounds) / 2)[1][:, record.thrust]))
+    time_s, value = record.slow.between(*bounds)
+    tare = np.interp(time_s, [rest.time_s for rest in rests], [rest.mean[record.thrust] for rest in rests])
+    flat, hold_s = Slow(time_s, value - tare), record.held / record.rate_hz
+    return steady_stretch(flat, bounds, drift=drift, wave=_WAVE * height, hold_s=hold_s)
+
+
+def _point(record: StandSignals, rests: Sequence[Level], interval: Interval, onset: Onset, stretch: Stretch) -> Point:
+    command, motors = _command(interval)
+    tare, shares, drift = _tare(rests, (stretch.begin_s + stretch.end_s) / 2)
+    std_of_tare = np.linalg.norm(shares, axis=0)
+    found = Level(math.nan, *[np.full_like(tare, math.nan)] * 4) if stretch.reason else _averaged(record, stretch)
+    mean, std, reason = found.mean - tare, np.hypot(found.std, std_of_tare), stretch.reason
+    if (command or 0) > DEAD_UP_TO and abs(mean[record.thrust]) < _SEEN * std[record.thrust]:
+        reason = f"{_SILENT} at command {command}: {mean[record.thrust]:.2g} +- {std[record.thrust]:.2g}"
+    return Point(
+        command=command,
+        motors=motors,
+        begin_s=stretch.begin_s,
+        end_s=stretch.end_s,
+        mean=mean,
+        std_of_mean=std,
+        effective_samples=found.effective_samples,
+        slope=found.slope - drift,
+        tare=tare,
+        std_of_tare=std_of_tare,
+        tare_shares=shares,
+        onset_s=onset.time_s,
+        lag_s=onset.lag_s,
+        delay_s=None if command is None else onset.time_s - interval.begin_s,
+        reason=reason,
+    )
+
+
+def _command(interval: Interval) -> tuple[int | None, tuple[int, ...]]:
+    """Return the one command of the motors that run, and which these are."""
+    running = {motor: command for motor, command in enumerate(interval.commands or (), start=1) if command}
+    if len(set(running.values())) > 1:
+        raise DataError(f"at {interval.begin_s:.4g} s motors have different commands, {interval.commands}: not a step.")
+    return next(iter(running.values()), None), tuple(running)

@@ -1,0 +1,300 @@
+"""From a thrust over time to the stretches where it is steady: intervals, onsets, windows. Averages nothing.
+
+An interval begins with a command, or where the thrust is seen to change. Thrust follows it after a delay, with a
+lag: the onset is fitted. Five lags after that it counts as steady if it also looks so.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
+
+from cfid.errors import DataError
+from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import SMOOTHED_S, Runs, Slow, find_spikes, slowed
+from cfid.wire.rdt_status import Family, read_status
+
+Array = npt.NDArray[np.float64]
+Words = npt.NDArray[np.uint32]
+Four = tuple[int, int, int, int]
+
+LAGS = 5  # after which 0.7 % of a step is left
+
+_FEWEST, _SHORTEST_S = 64, 1.0
+_THINNED_HZ, _SCREENED_S = 1000.0, 0.2  # the latter for spikes, at once
+_FAMILIES: tuple[Family, ...] = ("netft", "axia")
+_BESIDE_S = 0.25  # a change is seen between means this long
+_SURE = 6.0  # deviations of the noise
+_OF_RANGE, _OF_LEVEL = 0.004, 0.02  # a change is larger than these parts of the record's range and of its level
+_REST_OF_RANGE, _BACK, _BACK_TO = 0.015, 0.1, 0.5
+_OWN_PEAK = 0.3  # of its height a change rises above its neighbours: else it is a part of theirs
+_EARLY_S, _LATE_S = 0.1, 0.6  # an onset around a stamped command
+_STEP_S, _LEAST_LAG_S = 0.04, 0.01
+_EXPLAINED, _FEWEST_SEEN = 0.9, 10
+_LOOK_S, _USUAL_LAG_S = 2.0, 0.1
+_FEWEST_BLOCKS, _MOST_BLOCKS = 3, 24
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StandSignals:
+    """Channels (k, m) without spikes at times (m,), means of `block` samples each: about 1 kHz; and the thrust slowed.
+
+    Each `held` neighbours are one reading that repeats.
+    """
+
+    time_s: Array
+    value: Array
+    rate_hz: float
+    block: int
+    slow: Slow
+    thrust: int
+    held: int
+    spikes: int
+
+
+class Interval(NamedTuple):
+    """Commands (None: not known) that hold from one time to another; at rest no motor is on."""
+
+    begin_s: float
+    end_s: float
+    rest: bool
+    commands: Four | None = None
+
+
+class Onset(NamedTuple):
+    """When thrust began to follow a change, the time constant with which it did, and the variance that explains."""
+
+    time_s: float
+    lag_s: float
+    explained: float
+
+
+class Stretch(NamedTuple):
+    """A steady window, or the reason why there is none between the two times."""
+
+    begin_s: float
+    end_s: float
+    reason: str = ""
+
+
+def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: int) -> StandSignals:
+    """Check channels (n, k) at times (n,), whose `thrust` shows where motors run, and take their spikes off.
+
+    Raises DataError for a record that is too short, out of order, not finite or faulty.
+    """
+    _check(time_s, channels, status)
+    rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+    rows = np.ascontiguousarray(channels.T, np.float64)
+    block = max(round(rate_hz / _THINNED_HZ), 1)
+    time_s, value = block_means(time_s, length=block), block_means(rows, length=block)
+    if not np.isfinite(value).all():
+        raise DataError("the record has samples that are no numbers: cut those lines.")
+    row, place, instead = find_spikes(rows, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
+    whole = place < value.shape[1] * block
+    wrong = (instead - rows[row, place]) / block
+    np.add.at(value, (row[whole], place[whole] // block), wrong[whole])
+    return StandSignals(
+        time_s=time_s,
+        value=value,
+        rate_hz=rate_hz / block,
+        block=block,
+        slow=slowed(time_s, value[thrust], rate_hz=rate_hz / block),
+        thrust=thrust,
+        held=_held(value[thrust]),
+        spikes=len(np.unique(place)),
+    )
+
+
+def _check(time_s: Array, channels: Array, status: Words | None) -> None:
+    if len(time_s) != len(channels):
+        raise DataError(f"{len(time_s)} times belong to {len(channels)} samples: they should be as many.")
+    if not (rises := np.diff(time_s) >= 0).all():
+        raise DataError(f"after sample {np.argmin(rises) + 1} the times do not rise: out of order, or two in one.")
+    if len(time_s) < _FEWEST or np.ptp(time_s) < _SHORTEST_S:
+        raise DataError(f"the record is too short: {len(time_s)} samples, where {_SHORTEST_S} s are the least.")
+    if status is not None and status.any():
+        _check_status(time_s, status)
+
+
+def _check_status(time_s: Array, status: Words) -> None:
+    """Refuse words (n,) that say a fault in whichever family of load cells."""
+    bad = [word for word in np.unique(status).tolist() if all(read_status(word, family).faults for family in _FAMILIES)]
+    faulty = np.flatnonzero(np.isin(status, bad))
+    if len(faulty):
+        raise DataError(
+            f"{len(faulty)} of {len(status)} samples are saturated or faulty (status 0x{bad[0]:08x}), the first after "
+            f"{time_s[faulty[0]] - time_s[0]:.3g} s: they are no forces. Load the cell less, or cut them off."
+        )
+
+
+def _held(value: Array) -> int:
+    """Return how many neighbours usually repeat one reading, as of an instrument that is slower than its log."""
+    changes = np.flatnonzero(np.diff(value))
+    return int(np.median(np.diff(changes))) if len(changes) > 1 else 1
+
+
+def commanded_intervals(command_time_s: Array, commands: Array, *, begin_s: float, end_s: float) -> list[Interval]:
+    """Return the intervals of equal commands (m, 4), given from times (m,) on, within a record.
+
+    Before the first all motors stand; repeated commands are one. Raises DataError for a log that is none.
+    """
+    if commands.shape != (len(command_time_s), 4):
+        raise DataError(f"a command log of {len(command_time_s)} times needs as many rows of four: {commands.shape}.")
+    if not (np.isfinite(commands).all() and (commands >= 0).all() and (np.diff(command_time_s) >= 0).all()):
+        raise DataError("the command log has commands that are no numbers or below zero, or its times do not rise.")
+    times = np.concatenate([[-math.inf], command_time_s])
+    rows = np.vstack([np.zeros(4), commands]).astype(int)
+    changes = np.flatnonzero(np.append(True, (np.diff(rows, axis=0) != 0).any(axis=1)))
+    ends = pairwise(np.append(times[changes].clip(begin_s, end_s), end_s).tolist())
+    fours = [(row[0], row[1], row[2], row[3]) for row in rows[changes].tolist()]
+    return [Interval(*each, not any(four), four) for each, four in zip(ends, fours, strict=True) if each[1] > each[0]]
+
+
+def changes_seen(slow: Slow) -> list[Interval]:
+    """Return the intervals between fast changes of a slow thrust, their commands not known.
+
+    A change is a peak of the difference between the means of a quarter of a second after and before: above the
+    noise, above parts of the record's range and of its level there, so that no sagging battery is one; and
+    standing out from its neighbours, so that no ramp is one.
+    """
+    step_s = (slow.time_s[-1] - slow.time_s[0]) / (len(slow.time_s) - 1)
+    beside, gap = max(round(_BESIDE_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
+    steps = median_filter(slow.value, size=4 * gap + 1, mode="nearest")  # what is left where a spike was is none
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    mean = (total[beside:] - total[:-beside]) / beside
+    before, after = mean[: -beside - 2 * gap], mean[beside + 2 * gap :]
+    change, noise, span = np.abs(after - before), _noise(slow, beside, 2 * gap - 1), np.ptp(before)
+    least = np.maximum(_OF_LEVEL * np.abs(before - before[0]), max(_SURE * noise, _OF_RANGE * span))
+    peaks, shape = find_peaks(change, height=least, prominence=_SURE * noise, distance=beside)
+    peaks = peaks[shape["prominences"] > _OWN_PEAK * change[peaks]]
+    times = [float(slow.time_s[0]), *slow.time_s[peaks + beside + gap].tolist(), float(slow.time_s[-1])]
+    levels = [level(slow, begin, end) for begin, end in pairwise(times)]
+    rests = _rests(levels, near=max(_SURE / 2 * noise, _REST_OF_RANGE * span))
+    return [Interval(begin, end, rest) for (begin, end), rest in zip(pairwise(times), rests, strict=True)]
+
+
+def level(slow: Slow, begin_s: float, end_s: float) -> float:
+    """Return the median of the second half of an interval, or the sample next to it."""
+    first, last = np.searchsorted(slow.time_s, ((begin_s + end_s) / 2, end_s))
+    return float(np.median(slow.value[min(first, len(slow.value) - 1) : max(last, first + 1)]))
+
+
+def _rests(levels: Sequence[float], *, near: float) -> list[bool]:
+    """Return which levels are rests: the first, and what is as near to the rest before.
+
+    The last too, where it takes back nine tenths of the one before, or falls to half of the lowest of a staircase: the
+    load cell may have drifted.
+    """
+    rest, rests = levels[0], [True]
+    for here in levels[1:]:
+        rests.append(abs(here - rest) < near)
+        rest = here if rests[-1] else rest
+    *others, last = [abs(each - rest) for each, at_rest in zip(levels, rests, strict=True) if not at_rest] or [0.0]
+    rests[-1] |= bool(others) and last < max(_BACK * others[-1], _BACK_TO * min(others) * (len(others) > 2))
+    return rests
+
+
+def _noise(slow: Slow, beside: int, apart: int) -> float:
+    """Return the deviation of the difference of two means of `beside` samples, were the noise white.
+
+    From second differences of samples `apart`, means over two thirds of that, which steps and slopes hardly move.
+    """
+    bend = float(np.median(np.abs(np.diff(slow.value[::apart], n=2))))
+    return 1.4826 * bend / math.sqrt(6) * math.sqrt(2 * max(apart * 2 / 3, 1) / beside)
+
+
+def onsets(slow: Slow, intervals: Sequence[Interval], *, rest: float, lag_s: float | None = None) -> list[Onset]:
+    """Return the onset of each interval but the first, which has none; a given lag is that of all.
+
+    Thrust above `rest` is the square of a speed of first order. Where no onset explains what is seen (a step in the
+    noise, or one that is shorter than its onset), the others' median lag stands for its own, and after a command
+    their median delay.
+    """
+    levels = [0.0 if each.rest else level(slow, each.begin_s, each.end_s) - rest for each in intervals]
+    steps = list(zip(intervals[:-1], intervals[1:], map(_share, levels[:-1], levels[1:]), strict=True))
+    found = [_onset(slow, *step, lag_s=lag_s) for step in steps]
+    pairs = list(zip(intervals[1:], found, strict=True))
+    sure = [(onset.time_s - each.begin_s, onset.lag_s) for each, onset in pairs if onset.explained > _EXPLAINED]
+    delay_s, usual_s = np.median(sure, axis=0).tolist() if sure else (0.0, lag_s or _USUAL_LAG_S)
+    for i, (interval, onset) in enumerate(pairs):
+        if onset.explained <= _EXPLAINED and interval.commands is None:
+            found[i] = _onset(slow, *steps[i], lag_s=usual_s)
+        elif onset.explained <= _EXPLAINED:
+            found[i] = Onset(interval.begin_s + delay_s, usual_s, onset.explained)
+    return found
+
+
+def _share(before: float, after: float) -> float:
+    """Return the first of two speeds as a part of their sum, from the thrusts."""
+    first, second = math.sqrt(abs(before)), math.sqrt(abs(after))
+    return first / (first + second) if first + second > 0 else 0.5
+
+
+def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, lag_s: float | None) -> Onset:
+    """Fit onset and lag of a step by search, ever finer and nearer to it."""
+    seen_change = interval.commands is None  # in the midst of its rise, and the next as well
+    early_s, late_s = (_LATE_S, _EARLY_S) if seen_change else (_EARLY_S, _LATE_S)
+    begin_s, length_s = interval.begin_s, interval.end_s - interval.begin_s
+    from_s = max(begin_s - early_s, (before.begin_s + before.end_s) / 2)
+    to_s = begin_s + min(_LOOK_S, max(length_s - seen_change * _BESIDE_S, length_s / 2))
+    times = np.arange(from_s, begin_s + min(late_s, length_s / 2), _STEP_S)
+    lags = np.geomspace(_LEAST_LAG_S, max(length_s / 2, 2 * _LEAST_LAG_S), 8) if lag_s is None else np.array([lag_s])
+    best = Onset(begin_s, lag_s or _USUAL_LAG_S, 0.0)
+    for finer in (None, 1.0, 1.0, 0.3, 0.1):
+        if finer is not None:
+            near = finer * np.linspace(-1, 1, 5)
+            times, lags = best.time_s + _STEP_S * near, best.lag_s * 1.8**near if lag_s is None else lags
+        seen = slow.between(times[0] - 2 * _EARLY_S, to_s)
+        if len(seen.value) < _FEWEST_SEEN or np.ptp(seen.value) == 0:
+            return best
+        best = _search(seen, times, lags, share)
+    return best
+
+
+def _search(seen: Slow, times: Array, lags: Array, share: float) -> Onset:
+    """Return the onset, of those with the given times and lags, that explains most of the variance seen."""
+    time_s, value = seen.time_s[::2], seen.value[::2] - seen.value[::2].mean()
+    gone = 1 - np.exp(-np.maximum(time_s - times[:, np.newaxis], 0)[:, np.newaxis] / lags[:, np.newaxis])
+    response = 2 * share * gone + (1 - 2 * share) * gone**2
+    response -= response.mean(axis=-1, keepdims=True)
+    explained = (response @ value) ** 2 / np.maximum(np.einsum("tln,tln->tl", response, response), 1e-300)
+    at, lag = np.unravel_index(np.argmax(explained), explained.shape)
+    return Onset(float(times[at]), float(lags[lag]), float(explained[at, lag] / max(value @ value, 1e-300)))
+
+
+def steady_stretch(
+    slow: Slow, window: tuple[float, float], *, drift: float, wave: float, hold_s: float, fewest: int = _FEWEST_BLOCKS
+) -> Stretch:
+    """Return the longest steady stretch in a window of a slow thrust whose samples repeat for `hold_s`.
+
+    Steady is what would change by at most `drift` over the whole window, and moves about that line by at most `wave`.
+    The whole window may also change by what its noise feigns, and move if von Neumann's ratio [vN] calls that white;
+    a part of it has to be sure, and a quarter of it at least. A window shorter than three readings, or blocks of
+    50 ms, is none, unless `fewest` says that it be taken as it is.
+    """
+    from_s, to_s = window
+    block_s = max(SMOOTHED_S, hold_s, (to_s - from_s) / _MOST_BLOCKS)
+    count = max(round((to_s - from_s) / block_s), 0)
+    if count < _FEWEST_BLOCKS:
+        short = f"only {max(to_s - from_s, 0):.2g} s of it are left after {LAGS} time constants"
+        return Stretch(from_s, max(from_s, to_s), short if count < fewest else "")
+    inside = slow.between(from_s, to_s)
+    length = len(inside.value) // count
+    runs = Runs.of(block_means(inside.value, length=length)[:count], fewest=_FEWEST_BLOCKS)
+    whole = runs.size == count
+    change, doubt = np.abs(runs.slope) * count, runs.slope_std * count
+    flat = np.where(whole, (change <= drift) | (change <= 3 * doubt), change + 2 * doubt <= drift)
+    steady = flat & ((runs.wave <= wave) | whole & (runs.alike <= 3)) & (4 * runs.size >= count)
+    if not steady.any():
+        much = f"changes by {change[whole][0]:.2g} in {to_s - from_s:.2g} s, {runs.wave[whole][0]:.2g} about a line"
+        return Stretch(from_s, to_s, f"{LAGS} time constants after its onset it still {much}")
+    best = int(np.argmax(np.where(steady, runs.size * count + runs.first, -1)))
+    first, last = runs.first[best], runs.first[best] + runs.size[best]
+    end_s = to_s if last == count else float(inside.time_s[last * length])
+    return Stretch(float(inside.time_s[first * length]), end_s)

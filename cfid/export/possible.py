@@ -1,0 +1,79 @@
+"""Whether parameters can be those of a vehicle: a possible body, maps that rise over their range, lags above zero."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.voltage_cubic import IDLE
+from cfid.inertia.consistency import is_consistent
+from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND
+
+Array = npt.NDArray[np.float64]
+
+FULL_BATTERY_V = 4.2
+_POSITIVE = (
+    "mass_kg",
+    "arm_m",
+    "rotor_inertia_kg_m2",
+    "rotor_radius_m",
+    "motor.max_thrust_n",
+    "motor.thrust_per_speed_squared_n_s2",
+    "tf.time_constant_s",
+)
+_POINTS = 50  # of a range, at which a slope is looked at
+
+
+def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DEAD_COMMAND, FULL_COMMAND)) -> str:
+    """Return the first reason why parameters, by key, belong to no vehicle, "" where there is none.
+
+    `commands` is the range in which the maps of the command were measured; the other maps are looked at where these
+    lead, thrust over motor voltage from the idle thrust up to a full battery.
+    """
+    for key in _POSITIVE:
+        if key in values and not values[key] > 0:
+            return f"{key} is not above zero"
+    matrix = values.get("inertia.matrix_kg_m2")
+    if matrix is not None and not is_consistent(np.array(matrix)):
+        return "inertia.matrix_kg_m2 is that of no possible body"
+    cmd = np.linspace(*commands, _POINTS)
+    for key in ("motor.thrust_poly", "motor.speed_poly"):
+        if key in values and not _rises(values[key], cmd):
+            return f"{key} does not rise"
+    return _impossible_beyond(values, _reached_n(values, cmd))
+
+
+def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
+    """Go on with the maps of thrust and of speed, over the thrusts (m,) that are reached, if any are known."""
+    if len(thrust) and "motor.torque_poly" in values and not _rises(values["motor.torque_poly"], thrust):
+        return "motor.torque_poly does not rise"
+    volts = np.linspace(0.0, FULL_BATTERY_V, _POINTS)
+    cubic = values.get("motor.thrust_voltage_poly")
+    if cubic is not None and len(thrust):
+        running = volts[np.polyval(cubic[::-1], volts) >= IDLE * thrust[-1]]
+        if not len(running) or not _rises(cubic[::-1], running):
+            return "motor.thrust_voltage_poly does not rise"
+    square = values.get("motor.thrust_per_speed_squared_n_s2")
+    if square is None or not len(thrust):
+        return ""
+    speed = np.sqrt(thrust / square)
+    if "motor.thrust_speed_poly" in values and not _rises(values["motor.thrust_speed_poly"], speed):
+        return "motor.thrust_speed_poly does not rise"
+    for key in ("dynamics.rising", "dynamics.falling"):
+        if key in values and not np.all(values[key][0] + 2 * values[key][1] * speed > 0):
+            return f"{key} is no lag"
+    return ""
+
+
+def _reached_n(values: Mapping[str, Any], cmd: Array) -> Array:
+    """Return the thrusts (m,) above the idle thrust, in rising order, as far as a map or the largest tells them."""
+    if "motor.thrust_poly" in values:
+        thrust = np.polyval(values["motor.thrust_poly"], cmd)
+        return np.asarray(thrust[thrust >= IDLE * thrust[-1]])
+    most = values.get("motor.max_thrust_n")
+    return np.empty(0) if most is None else np.linspace(IDLE * most, most, _POINTS)
+
+
+def _rises(highest_first: Sequence[float], x: Array) -> bool:
+    return bool(np.all(np.polyval(np.polyder(np.array(highest_first)), x) > 0))

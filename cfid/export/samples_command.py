@@ -1,0 +1,250 @@
+"""`cfid export samples`: vehicles drawn from the joint distribution of what was measured, for domain randomisation."""
+
+import io
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import typer
+
+from cfid.console.messages import note
+from cfid.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from cfid.export.command import Known
+    from cfid.export.joint import Joint
+    from cfid.export.target import Target
+    from cfid.export.vehicle import Quantity
+    from cfid.records.covariances import Covariance
+    from cfid.records.parameters import Section
+
+MOST_REJECTED = 0.5  # of the draws: beyond, what is left is another distribution
+_FEWEST = 200  # draws by which that is judged
+
+
+class Drawn(NamedTuple):
+    """Possible vehicles: their numbers, and each target's renderings; how many were drawn, and why some are not in."""
+
+    numbers: list[Any]
+    rendered: "dict[str, list[Any]]"
+    draws: int
+    reasons: Counter[str]
+
+    @property
+    def rejected_share(self) -> float:
+        """The part of the draws that was rejected."""
+        return sum(self.reasons.values()) / self.draws
+
+
+def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force: bool) -> None:
+    """Draw vehicles and write them as CSV, NPZ and, as far as they are measured, as lists for RotorPy and crazyflow.
+
+    Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
+    """
+    from cfid.export.command import refuse
+    from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
+    from cfid.export.target import asked_for, missing
+
+    targets = [target for target in (ROTORPY, CRAZYFLOW) if not missing(target, known.vehicle)]
+    paths = [folder / name for name in ("samples.csv", "samples.npz", *(FILES[target.name] for target in targets))]
+    there = [path for path in paths if path.exists()]
+    if there and not force:
+        raise ConfigError(
+            f"{there[0]} is there already: nothing was changed. --force overwrites it, --out names another folder."
+        )
+    everything = _everything(known)
+    refuse(everything, known, force=force)
+    joint = _joint(known)
+    drawn = draw(joint, known, targets, count=count, seed=seed)
+    comments = [
+        f"{count} vehicles drawn with seed {seed} from what was measured of {known.vehicle.name}.",
+        f"{100 * drawn.rejected_share:.1f} % of the draws were no possible vehicle and are not in.",
+        *warnings_of(everything, known.vehicle),
+    ]
+    texts = {FILES[target.name]: listed(target, drawn.rendered[target.name], comments).encode() for target in targets}
+    _write(folder, {**_tables(joint, drawn, seed, comments), **texts})
+    for path in paths:
+        typer.echo(str(path))
+    _report(joint, drawn, count)
+    for sentence in warnings_of(everything, known.vehicle):
+        note(sentence)
+    for target in (ROTORPY, CRAZYFLOW):
+        if target not in targets:
+            needs = "; ".join(asked_for(need) for need in missing(target, known.vehicle))
+            note(f"no list for {target.name}, which cannot do without what is not measured yet: {needs}.")
+
+
+def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int, seed: int) -> Drawn:
+    """Draw until there are enough possible vehicles that the targets can take.
+
+    Raises DataError when over half of the draws are not possible.
+    """
+    import numpy as np
+
+    rng, reasons, drawn = np.random.default_rng(seed), Counter[str](), 0
+    numbers: list[Any] = []
+    rendered: dict[str, list[Any]] = {target.name: [] for target in targets}
+    while len(numbers) < count:
+        for row in joint.draw(max(count, _FEWEST), rng):
+            drawn += 1
+            reason, made = _vehicle(joint.shaped(row), known, targets)
+            if reason:
+                reasons[reason] += 1
+                continue
+            numbers.append(row)
+            for name, one in made.items():
+                rendered[name].append(one)
+        if sum(reasons.values()) > MOST_REJECTED * drawn:
+            itself, _ = _vehicle(joint.shaped(joint.mean), known, targets)
+            cause = (
+                f"The measured values themselves belong to no possible vehicle: {itself}."
+                if itself
+                else "The uncertainties are too large for a normal distribution: measure these again."
+            )
+            raise DataError(
+                f"samples: nothing was written. {100 * sum(reasons.values()) / drawn:.0f} % of {drawn} draws are no "
+                f"possible vehicle (limit {100 * MOST_REJECTED:.0f} %): {_told(reasons)}. {cause}"
+            )
+    return Drawn(numbers[:count], {name: made[:count] for name, made in rendered.items()}, drawn, reasons)
+
+
+def _vehicle(values: dict[str, Any], known: "Known", targets: "list[Target]") -> tuple[str, dict[str, Any]]:
+    """Return why a draw is no possible vehicle, "" where it is one, and what each target has of it."""
+    from cfid.export.possible import impossible
+    from cfid.export.samples import rendered, with_values
+
+    if reason := impossible(values, commands=_commands(known)):
+        return reason, {}
+    vehicle = with_values(known.vehicle, values)
+    try:
+        return "", {target.name: rendered(target, vehicle) for target in targets}
+    except DataError as error:
+        return str(error).partition(" is ")[0] + " cannot be exported", {}
+
+
+def _commands(known: "Known") -> tuple[float, float]:
+    """Return the range of commands that was measured above the dead zone."""
+    from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND
+
+    found = known.vehicle.quantities.get("thrust_of_command")
+    low, high = (found.commands if found is not None else None) or (DEAD_COMMAND, FULL_COMMAND)
+    return max(low, float(DEAD_COMMAND)), high
+
+
+def _everything(known: "Known") -> "Target":
+    """Return a target that takes every quantity, to be judged like any other."""
+    from cfid.export.target import Target
+
+    return Target(
+        name="samples",
+        file_name="samples.csv",
+        about="",
+        comment="",
+        needs=(),
+        uses=tuple(known.vehicle.quantities),
+        write=lambda _: "",
+    )
+
+
+def _joint(known: "Known") -> "Joint":
+    from cfid.export.joint import joint_of
+    from cfid.records.parameters import plain
+
+    vehicle = known.vehicle
+    fits: dict[str, tuple[Section, list[str]]] = {
+        quantity.key: (_stated(quantity), [quantity.key])
+        for quantity in (vehicle.quantities["mass"], vehicle.centre, vehicle.gravity)
+    }
+    for quantity in vehicle.quantities.values():
+        if quantity.key in ("motor.command_of_thrust", "mass_kg"):  # the former follows from the map
+            continue
+        holding = [
+            (section.believed, section.found, name)
+            for name, section in known.sections.items()
+            if quantity.key in section.parameters and plain(section.parameters[quantity.key].value) == quantity.value
+        ]
+        name = max(holding)[-1]
+        fits.setdefault(name, (known.sections[name], []))[1].append(quantity.key)
+    return joint_of(list(fits.values()))
+
+
+def _stated(quantity: "Quantity") -> "Section":
+    """Return what rig.toml states as a fit; the mass, with itself as the cause that it shares."""
+    from datetime import UTC, datetime
+
+    from cfid.records.parameters import Parameter, Section
+
+    mass = quantity.key == "mass_kg" and quantity.std is not None
+    return Section(
+        method="by hand",
+        found=datetime.now(UTC),
+        cfid_version="",
+        believed=True,
+        sources=(),
+        parameters={quantity.key: Parameter(value=quantity.value, std=quantity.std, unit=quantity.unit)},
+        covariance=_independent(quantity),
+        common={"mass": {"mass_kg": [quantity.std]}} if mass else {},
+    )
+
+
+def _independent(quantity: "Quantity") -> "tuple[Covariance, ...]":
+    """Return the covariance of lengths that were measured one by one."""
+    import numpy as np
+
+    from cfid.records.covariances import covariance_between
+
+    if not isinstance(quantity.std, list):
+        return ()
+    return covariance_between({quantity.key: quantity.value}, np.diag(np.square(quantity.std)))
+
+
+def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dict[str, bytes]:
+    import csv
+
+    import numpy as np
+
+    from cfid.export.wording import HASH, commented
+
+    table, packed = io.StringIO(), io.BytesIO()
+    table.write(commented(comments, HASH))
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(joint.names)
+    writer.writerows(row.tolist() for row in drawn.numbers)
+    np.savez_compressed(
+        packed,
+        names=np.array(joint.names),
+        values=np.array(drawn.numbers),
+        mean=joint.mean,
+        covariance=joint.covariance,
+        rejected_share=np.array(drawn.rejected_share),
+        seed=np.array(seed),
+        about=np.array(comments),
+    )
+    return {"samples.csv": table.getvalue().encode(), "samples.npz": packed.getvalue()}
+
+
+def _write(folder: Path, files: dict[str, bytes]) -> None:
+    from cfid.records.files import write_whole
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            write_whole(folder / name, content)
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
+
+
+def _report(joint: "Joint", drawn: Drawn, count: int) -> None:
+    why = f": {_told(drawn.reasons)}" if drawn.reasons else ""
+    typer.echo(f"{count} vehicles; {100 * drawn.rejected_share:.1f} % of {drawn.draws} draws rejected{why}.")
+    if joint.exact:
+        note(f"no uncertainty is known of {', '.join(joint.exact)}: the same in every vehicle.")
+    if joint.independent:
+        note(
+            f"no covariance is kept of {', '.join(joint.independent)}: their numbers are drawn independently. Fit "
+            "again to have it."
+        )
+
+
+def _told(reasons: Counter[str]) -> str:
+    return ", ".join(f"{reason} ({times})" for reason, times in reasons.most_common())

@@ -1,0 +1,1 @@
+"""Many campaigns side by side."""

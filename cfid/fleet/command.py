@@ -1,0 +1,187 @@
+"""`cfid fleet`: many campaigns side by side, one vehicle or one day each."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cfid.console.messages import note
+from cfid.errors import CfidError, ConfigError
+
+if TYPE_CHECKING:
+    from cfid.estimate.repetition import Repeats
+    from cfid.fleet.summary import Known, Summary
+
+_FOLDERS_FOR_A_PROCESS = 4  # fewer are read sooner than a process starts
+
+
+def fleet(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR ...", help="Campaign folders.")],
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only parameters whose names have this in them.")] = "",
+    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 is one for each processor.")] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster that sees the folders.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Compare what campaigns found: each number of each, mean, scatter, whether they agree, and drift.
+
+    Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3 --only inertia.matrix[/bold]
+    """
+    from cfid.fleet.summary import Summary
+
+    # A campaign that is named twice would agree with itself.
+    answers = _summaries(list(dict.fromkeys(folder.resolve() for folder in folders)), jobs=jobs, scheduler=scheduler)
+    summaries = [answer for answer in answers if isinstance(answer, Summary)]
+    if not summaries:
+        raise ConfigError(" ".join(str(answer) for answer in answers))
+    quantities = {name: known for name, known in _by_name(summaries).items() if only in name}
+    (_print_json if json else _print_tables)(summaries, quantities)
+    for answer in answers:
+        for sentence in [str(answer)] if isinstance(answer, CfidError) else _doubts(answer):
+            note(sentence)
+
+
+def _summaries(folders: Sequence[Path], *, jobs: int, scheduler: str | None) -> "list[Summary | CfidError]":
+    from cfid.fleet.summary import summarise
+
+    if scheduler is not None:
+        return _on_cluster(summarise, folders, scheduler)
+    workers = min(jobs or _processors(), -(-len(folders) // _FOLDERS_FOR_A_PROCESS))
+    if workers < 2:
+        return [summarise(folder) for folder in folders]
+    from concurrent.futures import ProcessPoolExecutor
+
+    with ProcessPoolExecutor(workers) as pool:
+        return list(pool.map(summarise, folders))
+
+
+def _processors() -> int:
+    import os
+
+    return os.cpu_count() or 1
+
+
+def _on_cluster(work: Callable[[Path], Any], folders: Iterable[Path], address: str) -> list[Any]:
+    try:
+        from distributed import Client  # type: ignore[import-not-found, unused-ignore]
+    except ImportError:
+        raise ConfigError("--scheduler: Dask is not installed here: pip install 'cfid[fleet]'.") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--scheduler {address}: no Dask scheduler answers there: {error}") from None
+    with client:
+        return list(client.gather(client.map(work, list(folders), pure=False)))
+
+
+def _doubts(summary: "Summary") -> list[str]:
+    return [f"{summary.folder.name}: {doubt}" for doubt in summary.doubts]
+
+
+def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[Known | None]]":
+    """Return each number with its value in each campaign; what has another unit is another number."""
+    tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
+    keys = dict.fromkeys(key for table in tables for key in table)
+    units = Counter(name for name, _ in keys)
+    return {
+        name if units[name] == 1 else f"{name}, {unit}": [table.get((name, unit)) for table in tables]
+        for name, unit in keys
+    }
+
+
+def _compared(row: "Sequence[Known | None]") -> "Repeats | None":
+    """Return how the believed numbers of a row agree, None where there are not two."""
+    import numpy as np
+
+    from cfid.estimate.repetition import repeats
+
+    believed = [known for known in row if known is not None and known.believed]
+    if len(believed) < 2:
+        return None
+    return repeats(
+        time_s=np.array([known.recorded.timestamp() for known in believed]),
+        value=np.array([known.value for known in believed]),
+        std=np.array([np.nan if known.std is None else known.std for known in believed]),
+    )
+
+
+def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Known | None]]") -> None:
+    import json
+    from dataclasses import asdict
+
+    from cfid.records.parameters import plain
+
+    campaigns = [
+        {
+            "folder": str(summary.folder),
+            "vehicle": summary.vehicle,
+            "complete_runs": summary.complete_runs,
+            "other_runs": summary.other_runs,
+            "doubts": summary.doubts,
+        }
+        for summary in summaries
+    ]
+    compared = {name: _compared(row) for name, row in quantities.items()}
+    content = {
+        "command": "fleet",
+        "campaigns": campaigns,
+        "parameters": {
+            name: {
+                "unit": next(known.unit for known in row if known is not None),
+                "values": [None if known is None else known.value for known in row],
+                "stds": [None if known is None else known.std for known in row],
+                "repeats": None if (found := compared[name]) is None else {**asdict(found), "agree": found.agree},
+            }
+            for name, row in quantities.items()
+        },
+    }
+    typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+
+
+def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[Known | None]]") -> None:
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    from cfid.console.tables import value_and_deviation
+
+    console = Console()
+    table = Table(box=SIMPLE, pad_edge=False)
+    for heading in ("", "campaign", "vehicle", "runs", "not complete"):
+        table.add_column(heading, overflow="fold")
+    for number, summary in enumerate(summaries, 1):
+        counts = str(summary.complete_runs), str(summary.other_runs)
+        table.add_row(str(number), summary.folder.name, summary.vehicle, *counts)
+    console.print(table)
+    for name, row in quantities.items():
+        unit = next(known.unit for known in row if known is not None)
+        console.print(f"[bold]{name}[/bold], {unit}", highlight=False)
+        for number, known in enumerate(row, 1):
+            if known is not None:
+                value, std = value_and_deviation(known.value, known.std)
+                doubt = "" if known.believed else "  not believed"
+                console.print(f"  {number:3}  {value} +- {std}{doubt}", highlight=False)
+        for line in _judgement(_compared(row)):
+            console.print(f"       {line}", highlight=False)
+
+
+def _judgement(found: "Repeats | None") -> list[str]:
+    from cfid.console.tables import value_and_deviation
+
+    if found is None:
+        return []
+    mean, std = value_and_deviation(found.mean, found.mean_std)
+    lines = [f"mean {mean} +- {std}, scatter {found.scatter:.2g}{_agreement(found)}"]
+    if found.drift_per_day is not None:
+        lines.append(f"drift {found.drift_per_day:.2g} +- {found.drift_std_per_day:.2g} a day")
+    return lines
+
+
+def _agreement(found: "Repeats") -> str:
+    if found.probability is None:
+        return ""
+    words = "they agree" if found.agree else "they differ by more than their deviations"
+    return f"; {words} (probability {found.probability:.2g})"

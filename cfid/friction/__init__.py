@@ -1,0 +1,1 @@
+"""Dropped weights to Coulomb and viscous friction of the swing's axis."""

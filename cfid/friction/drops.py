@@ -1,0 +1,184 @@
+"""One dropped weight: where the axis' speed is steady, and the fall up to there (sections 2.4.2, C.1.2)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+from scipy.optimize import least_squares
+
+from cfid.errors import DataError
+from cfid.estimate.signals import GRID_S, resample
+
+Array = npt.NDArray[np.float64]
+
+MEDIAN_SAMPLES = 7  # C.1.2, O_medfilt
+
+_BLOCK_S = 0.05
+_SHORTEST_S = 0.25
+_STEADY = 0.03  # slope across the window and scatter within it, over the mean speed
+_MOVING = 0.2  # of the highest speed
+_BEFORE_S = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drop:
+    """One dropped weight: the unwrapped record (n,), its speed (n - 1,), the window and what follows from it.
+
+    `speed_rad_per_s` is the mean in the window; `coefficient_nms_per_rad` = m g r / speed (eq. 2.14 at rest).
+    Without a settled speed both are the values of the best window there is, and are not to be used.
+    `terminal_rad_per_s` and `time_constant_s` are those of eq. 2.13 fitted from before the release to the
+    window's end, `model_rad` (m,) that fit at `model_time_s` (m,).
+    """
+
+    weight_kg: float
+    time_s: Array
+    angle_rad: Array
+    trace_rad_per_s: Array
+    from_s: float
+    to_s: float
+    settled: bool
+    speed_rad_per_s: float
+    speed_std_rad_per_s: float
+    ripple: float
+    coefficient_nms_per_rad: float
+    terminal_rad_per_s: float
+    time_constant_s: float
+    model_time_s: Array
+    model_rad: Array
+
+
+def measure_drop(
+    time_s: Array,
+    angle_rad: Array,
+    *,
+    weight_kg: float,
+    radius_m: float,
+    gravity_mps2: float,
+    from_s: float | None = None,
+    to_s: float | None = None,
+) -> Drop:
+    """Find where the falling weight's speed is steady, average it there and fit eq. 2.13 up to its end.
+
+    `from_s` and `to_s` set the window by hand.
+
+    Raises DataError when the axis does not turn.
+    """
+    grid, angle = resample(time_s - time_s[0], angle_rad, step_s=GRID_S)
+    if np.ptp(angle) < 2 * np.pi:
+        raise DataError(f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit.")
+    angle = angle * math.copysign(1.0, angle[-1] - angle[0])
+    speed = median_filter(np.diff(angle) / GRID_S, size=MEDIAN_SAMPLES, mode="nearest")
+    moving = _moving(speed)
+    window, ripple = _steady_window(speed, moving)
+    if from_s is not None or to_s is not None:
+        window = _by_hand(grid, from_s, to_s)
+        ripple = _unsteadiness(_blocks(speed[window]))
+    inside = speed[window]
+    mean = float(inside.mean())
+    if mean <= 0:
+        raise DataError("the axis stands still in the window: choose another with --from and --to.")
+    begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
+    return Drop(
+        weight_kg=weight_kg,
+        time_s=grid,
+        angle_rad=angle,
+        trace_rad_per_s=speed,
+        from_s=float(grid[window.start]),
+        to_s=float(grid[window.stop - 1]),
+        settled=ripple <= _STEADY,
+        speed_rad_per_s=mean,
+        speed_std_rad_per_s=_mean_std(inside),
+        ripple=ripple,
+        coefficient_nms_per_rad=weight_kg * gravity_mps2 * radius_m / mean,
+        terminal_rad_per_s=terminal,
+        time_constant_s=tau,
+        model_time_s=grid[begin : window.stop],
+        model_rad=model,
+    )
+
+
+def _moving(speed: Array) -> slice:
+    """Return the samples of the fall: from its first motion to the end of the longest fast stretch."""
+    fast = speed > _MOVING * np.quantile(speed, 0.98)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
+    starts, stops = edges[::2], edges[1::2]
+    longest = int(np.argmax(stops - starts))
+    return slice(int(starts[longest]), int(stops[longest]))
+
+
+def _blocks(speed: Array) -> Array:
+    length = max(round(_BLOCK_S / GRID_S), 1)
+    count = max(len(speed) // length, 1)
+    return np.array([part.mean() for part in np.array_split(speed, count)])
+
+
+def _unsteadiness(blocks: Array) -> float:
+    """Return the larger of the trend across a stretch and its scatter, over its mean."""
+    place = np.linspace(-0.5, 0.5, len(blocks)) if len(blocks) > 1 else np.zeros(1)
+    trend = float(blocks @ place / (place @ place)) if len(blocks) > 1 else 0.0
+    return max(abs(trend), float(np.std(blocks))) / max(abs(float(blocks.mean())), 1e-12)
+
+
+def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:
+    """Return the longest steady stretch of the fall (samples), or the steadiest short one, and its ripple.
+
+    A stretch counts as steady over two turns at least: friction that changes within a turn, as in the
+    thesis' 10 g case, must not hide between two of its waves.
+    """
+    length = max(round(_BLOCK_S / GRID_S), 1)
+    fall = speed[moving]
+    blocks = _blocks(fall)
+    best: tuple[int, float, int, int] | None = None
+    for first in range(len(blocks)):
+        for last in range(len(blocks), first, -1):
+            seconds = (last - first) * _BLOCK_S
+            turns = blocks[first:last].sum() * _BLOCK_S / (2 * math.pi)
+            if seconds < _SHORTEST_S or turns < 2:
+                break
+            ripple = _unsteadiness(blocks[first:last])
+            steady = ripple <= _STEADY
+            key = (last - first if steady else 0, -ripple, first, last)
+            if best is None or key[:2] > best[:2]:
+                best = key
+            if steady:
+                break
+    if best is None:
+        return moving, math.inf
+    start = moving.start + best[2] * length
+    return slice(start, min(moving.start + best[3] * length, moving.stop)), -best[1]
+
+
+def _by_hand(grid: Array, from_s: float | None, to_s: float | None) -> slice:
+    start = int(np.searchsorted(grid, from_s or 0.0))
+    stop = len(grid) - 1 if to_s is None else int(np.searchsorted(grid, to_s, side="right"))
+    stop = min(stop, len(grid) - 1)
+    if stop - start < 2:
+        raise DataError(f"no samples between --from and --to; the record lasts {grid[-1]:.3g} s.")
+    return slice(start, stop)
+
+
+def _mean_std(inside: Array) -> float:
+    blocks = _blocks(inside)
+    return float(np.std(blocks, ddof=1) / math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
+
+
+def _fit_fall(grid: Array, angle: Array, start: int, stop: int, speed: float) -> tuple[int, tuple[float, float], Array]:
+    """Fit eq. 2.13 from just before the release to the window's end; return terminal speed and time constant.
+
+    The moment of release is a parameter: it lies between two samples.
+    """
+    begin = max(start - round(_BEFORE_S / GRID_S), 0)
+    time, turned = grid[begin:stop], angle[begin:stop]
+
+    def model(p: Array) -> Array:
+        level, terminal, tau, release = p
+        fallen = np.maximum(time - release, 0.0)
+        tau = max(tau, 1e-5)
+        return np.asarray(level + terminal * (fallen + tau * np.expm1(-fallen / tau)))
+
+    first = np.array([turned[0], speed, 0.05, grid[start]])
+    scale = np.array([1.0, speed, 0.05, 0.05])
+    found = least_squares(lambda p: model(p) - turned, first, x_scale=scale, max_nfev=200)
+    return begin, (float(found.x[1]), float(found.x[2])), model(found.x)

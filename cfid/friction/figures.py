@@ -1,0 +1,171 @@
+"""Friction of the swing's axis drawn: the dropped weights (figures 2.7 to 2.9), and torque against speed."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from cfid.drawing.numbers import plus_minus, shortened
+from cfid.drawing.style import (
+    DOUBT,
+    INK,
+    KEY_IN,
+    MODEL,
+    MUTED,
+    RECORDED,
+    SERIES,
+    figure,
+    key_row,
+    name_panel,
+    styled,
+    words,
+)
+from cfid.friction.drops import Drop
+from cfid.friction.estimation import Friction, thesis_friction
+from cfid.friction.panels import (
+    LABEL_CHARACTERS,
+    Run,
+    draw_alone,
+    draw_together,
+    grams,
+    key_alone,
+    key_together,
+    list_runs,
+    result,
+)
+
+MOST_ROWS = 6  # runs that get a row of their own
+
+_TIME = "time (s)"
+_SPEED = "speed (rad/s)"
+_MICRO = 1e6
+_NANO = 1e9
+_THESIS = "thesis: mean M_fr"
+
+
+@styled
+def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "Dropped weights") -> Figure:
+    """Return one row a run, the turned angle at its left and the speed at its right.
+
+    More than six runs share a row with those of the same weight. Times count from each record's first
+    sample, as --from and --to do. A run whose speed never settled says so in red.
+    """
+    alone = len(drops) <= MOST_ROWS
+    rows = _rows(drops, labels, alone=alone)
+    heights_in = [KEY_IN, *[1.9 if len(rows) <= MOST_ROWS else 1.5] * len(rows)]
+    widths = (1, 1) if alone else (1, 1, 0.95)
+    page, grid = figure(len(heights_in), len(widths), heights_in=heights_in, widths=widths, title=title)
+    key_row(page.add_subplot(grid[0, :]), *(key_alone() if alone else key_together()))
+    for i, runs in enumerate(rows, start=1):
+        turned, speed = page.add_subplot(grid[i, 0]), page.add_subplot(grid[i, 1])
+        for run in runs:
+            (draw_alone if alone else draw_together)(turned, speed, run)
+        who = shortened(runs[0].label, LABEL_CHARACTERS) if alone else f"{grams(runs[0].drop)}, runs: {len(runs)}"
+        name_panel(turned, who, x=_TIME, y="angle (turns)")
+        unsettled = not all(run.drop.settled for run in runs)
+        name_panel(speed, result(runs), x=_TIME, y=_SPEED, colour=DOUBT if unsettled else INK)
+        speed.set_ylim(bottom=min(0.0, speed.get_ylim()[0]))
+        if not alone:
+            list_runs(page.add_subplot(grid[i, 2]), runs)
+    page.align_ylabels()
+    return page
+
+
+@styled
+def friction_figure(
+    drops: Sequence[Drop],
+    friction: Friction,
+    *,
+    radius_m: float,
+    gravity_mps2: float,
+    title: str = "Friction of the axis",
+) -> Figure:
+    """Return the torque of the weights against the speed they fall with, and the thesis' coefficients.
+
+    The line is Coulomb plus viscous friction, through the speeds that the falls tend to. The thesis'
+    M_fr = m g r / speed is the slope from the origin to the mean speed in a run's window, so that with dry
+    friction it depends on the speed: table 2.1's first five runs.
+
+    Raises FitError when no run settled.
+    """
+    page, grid = figure(3, 2, heights_in=(KEY_IN, 2.9, 0.95), title=title, notes=friction.warnings)
+    thesis = thesis_friction(drops)
+    key_row(page.add_subplot(grid[0, :]), *_key(friction, all(drop.settled for drop in drops)))
+    torque_axes, coefficient_axes = page.add_subplot(grid[1, 0]), page.add_subplot(grid[1, 1])
+    name_panel(torque_axes, "(a) torque of the weight", x=_SPEED, y="torque (µN m)")
+    name_panel(coefficient_axes, "(b) torque over speed: M_fr of eq. 2.14", x=_SPEED, y="coefficient (µN m s/rad)")
+    for drop in drops:
+        _draw_drop(torque_axes, coefficient_axes, drop, _MICRO * drop.weight_kg * gravity_mps2 * radius_m)
+    speed = np.linspace(0.0, 1.03 * torque_axes.get_xlim()[1], 300)[1:]
+    highest = coefficient_axes.get_ylim()[1]
+    for found, colour, ls in ((friction, MODEL, "-"), (thesis, MUTED, "--")):
+        if found.viscous_nms_per_rad is None:
+            continue
+        line = _MICRO * ((found.coulomb_nm or 0.0) + found.viscous_nms_per_rad * speed)
+        torque_axes.plot(speed, line, color=colour, ls=ls, zorder=1.5)
+        coefficient_axes.plot(speed, line / speed, color=colour, ls=ls, zorder=1.5)
+    for axes in (torque_axes, coefficient_axes):
+        axes.set_xlim(0.0, speed[-1])
+        axes.set_ylim(bottom=0.0)
+    coefficient_axes.set_ylim(top=1.1 * highest)
+    words(page.add_subplot(grid[2, 0]), _name(friction), _numbers(friction))
+    words(page.add_subplot(grid[2, 1]), _THESIS, _numbers(thesis))
+    page.align_ylabels()
+    return page
+
+
+def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[list[Run]]:
+    named = list(zip(drops, labels, strict=True))
+    if alone:
+        return [[Run(*each, RECORDED)] for each in named]
+    rows: dict[float, list[Run]] = {}
+    for drop, label in sorted(named, key=lambda each: each[0].weight_kg):
+        row = rows.setdefault(drop.weight_kg, [])
+        row.append(Run(drop, label, SERIES[len(row) % len(SERIES)]))
+    return list(rows.values())
+
+
+def _draw_drop(torque_axes: Axes, coefficient_axes: Axes, drop: Drop, torque: float) -> None:
+    points: list[tuple[float, dict[str, Any]]] = [
+        (drop.speed_rad_per_s, {"marker": "o", "color": DOUBT, "mfc": "white"})
+    ]
+    if drop.settled:
+        points = [
+            (drop.terminal_rad_per_s, {"marker": "o", "color": RECORDED}),
+            (drop.speed_rad_per_s, {"marker": "x", "color": MUTED}),
+        ]
+    for speed, how in points:
+        torque_axes.plot(speed, torque, ms=5, ls="", **how)
+        coefficient_axes.plot(speed, torque / speed, ms=5, ls="", **how)
+
+
+def _key(friction: Friction, all_settled: bool) -> list[Artist]:
+    unsettled = Line2D([], [], color=DOUBT, mfc="white", marker="o", ls="", ms=5, label="never settled, not used")
+    return [
+        Line2D([], [], color=MODEL, mfc=RECORDED, mec=RECORDED, marker="o", ms=5, label=_name(friction)),
+        Line2D([], [], color=MUTED, ls="--", marker="x", ms=5, label=_THESIS),
+        *([] if all_settled else [unsettled]),
+    ]
+
+
+def _name(friction: Friction) -> str:
+    if friction.viscous_nms_per_rad is None:
+        return "not told by one weight"
+    return "viscous alone" if friction.coulomb_nm is None else "Coulomb and viscous"
+
+
+def _numbers(found: Friction) -> list[tuple[str, str]]:
+    def row(name: str, value: float | None, std: float | None, scale: float, unit: str) -> tuple[str, str]:
+        if value is None:
+            return name, "not told"
+        return name, plus_minus(scale * value, scale * (std or 0.0), unit=unit)
+
+    return [
+        row("viscous", found.viscous_nms_per_rad, found.viscous_std, _MICRO, "µN m s/rad"),
+        row("Coulomb", found.coulomb_nm, found.coulomb_std, _MICRO, "µN m"),
+        row("set-up's inertia", found.setup_inertia_kg_m2, found.setup_inertia_std, _NANO, "10⁻⁹ kg m²"),
+    ]

@@ -1,0 +1,107 @@
+"""`cfid fit testbody`: the test body measured against its drawing."""
+
+from typing import TYPE_CHECKING
+
+from cfid.console.inputs import Workplace, open_workplace
+from cfid.console.options import (
+    Delivery,
+    GravityMps2,
+    MassKg,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    Swings,
+    WindowOptions,
+    flat,
+)
+from cfid.console.outcome import Outcome, deliver
+from cfid.console.selection import chosen, labelled
+from cfid.swing.data import FIXTURE, check_mounts, read_swings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cfid.inertia.swings import SwingSet
+    from cfid.inertia.testbody import Comparison
+
+_UNLIKELY_DEVIATIONS = 4.0
+_ANOTHER_DEVIATIONS = 20.0  # no calliper errs so
+
+
+@flat
+def testbody(
+    *,
+    runs: Swings = None,
+    window: WindowOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    delivery: Delivery,
+    mass_kg: MassKg = None,
+    gravity_mps2: GravityMps2 = None,
+    method: Method = "default",
+) -> None:
+    r"""Compare the test body's measured inertias with those of its drawing (table 2.5).
+
+    AXIS is a mount of \[testbody.mounts]; cuboids and mass are \[testbody] of rig.toml.
+
+    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
+    """
+    from cfid.inertia.swings import measure_all
+    from cfid.inertia.testbody import compare
+    from cfid.swing.axis_inertias import AxisInertias
+    from cfid.swing.geometry import described_test_body, surroundings, swung
+
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    suits = labelled("swing", "testbody", FIXTURE)
+    words = chosen(runs, workplace.campaign, suits=suits, wanted="swings of the test body")
+    items = read_swings(words, reading.reading(), workplace, body="testbody")
+    body = described_test_body(workplace, mass_kg)
+    check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="testbody.mounts")
+    swings = measure_all(items, window, method)
+    axis_inertias = AxisInertias(swings.mounted, swung(body), surroundings(workplace, swings.fixture))
+    deliver(_outcome(compare(body, axis_inertias), swings, workplace, method), delivery, workplace.campaign)
+
+
+def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Workplace, method: str) -> Outcome:
+    from cfid.records.parameters import Parameter
+
+    parameters: dict[str, Parameter] = {}
+    for c in comparisons:
+        calculated = Parameter(value=c.calculated_kg_m2, std=c.calculated_std_kg_m2 or None, unit="kg m^2")
+        measured = Parameter(value=c.measured_kg_m2, std=c.measured_std_kg_m2 or None, unit="kg m^2")
+        parameters[f"testbody.calculated_kg_m2.{c.axis}"] = calculated
+        parameters[f"testbody.measured_kg_m2.{c.axis}"] = measured
+        parameters[f"testbody.error.{c.axis}"] = Parameter(value=c.error, std=c.error_std or None, unit="1")
+
+    def drawings() -> "dict[str, Figure]":
+        from cfid.inertia.figures import testbody_figure
+
+        return {"testbody": testbody_figure(comparisons)}
+
+    return Outcome(
+        command="fit testbody",
+        method=method,
+        parameters=parameters,
+        quality={"swings": swings.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
+        warnings=workplace.notes + swings.warnings + _apart(comparisons, _UNLIKELY_DEVIATIONS, _ANOTHER_DEVIATIONS),
+        sources=swings.sources,
+        doubts=swings.doubts + _apart(comparisons, _ANOTHER_DEVIATIONS, float("inf")),
+        lines=(
+            *swings.lines,
+            *(
+                f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
+                for c in comparisons
+            ),
+        ),
+        drawings=drawings,
+        beside=workplace.figures_beside(swings.files),
+    )
+
+
+def _apart(comparisons: "list[Comparison]", at_least: float, below: float) -> tuple[str, ...]:
+    return tuple(
+        f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard deviations apart: check which axis was "
+        "swung, the mount's distance, the body's lengths, and that nothing slips."
+        for c in comparisons
+        if at_least < c.deviations < below
+    )

@@ -1,0 +1,1 @@
+"""Round trips to the vehicle, and its clock against this computer's."""

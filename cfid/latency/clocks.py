@@ -1,0 +1,188 @@
+"""Clocks against each other by stamps that can only come late, with a device's own stamps or by a sine's phase alone.
+
+No packet is early: host times over device times lie above a line, each by how much later it was than the quickest.
+An average lies above that line by the mean lateness. The least one-way latency stays in every offset here; half of
+the least round trip bounds it. Sources: S. B. Moon, P. Skelly, D. Towsley, Estimation and removal of clock skew from
+network delay measurements, INFOCOM 1999; L. Zhang, Z. Liu, C. H. Xia, Clock synchronization algorithms for network
+measurements, INFOCOM 2002, for the lower convex hull.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.latency.estimation import RoundTrips, round_trips
+
+Array = npt.NDArray[np.float64]
+
+COUNTER_S = 2**32 / 1e6  # after which 32 bits of microseconds begin anew
+
+# Of a line under n points that are late by an exponential of mean 1, tried with 4 to 1000 points: it lies 1.85/n too
+# high in their middle, with 1.4/n as deviation; its slope has 2.1/n over the deviation of their places.
+_RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
+_FEW = 3.0  # over n - 2: by which part deviations are to be widened, since few points know their mean badly
+_FEWEST = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClockLine:
+    """host = middle_host + rate (device - middle_device), under all n points; deviations are one standard deviation.
+
+    `lateness_s` (n,) is how far each point lies above it, `mean_offset_s` how far above it the average line lies in
+    the middle. `offset_std_s` holds there, and is independent of the rate's.
+    """
+
+    rate: float
+    rate_std: float
+    middle_device_s: float
+    middle_host_s: float
+    offset_std_s: float
+    lateness_s: Array
+    mean_rate: float
+    mean_offset_s: float
+
+    def host_s(self, device_s: npt.ArrayLike) -> Array:
+        """Return when, by the host, the device's clock shows times of any shape; early by no latency but the least."""
+        return np.asarray(self.middle_host_s + self.rate * (np.asarray(device_s) - self.middle_device_s))
+
+    def device_s(self, host_s: npt.ArrayLike) -> Array:
+        """Return what the device's clock shows at the host's times of any shape."""
+        return np.asarray(self.middle_device_s + (np.asarray(host_s) - self.middle_host_s) / self.rate)
+
+    @property
+    def offset_s(self) -> float:
+        """The host's time when the device's clock was zero."""
+        return float(self.host_s(0.0))
+
+    @property
+    def skew(self) -> float:
+        """By how much the device's clock is too fast, -1/85 for one that runs at 84/85."""
+        return 1 / self.rate - 1
+
+
+class Start(NamedTuple):
+    """When sample 0 was played, by the host, and late by the least latency; one standard deviation."""
+
+    start_s: float
+    std_s: float
+
+
+class PingLatency(NamedTuple):
+    """Round trips, the mean one-way latency if both ways are alike, and what bounds an offset's unknown part."""
+
+    round_trips: RoundTrips
+    one_way_mean_s: float
+    offset_bound_s: float
+
+
+def clock_line(device_s: Array, host_s: Array) -> ClockLine:
+    """Return the line under stamps (n,) that rise: the edge of their lower hull that passes under their middle.
+
+    It is the line below all points with the least sum of distances. Deviations hold for latencies whose excess over
+    the least is near an exponential. Raises DataError for fewer than three points, or times of the device that stand.
+    """
+    if len(device_s) < _FEWEST or np.ptp(device_s) <= 0:
+        raise DataError(f"{len(device_s)} stamps are too few to compare two clocks: it takes {_FEWEST} at least.")
+    middle, first = float(device_s.mean()), float(host_s[0])
+    place, height = device_s - middle, host_s - first - (device_s - device_s[0])
+    slope, level = _edge_below(place, height)
+    above = height - level - slope * place
+    count = len(place)
+    scale = float(above.sum()) / (count - 2)
+    average = np.polynomial.polynomial.polyfit(place, height, 1)
+    raised, widened = _RAISED * scale / count, (1 + _FEW / (count - 2)) * scale / count
+    return ClockLine(
+        rate=1 + slope,
+        rate_std=_SLOPE_STD * widened / float(place.std()),
+        middle_device_s=middle,
+        middle_host_s=first + middle - float(device_s[0]) + level - raised,
+        offset_std_s=_OFFSET_STD * widened,
+        lateness_s=above + raised,
+        mean_rate=1 + float(average[1]),
+        mean_offset_s=float(average[0]) - level + raised,
+    )
+
+
+def unwrapped_s(counter_s: Array, host_s: Array) -> Array:
+    """Return seconds (n,) that go on where a counter of 32 bits of microseconds begins anew, every 71 minutes.
+
+    How often it did is told by the host's times (n,), as long as both clocks agree to 2 % over a day.
+    """
+    passed = host_s - host_s[0] - (counter_s - counter_s[0])
+    return np.asarray(counter_s + COUNTER_S * np.round(passed / COUNTER_S))
+
+
+def least_of(lateness_s: Array, count: float) -> tuple[float, float]:
+    """Return mean and standard deviation of the least of `count` draws from observed lateness (n,)."""
+    ordered = np.sort(lateness_s)
+    left = (len(ordered) - np.arange(len(ordered) + 1)) / len(ordered)
+    weight = left[:-1] ** count - left[1:] ** count
+    mean = float(weight @ ordered)
+    # Among few observed values the least is always the same: an exponential's would still scatter.
+    scatter = float(ordered.mean() - ordered[0]) / count
+    return mean, max(math.sqrt(float(weight @ (ordered - mean) ** 2)), scatter)
+
+
+def start_by_phase(lag_s: Array, *, lateness_s: Array, spacing_s: float) -> Start:
+    """Return the start of a sine whose samples the reports (n,) tell, but not when they were played.
+
+    `lag_s` is each report's time less its sample's time within the sine, `lateness_s` (m,) what is known of how late
+    reports come when nothing is before them, `spacing_s` between two reports. Packets do not overtake each other, so
+    dense ones are seldom early. Taken is the lower envelope or the average, whichever scatters less for such a radio.
+    """
+    unhindered = _unhindered(lateness_s, spacing_s)
+    least, least_std = least_of(lateness_s, max(len(lag_s) * unhindered, 1.0))
+    mean_std = float(lateness_s.std()) / math.sqrt(len(lag_s))
+    if least_std <= mean_std or unhindered < 0.9:
+        return Start(float(lag_s.min()) - least, least_std)
+    return Start(float(lag_s.mean() - lateness_s.mean()), mean_std)
+
+
+def ping_latency(rtt_s: Array) -> PingLatency:
+    """Return what round trips (n,) say of the way there and back. Raises FitError for fewer than two."""
+    figures = round_trips(rtt_s)
+    return PingLatency(figures, figures.mean_s / 2, figures.least_s / 2)
+
+
+def sessions(first_device_s: Sequence[float], first_host_s: Sequence[float]) -> list[int]:
+    """Return a number for each run, in order of time: runs with the same number share one clock.
+
+    A device that was restarted counts anew: what passed on its clock, modulo its 71 minutes, is then not what passed
+    on the host's.
+    """
+    numbers = [0]
+    for place in range(1, len(first_host_s)):
+        passed = first_host_s[place] - first_host_s[place - 1]
+        device = first_device_s[place] - first_device_s[place - 1]
+        apart = (device - passed + COUNTER_S / 2) % COUNTER_S - COUNTER_S / 2
+        numbers.append(numbers[-1] + (abs(apart) > 1.0 + 0.03 * passed))
+    return numbers
+
+
+def _edge_below(place: Array, height: Array) -> tuple[float, float]:
+    """Return slope and height at 0 of the lower hull's edge over place 0, which lies within the places (n,)."""
+    hull: list[tuple[float, float]] = []
+    for x, y in zip(place.tolist(), height.tolist(), strict=True):
+        while len(hull) > 1 and _is_above(hull[-1], hull[-2], (x, y)):
+            hull.pop()
+        hull.append((x, y))
+    right = next(i for i, (x, _) in enumerate(hull) if x >= 0)
+    (x0, y0), (x1, y1) = hull[max(right, 1) - 1], hull[max(right, 1)]
+    slope = (y1 - y0) / (x1 - x0)
+    return slope, y0 - slope * x0
+
+
+def _is_above(point: tuple[float, float], before: tuple[float, float], after: tuple[float, float]) -> bool:
+    along = (after[0] - before[0]) * (point[1] - before[1])
+    return along >= (after[1] - before[1]) * (point[0] - before[0])
+
+
+def _unhindered(lateness_s: Array, spacing_s: float) -> float:
+    """Return the share of reports, `spacing_s` apart, that wait for none of those before."""
+    ahead = spacing_s * np.arange(1, 1 + int(lateness_s.max() / max(spacing_s, 1e-4)))
+    return float(np.prod(np.searchsorted(np.sort(lateness_s), ahead) / len(lateness_s)))

@@ -1,0 +1,1 @@
+"""Motors on the stand: staircases recorded, maps, steps, rotor speed from vibration."""

@@ -1,0 +1,1 @@
+"""Steady points of motors to maps: thrust, speed and torque."""

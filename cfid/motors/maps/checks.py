@@ -1,0 +1,139 @@
+"""What is wrong with a motor's points before anything is fitted: sign, motors that stand, markers, gaps."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import FitError
+from cfid.estimate.polynomials import fit_power
+from cfid.motors.points import DEAD_COMMAND, Array
+
+THESIS_SPEED = (0.04076521, 380.8359)  # rad/s of a command, eq. 3.4, second series
+USUAL_SQUARE_N_S2 = 2.0e-8  # thrust per speed squared of 45 mm propellers: 1.8e-8 to 2.2e-8 in all public data
+
+_STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
+_STANDING_RAD_S = 10.0
+_TWICE, _HALF = (1.7, 2.3), (0.43, 0.59)  # ratios of speeds that a count too many or too few explains
+_FEWEST = 5  # points that say what is usual among them
+_FAR = 0.25  # of the largest command, from where speeds lie close to a line
+_SAME_STEP = 0.8  # share of a staircase's steps that make it one
+
+_MARKERS = "has the propeller another number of markers than was divided by? Say --markers."
+
+
+def check_thrust(command: Array, thrust_n: Array) -> None:
+    """Look at thrusts (n,), per motor, of commands above the dead zone.
+
+    Raises FitError when there are none, when no motor ran, or when thrust points down throughout.
+    """
+    running = thrust_n[_running(command)]
+    if running.min() < -_STANDING_N and running.max() < _STANDING_N:
+        raise FitError(
+            f"the thrust is negative throughout, down to {running.min():.3g} N: Fz counts downwards here. Was the "
+            "vehicle mounted upside down, or the load cell? --flip-fz changes the sign of Fz; leave it out where it "
+            "was given."
+        )
+    if running.max() < _STANDING_N:
+        raise FitError(
+            f"the motors never ran: above command {DEAD_COMMAND} the largest thrust is {running.max():.2g} N, and a "
+            f"motor that turns gives {_STANDING_N:g} N. Look at battery, arming and propellers."
+        )
+
+
+def check_speed(command: Array, speed_rad_s: Array) -> None:
+    """Look at speeds (n,) of commands above the dead zone.
+
+    Raises FitError when there are none, or when no motor ran.
+    """
+    running = speed_rad_s[_running(command)]
+    if running.max() < _STANDING_RAD_S:
+        raise FitError(
+            f"the motors never ran: above command {DEAD_COMMAND} the largest speed is {running.max():.2g} rad/s. Does "
+            "the tachometer see its marker, and were the motors armed?"
+        )
+
+
+def speed_doubts(command: Array, speed_rad_s: Array, thrust_n: Array | None = None) -> tuple[str, ...]:
+    """Return sentences on speeds (n,) that were counted double, or divided twice.
+
+    Single points show beside the others. All of them show beside the thrust (n,) where it was measured, else
+    beside the thesis' motors.
+    """
+    running = command > DEAD_COMMAND
+    thrust = None if thrust_n is None else thrust_n[running]
+    odd = _odd_ones(command[running], speed_rad_s[running])
+    return (*odd, *_all_wrong(command[running], speed_rad_s[running], thrust))
+
+
+def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -> tuple[int, ...]:
+    """Return the commands that were asked for, or that an even staircase has, and that no point has."""
+    there = np.unique(command)
+    if expected is not None:
+        return tuple(sorted(set(expected) - set(there.tolist())))
+    if len(there) < _FEWEST:
+        return ()
+    steps = np.diff(there)
+    usual = float(np.median(steps))
+    if np.mean(np.isclose(steps, usual)) < _SAME_STEP:
+        return ()
+    even = np.arange(there[0], there[-1], usual)
+    apart = np.abs(np.subtract.outer(even, there)).min(axis=1)
+    return tuple(int(value) for value in even[apart > usual / 2])
+
+
+def listed(commands: Sequence[float]) -> str:
+    """Return commands for a sentence, the first few of many."""
+    shown = ", ".join(f"{value:.0f}" for value in commands[:6])
+    return shown if len(commands) <= 6 else f"{shown} and {len(commands) - 6} more"
+
+
+def _running(command: Array) -> npt.NDArray[np.bool_]:
+    running = command > DEAD_COMMAND
+    if not running.any():
+        raise FitError(
+            f"no command above {DEAD_COMMAND} was measured: up to there a motor stands, nothing can be fitted."
+        )
+    return running
+
+
+def _odd_ones(command: Array, speed: Array) -> Iterable[str]:
+    """Compare points with the line through most of them; half of them may be wrong before it is."""
+    if len(np.unique(command)) < _FEWEST:
+        return
+    slope, level = _repeated_median_line(command, speed)
+    usual = np.maximum(slope * command + level, _STANDING_RAD_S)
+    ratio = speed / usual
+    # At small commands a motor's speed falls off the line by itself.
+    far = command > _FAR * command.max()
+    for odd, word in ((_within(ratio, _TWICE), "twice"), (_within(ratio, _HALF) & far, "half")):
+        if odd.any():
+            at = listed(np.unique(command[odd]).tolist())
+            yield f"at command {at} the speed is about {word} what the others say: {_MARKERS}"
+
+
+def _all_wrong(command: Array, speed: Array, thrust: Array | None) -> Iterable[str]:
+    """Compare all speeds together with what makes the thrust, or with the thesis' motors."""
+    if thrust is None:
+        ratio = float(np.median(speed / np.polyval(THESIS_SPEED, command)))
+        told = f"the speeds are {ratio:.2f} times those of the thesis' motors (eq. 3.4)"
+    else:
+        square = fit_power(speed, thrust, power=2).coefficients[0]
+        ratio = math.sqrt(USUAL_SQUARE_N_S2 / square) if square > 0 else 1.0
+        told = f"thrust over speed squared is {square:.2g} N s^2, and usual propellers have {USUAL_SQUARE_N_S2:.1g}"
+    if _within(ratio, _TWICE) or _within(ratio, _HALF):
+        yield f"{told}: {_MARKERS}"
+
+
+def _repeated_median_line(x: Array, y: Array) -> tuple[float, float]:
+    """Return slope and level of the line that half of the points cannot move [Sie]."""
+    apart = np.subtract.outer(x, x)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.where(apart != 0, np.subtract.outer(y, y) / apart, np.nan)
+    slope = float(np.median(np.nanmedian(slopes, axis=1)))
+    return slope, float(np.median(y - slope * x))
+
+
+def _within(ratio: Array | float, limits: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    return np.asarray((np.asarray(ratio) > limits[0]) & (np.asarray(ratio) < limits[1]))

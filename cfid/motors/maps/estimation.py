@@ -1,0 +1,266 @@
+"""Maps of one motor: command to thrust and to speed, thrust to torque, speed to thrust. Steady points go in."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cfid.errors import FitError
+from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
+from cfid.motors.maps.checks import check_speed, check_thrust, listed, missing_commands, speed_doubts
+from cfid.motors.points import DEAD_COMMAND, Array, Measured, MotorPoints, measured
+
+Method = Literal["default", "thesis"]
+Order = int | Literal["auto"]
+
+BELIEVED_MISFIT = 0.05  # rms of the residuals over the largest value; the thesis' worse line (eq. 3.4) has 0.037
+NOTABLE_SCATTER = 2.0  # times the stated deviations, from where it is said
+OUTLIER_WEIGHT = 0.34  # of Huber's loss: four deviations off
+
+_DROPPED = 2000  # the command that C.2.3 leaves out
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorMap:
+    """A polynomial `fit` to y over x (n,), which were measured at `command` (n,); SI units, one motor.
+
+    `left_out` are commands whose points were not used. `aicc` is the corrected AIC of each order that was
+    tried, empty where the order was given. `doubts` say why the polynomial does not describe the points.
+    """
+
+    quantity: Literal["thrust", "speed", "torque"]
+    method: Method
+    fit: PolynomialFit
+    command: Array
+    x: Array
+    y: Array
+    left_out: tuple[float, ...]
+    aicc: Mapping[int, float]
+    warnings: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedThrustMap:
+    """Thrust of speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
+
+    `difference_n` is the largest between the two at the speeds measured. `square_suffices` says that the corrected AIC
+    does not ask for more than k.
+    """
+
+    square: PolynomialFit
+    quadratic: PolynomialFit
+    speed_rad_s: Array
+    thrust_n: Array
+    difference_n: float
+    square_suffices: bool
+    warnings: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def k_n_s2(self) -> float:
+        """Thrust per speed squared, N/(rad/s)^2."""
+        return float(self.square.coefficients[0])
+
+    @property
+    def k_std_n_s2(self) -> float:
+        """One standard deviation of it; nan where no point is left over."""
+        return float(self.square.std[0])
+
+
+def fit_thrust(
+    points: MotorPoints,
+    *,
+    method: Method = "default",
+    order: Order = 2,
+    robust: bool = True,
+    expected: Iterable[int] | None = None,
+) -> MotorMap:
+    """Fit thrust in N over command (eq. 3.3); `expected` are the commands that should be there.
+
+    By default the dead zone is left out, as the motor stands there, points are weighted with their deviations where
+    these are known, and Huber's loss is taken. "thesis" is C.2.3: MATLAB's polyfit of all commands but 2000, with
+    zero at command 0. Order "auto" takes the one with the smallest corrected AIC.
+
+    Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
+    """
+    found = measured(points, "thrust_n")
+    check_thrust(found.x, found.y)
+    return _map("thrust", found, method, order, robust=robust, expected=expected)
+
+
+def fit_speed(
+    points: MotorPoints,
+    *,
+    method: Method = "default",
+    order: Order = 1,
+    robust: bool = True,
+    expected: Iterable[int] | None = None,
+) -> MotorMap:
+    """Fit speed in rad/s over command (eq. 3.4), otherwise as `fit_thrust`; doubts tell markers counted double.
+
+    Raises FitError when the motors never ran, or when there are too few points.
+    """
+    found = measured(points, "speed_rad_s")
+    check_speed(found.x, found.y)
+    return _map(
+        "speed",
+        found,
+        method,
+        order,
+        robust=robust,
+        expected=expected,
+        doubts=speed_doubts(found.x, found.y, _beside(points)),
+    )
+
+
+def fit_torque(
+    points: MotorPoints,
+    *,
+    method: Method = "default",
+    order: Order = 1,
+    robust: bool = True,
+    expected: Iterable[int] | None = None,
+) -> MotorMap:
+    """Fit torque in Nm over thrust in N (eq. 3.5); points of a standing motor stay, otherwise as `fit_thrust`.
+
+    The torque's magnitude is fitted: its sign is that of the rotors' turning.
+
+    Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
+    """
+    if points.torque_nm is not None and np.isnan(points.torque_nm).all():
+        raise FitError(
+            "no torque is left of motors that turn against each other: it cancels. Run one, or two that turn alike: "
+            "1 and 3, or 2 and 4."
+        )
+    found = measured(points, "torque_nm", over="thrust_n")
+    check_thrust(found.command, found.x)
+    said: tuple[str, ...] = ()
+    if float(found.x @ found.y) < 0:
+        found = found._replace(y=-found.y)
+        said = ("the torque points down: these rotors turn left, seen from above. Its magnitude is fitted.",)
+    return _map("torque", found, method, order, robust=robust, expected=expected, warnings=said)
+
+
+def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robust: bool = True) -> SpeedThrustMap:
+    """Fit thrust over speed as k w^2 and as full quadratic; "thesis" without weights and loss.
+
+    Points without both are joined by their command first, as the thesis has thrust and speed from different runs.
+    (C.2.3 minimises f - k w where it says w^2; k is that of w^2 here.)
+
+    Raises FitError when the motors never ran or too few commands have both.
+    """
+    found = measured(points, "thrust_n", over="speed_rad_s")
+    check_thrust(found.command, found.y)
+    check_speed(found.command, found.x)
+    speed, thrust, huber = found.x, found.y, robust and method == "default"
+    std, shared = (None, None) if method == "thesis" else found.total_errors(order=2)
+    square = fit_power(speed, thrust, power=2, std=std, shared=shared, robust=huber)
+    quadratic = fit_polynomial(speed, thrust, order=2, std=std, shared=shared, robust=huber)
+    difference = float(np.max(np.abs(square.at(speed) - quadratic.at(speed))))
+    suffices = square.aicc <= quadratic.aicc
+    said = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
+    return SpeedThrustMap(
+        square=square,
+        quadratic=quadratic,
+        speed_rad_s=speed,
+        thrust_n=thrust,
+        difference_n=difference,
+        square_suffices=suffices,
+        warnings=() if suffices else (said,),
+        doubts=(*_misfit(square, thrust), *speed_doubts(found.command, speed, thrust)),
+    )
+
+
+def _beside(points: MotorPoints) -> Array | None:
+    """Return the thrusts of those points that have a speed, if all of them have."""
+    if points.thrust_n is None or points.speed_rad_s is None:
+        return None
+    thrust = points.thrust_n[np.isfinite(points.speed_rad_s)]
+    return thrust if np.all(np.isfinite(thrust)) else None
+
+
+def _map(
+    quantity: Literal["thrust", "speed", "torque"],
+    measured: Measured,
+    method: Method,
+    order: Order,
+    *,
+    robust: bool,
+    expected: Iterable[int] | None,
+    warnings: Sequence[str] = (),
+    doubts: Sequence[str] = (),
+) -> MotorMap:
+    missing = missing_commands(measured.command, expected=expected)
+    if method == "thesis":
+        used, said = _as_the_thesis(measured)
+    elif quantity == "torque":
+        used, said = measured, ()
+    else:
+        used, said = _running(measured)
+    std, shared = (None, None) if method == "thesis" else used.total_errors(order=2 if order == "auto" else order)
+    huber = robust and method == "default"
+    aicc: Mapping[int, float] = {}
+    if order == "auto":
+        choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, shared=shared, robust=huber)
+        fit, aicc = choice.fit, choice.aicc
+    else:
+        fit = fit_polynomial(used.x, used.y, order=order, std=std, shared=shared, robust=huber)
+    gaps = (f"command {listed(missing)} is missing.",) if missing else ()
+    return MotorMap(
+        quantity=quantity,
+        method=method,
+        fit=fit,
+        command=used.command,
+        x=used.x,
+        y=used.y,
+        left_out=tuple(np.setdiff1d(measured.command, used.command).tolist()),
+        aicc=aicc,
+        warnings=(*warnings, *gaps, *said, *_scatter(fit, used.command)),
+        doubts=(*doubts, *_misfit(fit, used.y), *_falling(fit, used.x)),
+    )
+
+
+def _running(measured: Measured) -> tuple[Measured, tuple[str, ...]]:
+    said = (
+        f"up to command {DEAD_COMMAND} the motor stands (dead zone): those points are left out, and the map ends there."
+    )
+    return measured.kept(measured.command > DEAD_COMMAND), (said,)
+
+
+def _as_the_thesis(measured: Measured) -> tuple[Measured, tuple[str, ...]]:
+    """Leave out command 2000 and put a zero at command 0, as C.2.3 does."""
+    kept = measured.kept((measured.command != _DROPPED) & (measured.command != 0))
+    command, x, y = (np.concatenate([[0.0], column]) for column in (kept.command, kept.x, kept.y))
+    used = Measured(command, x, y)
+    # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
+    return used, (f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero.",)
+
+
+def _scatter(fit: PolynomialFit, command: Array) -> Iterable[str]:
+    """Say how well the points agree with each other, and which stand apart."""
+    if fit.freedom == 0:
+        yield f"{len(command)} points fix all coefficients and leave nothing to judge them by."
+    if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:
+        yield (
+            f"the points scatter {fit.inflation:.1f} times as far about the curve as within their windows (drift, a "
+            "sagging battery, or another shape): deviations are widened by that."
+        )
+    apart = np.unique(command[fit.weight < OUTLIER_WEIGHT])
+    if len(apart):
+        yield f"command {listed(apart.tolist())} stands apart by more than four deviations and counts little."
+
+
+def _misfit(fit: PolynomialFit, y: Array) -> Iterable[str]:
+    misfit = fit.residual_norm / np.sqrt(len(y)) / float(np.max(np.abs(y)))
+    if misfit > BELIEVED_MISFIT:
+        yield (
+            f"the polynomial misses the points by {100 * misfit:.2g} % of the largest (rms; believed up to "
+            f"{100 * BELIEVED_MISFIT:.0f} %): the points are not steady, or another order describes them."
+        )
+
+
+def _falling(fit: PolynomialFit, x: Array) -> Iterable[str]:
+    if np.any(fit.slope_at(np.linspace(x.min(), x.max(), 200)) <= 0):
+        yield "the polynomial does not rise throughout: one value belongs to two commands."

@@ -1,0 +1,60 @@
+"""What the words of `cfid fit thrust`, `speed` and `torque` stand for: files, runs and tables of motors."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cfid.console.inputs import Workplace, find_recording
+from cfid.console.options import LoadCellOptions, ReadingOptions
+from cfid.console.selection import chosen, labelled
+from cfid.errors import ConfigError, FitError
+from cfid.motors.maps.data import of_file, of_run
+from cfid.motors.maps.evidence import Evidence, StandOptions, together
+from cfid.motors.maps.table_data import of_table
+from cfid.motors.vibration.data import RotorOptions
+
+
+def read_evidence(
+    words: Sequence[str],
+    stand: StandOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    workplace: Workplace,
+    *,
+    kind: str,
+    method: str,
+    listening: RotorOptions | None = None,
+) -> Evidence:
+    """Read COMMAND=FILE, RUN and --table, and put all their points together; `listening` hears speeds nobody told.
+
+    Without any of them the campaign's complete runs of a `kind` are taken.
+
+    Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
+    """
+    _ = stand.window_s  # a window that is none is told before any file is read
+    parts = [] if stand.table is None else [of_table(stand.table, stand, reading, workplace)]
+    for word in _meant(words, parts, workplace, kind):
+        command, equals, file = word.partition("=")
+        if equals and not Path(word).exists():
+            at = _command(command, word)
+            parts.append(of_file(at, Path(file), stand, reading, scale, method=method, listening=listening))
+        else:
+            parts.append(of_run(find_recording(word, workplace), stand, reading, scale, listening=listening))
+    if not parts:
+        raise ConfigError(
+            "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."
+        )
+    if not any(len(part.points.command) for part in parts):
+        raise FitError(" ".join(["no step settles.", *(part.warnings[-1] for part in parts if part.warnings)]))
+    return together(parts)
+
+
+def _meant(words: Sequence[str], tables: Sequence[Evidence], workplace: Workplace, kind: str) -> Sequence[str]:
+    if workplace.campaign is None or (tables and not words):
+        return words
+    return chosen(words, workplace.campaign, suits=labelled(kind), wanted=f"runs of cfid log {kind}")
+
+
+def _command(text: str, word: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise ConfigError(f"'{word}': '{text}' is no command from 0 to 65535: write COMMAND=FILE.")
+    return int(text)

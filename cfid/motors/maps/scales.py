@@ -1,0 +1,68 @@
+"""A second opinion on the thrust map: what scales under the vehicle show (section 3.3.1, figure 3.9)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cfid.errors import FitError
+from cfid.motors.maps.estimation import MotorMap
+from cfid.motors.points import DEAD_COMMAND, Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Thrusts (n,) of one motor by another instrument, beside the map's; up to command 1000 that is zero.
+
+    `difference_n` is instrument less map, `percent` the same of the map's, nan where that is zero. `rms_n` and
+    `rms_percent` are over the points of a running motor.
+    """
+
+    command: Array
+    thrust_n: Array
+    map_n: Array
+    difference_n: Array
+    percent: Array
+    rms_n: float
+    rms_percent: float
+
+
+def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: float) -> Array:
+    """Return one motor's thrusts (n,) from what scales show (n,), as the change from motors that stand.
+
+    Thrust takes weight off; a display that grows with the command counts the other way, and is taken as such.
+
+    Raises FitError without a reading of motors that stand.
+    """
+    standing = command <= DEAD_COMMAND
+    if not standing.any() or standing.all():
+        raise FitError(
+            f"scales show a change of weight: readings at command 0 and above {DEAD_COMMAND} are needed, and these "
+            f"are from {command.min():.0f} to {command.max():.0f}."
+        )
+    lighter = grams[standing].mean() - grams
+    upwards = math.copysign(1.0, float(lighter[~standing].sum()))
+    return np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
+
+
+def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> Verification:
+    """Compare thrusts (n,) of one motor with the map at their commands (n,).
+
+    Raises FitError when no motor ran.
+    """
+    running = command > DEAD_COMMAND
+    if not running.any():
+        raise FitError(f"nothing to verify the map with: no reading above command {DEAD_COMMAND}.")
+    expected = np.where(running, thrust_map.fit.at(command), 0.0)
+    difference = thrust_n - expected
+    percent = np.full_like(expected, np.nan)
+    np.divide(100 * difference, expected, out=percent, where=expected != 0)
+    return Verification(
+        command=command,
+        thrust_n=thrust_n,
+        map_n=expected,
+        difference_n=difference,
+        percent=percent,
+        rms_n=float(np.sqrt(np.mean(difference[running] ** 2))),
+        rms_percent=float(np.sqrt(np.mean(percent[running] ** 2))),
+    )

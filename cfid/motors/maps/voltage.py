@@ -1,0 +1,181 @@
+"""Thrust or speed of the voltage a motor gets, command / 65535 * battery, against that of the command alone.
+
+Steady points go in: a rotor on its way to another speed belongs to neither.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import FitError
+from cfid.estimate.monotone_cubic import constrain
+from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
+from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND, Array, weighable
+
+THRUST_ORDER = 3  # as the firmware compensates the battery
+SPEED_ORDER = 2
+
+_TELLING = 1.05  # ratio of prediction errors from which one form is the better one
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageComparison:
+    """Polynomials of equal order over motor voltage and over command, judged on commands they have not seen.
+
+    `command`, `motor_volts` and `value` (n,) are the points used. `voltage_rms` and `command_rms` are the errors of
+    prediction, in the value's unit, of the points at `judged` commands, each form by plain least squares.
+
+    Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; `refusal` says why the
+    points contradict every such cubic, and `by_voltage` is the plain one then.
+    """
+
+    by_voltage: PolynomialFit
+    by_command: PolynomialFit
+    command: Array
+    motor_volts: Array
+    value: Array
+    voltage_rms: float
+    command_rms: float
+    judged: int
+    warnings: tuple[str, ...]
+    refusal: str = ""
+
+    @property
+    def lowest_first(self) -> Array:
+        """Coefficients over motor voltage, lowest power first as the firmware has them."""
+        return self.by_voltage.coefficients[::-1]
+
+    @property
+    def ratio(self) -> float:
+        """How many times better the voltage predicts."""
+        return self.command_rms / self.voltage_rms if self.voltage_rms > 0 else np.inf
+
+    @property
+    def better(self) -> Literal["voltage", "command", "neither"]:
+        """Which form to take; neither where their errors differ by less than 5 %."""
+        if self.ratio > _TELLING:
+            return "voltage"
+        return "command" if self.ratio < 1 / _TELLING else "neither"
+
+    @property
+    def sentence(self) -> str:
+        """Which form predicts better and by how much."""
+        told = f"cross-validated over {self.judged} commands"
+        if self.better == "neither":
+            return f"motor voltage and command predict equally well, {told}: this battery does not tell them apart."
+        other = "command" if self.better == "voltage" else "voltage"
+        return f"motor {self.better} predicts {max(self.ratio, 1 / self.ratio):.2g} times better than {other}, {told}."
+
+
+def motor_volts(*, command: npt.ArrayLike, vbat_v: npt.ArrayLike) -> Array:
+    """Return the mean voltage at a motor: the command chops that of the battery."""
+    return np.asarray(np.asarray(command, dtype=np.float64) / FULL_COMMAND * np.asarray(vbat_v, dtype=np.float64))
+
+
+def compare_thrust(
+    *,
+    command: Array,
+    vbat_v: Array,
+    thrust_n: Array,
+    std_n: Array | None = None,
+    folds: int | None = None,
+    max_thrust_n: float | None = None,
+) -> VoltageComparison:
+    """Fit thrust (n,) as a cubic of motor voltage, and of the command alone; see `compare`.
+
+    The cubic of motor voltage is one that rises over all voltages, and that the firmware can invert up to
+    `max_thrust_n`: see `constrain`.
+
+    Raises FitError when there are too few commands, or when thrust does not rise with the voltage.
+    """
+    found = compare(command=command, vbat_v=vbat_v, value=thrust_n, order=THRUST_ORDER, std=std_n, folds=folds)
+    std = _used(std_n, command=command, vbat_v=vbat_v, value=thrust_n)
+    rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std, max_thrust_n=max_thrust_n)
+    if rising.refusal:
+        return replace(found, refusal=rising.refusal)
+    said = (
+        f"thrust of motor voltage is the cubic nearest to the points that rises over all voltages, as the firmware's "
+        f"inverse needs it: it departs by up to {100 * rising.departure:.1f} % of the largest thrust."
+    )
+    return replace(found, by_voltage=rising.fit, warnings=(*found.warnings, *([said] if rising.bound else [])))
+
+
+def compare_speed(
+    *, command: Array, vbat_v: Array, speed_rad_s: Array, std_rad_s: Array | None = None, folds: int | None = None
+) -> VoltageComparison:
+    """Fit speed (n,) as a quadratic of motor voltage, and of the command alone; see `compare`."""
+    return compare(command=command, vbat_v=vbat_v, value=speed_rad_s, order=SPEED_ORDER, std=std_rad_s, folds=folds)
+
+
+def compare(
+    *,
+    command: Array,
+    vbat_v: Array,
+    value: Array,
+    order: int,
+    std: Array | None = None,
+    folds: int | None = None,
+) -> VoltageComparison:
+    """Fit both forms to points (n,) above the dead zone, and let each predict the commands left out of it.
+
+    A command is left out with all its points, else a point would be predicted from its twin at the same voltage:
+    one command after another, or `folds` groups of them in turn. The lowest and the highest stay in, as a cubic
+    is not made to be prolonged. `std` (n,) weighs the points; the errors of prediction are not weighted.
+
+    Raises FitError when there are too few commands.
+    """
+    std = _used(std, command=command, vbat_v=vbat_v, value=value)
+    used = _usable(command=command, vbat_v=vbat_v, value=value)
+    command, value = command[used], value[used]
+    volts = motor_volts(command=command, vbat_v=vbat_v[used])
+    inner = np.unique(command)[1:-1]
+    if len(inner) <= order:
+        raise FitError(
+            f"{len(np.unique(command))} commands above {DEAD_COMMAND} are too few to judge forms of order {order} on "
+            f"commands they have not seen: {order + 3} are needed."
+        )
+    groups = [inner[i :: folds or len(inner)] for i in range(min(folds or len(inner), len(inner)))]
+    errors = [
+        np.concatenate([_unseen(x, value, np.isin(command, group), order, std) for group in groups])
+        for x in (volts, command)
+    ]
+    voltage_rms, command_rms = (float(np.sqrt(np.mean(error**2))) for error in errors)
+    return VoltageComparison(
+        by_voltage=fit_polynomial(volts, value, order=order, std=std),
+        by_command=fit_polynomial(command, value, order=order, std=std),
+        command=command,
+        motor_volts=volts,
+        value=value,
+        voltage_rms=voltage_rms,
+        command_rms=command_rms,
+        judged=len(inner),
+        warnings=_visited_once(command),
+    )
+
+
+def _usable(*, command: Array, vbat_v: Array, value: Array) -> npt.NDArray[np.bool_]:
+    return np.asarray((command > DEAD_COMMAND) & np.isfinite(vbat_v) & np.isfinite(value))
+
+
+def _used(std: Array | None, *, command: Array, vbat_v: Array, value: Array) -> Array | None:
+    """Return the deviations of the points that are used, made fit for weights; None where none are known."""
+    return None if std is None else weighable(std[_usable(command=command, vbat_v=vbat_v, value=value)])
+
+
+def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int, std: Array | None) -> Array:
+    """Return by how much a fit to the other points misses those left out."""
+    fit = fit_polynomial(x[~left_out], value[~left_out], order=order, std=None if std is None else std[~left_out])
+    return value[left_out] - fit.at(x[left_out])
+
+
+def _visited_once(command: Array) -> tuple[str, ...]:
+    """Say when no command was held at two voltages: both forms then follow one and the same path."""
+    if len(np.unique(command)) < len(command):
+        return ()
+    said = (
+        "every command was held once: as the battery falls, its voltage goes with the command, and the command's "
+        "form passes for good on that path alone. Climb down again, or repeat on another charge."
+    )
+    return (said,)

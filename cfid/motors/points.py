@@ -1,0 +1,185 @@
+"""Steady points of one motor, whatever measured them: divided by motors and markers, joined, as a table, in pairs."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+
+from cfid.errors import FitError
+from cfid.estimate.polynomials import fit_polynomial
+
+Array = npt.NDArray[np.float64]
+
+DEAD_COMMAND = 1000  # up to here a motor stands (thesis, section 3.3.2)
+FULL_COMMAND = 65535
+
+_STD_OF = {"thrust_n": "thrust_std_n", "torque_nm": "torque_std_nm", "speed_rad_s": "speed_std_rad_s"}
+_SHARED_OF = {"thrust_n": "thrust_shared_n", "torque_nm": "torque_shared_nm"}
+_LEAST_STD = 0.1  # of the median
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorPoints:
+    """What one motor gave at commands (n,), a point a steady window, each column (n,) with one deviation.
+
+    A column that nobody measured is None, a value that is missing within a column is nan. `thrust_shared_n` and
+    `torque_shared_nm` (n, m) are parts of the deviations that points have in common, a column a cause.
+    """
+
+    command: Array
+    thrust_n: Array | None = None
+    torque_nm: Array | None = None
+    speed_rad_s: Array | None = None
+    thrust_std_n: Array | None = None
+    torque_std_nm: Array | None = None
+    speed_std_rad_s: Array | None = None
+    thrust_shared_n: Array | None = None
+    torque_shared_nm: Array | None = None
+
+
+class TableRow(NamedTuple):
+    """One command's row of `motor.table`: means over `windows` steady windows, None what was not measured there."""
+
+    cmd: float
+    thrust_n: float | None
+    torque_nm: float | None
+    speed_rad_s: float | None
+    windows: int
+
+
+class Errors(NamedTuple):
+    """One deviation of each point (n,), and the parts that they have in common (n, m); None where not known."""
+
+    std: Array | None
+    shared: Array | None
+
+
+class Measured(NamedTuple):
+    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known."""
+
+    command: Array
+    x: Array
+    y: Array
+    x_errors: Errors = Errors(None, None)
+    y_errors: Errors = Errors(None, None)
+
+    def kept(self, rows: npt.NDArray[np.bool_]) -> "Measured":
+        """Return some of the points, `rows` (n,)."""
+        x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[3:])
+        return Measured(self.command[rows], self.x[rows], self.y[rows], x_errors, y_errors)
+
+    def total_errors(self, *, order: int) -> Errors:
+        """Return the errors of y with what those of x amount to on the slope; none where y's are unknown."""
+        y_std, x_std = weighable(self.y_errors.std), weighable(self.x_errors.std)
+        if y_std is None or x_std is None:
+            return Errors(y_std, None if y_std is None else self.y_errors.shared)
+        slope = fit_polynomial(self.x, self.y, order=order, std=y_std).slope_at(self.x)
+        parts = [self.y_errors.shared, _times(slope, self.x_errors.shared)]
+        shared = [part for part in parts if part is not None]
+        return Errors(np.hypot(y_std, slope * x_std), np.hstack(shared) if shared else None)
+
+
+def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: int) -> Array:
+    """Return the rotor's speed of a tachometer's turns a minute, which counts each marker (eq. 3.2: two)."""
+    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (2 * math.pi / 60 / markers))
+
+
+def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:
+    """Divide thrust and torque, with their deviations, by how many motors ran together (section 3.3.1: two)."""
+    divided = (*_SHARED_OF, "thrust_std_n", "torque_std_nm", *_SHARED_OF.values())
+    there = {name: value for name in divided if (value := getattr(points, name)) is not None}
+    return replace(points, **{name: value / motors for name, value in there.items()})
+
+
+def joined(*sets: MotorPoints) -> MotorPoints:
+    """Put the points of several runs one after another, nan where a run did not measure what another did."""
+    columns = {}
+    for name in (*_STD_OF, *_STD_OF.values()):
+        parts = [getattr(points, name) for points in sets]
+        if any(part is not None for part in parts):
+            blank = [np.full(len(points.command), np.nan) for points in sets]
+            columns[name] = np.concatenate([b if p is None else p for p, b in zip(parts, blank, strict=True)])
+    for name in _SHARED_OF.values():
+        if any(getattr(points, name) is not None for points in sets):
+            columns[name] = block_diag(*(_shared(points, name) for points in sets))  # runs have no tare in common
+    return MotorPoints(command=np.concatenate([points.command for points in sets]), **columns)
+
+
+def command_means(points: MotorPoints) -> MotorPoints:
+    """Return one point a command, in rising order: the mean over its windows, and that mean's deviation."""
+    commands = np.unique(points.command)
+    at_command = commands[:, np.newaxis] == points.command
+    columns = {}
+    for name, std_name in _STD_OF.items():
+        value: Array | None = getattr(points, name)
+        std: Array | None = getattr(points, std_name)
+        if value is not None:
+            there = at_command & np.isfinite(value)
+            with np.errstate(invalid="ignore"):
+                share = there / there.sum(axis=1, keepdims=True)  # nan where a command has no value
+            columns[name] = share @ np.nan_to_num(value)
+            if std is not None:
+                columns[std_name] = np.sqrt(share**2 @ np.nan_to_num(std) ** 2)
+            if name in _SHARED_OF and getattr(points, _SHARED_OF[name]) is not None:
+                columns[_SHARED_OF[name]] = share @ getattr(points, _SHARED_OF[name])
+    return MotorPoints(command=commands, **columns)
+
+
+def motor_table(points: MotorPoints) -> tuple[TableRow, ...]:
+    """Return the cross table of everything measured, a row a command."""
+    means = command_means(points)
+    windows = np.unique(points.command, return_counts=True)[1]
+    columns = [_or_none(getattr(means, name), len(windows)) for name in _STD_OF]
+    rows = zip(means.command.tolist(), *columns, windows.tolist(), strict=True)
+    return tuple(TableRow(*row) for row in rows)
+
+
+def measured(points: MotorPoints, name: str, *, over: str = "command") -> Measured:
+    """Take the points that have both quantities; where no single one has, command by command.
+
+    Raises FitError when either was not measured, or never at the same command.
+    """
+    for source in (points, command_means(points)):
+        x, y = getattr(source, over), getattr(source, name)
+        missing = [column for column, value in ((over, x), (name, y)) if value is None]
+        if missing:
+            raise FitError(f"no column {' and no '.join(missing)}: it was not measured.")
+        both = np.isfinite(x) & np.isfinite(y)
+        if both.any():
+            return Measured(source.command, x, y, _errors(source, over), _errors(source, name)).kept(both)
+    raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
+
+
+def weighable(std: Array | None) -> Array | None:
+    """Return deviations (n,) that weights can be made of; None where none is known, the usual one where it is nan.
+
+    A window without any scatter (the motor stands, a display does not flicker) is not certain without end: a tenth
+    of the usual deviation is the least.
+    """
+    if std is None or not np.any(std > 0):
+        return None
+    usual = float(np.median(std[std > 0]))
+    return np.maximum(np.where(np.isfinite(std), std, usual), _LEAST_STD * usual)
+
+
+def _errors(points: MotorPoints, name: str) -> Errors:
+    return Errors(*(getattr(points, of[name]) if name in of else None for of in (_STD_OF, _SHARED_OF)))
+
+
+def _shared(points: MotorPoints, name: str) -> Array:
+    """Return the parts in common, none of them where none are known."""
+    found: Array | None = getattr(points, name)
+    return np.empty((len(points.command), 0)) if found is None else found
+
+
+def _times(slope: Array, shared: Array | None) -> Array | None:
+    return None if shared is None else slope[:, np.newaxis] * shared
+
+
+def _or_none(values: Array | None, count: int) -> list[float | None]:
+    if values is None:
+        return [None] * count
+    return [value if math.isfinite(value) else None for value in values.tolist()]

@@ -1,0 +1,1 @@
+"""How fast rotors follow steps of the command."""

@@ -1,0 +1,1 @@
+"""Rotor speed estimated from the vibration of a load cell."""

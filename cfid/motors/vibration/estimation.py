@@ -1,0 +1,250 @@
+"""Rotor speed from the vibration a load cell feels, no tachometer needed (figure 3.4 of the thesis).
+
+A rotor shakes the cell at its own frequency (unbalance), at blade pass and at further harmonics, in every channel.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc
+
+from cfid.errors import FitError
+from cfid.estimate.propagation import widened
+from cfid.motors.vibration.lines import Comb, Family, LineFit, even_times, fit_lines, fit_parts, spectrum
+
+Array = npt.NDArray[np.float64]
+
+PLAUSIBLE_RAD_PER_S = (200.0, 5000.0)  # of rotors on a vehicle of some ten grams
+FRAME_S = 1.0  # in which a speed that drifts by 0.5 % in ten seconds still makes one line
+FEWEST = 64
+HEARD, _LINE = 20.0, 8.0  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
+_SURE = 5.0  # log odds against another octave
+_HUMS, _BESIDE = 1e-3, 3.0  # of its frequency, that hum keeps to; resolutions within which it spoils a line
+_OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
+_SAME, _ASIDE = 0.02, 0.4  # of a speed, within which another is the same, and within which others are looked for
+_CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the window
+_PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
+_SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
+_TOLD = 5.0  # standard deviations between speeds
+
+
+class Rotor(NamedTuple):
+    """A rotor's mean speed over the window, how that drifts, and the lines (h,) it makes in the channels Fx to Tz.
+
+    Channel c moves as the sum of amplitude[h, c] cos(harmonics[h] angle + phase_rad[h, c]), the angle 0 mid window.
+    """
+
+    speed_rad_per_s: float
+    std_rad_per_s: float
+    drift_rad_per_s2: float
+    harmonics: tuple[int, ...]
+    amplitude: Array
+    phase_rad: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotorSpeed:
+    """The rotors heard in a window, by rising speed, and the mean of their speeds.
+
+    Fewer rotors than asked for are not `resolved`: the mean's deviation then allows for those that hide in one
+    line. `octave_margin` is the log odds of this speed against its half, its double or another simple multiple.
+    `wander_rad_per_s` is how far the speed strays from a straight line between parts of the window, 0 where noise
+    explains that. `warnings` are to be said; `doubts` are reasons not to believe the speed.
+    """
+
+    speed_rad_per_s: float
+    std_rad_per_s: float
+    rotors: tuple[Rotor, ...]
+    resolved: bool
+    octave_margin: float
+    wander_rad_per_s: float
+    warnings: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def believed(self) -> bool:
+        """Whether lines of a rotor stand clear of the noise and are read in the right octave."""
+        return not self.doubts
+
+
+def rotor_speed(
+    *,
+    time_s: Array,
+    wrench: Array,
+    expected_rad_per_s: tuple[float, float] | None = None,
+    blades: int = 2,
+    rotors: int = 1,
+    mains_hz: float | None = None,
+    rest_wrench: Array | None = None,
+) -> RotorSpeed:
+    """Return the speed of the rotors that shake a load cell in one steady window.
+
+    `time_s` (n,), `wrench` (n, 6) in any unit per channel. `expected_rad_per_s` bounds the search. Where several
+    `rotors` run within 40 % of one speed they are told apart as far as the window allows. Lines at multiples of
+    `mains_hz` and those in `rest_wrench` (k, 6), sampled alike with the rotors at rest, are not taken for a rotor's.
+
+    The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
+    over ever longer parts of the window. The deviation is Cramer and Rao's bound in the noise found around the lines
+    or, where the speed wanders by more, its scatter between parts of the window; the samples' clock counts as true.
+    A speed is doubted where one that is expected as well would have its blade pass above half the sampling rate.
+
+    Raises FitError when the window is too short, or sampled too slowly for any rotor.
+    """
+    if len(time_s) < FEWEST:
+        raise FitError(f"a window of {len(time_s)} samples tells no rotor speed: it takes {FEWEST} or more.")
+    time, interval_s, jitter_s = even_times(time_s)
+    clean, hum_hz = _without_hum(time, wrench, mains_hz, rest_wrench)
+    between = expected_rad_per_s or PLAUSIBLE_RAD_PER_S
+    found = _search(clean, interval_s, rotor_comb(blades), between)
+    found.doubts.extend(folded(interval_s, blades, between[1]))
+    own_hz = {h: h * found.family.rad_per_s / (2 * math.pi) for h in found.family.harmonics}
+    apart = tuple(h for h in own_hz if all(abs(own_hz[h] - hz) * (time[-1] - time[0]) > _BESIDE for hz in hum_hz))
+    if hum_hz and (found.doubts or not apart):
+        found.doubts.append("lines on hum, or there at rest too, were taken off: the rotor's may be among them.")
+    family = found.family._replace(harmonics=apart or found.family.harmonics)
+    fit = fit_lines(time_s=time, signal=clean, families=[family], first_s=FRAME_S)
+    result = _result(time, clean, _with_more(time, clean, fit, rotors), found, rotors)
+    said = (f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced.",) if jitter_s else ()
+    return replace(result, warnings=said + result.warnings)
+
+
+def folded(interval_s: float, blades: int, largest_rad_per_s: float) -> list[str]:
+    """Return, as a sentence, that lines may stand where sampling folds them to; none where it cannot be."""
+    clear_rad_per_s = math.pi / (blades * interval_s)
+    if largest_rad_per_s <= clear_rad_per_s:
+        return []
+    return [
+        f"at {1 / interval_s:.0f} samples a second blade pass of a rotor above {clear_rad_per_s:.0f} rad/s folds back "
+        "and passes for another rotor: record faster, or say what speed is expected."
+    ]
+
+
+class _Found(NamedTuple):
+    family: Family
+    margin: float
+    doubts: list[str]
+
+
+def rotor_comb(blades: int) -> Comb:
+    """Return what a rotor shows: its line and blade pass for certain, up to twice blade pass others perhaps."""
+    return Comb(tuple(range(1, 2 * blades + 1)), (1, blades))
+
+
+def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array | None) -> tuple[Array, list[float]]:
+    """Take off the lines of a window that stand where the mains or the window at rest has some."""
+    interval_s = float(np.median(np.diff(time)))
+    seen = spectrum(signal=wrench, interval_s=interval_s)
+    known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
+    if rest is not None:
+        known += list(spectrum(signal=rest, interval_s=interval_s).lines_hz(evidence=HEARD))
+    there = seen.lines_hz(evidence=HEARD)
+    off_hz = np.abs(np.subtract.outer(there, known)).min(axis=1, initial=math.inf)
+    hum = [Family(2 * math.pi * hz, (1,)) for hz in there[off_hz < _HUMS * there + 0.5 / seen.length_s]]
+    if not hum:
+        return wrench, []
+    fit = fit_lines(time_s=time, signal=wrench, families=hum, drifting=False, first_s=FRAME_S)
+    return fit.residual, [family.rad_per_s / (2 * math.pi) for family in fit.families]
+
+
+def clear_lines(comb: Comb, lines: Array) -> tuple[int, ...]:
+    """Return which lines of a candidate (h,) are worth fitting: the highest, and all that are clear."""
+    return tuple(h for h, line in zip(comb.harmonics, lines, strict=True) if line >= min(_LINE, lines.max()))
+
+
+def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, float]) -> _Found:
+    """Find the best candidate in the whole window, and its place in the middle, where the fit begins."""
+    seen = spectrum(signal=wrench, interval_s=interval_s)
+    grid = comb.candidates(seen, between)
+    multiples = grid[np.argmax(comb.score(comb.lines(seen, grid)))] * _OCTAVES
+    multiples = multiples[(grid[0] <= multiples) & (multiples <= grid[-1])]
+    lines = comb.lines(seen, multiples)
+    score = comb.score(lines)
+    best, *rivals = np.argsort(score)[::-1]
+    margin = float(score[best] - score[rivals[0]]) if rivals else math.inf
+    doubts: list[str] = []
+    if score[best] < HEARD:
+        doubts.append(f"no rotor is heard: the evidence is {score[best]:.0f} where {HEARD:.0f} is needed.")
+    elif margin < _SURE:
+        other, one = multiples[[rivals[0], best]]
+        doubts.append(f"the lines fit {other:.0f} rad/s as well as {one:.0f}: say what speed is expected (--expect).")
+    length = round(len(wrench) / seen.windows)
+    centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
+    around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
+    start = around[np.argmax(comb.score(comb.lines(centre, around)))]
+    return _Found(Family(float(start), clear_lines(comb, lines[:, best])), margin, doubts)
+
+
+def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
+    """Add rotors up to the number asked for, while the residual falls by more than noise would let it."""
+    freedom = 1 + 2 * len(fit.families[0].harmonics) * wrench.shape[1]
+    for _ in range(1, rotors):
+        starts = _more(time, fit)
+        trials = [fit_lines(time_s=time, signal=wrench, families=s, drift_per_s=fit.drift_per_s) for s in starts]
+        best = min(trials, key=lambda trial: fit.weight @ np.sum(trial.residual**2, axis=0))
+        gain = best.weight @ np.sum(fit.residual**2 - best.residual**2, axis=0)
+        speed = np.array([family.rad_per_s for family in best.families])
+        gaps = np.diff(np.eye(len(speed) + 1)[np.argsort(speed)], axis=0)  # between neighbours; the drift has none
+        told = gaps[:, :-1] @ speed > _TOLD * np.sqrt(np.diag(gaps @ best.covariance @ gaps.T))
+        if chdtrc(freedom, gain) > _CHANCE or not told.all():
+            break
+        fit = best
+    return fit
+
+
+def _more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
+    """Begin with a rotor where the residual has its lines, or with two in the place of one."""
+    span_s, first = float(time[-1] - time[0]), fit.families[0]
+    left = spectrum(signal=fit.residual, interval_s=span_s / (len(time) - 1), length_s=math.inf)
+    comb = Comb(first.harmonics, first.harmonics)
+    grid = comb.candidates(left, (first.rad_per_s * (1 - _ASIDE), first.rad_per_s * (1 + _ASIDE)))
+    yield (first._replace(rad_per_s=grid[np.argmax(comb.score(comb.lines(left, grid)))]), *fit.families)
+    for k, family in enumerate(fit.families):
+        for split in _SPLITS:
+            aside = math.pi * split / (span_s * max(first.harmonics))
+            pair = [family._replace(rad_per_s=family.rad_per_s + way * aside) for way in (-1, 1)]
+            yield (*fit.families[:k], *pair, *fit.families[k + 1 :])
+
+
+def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int) -> RotorSpeed:
+    rotors = [_rotor(fit, k) for k in range(len(fit.families))]
+    count, span_s, wander = len(rotors), float(time[-1] - time[0]), 0.0
+    speed = float(np.mean([rotor.speed_rad_per_s for rotor in rotors]))
+    std = math.sqrt(fit.covariance[:count, :count].sum()) / count
+    warnings, doubts = [], list(found.doubts)
+    parts = min(int(speed * span_s / (2 * math.pi * _TURNS)), _PARTS)
+    if count < asked:
+        hidden = 2 * math.pi / (span_s * max(rotors[0].harmonics))
+        std = math.hypot(std, hidden / 6)  # how far apart rotors may be, and their shares of the line, are uniform
+        warnings.append(f"{count} of {asked} rotors are told apart: the deviation allows for others in the same lines.")
+    elif count == 1 and parts >= _FEWEST_PARTS:
+        departure, parts_std, evidence = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
+        # What would pass for a change of speed: noise less flat than a part can tell, which shows in the whole window;
+        # and a part that locks onto noise, as it is too short to be heard in, or one in many.
+        parts_std = np.maximum(parts_std, std * parts**1.5)
+        apart = np.sort((departure / parts_std) ** 2)[:-1].sum()
+        if evidence.min() > HEARD and chdtrc(parts - 3, apart) < _CHANCE:
+            wander = float(np.std(departure, ddof=2))
+            speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
+            rotors = [rotors[0]._replace(speed_rad_per_s=speed, std_rad_per_s=std)]
+            warnings.append(f"the speed wanders by {wander:.2g} rad/s within the window, more than noise explains.")
+    if abs(fit.drift_per_s) * span_s > _UNSTEADY:
+        doubts.append(f"the speed changes by {100 * abs(fit.drift_per_s) * span_s:.0f} % within the window.")
+    return RotorSpeed(
+        speed_rad_per_s=speed,
+        std_rad_per_s=std,
+        rotors=tuple(sorted(rotors, key=lambda rotor: rotor.speed_rad_per_s)),
+        resolved=count == asked,
+        octave_margin=found.margin,
+        wander_rad_per_s=wander,
+        warnings=tuple(warnings),
+        doubts=tuple(doubts),
+    )
+
+
+def _rotor(fit: LineFit, k: int) -> Rotor:
+    speed, lines, std = fit.families[k].rad_per_s, fit.amplitude[k], math.sqrt(fit.covariance[k, k])
+    return Rotor(speed, std, fit.drift_per_s * speed, fit.families[k].harmonics, np.abs(lines), np.angle(lines))

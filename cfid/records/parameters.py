@@ -1,0 +1,227 @@
+"""What a campaign has found: parameters with deviation, unit and origin, in parameters.toml.
+
+One section per fit; a later fit replaces its own section and touches no other. The file has a format number: a file
+of an older format is read, and written in this one by the next fit; a newer one is refused.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.covariances import Covariance, common_fault, covariance_fault
+from cfid.records.files import alone_in, first_fault, read_toml, write_toml
+from cfid.records.shapes import misshapen
+
+FORMAT = 2  # 1, which had no number, knew no covariances, common causes and rejections
+_FORMAT_KEY = "format"
+
+_MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+_ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
+
+Value = Any  # a number, nested lists of numbers, or a list of rows (dicts): what TOML and JSON share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A value with one standard deviation of the same shape (None where there is none) and its unit.
+
+    What is not known inside of either is None or nan; parameters.toml keeps both as nan.
+    """
+
+    value: Value
+    std: Value = None
+    unit: str = ""
+
+    def as_json(self) -> dict[str, Value]:
+        """Return plain lists and numbers; what is not finite becomes None."""
+        return {"value": plain(self.value), "std": plain(self.std), "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that a result came from, and the hash of its content."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """All that one fit found.
+
+    `covariance` has those between the numbers of its parameters; a parameter in none of them has independent numbers.
+    `common` says for each cause that other fits share what one standard uncertainty of it does to parameters, in the
+    order of `numbers_of`; it is contained in their uncertainty. `rejected` says why single parameters are no good: such
+    a parameter is there by --force alone.
+    """
+
+    method: str
+    found: datetime
+    cfid_version: str
+    believed: bool
+    sources: tuple[Source, ...]
+    parameters: Mapping[str, Parameter]
+    covariance: tuple[Covariance, ...] = ()
+    common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    rejected: Mapping[str, str] = field(default_factory=dict)
+
+
+def plain(value: Any) -> Value:
+    """Turn arrays and tuples into lists, NumPy scalars into numbers, and what is not finite into None."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def scalars(name: str, parameter: Parameter) -> Iterator[tuple[str, Value, Value]]:
+    """Return the numbers of a parameter one by one, named, with their deviations; a list of rows has none.
+
+    A symmetric matrix gives each of its entries once.
+    """
+    value, std = plain(parameter.value), plain(parameter.std)
+    if isinstance(value, list) and value and isinstance(value[0], Mapping):
+        return
+    if not isinstance(value, list):
+        yield name, value, std
+    elif len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
+        entries = _MATRIX if all(value[j][i] == value[i][j] for i, j in _MATRIX.values()) else _ALL_ENTRIES
+        for entry, (i, j) in entries.items():
+            yield f"{name} {entry}", value[i][j], part(part(std, i), j)
+    else:
+        for i, item in enumerate(value):
+            yield f"{name} [{i}]", item, part(std, i)
+
+
+def part(std: Value, place: int) -> Value:
+    """Return a part of a deviation, None where it has none: what was edited may not be shaped as its value."""
+    return std[place] if isinstance(std, list) and place < len(std) else None
+
+
+def load_sections(path: Path) -> dict[str, Section]:
+    """Read parameters.toml; a campaign that has found nothing yet has no such file.
+
+    Raises DataError when the file cannot be understood.
+    """
+    return _sections(path, _load(path))
+
+
+def store_section(path: Path, name: str, section: Section) -> None:
+    """Replace one section of parameters.toml, the file at once and whole; the others stay as they stand there.
+
+    Raises DataError when the file cannot be understood, ConfigError when it cannot be written; it is unchanged then.
+    """
+    change_section(path, name, lambda _: section)
+
+
+def change_section(path: Path, name: str, change: Callable[[Section | None], Section]) -> None:
+    """Replace one section by what becomes of it, None where there is none yet; else as `store_section`.
+
+    No other process writes the file in between.
+    """
+    try:
+        with alone_in(path.parent):
+            content = _load(path)
+            section = change(_sections(path, content).get(name))
+            write_toml(path, {_FORMAT_KEY: FORMAT} | dict(sorted((content | {name: _table(section)}).items())))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
+
+
+def _load(path: Path) -> dict[str, Any]:
+    """Return the tables of the file, without its format number."""
+    try:
+        content = read_toml(path, DataError)
+    except FileNotFoundError:
+        return {}
+    found = content.pop(_FORMAT_KEY, 1)
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+        raise DataError(f"{path}: {_FORMAT_KEY}: should be a whole number from 1 to {FORMAT}.")
+    if found > FORMAT:
+        raise DataError(
+            f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
+        )
+    return content
+
+
+def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        sections = TypeAdapter(dict[str, Section]).validate_python(content)
+    except ValidationError as error:
+        fault = first_fault(error, content)
+    else:
+        fault = next((f"{name}.{said}." for name, section in sections.items() if (said := bent(section))), "")
+        if not fault:
+            return sections
+    raise DataError(f"{path}: not as cfid writes it: {fault} Move it away and fit again.")
+
+
+def bent(section: Section) -> str:
+    """Return what of a section that was read is not as cfid writes it, and why: its time, or a parameter's shape."""
+    if section.found.tzinfo is None:
+        return "found: should have a time zone"
+    for key, parameter in section.parameters.items():
+        if said := misshapen(key, parameter.value, parameter.std):
+            return f"parameters.{key}: {said}"
+        if any(number < 0 for number in _numbers(parameter.std)):
+            return f"parameters.{key}.std: should not be below zero"
+    values = {key: parameter.value for key, parameter in section.parameters.items()}
+    for number, covariance in enumerate(section.covariance):
+        if said := covariance_fault(covariance, values):
+            return f"covariance {number + 1}: {said}"
+    for cause, effects in section.common.items():
+        if said := common_fault(effects, values):
+            return f"common.{cause}: {said}"
+    return ""
+
+
+def _numbers(value: Value) -> Iterator[float]:
+    if isinstance(value, list):
+        for item in value:
+            yield from _numbers(item)
+    elif isinstance(value, int | float):
+        yield value
+
+
+def _table(section: Section) -> dict[str, Any]:
+    more: dict[str, Any] = {
+        "covariance": [{"of": list(c.of), "matrix": [list(row) for row in c.matrix]} for c in section.covariance],
+        "common": {cause: dict(effects) for cause, effects in section.common.items()},
+        "rejected": dict(section.rejected),
+    }
+    return {
+        "method": section.method,
+        "found": section.found,
+        "cfid_version": section.cfid_version,
+        "believed": section.believed,
+        "sources": [asdict(source) for source in section.sources],
+        "parameters": {name: _row(parameter) for name, parameter in section.parameters.items()},
+        **{key: value for key, value in more.items() if value},
+    }
+
+
+def _row(parameter: Parameter) -> dict[str, Any]:
+    std = {} if parameter.std is None else {"std": _for_toml(parameter.std)}
+    return {"value": _for_toml(parameter.value), **std, "unit": parameter.unit}
+
+
+def _for_toml(value: Any) -> Value:
+    """Like `plain`, but TOML knows nan and inf and no null: what is unknown is written as nan."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _for_toml(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_for_toml(item) for item in value]
+    return math.nan if value is None else value

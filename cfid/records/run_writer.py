@@ -1,0 +1,182 @@
+"""A run being recorded: its folder made, rows written as they come, and closed in whatever way it ends."""
+
+import contextlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, Self
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.files import alone_in
+from cfid.records.row_file import RowFile
+from cfid.records.run import RUN_FILE, DeviceRecord, Label, Run, RunHeader, State, noted, read_run, write_header
+
+_RESERVE_FILE = ".reserve"
+_RESERVE_BYTES = 16384  # more than run.toml takes, in blocks of any file system
+
+
+@dataclass
+class RunWriter:
+    """A run being recorded. Made by `create_run`; used as a context manager it always closes itself.
+
+    Blocks are written as they come, so that a killed process costs at most the block in hand.
+    """
+
+    folder: Path
+    header: RunHeader
+    _files: dict[str, RowFile] = field(default_factory=dict)
+    _facts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    _fault: str = ""
+
+    def append(self, device: str, columns: Sequence[Sequence[float] | Any]) -> None:
+        """Write one block of a device, given as columns of equal length: time in seconds, then raw values.
+
+        Raises DataError when the disk does not take it; the run can then only be closed, and is failed.
+        """
+        if self.header.state != "recording" or self._fault:
+            raise ValueError(f"{self.folder} takes no more rows: {self._fault or self.header.state}")
+        try:
+            self._files[device].append(columns)
+        except DataError as error:
+            self._fault = str(error)
+            raise
+
+    def sync(self) -> None:
+        """Bring what was written so far to the disk itself; slow, and safe to call from another thread."""
+        for file in self._files.values():
+            file.sync()
+
+    def rows(self, device: str) -> int:
+        """Return how many rows of a device were written."""
+        return self._files[device].rows
+
+    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
+        """Add to what run.toml will say of a device once the run is closed."""
+        self._facts.setdefault(device, {}).update(facts)
+
+    def count_lost(self, device: str, samples: int) -> None:
+        """Count samples of a device that are known to be missing; run.toml says them however the run ends."""
+        self._files[device].lost += samples
+
+    def close(self, state: State, *, reason: str = "", lost: Mapping[str, int] | None = None) -> Run:
+        """End the run and replace run.toml by its final form; a run whose disk failed it is failed in any case.
+
+        Raises DataError when that cannot be written: run.toml then still says that the run is recording.
+        """
+        if self.header.state != "recording":
+            raise ValueError(f"{self.folder} is closed already")
+        for device, samples in (lost or {}).items():
+            self.count_lost(device, samples)
+        for file in self._files.values():
+            file.close()
+        devices = {name: self._closed(name, record) for name, record in self.header.devices.items()}
+        if self._fault:
+            state, reason = "failed", self._fault
+        final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
+        try:
+            (self.folder / _RESERVE_FILE).unlink(missing_ok=True)
+            with alone_in(self.folder):
+                final = self._amended(final)
+                write_header(self.folder, final)
+        except OSError as error:
+            path = self.folder / RUN_FILE
+            raise DataError(
+                f"{path}: cannot be written: {error.strerror}. It says that the run was cut; its rows are there."
+            ) from None
+        self.header = final
+        return Run(folder=self.folder, header=self.header)
+
+    def _amended(self, final: RunHeader) -> RunHeader:
+        """Return a header with what the operator wrote into run.toml while the run was being recorded."""
+        try:
+            written = read_run(self.folder).header
+        except DataError:
+            return final
+        return noted(final, written.label.note).model_copy(update={"excluded": written.excluded})
+
+    def _closed(self, name: str, record: DeviceRecord) -> DeviceRecord:
+        file = self._files[name]
+        return record.model_copy(update={**self._facts.get(name, {}), "rows": file.rows, "lost": file.lost})
+
+    def __enter__(self) -> Self:
+        """Return the writer itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close a run that nobody closed: complete, interrupted by Ctrl-C, or failed with the reason."""
+        if self.header.state != "recording":
+            return
+        if error is None:
+            self.close("complete")
+            return
+        stopped = isinstance(error, KeyboardInterrupt)
+        with contextlib.suppress(DataError):  # the first error is the one to be told
+            if stopped:
+                self.close("interrupted", reason="stopped by the operator")
+            else:
+                self.close("failed", reason=str(error) or type(error).__name__)
+
+
+def create_run(
+    runs_folder: Path,
+    *,
+    kind: str,
+    label: Label,
+    devices: Mapping[str, DeviceRecord],
+    started: datetime,
+    cfid_version: str,
+    simulated: bool = False,
+    asked: Mapping[str, Any] = MappingProxyType({}),
+) -> RunWriter:
+    """Make a new run folder named after its start, kind and label, and open its files.
+
+    Raises ConfigError when it cannot be made; never touches a folder that is there already.
+    """
+    stem = "_".join(filter(None, [f"{started:%Y-%m-%d_%H%M%S}", kind, _label_words(label)]))
+    header = RunHeader(
+        kind=kind,
+        started=started,
+        state="recording",
+        cfid_version=cfid_version,
+        simulated=simulated,
+        label=label,
+        asked=dict(asked),
+        devices=dict(devices),
+    )
+    folder = _new_folder(runs_folder, re.sub(r"[^A-Za-z0-9_.+-]", "-", stem))
+    writer = RunWriter(folder=folder, header=header)
+    try:
+        write_header(folder, header)
+        # A full disk must not keep run.toml from saying so at the end.
+        (folder / _RESERVE_FILE).write_bytes(bytes(_RESERVE_BYTES))
+        for name, record in devices.items():
+            writer._files[name] = RowFile.create(folder / record.file, record.columns)
+    except OSError as error:
+        for file in writer._files.values():
+            file.close()
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
+    return writer
+
+
+def _new_folder(runs_folder: Path, stem: str) -> Path:
+    for attempt in range(1, 1000):
+        folder = runs_folder / (stem if attempt == 1 else f"{stem}-{attempt}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise ConfigError(f"{folder}: cannot be made: {error.strerror}.") from None
+        return folder
+    raise ConfigError(f"{runs_folder}: a thousand runs named {stem} are there already.")
+
+
+def _label_words(label: Label) -> str:
+    weight = f"{label.weight_g:g}g" if label.weight_g is not None else ""
+    body = label.body if label.body not in (None, "crazyflie") else ""
+    return "_".join(filter(None, [body, label.axis, weight]))

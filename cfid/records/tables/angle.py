@@ -1,0 +1,154 @@
+"""An angle over time, in seconds and radians, from a run folder or from a CSV file that anyone wrote.
+
+Columns are found by name, units by suffix or option; what cannot be told is asked for, never guessed, and
+time and counts are checked before anything is computed from them.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.parameters import Source
+from cfid.records.run import RUN_FILE, Label
+from cfid.records.tables.counts import CountsPerTurn, continuous_angle
+from cfid.records.tables.table import Array, Table, open_table
+from cfid.records.tables.times import (
+    CUT_LINE,
+    Facts,
+    TimeUnit,
+    column_name,
+    facts_of,
+    gaps,
+    losses,
+    named_column,
+    numbers_of,
+    run_at,
+    time_column,
+    times_of,
+    unit_of,
+)
+from cfid.wire.rls import RLS_13BIT_IN_22
+
+AngleUnit = Literal["counts", "rad", "deg"]
+
+ENCODER = "encoder"
+
+_ANGLE_NAME = column_name("phi|angle|theta|position", ("rad", "deg", "counts"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How to read a bare CSV file, where it does not say so itself."""
+
+    time_unit: TimeUnit | None = None
+    angle_unit: AngleUnit | None = None
+    counts_per_turn: CountsPerTurn | None = None
+    rate_hz: float | None = None
+    skip_lines: int = 0
+    columns: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleRecord:
+    """An angle (n,) that is continuous over turns, at increasing times (n,) from the first sample on."""
+
+    path: Path
+    source: Source
+    label: Label
+    time_s: Array
+    angle_rad: Array
+    notes: tuple[str, ...]
+    run: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What to call it: the run's name, or the file's."""
+        return self.run or self.path.stem
+
+
+def read_angle(path: Path, reading: Reading) -> AngleRecord:
+    """Read a run folder's encoder, or a bare CSV file.
+
+    Raises DataError with file, line and next step; ConfigError when options contradict the file.
+    """
+    run = run_at(path)
+    if run is None:
+        return _read(path, reading, Label())[0]
+    file, record = run.device_file(ENCODER), run.header.devices[ENCODER]
+    if len(record.columns) < 2:
+        raise DataError(f"{path / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.")
+    own = Reading(
+        time_unit="s",
+        angle_unit="counts",
+        counts_per_turn=reading.counts_per_turn or record.counts_per_turn,
+        columns=record.columns[:2],
+    )
+    found, rows = _read(file, own, run.header.label, own=True)
+    said = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
+    notes = tuple(f"{path.name}: {note}" for note in said)
+    return replace(found, run=path.resolve().name, notes=notes + found.notes)
+
+
+def counts_per_turn(text: str) -> CountsPerTurn:
+    """Parse --counts-per-turn: a number, or the name of a word format.
+
+    Raises ConfigError for anything else.
+    """
+    if text == RLS_13BIT_IN_22:
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not (np.isfinite(value) and value > 0):
+        raise ConfigError(f"--counts-per-turn {text}: expected a number above zero, or {RLS_13BIT_IN_22}.")
+    return value
+
+
+def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> tuple[AngleRecord, int]:
+    """Return a file's record, and how many rows the file has."""
+    table = open_table(path, skip_lines=reading.skip_lines)
+    time_name, angle_name = _columns(table, reading)
+    values = numbers_of(table, [*([time_name] if time_name else []), angle_name])
+    time, said = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
+    unit = unit_of(table, _ANGLE_NAME, angle_name, reading.angle_unit, "--angle-unit")
+    angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
+    if table.cut:
+        said += (CUT_LINE,)
+    record = AngleRecord(
+        path=path,
+        source=Source(str(path), table.sha256),
+        label=label,
+        time_s=time[angle.rows] - time[angle.rows[0]],
+        angle_rad=angle.angle_rad,
+        notes=tuple(f"{path.name}: {note}" for note in said + angle.said),
+    )
+    return record, len(values)
+
+
+def _columns(table: Table, reading: Reading) -> tuple[str | None, str]:
+    """Return the time column (None with a given rate) and the angle column, each as the table finds it."""
+    if reading.columns:
+        if len(reading.columns) != (1 if reading.rate_hz is not None else 2):
+            raise ConfigError("--columns names the time and the angle column, or with --rate-hz the angle alone.")
+        if len({table.place(column) for column in reading.columns}) < len(reading.columns):
+            raise ConfigError(f"--columns {','.join(reading.columns)}: one column cannot be both time and angle.")
+        return (None if reading.rate_hz is not None else reading.columns[0]), reading.columns[-1]
+    names = [name for name in table.names if name]
+    if not table.has_head and len(names) == (1 if reading.rate_hz is not None else 2):
+        return (None if reading.rate_hz is not None else names[0]), names[-1]
+    if not table.has_head and len(names) == 1:
+        raise DataError(f"{table.path}: one column and no time: say --rate-hz.")
+    if not table.has_head:
+        option = "--columns TIME,ANGLE" if reading.rate_hz is None else "--columns ANGLE"
+        raise DataError(
+            f"{table.path}: no head names its {len(names)} columns: say {option} by number, as in "
+            f"{'1,2' if reading.rate_hz is None else '2'}. Numbers need decimal points, and no comma inside."
+        )
+    angle = named_column(table, _ANGLE_NAME, "angle (phi, angle, theta)", "--columns TIME,ANGLE")
+    if reading.rate_hz is not None:
+        return None, angle
+    return time_column(table, "--columns TIME,ANGLE"), angle

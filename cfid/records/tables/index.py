@@ -1,0 +1,84 @@
+"""An index: a CSV file with a row for each run, that says what its files cannot say of themselves."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from cfid.errors import DataError
+
+if TYPE_CHECKING:
+    from cfid.records.parameters import Source
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndexRow:
+    """One row by its columns' names, and where it stands."""
+
+    path: Path
+    line: int
+    fields: Mapping[str, str]
+
+    def number(self, column: str) -> float:
+        """Return a finite number. Raises DataError with file and line."""
+        from cfid.records.tables.text import is_finite
+
+        if not is_finite(self.fields[column]):
+            raise self.fault(f"'{self.fields[column]}' in column '{column}' is no number.")
+        return float(self.fields[column])
+
+    def whole(self, column: str, least: int, most: int) -> int:
+        """Return a whole number within bounds. Raises DataError with file and line."""
+        value = self.number(column)
+        if not (value.is_integer() and least <= value <= most):
+            raise self.fault(f"{column} is {value:g}: it should be a whole number from {least} to {most}.")
+        return int(value)
+
+    def file(self, column: str) -> Path:
+        """Return a path, relative to the index. Raises DataError where there is none."""
+        if not self.fields[column]:
+            raise self.fault(f"column '{column}' is empty.")
+        return self.path.parent / self.fields[column]
+
+    def fault(self, what: str) -> DataError:
+        """Return the error that says where in the index something is wrong."""
+        return DataError(f"{self.path}:{self.line}: {what}")
+
+
+class Index(NamedTuple):
+    """The rows of an index, the file, and what is to be said of it."""
+
+    rows: list[IndexRow]
+    source: "Source"
+    notes: tuple[str, ...]
+
+
+def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> "Index":
+    """Read an index with the named columns, in any order. Raises DataError with file, line and next step."""
+    from cfid.records.parameters import Source
+    from cfid.records.tables.text import fields_of, filled_lines, read_text, separator_of, whole_lines
+
+    content = read_text(path)
+    lines = filled_lines(whole_lines(content.rstrip() + b"\n")[0])
+    head = next(lines)
+    separator = separator_of(head.text)
+    names = fields_of(head.text, separator)
+    missing = [name for name in columns if name not in names]
+    if missing:
+        wanted = ",".join(columns) + "".join(f"[,{name}]" for name in optional)
+        raise DataError(
+            f"{path}: no column {', '.join(missing)} among {', '.join(names)}: its head should be {wanted}."
+        )
+    rows = []
+    for line in lines:
+        fields = fields_of(line.text, separator)
+        if len(fields) != len(names):
+            raise DataError(f"{path}:{line.number}: {len(fields)} fields where its head has {len(names)}.")
+        rows.append(IndexRow(path=path, line=line.number, fields=dict(zip(names, fields, strict=True))))
+    if not rows:
+        raise DataError(f"{path}: a head and no rows: it names no run.")
+    unused = [name for name in names if name not in {*columns, *optional}]
+    known = f"it may have {', '.join(optional)}"
+    notes = (f"{path.name}: not used: column {', '.join(unused)}; {known}.",) if unused else ()
+    return Index(rows, Source(str(path), hashlib.sha256(content).hexdigest()), notes)

@@ -1,0 +1,64 @@
+"""Round trips to the vehicle, from a run folder or from a CSV file that anyone wrote."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cfid.errors import DataError
+from cfid.records.parameters import Source
+from cfid.records.tables.table import Array, open_table
+from cfid.records.tables.times import CUT_LINE, losses, run_at
+
+PINGS = "pings"
+
+_RTT, _VEHICLE = "rtt_s", "vehicle_us"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PingRecord:
+    """Round trips (n,) in seconds; when each was sent by the host, and answered by the vehicle, where that is told.
+
+    `circumstances` is what the operator noted.
+    """
+
+    path: Path
+    source: Source
+    rtt_s: Array
+    sent_s: Array | None
+    vehicle_us: Array | None
+    circumstances: str
+    notes: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """What to call it: the run's name, or the file's."""
+        return self.path.stem
+
+
+def read_pings(path: Path) -> PingRecord:
+    """Read a run of `cfid log ping`, or a CSV file with a column rtt_s, and t and vehicle_us if it has them.
+
+    Raises DataError with file, line and next step.
+    """
+    run = run_at(path)
+    file = path if run is None else run.device_file(PINGS)
+    table = open_table(file)
+    if _RTT not in table.names:
+        raise DataError(f"{file}: no column {_RTT} among {table.listing}: it should hold round trips in seconds.")
+    there = [name for name in (_RTT, "t", _VEHICLE) if name in table.names]
+    columns = dict(zip(there, table.numbers(there).T, strict=True))
+    wrong = np.flatnonzero(columns[_RTT] <= 0)
+    if len(wrong):
+        raise DataError(f"{file}:{table.line_of_row(int(wrong[0]))}: a round trip takes time. Cut that line.")
+    said = [CUT_LINE] if table.cut else []
+    said += [] if run is None else losses(run, run.header.devices[PINGS], len(columns[_RTT]))
+    return PingRecord(
+        path=path,
+        source=Source(str(file), table.sha256),
+        rtt_s=columns[_RTT],
+        sent_s=columns.get("t"),
+        vehicle_us=columns.get(_VEHICLE),
+        circumstances="" if run is None else run.header.label.note or "",
+        notes=tuple(f"{path.name}: {note}" for note in said),
+    )

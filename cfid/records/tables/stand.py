@@ -1,0 +1,256 @@
+"""Tables of thrust, torque, speed and battery over motor command, in SI units: typed ones and those of thrust stands.
+
+Knows heads and units. Whether a motor had settled, and how many markers its propeller carries, is asked elsewhere.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.records.parameters import Source
+from cfid.records.tables.table import Array, Table, open_table
+from cfid.records.tables.times import CUT_LINE, times_of
+
+Speeds = Literal["motor", "series", "rotors", "mean"]
+
+STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
+GRAVITY_MPS2 = 9.81
+STAND_MOTORS = 4  # whose sum the stand measures
+HEADS = (
+    "cmd, command or pwm (0 to 65535), pwm_percent; thrust_n (of what ran), weight[g], thrust[g], thrust_total_g, "
+    "thrust[N] (of four motors); torque_nm; grams (scales); speed_rad_s, rpm_1, rpm_2, ... (series of one rotor), "
+    "rpm1 to rpm4 (four rotors), rpm_mean; vbat_v, vbat[V], voltage_V; t"
+)
+
+_RAD_S = 2 * math.pi / 60
+_FULL_COMMAND = 65535.0
+_HELD_ROWS = 5  # of one command, on average: from there on a table is a record over time
+_MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandTable:
+    """A table's columns (n,) in SI units, None for those that it has not; `columns` gives each one's heads.
+
+    `thrust_n` is one motor's where `motors` says whose sum the file has; where that is None, it is what the file says.
+    `speeds_rad_s` (n, s) are as displayed: a motor's ("motor"), one rotor's in several series ("series"), four
+    rotors' at once ("rotors") or their mean ("mean"). `grams` is the display of scales. `time_s` is None for settled
+    points, and there for a record over time, whose `rate_hz` is None where a column gave the time.
+    """
+
+    path: Path
+    source: Source
+    columns: Mapping[str, tuple[str, ...]]
+    command: Array
+    thrust_n: Array | None
+    motors: int | None
+    torque_nm: Array | None
+    vbat_v: Array | None
+    grams: Array | None
+    speeds_rad_s: Array | None
+    speeds: Speeds | None
+    time_s: Array | None
+    rate_hz: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def mean_speed_rad_s(self) -> Array | None:
+        """The mean over rotors or series (n,)."""
+        return None if self.speeds_rad_s is None else np.asarray(self.speeds_rad_s.mean(axis=1))
+
+    @property
+    def square_mean_speed_rad_s(self) -> Array | None:
+        """The speed at which every rotor would give the mean of their thrusts (n,), by k w^2."""
+        return None if self.speeds_rad_s is None else np.asarray(np.sqrt((self.speeds_rad_s**2).mean(axis=1)))
+
+
+class _Head(NamedTuple):
+    """How a column of a quantity may be called, less spaces and case, and what makes SI units of it."""
+
+    quantity: str
+    called: str
+    factor: float = 1.0
+    kind: str = ""
+
+
+class _Column(NamedTuple):
+    """Columns of one quantity as the file has them, (n, s)."""
+
+    head: _Head
+    names: tuple[str, ...]
+    raw: Array
+
+    @property
+    def value(self) -> Array:
+        return self.raw * self.head.factor
+
+
+_KNOWN = (
+    _Head("command", r"cmd|command"),
+    _Head("command", r"pwm", kind="pwm"),
+    _Head("command", r"pwm_percent|pwm\[%\]", _FULL_COMMAND / 100, "percent"),
+    _Head("thrust_n", r"thrust_n"),
+    _Head("thrust_n", r"thrust\[n\]", kind="total"),
+    _Head("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
+    _Head("torque_nm", r"torque_nm"),
+    _Head("vbat_v", r"vbat_v|vbat\[v\]|voltage_v"),
+    _Head("grams", r"grams"),
+    _Head("speeds_rad_s", r"speed_rad_s", kind="motor"),
+    _Head("speeds_rad_s", r"rpm_[1-9]\d*", _RAD_S, "series"),
+    _Head("speeds_rad_s", r"rpm[1-4]", _RAD_S, "rotors"),
+    _Head("speeds_rad_s", r"rpm_mean", _RAD_S, "mean"),
+    _Head("time_s", r"t|time|t_s|time_s|time\[s\]"),
+)
+_SEVERAL = ("series", "rotors")
+_MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
+_STEMS = {
+    "command": ("cmd", "command", "pwm"),
+    "thrust_n": ("thrust", "weight"),
+    "torque_nm": ("torque",),
+    "vbat_v": ("vbat", "voltage"),
+    "speeds_rad_s": ("speed", "rpm", "omega"),
+}
+
+
+def read_stand_table(
+    path: Path, *, gravity_mps2: float = GRAVITY_MPS2, rate_hz: float | None = None, skip_lines: int = 0
+) -> StandTable:
+    """Read a table whose head names quantities and units, in any order; columns of other names are left and noted.
+
+    Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time.
+
+    Raises DataError with file, line or column, and next step; ConfigError for a rate that is none.
+    """
+    table = open_table(path, skip_lines=skip_lines)
+    found = _columns(table)
+    _check(table, found)
+    thrust, speeds = found.get("thrust_n"), found.get("speeds_rad_s")
+    total = thrust is not None and thrust.head.kind.startswith("total")
+    time_s, rate, said = _times(table, found, rate_hz)
+    notes = (*_total_note(thrust, gravity_mps2), *said, *_unused_note(table, found), *([CUT_LINE] if table.cut else []))
+    return StandTable(
+        path=path,
+        source=Source(str(path), table.sha256),
+        columns={name: column.names for name, column in found.items()},
+        command=found["command"].value[:, 0],
+        thrust_n=None if thrust is None else _one_motors(thrust, gravity_mps2),
+        motors=STAND_MOTORS if total else None,
+        torque_nm=_single(found, "torque_nm"),
+        vbat_v=_single(found, "vbat_v"),
+        grams=_single(found, "grams"),
+        speeds_rad_s=None if speeds is None else speeds.value,
+        speeds=None if speeds is None else cast(Speeds, speeds.head.kind),
+        time_s=time_s,
+        rate_hz=rate,
+        notes=tuple(f"{path.name}: {note}" for note in notes),
+    )
+
+
+def _columns(table: Table) -> dict[str, _Column]:
+    """Return the columns of each quantity.
+
+    Raises DataError when one is called twice, in no known unit, or when there are no commands or nothing else.
+    """
+    if not table.has_head:
+        raise DataError(f"{table.path}: no head names its {len(table.names)} columns. Known heads: {HEADS}.")
+    called: dict[str, list[tuple[_Head, str]]] = {}
+    for name in table.names:
+        bare = re.sub(r"\s", "", name).lower()
+        for head in _KNOWN:
+            if re.fullmatch(head.called, bare):
+                called.setdefault(head.quantity, []).append((head, name))
+    _check_heads(table, called)
+    values = table.numbers([name for columns in called.values() for _, name in columns])
+    found, begin = {}, 0
+    for quantity, columns in called.items():
+        end = begin + len(columns)
+        found[quantity] = _Column(columns[0][0], tuple(name for _, name in columns), values[:, begin:end])
+        begin = end
+    return found
+
+
+def _check_heads(table: Table, called: Mapping[str, list[tuple[_Head, str]]]) -> None:
+    for quantity, columns in called.items():
+        names = ", ".join(name for _, name in columns)
+        if len(columns) > 1 and (columns[0][0].kind not in _SEVERAL or len({head for head, _ in columns}) > 1):
+            what = quantity.partition("_")[0]
+            raise DataError(f"{table.path}: more than one column of {what}: {names}. Leave one, rename the others.")
+    for name in table.names:
+        bare = name.strip().lower()
+        if any(bare.startswith(stems) and quantity not in called for quantity, stems in _STEMS.items()):
+            raise DataError(f"{table.path}: column '{name}' has no unit that is known. Known heads: {HEADS}.")
+    if "command" not in called or not any(quantity in called for quantity in _MEASURED):
+        lacks = "nothing measured" if "command" in called else "no motor command"
+        raise DataError(f"{table.path}: {lacks} among {table.listing}. Known heads: {HEADS}.")
+
+
+def _check(table: Table, found: Mapping[str, _Column]) -> None:
+    """Refuse values that a quantity cannot have, with their line."""
+    command = found["command"]
+    percent = command.head.kind == "percent"
+    _refuse(table, command, command.raw < 0, "a command is zero or more.")
+    most = 100.0 if percent else _FULL_COMMAND
+    _refuse(table, command, command.raw > most, f"it ends at {most:g}{' per cent' if percent else ''}.")
+    if command.head.kind == "pwm" and 0 < command.raw.max() <= 100:
+        raise DataError(f"{table.path}: no pwm above 100: is it per cent? Then call the column pwm_percent.")
+    if speeds := found.get("speeds_rad_s"):
+        _refuse(table, speeds, speeds.raw < 0, "a speed is zero or more.")
+    if battery := found.get("vbat_v"):
+        wrong = (battery.raw <= 0) | (battery.raw > _MOST_VOLTS)
+        _refuse(table, battery, wrong, "no battery has that in volts. Are they millivolts?")
+
+
+def _refuse(table: Table, column: _Column, wrong: npt.NDArray[np.bool_], why: str) -> None:
+    if wrong.any():
+        row, place = (int(index) for index in np.argwhere(wrong)[0])
+        here = f"{table.path}:{table.line_of_row(row)}: {column.raw[row, place]:g} in column '{column.names[place]}'"
+        raise DataError(f"{here}: {why}")
+
+
+def _one_motors(thrust: _Column, gravity_mps2: float) -> Array:
+    """Return thrust in newtons, of one motor where the file has four motors' total."""
+    value = thrust.value[:, 0]
+    if thrust.head.kind == "total in grams":
+        value = value * gravity_mps2
+    return value / STAND_MOTORS if thrust.head.kind else value
+
+
+def _single(found: Mapping[str, _Column], quantity: str) -> Array | None:
+    return found[quantity].value[:, 0] if quantity in found else None
+
+
+def _times(
+    table: Table, found: Mapping[str, _Column], rate_hz: float | None
+) -> tuple[Array | None, float | None, tuple[str, ...]]:
+    """Return times (n,) and the rate that made them, both None for a table of settled points, and what to say."""
+    command, time = found["command"], found.get("time_s")
+    held = len(command.raw) / (1 + np.count_nonzero(np.diff(command.raw[:, 0])))
+    if rate_hz is None and (held < _HELD_ROWS or not command.head.kind):
+        return None, None, ()
+    if rate_hz is None and time is not None:
+        times, said = times_of(table, time.names[0], time.raw[:, 0], unit="s", rate_hz=None)
+        return times, None, said
+    rate = STAND_RATE_HZ if rate_hz is None else rate_hz
+    times, said = times_of(table, None, command.raw[:, 0], unit=None, rate_hz=rate)
+    assumed = f"a record over time without a time column: {rate:g} Hz is assumed (--rate-hz)."
+    return times, rate, (*said, *([assumed] if rate_hz is None else []))
+
+
+def _total_note(thrust: _Column | None, gravity_mps2: float) -> tuple[str, ...]:
+    if thrust is None or not thrust.head.kind:
+        return ()
+    by = f" and grams by {gravity_mps2:g} m/s^2" if thrust.head.kind == "total in grams" else ""
+    return (f"'{thrust.names[0]}' is taken as the thrust of {STAND_MOTORS} motors: divided by {STAND_MOTORS}{by}.",)
+
+
+def _unused_note(table: Table, found: Mapping[str, _Column]) -> tuple[str, ...]:
+    used = {name for column in found.values() for name in column.names}
+    unused = [name for name in table.names if name and name not in used]
+    return (f"not used: {', '.join(unused)}.",) if unused else ()

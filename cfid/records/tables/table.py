@@ -1,0 +1,265 @@
+"""Reading columns of numbers from a CSV file that anyone may have written, with every fault named by line.
+
+Knows separators, heads and cut files; what the columns mean is `recording`'s business.
+"""
+
+import csv
+import hashlib
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.tables.text import (
+    Line,
+    fields_of,
+    filled_lines,
+    has_comma,
+    is_finite,
+    is_number,
+    read_text,
+    separator_of,
+    short,
+    whole_lines,
+)
+
+Array = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
+
+_SPACE = 32
+_TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
+_POINTS = "Numbers need decimal points, and no comma inside."
+_REPAIR = "Repair or cut that line."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A CSV file opened but not yet parsed: column names ('1', '2', ... without a head) and its body.
+
+    A column is asked for by its name, or by its number counted from 1.
+    """
+
+    path: Path
+    sha256: str
+    names: tuple[str, ...]
+    has_head: bool
+    cut: bool
+    _body: bytes
+    _first_line: int
+    _separator: str | None  # None: any run of spaces and tabs
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        """Return the named columns, shape (rows, columns).
+
+        Raises DataError naming the line of the first row that has more or fewer fields than there are columns,
+        or in one of these columns no finite number.
+        """
+        places = [self.place(name) for name in columns]
+        rows = self._rows()
+        values = None if rows is None else self._parsed(rows, places)
+        if values is None or not np.all(np.isfinite(values)):
+            self._check_lines(places)
+            raise DataError(f"{self.path}: not readable as a table of numbers.")
+        return values
+
+    def place(self, column: str) -> int:
+        """Return where a column stands, counted from 0.
+
+        Raises DataError when there is no such column, or more than one.
+        """
+        there = [i for i, name in enumerate(self.names) if name == column]
+        if len(there) > 1:
+            numbers = ", ".join(str(i + 1) for i in there)
+            raise DataError(f"{self.path}: the columns {numbers} are all called '{column}': give a number instead.")
+        if there:
+            return there[0]
+        if column.isdecimal() and 0 < int(column) <= len(self.names):
+            return int(column) - 1
+        raise DataError(f"{self.path}: no column '{column}'; it has {self.listing}.")
+
+    @property
+    def listing(self) -> str:
+        """The columns' names, for a sentence."""
+        return short(", ".join(self.names), 200)
+
+    def line_of_row(self, row: int) -> int:
+        """Return the line of the file, counted from 1, that holds a row, counted from 0."""
+        return self._first_line + int(np.flatnonzero(self._fields_of_lines()[0])[row])
+
+    def _rows(self) -> bytes | None:
+        """Return the body without quotes and blank lines; None when some row has too many or too few fields.
+
+        Left to itself, pandas drops surplus fields without a word, and lets an open quote swallow the lines up
+        to the next one. It sees only what leaves it no such choice.
+        """
+        if b"\0" in self._body:
+            return None
+        table = self._unquoted() if b'"' in self._body else self
+        if table._is_even():
+            return table._body
+        fields, ends = table._fields_of_lines()
+        filled = fields > 0
+        if np.any(fields[filled] != len(self.names)):
+            return None
+        if np.all(filled):
+            return table._body
+        kept = np.repeat(filled, np.diff(ends, prepend=-1))
+        return np.frombuffer(table._body, np.uint8)[kept].tobytes()
+
+    def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
+        import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
+
+        # pandas reads a column of nothing but `true` as ones. One letter is found far sooner than a word.
+        if any(word[-1:] in rows and word in rows for word in _TRUTHS):
+            self._check_lines(places)
+        try:
+            frame = pd.read_csv(
+                io.BytesIO(rows),
+                sep=self._separator or r"\s+",
+                header=None,
+                usecols=sorted(set(places)),
+                dtype=np.float64,
+                skipinitialspace=b" " in rows or b"\t" in rows,  # looking for spaces takes a third of the time
+                quoting=csv.QUOTE_NONE,
+                na_filter=False,
+                encoding="latin-1",
+            )
+        except (ValueError, OverflowError):
+            return None
+        values: Array = frame[places].to_numpy()
+        return values
+
+    def _unquoted(self) -> "Table":
+        lines = self._body.decode("latin-1").split("\n")
+        between = self._separator or " "
+        for i, line in enumerate(lines):
+            if '"' in line:
+                lines[i] = between.join(field.replace(between, "?") for field in fields_of(line, self._separator))
+        return replace(self, _body="\n".join(lines).encode("latin-1"))
+
+    def _is_even(self) -> bool:
+        """Return whether each line has as many separators as there should be, and none is blank; quick."""
+        if self._separator not in (",", ";") or len(self.names) < 2:
+            return False
+        body = np.frombuffer(self._body, np.uint8)
+        ends, separators = (np.flatnonzero(body == ord(sign)) for sign in ("\n", self._separator))
+        if len(separators) != len(ends) * (len(self.names) - 1):
+            return False
+        of_lines = separators.reshape(len(ends), -1)
+        return bool(np.all(of_lines[:, -1] < ends) and np.all(of_lines[1:, 0] > ends[:-1]))
+
+    def _fields_of_lines(self) -> tuple[Places, Places]:
+        """Return for every line of the body its number of fields, 0 where it is blank, and where it ends."""
+        body = np.frombuffer(self._body, np.uint8)
+        ends = np.flatnonzero(body == ord("\n"))
+        if self._separator is None:
+            begins = body > _SPACE
+            begins[1:] &= body[:-1] <= _SPACE
+            return np.diff(np.searchsorted(np.flatnonzero(begins), ends), prepend=0), ends
+        separators = np.flatnonzero(body == ord(self._separator))
+        fields = np.diff(np.searchsorted(separators, ends), prepend=0) + 1
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        if np.any(body[starts] <= _SPACE):
+            fields[~np.logical_or.reduceat(body > _SPACE, starts)] = 0
+        return fields, ends
+
+    def _check_lines(self, places: Sequence[int]) -> None:
+        """Look at every line by itself; slow."""
+        for line in filled_lines(self._body):
+            fault = self._fault(line.text, places)
+            if fault:
+                raise DataError(f"{self.path}:{self._first_line + line.number - 1}: {fault}")
+
+    def _fault(self, line: str, places: Sequence[int]) -> str | None:
+        if "\0" in line:
+            return f"zero bytes in the middle of the file. {_REPAIR}"
+        fields = fields_of(line, self._separator)
+        if len(fields) != len(self.names):
+            advice = _POINTS if self._separator == "," and len(fields) > len(self.names) else _REPAIR
+            return f"{len(fields)} fields where the file has {len(self.names)} columns. {advice}"
+        for place in places:
+            field, column = fields[place], f"column '{self.names[place]}'"
+            if not field:
+                return f"{column} is empty. {_REPAIR}"
+            if not is_finite(field):
+                return f"'{short(field)}' in {column} is no number. {_POINTS if has_comma(field) else _REPAIR}"
+        return None
+
+
+def open_table(path: Path, *, skip_lines: int = 0) -> Table:
+    """Open a CSV file: comma, semicolon, tab or spaces, with or without a head of one line.
+
+    A last line without its newline is left out (a cut number reads as a plausible one) and `cut` says so.
+
+    Raises DataError when the file is missing, empty or no table of numbers.
+    """
+    if skip_lines < 0:
+        raise ConfigError(f"--skip-lines {skip_lines}: has to be zero or more.")
+    content = read_text(path)
+    text, cut = whole_lines(content)
+    if not text or text.isspace():
+        raise DataError(f"{path}: its one line has no end: the recording was cut before its first row.")
+    lines = filled_lines(text, skip=skip_lines)
+    first = next(lines, None)
+    if first is None:
+        count = text.count(b"\n")
+        raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that --skip-lines leaves out.")
+    separator = separator_of(first.text)
+    names = fields_of(re.sub(r"^\s*[#%]+\s*", "", first.text), separator)
+    has_head = _is_head(path, first, names)
+    row = next(lines, None) if has_head else first
+    if row is None:
+        raise DataError(f"{path}: a head and no rows; nothing was recorded.")
+    fields = fields_of(row.text, separator)
+    if not any(is_number(field) or has_comma(field) for field in fields):
+        raise DataError(
+            f"{path}: no CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
+            "A longer head can be left out with --skip-lines."
+        )
+    return Table(
+        path=path,
+        sha256=hashlib.sha256(content).hexdigest(),
+        names=_fitted(names, fields) if has_head else _numbered(fields),
+        has_head=has_head,
+        cut=cut,
+        _body=text[row.begin :],
+        _first_line=row.number,
+        _separator=separator,
+    )
+
+
+def _is_head(path: Path, line: Line, fields: Sequence[str]) -> bool:
+    """Tell a head from a row.
+
+    Raises DataError for a line that is neither: a spoilt first row must not pass as a head.
+    """
+    numbers = sum(is_number(field) for field in fields)
+    commas = any(has_comma(field) for field in fields)
+    if numbers == 0 and not commas:
+        return True
+    if numbers == len(fields) - (not fields[-1]):
+        return False
+    text = short(line.text.strip())
+    raise DataError(
+        f"{path}:{line.number}: '{text}' is neither a head nor a row of numbers: leave it out with --skip-lines, or "
+        f"repair it. {_POINTS}"
+    )
+
+
+def _numbered(row: list[str]) -> tuple[str, ...]:
+    """Return the columns' numbers; what follows a separator at the end of the row is no column."""
+    return tuple(str(i + 1) if field or i + 1 < len(row) else "" for i, field in enumerate(row))
+
+
+def _fitted(names: list[str], row: list[str]) -> tuple[str, ...]:
+    """Let a separator at the end of every row, or of the head alone, make no difference."""
+    if len(row) == len(names) + 1 and not row[-1]:
+        return (*names, "")
+    if len(names) == len(row) + 1 and not names[-1]:
+        return tuple(names[:-1])
+    return tuple(names)

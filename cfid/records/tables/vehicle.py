@@ -1,0 +1,81 @@
+"""What a run says of the vehicle: commands, its own log and what was read off an instrument, as arrays.
+
+Times stay in seconds since the Unix epoch, as every file of a run has them; `begin_s` of another device's file ties
+them to a record that counts from its first sample.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cfid.errors import DataError
+from cfid.records.parameters import Source
+from cfid.records.run import Run
+from cfid.records.tables.table import Array, open_table
+
+COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
+
+_MOTORS = ("m1", "m2", "m3", "m4")
+_RAD_S_OF_RPM = 2 * math.pi / 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """A device's file: times (n,) in Unix seconds, every other column (n,) by its name."""
+
+    source: Source
+    time_s: Array
+    columns: Mapping[str, Array]
+
+
+def holds(run: Run, device: str) -> bool:
+    """Return whether a run has rows of a device."""
+    record = run.header.devices.get(device)
+    return record is not None and record.rows != 0
+
+
+def read_rows(run: Run, device: str) -> Rows:
+    """Read a device's file. Raises DataError naming the file when it is missing, empty or no table."""
+    path = run.device_file(device)
+    table = open_table(path)
+    values = table.numbers(table.names)
+    if not len(values):
+        raise DataError(f"{path}: holds no row.")
+    if table.names[0] != "t" or np.any(np.diff(values[:, 0]) < 0):
+        raise DataError(f"{path}: has no rising time column 't' in front: it is no device's file of a run.")
+    columns = dict(zip(table.names[1:], values[:, 1:].T, strict=True))
+    return Rows(source=Source(str(path), table.sha256), time_s=values[:, 0], columns=columns)
+
+
+def read_commands(run: Run) -> tuple[Rows, Array]:
+    """Return a run's commands: its rows, and the commands (n, 4) of motors 1 to 4. Raises DataError."""
+    rows = read_rows(run, COMMANDS)
+    missing = [name for name in _MOTORS if name not in rows.columns]
+    if missing:
+        raise DataError(f"{rows.source.path}: no column {', '.join(missing)}.")
+    return rows, np.column_stack([rows.columns[name] for name in _MOTORS])
+
+
+def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
+    """Return the speeds (n,) in rad/s that an RPM deck or brushless motors told, by motor; none where none did."""
+    named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in (1, 2, 3, 4)}
+    return {
+        motor: _RAD_S_OF_RPM * rows.columns[name]
+        for motor, names in named.items()
+        for name in names
+        if name in rows.columns
+    }
+
+
+def begin_s(path: Path) -> float:
+    """Return the time of the first row of a device's file. Raises DataError when there is none."""
+    with path.open(encoding="utf-8") as file:
+        file.readline()
+        first = file.readline().partition(",")[0]
+    try:
+        return float(first)
+    except ValueError:
+        raise DataError(f"{path}: holds no row.") from None

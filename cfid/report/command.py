@@ -1,0 +1,40 @@
+"""`cfid report`: all that a campaign found, in one file."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from cfid.console.campaign import here
+from cfid.console.messages import note
+
+Format = Literal["html", "md", "json", "tex"]
+
+
+def report(
+    *,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: report.html in the campaign.")] = None,
+    form: Annotated[Format, typer.Option("--format", help="How it is written; tex has the tables alone.")] = "html",
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not make.")] = False,
+) -> None:
+    """Write what a campaign found into one file: the sheet first, then every experiment with its figures.
+
+    The page needs no network. It names what is missing with the command that gives it, and sets your vehicle beside
+    what others publish.
+
+    Example: [bold]cfid report --format tex[/bold]
+    """
+    from datetime import UTC, datetime
+
+    from cfid.report.content import gather
+    from cfid.report.formats.render import rendered
+    from cfid.report.formats.sealed import write_report
+
+    found = here(campaign)
+    path = out or found.folder / f"report.{form}"
+    content = gather(found, now=datetime.now(UTC))
+    write_report(path, rendered(content, form, found.folder), force=force)
+    for sentence in content.unreadable:
+        note(sentence)
+    typer.echo(path)

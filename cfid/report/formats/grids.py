@@ -1,0 +1,165 @@
+"""The report's tables as words: what every format prints, before it is HTML, Markdown or TeX."""
+
+from typing import NamedTuple
+
+from cfid.report.comparison import Comparison, Line
+from cfid.report.content import RunLine
+from cfid.report.formats.numbers import against, cell_text, plus_minus_in, power_of_ten, printed, with_power
+from cfid.report.repeats import Repeat, RepeatedFit
+from cfid.report.sheet import Origin, Row
+from cfid.report.tables import Table
+
+ABOUT_SHEET = (
+    "Each value with one standard deviation and its 95 % interval, 1.96 deviations either side as of a normal "
+    "distribution. Coefficients of one polynomial belong together: their errors are correlated."
+)
+ABOUT_REPEATS = (
+    "One quantity from different recordings. The mean is weighted by the deviations, drift is the last reading less "
+    "the first. χ² adds up the squared distances from the mean in deviations; “by chance” is how often independent "
+    "readings with these deviations would scatter as much or more. Below 1 % they do not agree, and one quantity in a "
+    "hundred falls below by chance. What all readings share, as mass and geometry, is in each deviation but does not "
+    "scatter: agreement is no proof of that part, and the mean's deviation keeps it. Readings that are not believed "
+    "are shown and left out of the test."
+)
+ABOUT_PUBLISHED = (
+    "What others publish, in one unit, with how far it is from yours. Vehicles, propellers, batteries and loads "
+    "differ: a difference is no error by itself."
+)
+
+
+_SMALLEST = 1e-5  # of what a power of ten leaves before the decimal point
+
+
+class Grid(NamedTuple):
+    """Headings and rows of text, an empty cell for what is unknown."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def row_grid(rows: tuple[Row, ...], heading: str = "") -> Grid:
+    """Return numbers with their deviations and 95 % intervals."""
+    families: dict[tuple[str, str], list[float | None]] = {}
+    for row in rows:
+        families.setdefault(row.family, []).extend([row.value, row.std])
+    lines = []
+    for row in rows:
+        power = _power(row, families[row.family])
+        value, std, low, high = printed(row.value, row.std, power)
+        interval = f"{low} to {high}" if low else ""
+        lines.append((row.symbol, value, std, interval, with_power(row.unit, power)))
+    return Grid((heading, "value", "std", "95 % interval", "unit"), tuple(lines))
+
+
+def _power(row: Row, family: list[float | None]) -> int:
+    """Return the family's power of ten, or the row's own where that would leave nothing but zeros.
+
+    A value that is known to very many digits, as a time since 1970, is printed in its unit.
+    """
+    sizes = [abs(x) for x in (row.value, row.std) if x]
+    shared, own = power_of_ten(family), power_of_ten(sizes)
+    for power in (shared, own):
+        if all(size >= _SMALLEST * 10.0**power for size in sizes):
+            return power
+    return min(own, 0)
+
+
+def verdict(believed: bool | None) -> str:
+    """Return whether a quantity is believed, in a word; what was stated by hand has no verdict."""
+    return "stated" if believed is None else "believed" if believed else "not believed"
+
+
+def origin_text(origin: Origin) -> str:
+    """Return how a quantity was found, and when."""
+    sources = [_counted(origin.recordings, "recording"), _counted(origin.files, "file")]
+    told = " and ".join(filter(None, sources))
+    day = f"{origin.found:%Y-%m-%d %H:%M} UTC" if origin.found else ""
+    return ", ".join(filter(None, [origin.how, f"from {told}" if told else "", day]))
+
+
+def _counted(count: int, what: str) -> str:
+    return {0: "", 1: f"one {what}"}.get(count, f"{count} {what}s")
+
+
+def table_grid(table: Table) -> Grid:
+    """Return a table of a fit's own."""
+    return Grid(table.columns, tuple(tuple(cell_text(cell) for cell in row) for row in table.rows))
+
+
+def repeat_grid(fit: RepeatedFit) -> Grid:
+    """Return the readings of all quantities side by side with their test."""
+    made = (f"{one.found:%Y-%m-%d %H:%M}{'' if one.believed else ', not believed'}" for one in fit.made)
+    head = ("", "unit", *made, "mean", "drift", "χ²", "by chance", "agree")
+    return Grid(head, tuple(_repeat_row(repeat) for repeat in fit.quantities))
+
+
+def _repeat_row(repeat: Repeat) -> tuple[str, ...]:
+    values = [reading.value if reading else None for reading in repeat.readings]
+    power = power_of_ten(values)
+    readings = (plus_minus_in(one.value, one.std, power) if one else "" for one in repeat.readings)
+    test = "" if repeat.chi_squared is None else f"{repeat.chi_squared:.1f} of {repeat.freedom}"
+    chance = "" if repeat.probability is None else f"{100 * repeat.probability:.2g} %"
+    agrees = "" if repeat.agrees is None else "yes" if repeat.agrees else "no"
+    mean = plus_minus_in(repeat.mean, repeat.mean_std, power)
+    drift = plus_minus_in(repeat.drift, repeat.drift_std, power)
+    return (repeat.quantity, with_power(repeat.unit, power), *readings, mean, drift, test, chance, agrees)
+
+
+def comparison_grid(comparison: Comparison, sources: dict[str, int]) -> Grid:
+    """Return a comparison, values in one power of ten, sources by their number in the list that follows."""
+    lines = [comparison.yours, *comparison.others] if comparison.yours else list(comparison.others)
+    power = power_of_ten(value for line in lines for value in line.values)
+    unit = with_power(comparison.unit, power)
+    heads = tuple(f"{column}, {unit}" if len(comparison.columns) == 1 else column for column in comparison.columns)
+    rows = []
+    for line in lines:
+        source = f"[{sources[line.source]}]" if line.source else ""
+        rows.append((line.who, line.vehicle, *_values(line, comparison, power), source))
+    return Grid(("", "vehicle", *heads, "source"), tuple(rows))
+
+
+def comparison_notes(comparison: Comparison) -> list[str]:
+    """Return what is to be known of a comparison's lines, each sentence once with those that it holds for."""
+    lines = [*([comparison.yours] if comparison.yours else []), *comparison.others]
+    who = [line.who for line in lines]
+    named: dict[str, list[str]] = {}
+    for line in lines:
+        name = line.who if who.count(line.who) == 1 else f"{line.who} ({line.vehicle})"
+        for note in filter(None, (line.frame, line.note)):
+            named.setdefault(note, []).append(name)
+    return [f"{', '.join(names)}: {note}." for note, names in named.items()]
+
+
+def comparison_unit(comparison: Comparison) -> str:
+    """Return the unit of a comparison of several columns, with the power of ten of its values."""
+    lines = [comparison.yours, *comparison.others] if comparison.yours else comparison.others
+    power = power_of_ten(value for line in lines for value in line.values)
+    return with_power(comparison.unit, power) if len(comparison.columns) > 1 else ""
+
+
+def _values(line: Line, comparison: Comparison, power: int) -> list[str]:
+    yours = comparison.yours
+    if line is yours:
+        std = comparison.yours_std or (None,) * len(line.values)
+        return [plus_minus_in(x, s, power) for x, s in zip(line.values, std, strict=True)]
+    texts = []
+    for place, value in enumerate(line.values):
+        beside = against(value, yours.values[place]) if yours else ""
+        texts.append(plus_minus_in(value, None, power) + (f" ({beside})" if beside else ""))
+    return texts
+
+
+def sources_of(comparisons: tuple[Comparison, ...]) -> dict[str, int]:
+    """Return the sources that comparisons name, numbered as they come."""
+    named = dict.fromkeys(line.source for one in comparisons for line in one.others)
+    return {source: number for number, source in enumerate(named, start=1)}
+
+
+def runs_grid(runs: tuple[RunLine, ...]) -> Grid:
+    """Return the campaign's recordings."""
+    rows = []
+    for run in runs:
+        excluded = f"excluded: {run.excluded}" if run.excluded else ""
+        note = "; ".join(filter(None, ["simulated" * run.simulated, excluded, run.note]))
+        rows.append((run.name, run.what, run.state, cell_text(run.rows), cell_text(run.lost), note))
+    return Grid(("run", "what", "state", "rows", "lost", "note"), tuple(rows))

@@ -1,0 +1,96 @@
+"""A report as one HTML file: figures inside, no script, nothing loaded, for light and dark screens and for paper."""
+
+import base64
+import re
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from cfid.report.content import Report
+from cfid.report.experiments import Experiment, title_of
+from cfid.report.formats import grids
+from cfid.report.formats.sealed import MARK
+
+LARGEST_SVG_BYTES = 400_000  # above it the PNG beside it is taken, which a page draws more quickly
+
+_KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
+_INDEX = re.compile(r"\b([^\W\d_]\d?)_(\w+)")
+_POWER = re.compile(r"\^(\w+)")
+_BRACKETS = re.compile(r" \(([^()]+)\)$")
+_CODE = re.compile(r"`([^`]+)`")
+
+
+def as_html(report: Report, folder: Path) -> str:
+    """Return the page; figures are read from the campaign's folder, and a missing one is named in its place."""
+    environment = Environment(
+        loader=PackageLoader("cfid.report.formats", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"formula": _formula, "commands": _commands, "aside": _aside}
+    return environment.get_template("report.html.j2").render(
+        report=report,
+        mark=MARK,
+        grids=grids,
+        title_of=title_of,
+        sources=grids.sources_of(report.comparisons),
+        figures=_figures(report, folder),
+        counts=_counts(report),
+    )
+
+
+def _counts(report: Report) -> dict[str, int]:
+    quantities = [quantity for group in report.sheet for quantity in group.quantities]
+    found = [quantity.origin for quantity in quantities if quantity.origin]
+    return {
+        "all": len(quantities),
+        "found": len(found),
+        "doubted": sum(origin.believed is False for origin in found),
+    }
+
+
+def _figures(report: Report, folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Return for each experiment its figures: a file's content as the page holds it, or why there is none.
+
+    A figure that two experiments drew alike, as of the recording they share, is shown once.
+    """
+    shown: dict[str, Experiment] = {}
+    result: dict[str, list[dict[str, Any]]] = {}
+    for experiment in report.experiments:
+        figures = result[experiment.anchor] = []
+        for stem in dict.fromkeys(str(Path(figure).with_suffix("")) for figure in experiment.figures):
+            name = Path(stem).name.replace("_", " ")
+            content = _embedded(folder / stem)
+            before = shown.setdefault(content, experiment) if content else experiment
+            figures.append({"name": name, "content": content, "before": None if before is experiment else before})
+    return result
+
+
+def _embedded(stem: Path) -> str:
+    """Return a figure's file as an address that holds its content; "" where there is no file."""
+    files = [path for suffix in _KINDS if (path := stem.with_name(stem.name + suffix)).is_file()]
+    if not files:
+        return ""
+    small = [path for path in files if path.suffix != ".svg" or path.stat().st_size <= LARGEST_SVG_BYTES]
+    path = (small or files)[0]
+    return f"data:{_KINDS[path.suffix]};base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def _formula(text: str) -> Markup:
+    """Return a formula or a symbol with its indices lowered and its exponents raised."""
+    raised = _POWER.sub(r"<sup>\1</sup>", str(escape(text)))
+    return Markup(_INDEX.sub(r"<i>\1</i><sub>\2</sub>", raised))
+
+
+def _commands(text: str) -> Markup:
+    """Return a sentence with what stands between backquotes as code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
+
+
+def _aside(text: str) -> Markup:
+    """Return a cell with what stands in brackets at its end below the rest."""
+    return Markup(_BRACKETS.sub(r"<small>\1</small>", str(escape(text))))

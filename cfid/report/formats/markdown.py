@@ -1,0 +1,107 @@
+"""A report as Markdown: tables that GitHub and pandoc read, figures as links from the campaign's folder on."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from cfid.report.content import Report
+from cfid.report.experiments import Experiment, title_of
+from cfid.report.formats import grids
+from cfid.report.formats.sealed import MARK
+from cfid.report.sheet import Quantity
+
+
+def as_markdown(report: Report) -> str:
+    """Return the whole report as text."""
+    return "\n".join([f"<!-- {MARK} -->", "", *_parts(report), ""])
+
+
+def _parts(report: Report) -> Iterator[str]:
+    about = report.about
+    yield f"# {_plain(about.vehicle)}\n"
+    if about.recorded:
+        yield f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d} in {about.runs} runs. "
+    yield f"Campaign {_plain(about.campaign)}. Body frame: {about.body_frame}. "
+    yield f"Written {about.written:%Y-%m-%d %H:%M} UTC by cfid {about.cfid_version}.\n"
+    if about.simulated_runs:
+        yield f"**{about.simulated_runs} of {about.runs} runs are simulated: no vehicle was measured in them.**\n"
+    yield from (f"- could not be read: {_plain(sentence)}" for sentence in report.unreadable)
+    yield f"\n## Sheet\n\n{grids.ABOUT_SHEET}\n"
+    for group in report.sheet:
+        yield f"### {group.title}\n"
+        for quantity in group.quantities:
+            yield from _quantity(quantity)
+    if report.experiments:
+        yield "## Experiments\n"
+    for experiment in report.experiments:
+        yield from _experiment(experiment)
+    yield from _repeats(report)
+    yield from _published(report)
+    if report.runs:
+        yield "## Recordings\n"
+        yield _table(grids.runs_grid(report.runs))
+
+
+def _quantity(quantity: Quantity) -> Iterator[str]:
+    yield f"**{quantity.title}**" + (f": {_plain(quantity.equation)}" if quantity.equation else "") + "\n"
+    if quantity.origin:
+        yield f"{_plain(grids.origin_text(quantity.origin))}: {grids.verdict(quantity.origin.believed)}.\n"
+        yield from (f"- {_plain(doubt)}" for doubt in quantity.origin.doubts)
+        yield _table(grids.row_grid(quantity.rows))
+    if quantity.missing:
+        yield f"{quantity.missing}\n"
+
+
+def _experiment(experiment: Experiment) -> Iterator[str]:
+    yield f"### {_plain(experiment.title)}\n"
+    method = "" if experiment.method == "default" else f", method {experiment.method}"
+    yield (
+        f"cfid {_plain(experiment.command)}{method}, {experiment.found:%Y-%m-%d %H:%M} UTC, cfid "
+        f"{experiment.cfid_version}: {grids.verdict(experiment.believed)}.\n"
+    )
+    yield from (f"- {_plain(text)}" for text in (*experiment.doubts, *experiment.warnings, *experiment.notes))
+    yield ""
+    # Of a figure's two files the one that every viewer of Markdown shows.
+    yield from (f"![{Path(figure).stem}](<{figure}>)\n" for figure in experiment.figures if figure.endswith(".png"))
+    if experiment.parameters:
+        yield _table(grids.row_grid(experiment.parameters, "parameter"))
+    if experiment.lines:
+        yield "\n".join(["```", *experiment.lines, "```", ""])
+    for table in experiment.tables:
+        yield f"*{_plain(table.title)}*\n"
+        yield _table(grids.table_grid(table))
+    yield from (f"- `{source.path}` sha256 {source.sha256}" for source in experiment.sources)
+    yield ""
+
+
+def _repeats(report: Report) -> Iterator[str]:
+    if report.repeats:
+        yield f"## Repeats\n\n{grids.ABOUT_REPEATS}\n"
+    for fit in report.repeats:
+        yield f"### {_plain(title_of(fit.name))}\n"
+        yield f"{fit.shared}\n"
+        yield _table(grids.repeat_grid(fit))
+
+
+def _published(report: Report) -> Iterator[str]:
+    yield f"## Your vehicle against published\n\n{grids.ABOUT_PUBLISHED}\n"
+    sources = grids.sources_of(report.comparisons)
+    for comparison in report.comparisons:
+        unit = grids.comparison_unit(comparison)
+        yield f"### {comparison.title}{f' ({unit})' if unit else ''}\n\n{_plain(comparison.about)}\n"
+        yield _table(grids.comparison_grid(comparison, sources))
+        yield from (f"- {_plain(note)}" for note in grids.comparison_notes(comparison))
+        yield ""
+    yield from (f"{number}. {_plain(source)}" for source, number in sources.items())
+    yield ""
+
+
+def _table(grid: grids.Grid) -> str:
+    rows = [grid.head, ("---",) * len(grid.head), *grid.rows]
+    return "\n".join("| " + " | ".join(map(_plain, row)) + " |" for row in rows) + "\n"
+
+
+def _plain(text: str) -> str:
+    """Return a text in which no character means anything to Markdown."""
+    for character in "\\*_`|<[":
+        text = text.replace(character, f"\\{character}")
+    return text.replace("\n", " ")

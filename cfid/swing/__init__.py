@@ -1,0 +1,1 @@
+"""A free swing to its natural frequency, damping and axis inertia."""

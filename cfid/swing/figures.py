@@ -1,0 +1,219 @@
+"""A free swing and what was fitted to it, drawn: cfid's own fit, and the thesis' ways beside it."""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.transforms import ScaledTranslation
+
+from cfid.drawing.numbers import plus_minus
+from cfid.drawing.pieces import Piece, pieces
+from cfid.drawing.style import (
+    INK,
+    MODEL,
+    MUTED,
+    RECORDED,
+    RECORDED_BELOW,
+    WINDOW,
+    draw_line,
+    figure,
+    legend,
+    name_panel,
+    styled,
+    words,
+)
+from cfid.swing.estimation import SwingFit
+from cfid.swing.free_swing import FreeSwing
+from cfid.swing.model import TERMS, sample
+from cfid.swing.motion import fitted_motion
+from cfid.swing.thesis import DampedCosine, FlexibleFunction
+
+Array = npt.NDArray[np.float64]
+
+_LAG_PERIODS = 3
+_WHITE = 1.96  # deviations that 95 % of the autocorrelations of white noise lie within
+_VERDICT = "describes the record"
+_TIME = "time (s)"
+_DEGREES = "angle (°)"
+_RADIANS = "angle (rad)"
+
+
+@styled
+def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
+    """Return the page of one swing: recording, fit, residual, its correlation, and the motion re-integrated.
+
+    As figures 2.10 to 2.12, and as C.1.3 closes. Times count from the record's first sample; what the
+    verdict doubts stands in red above.
+    """
+    doubts = [f"Not believed: {doubt}" for doubt in fit.verdict.doubts]
+    heights_in = (2.1, 2.0, 1.5, 2.0, 2.0)
+    page, grid = figure(5, 2, heights_in=heights_in, title=title, doubts=doubts, notes=fit.warnings)
+    (time, angle), residual = swing.hands_off, fit.output_error.residual_rad
+    _draw_recording(page.add_subplot(grid[0, :]), swing)
+    shown = pieces(page, grid, 1, time, period_s=swing.period_s)
+    _draw_overlay(shown, time, angle, angle - residual, title="(b) fit in the window", in_degrees=True)
+    _draw_residual(page.add_subplot(grid[2, :]), time, residual, title="(c) record less fit")
+    _draw_autocorrelation(page.add_subplot(grid[3, 0]), swing, fit)
+    motion = fitted_motion(fit, swing.time_s[swing.release :])
+    words(
+        page.add_subplot(grid[3, 1]),
+        "what was found",
+        _found(swing, fit, motion),
+        red=() if fit.believed else (_VERDICT,),
+    )
+    _draw_motion(page.add_subplot(grid[4, :]), swing, motion)
+    page.align_ylabels()
+    return page
+
+
+@styled
+def thesis_swing_figure(
+    swing: FreeSwing, cosine: DampedCosine, flexible: FlexibleFunction | None, *, title: str
+) -> Figure:
+    """Return the thesis' own fits: figure 2.12 with its residual and, with `flexible`, figure 2.13.
+
+    Angles are in radians, as there, so that the two can be laid side by side.
+    """
+    heights_in = (2.1, 1.5) if flexible is None else (2.1, 1.5, 2.1, 1.5, 1.5)
+    page, grid = figure(len(heights_in), 2, heights_in=heights_in, title=title)
+    time, recorded, fitted = cosine.time_s, cosine.angle_rad, cosine.model_rad
+    shown = pieces(page, grid, 0, time, period_s=swing.period_s)
+    _draw_overlay(shown, time, recorded, fitted, title="(a) damped cosine, eq. 2.11", in_degrees=False)
+    _draw_residual(page.add_subplot(grid[1, :]), time, recorded - fitted, title="(b) record less cosine")
+    if flexible is not None:
+        _draw_flexible(page, grid, swing, flexible)
+    page.align_ylabels()
+    return page
+
+
+def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
+    def raw(about_rest_rad: Array) -> Array:
+        return np.asarray(np.degrees(about_rest_rad + swing.rest_rad))
+
+    time, used = swing.time_s, swing.peaks_used
+    begin, end = time[swing.hand_gone], time[swing.end]
+    name_panel(axes, "(a) recording", x=_TIME, y=_DEGREES)
+    axes.axvspan(begin, end, color=WINDOW, alpha=0.13, lw=0, label="window", gid="window")
+    axes.axhline(math.degrees(swing.rest_rad), color=MUTED, ls="--", lw=0.8, label="rest")
+    draw_line(axes, time, raw(swing.angle_rad), color=RECORDED, lw=0.9)
+    found: dict[str, Any] = {"ls": "", "marker": "o", "mfc": "white", "ms": 4.0, "mew": 1.0}
+    axes.plot(
+        swing.peak_time_s[:used],
+        raw(swing.peak_angle_rad[:used]),
+        color=MODEL,
+        label=f"{used} peaks used",
+        **found,
+    )
+    if used < len(swing.peak_time_s):
+        unused = slice(used, None)
+        axes.plot(
+            swing.peak_time_s[unused],
+            raw(swing.peak_angle_rad[unused]),
+            color=MUTED,
+            label="not used",
+            **found,
+        )
+    held = swing.angle_rad[swing.release]
+    # Beside its sample, on the outer side: the release is the first peak, which has a mark of its own.
+    outside = axes.transData + ScaledTranslation(0, math.copysign(6.5 / 72, held), axes.figure.dpi_scale_trans)
+    how: dict[str, Any] = {"marker": "v" if held > 0 else "^", "ms": 5.5, "ls": "", "transform": outside}
+    # A window set by hand has no hand in it.
+    released = swing.hand_gone > swing.release
+    axes.plot(swing.release_s, raw(held), color=INK, label="release" if released else "start", **how)
+    if released:
+        gone = raw(swing.angle_rad[swing.hand_gone])
+        axes.plot(begin, gone, color=INK, marker="x", ms=5, mew=1.4, ls="", label="hand gone")
+    axes.margins(y=0.13)
+    legend(axes)
+
+
+def _draw_overlay(
+    shown: list[Piece], time_s: Array, recorded_rad: Array, fitted_rad: Array, *, title: str, in_degrees: bool
+) -> None:
+    """Draw a fit over what was recorded: thin and dark over wide and pale, and neither hides the other."""
+    scale, quantity = (math.degrees(1.0), _DEGREES) if in_degrees else (1.0, _RADIANS)
+    for axes, part in shown:
+        draw_line(axes, time_s[part], scale * recorded_rad[part], color=RECORDED_BELOW, lw=3.2, label="recorded")
+        draw_line(axes, time_s[part], scale * fitted_rad[part], color=MODEL, lw=1.0, label="fitted")
+        axes.margins(y=0.08)
+        axes.set_xlabel(_TIME)
+    first, last = shown[0].axes, shown[-1].axes
+    name_panel(first, title if first is last else f"{title}: its beginning, its end", x=_TIME, y=quantity)
+    legend(last)
+
+
+def _draw_residual(axes: Axes, time_s: Array, residual_rad: Array, *, title: str) -> None:
+    rms = 1e3 * float(np.sqrt(np.mean(residual_rad**2)))
+    name_panel(axes, f"{title}, {rms:.3g} mrad rms", x=_TIME, y="residual (mrad)")
+    axes.axhline(0.0, color=MUTED, lw=0.8)
+    draw_line(axes, time_s, 1e3 * residual_rad, color=INK, lw=0.6)
+
+
+def _draw_autocorrelation(axes: Axes, swing: FreeSwing, fit: SwingFit) -> None:
+    """Draw how a residual resembles itself later: what a model leaves out swings on with the period."""
+    residual = fit.output_error.residual_rad
+    time, count = swing.hands_off[0], len(residual)
+    a_period = swing.period_s * (count - 1) / (time[-1] - time[0])
+    lags = np.arange(min(count, int(_LAG_PERIODS * a_period) + 1))
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * count)) ** 2)[: len(lags)]
+    correlation /= correlation[0] or 1.0
+    name_panel(axes, "(d) autocorrelation of (c)", x="lag (periods)", y="correlation (-)")
+    white = _WHITE / math.sqrt(count)
+    axes.axhspan(-white, white, color=MUTED, alpha=0.3, lw=0, label="white noise, 95 %")
+    draw_line(axes, lags / a_period, correlation, color=INK, lw=0.8)
+    axes.set_ylim(min(-0.3, 1.1 * correlation.min()), 1.05)
+    legend(axes)
+
+
+def _found(swing: FreeSwing, fit: SwingFit, motion_rad: Array) -> list[tuple[str, str]]:
+    names = ("natural frequency²", "viscous damping", "Coulomb friction", "quadratic drag")
+    units = ("s⁻²", "s⁻¹", "s⁻²", "rad⁻¹")
+    chosen = (True, *(term in fit.terms for term in TERMS))
+    constants = zip(names, units, fit.coefficients[:4], fit.std[:4], chosen, strict=True)
+    verdict = fit.verdict
+    window = slice(swing.hand_gone, swing.end + 1)
+    fitted = sample(fit.output_error.trajectory, swing.time_s[window])
+    apart = np.max(np.abs(motion_rad[window.start - swing.release : window.stop - swing.release] - fitted))
+    return [
+        *((name, plus_minus(value, std, unit=unit)) for name, unit, value, std, used in constants if used),
+        ("zero", plus_minus(1e3 * fit.coefficients.zero_rad, 1e3 * fit.std.zero_rad, unit="mrad")),
+        ("misfit", f"{100 * verdict.misfit:.2g} %"),
+        ("distortion", f"{100 * verdict.distortion:.2g} %, allowed {100 * verdict.distortion_limit:.2g} %"),
+        ("drift", plus_minus(100 * verdict.drift, 100 * verdict.drift_std, unit="%")),
+        ("integrated anew", f"≤ {1e3 * apart:.2g} mrad from the fit"),
+        (_VERDICT, "yes" if fit.believed else "NO"),
+    ]
+
+
+def _draw_motion(axes: Axes, swing: FreeSwing, motion_rad: Array) -> None:
+    free = slice(swing.release, None)
+    name_panel(axes, "(e) equation of motion integrated anew", x=_TIME, y=_DEGREES)
+    draw_line(
+        axes,
+        swing.time_s[free],
+        np.degrees(swing.angle_rad[free]),
+        color=RECORDED_BELOW,
+        lw=2.6,
+        label="recorded",
+    )
+    draw_line(axes, swing.time_s[free], np.degrees(motion_rad), color=MODEL, lw=0.8, label="integrated")
+    axes.axvline(swing.time_s[swing.end], color=WINDOW, lw=1.0, label="window's end")
+    legend(axes)
+
+
+def _draw_flexible(page: Figure, grid: GridSpec, swing: FreeSwing, flexible: FlexibleFunction) -> None:
+    time, recorded, fitted = flexible.time_s, flexible.angle_rad, flexible.model_rad
+    shown = pieces(page, grid, 2, time, period_s=swing.period_s)
+    _draw_overlay(shown, time, recorded, fitted, title="(c) flexible function, eq. 2.16", in_degrees=False)
+    derivatives = (
+        ("(d) its first derivative", flexible.speed_rad_per_s, "speed (rad/s)"),
+        ("(e) its second derivative", flexible.acceleration_rad_per_s2, "acceleration (rad/s²)"),
+    )
+    for row, (title, values, quantity) in enumerate(derivatives, start=3):
+        axes = page.add_subplot(grid[row, :])
+        name_panel(axes, title, x=_TIME, y=quantity)
+        draw_line(axes, time, values, color=MODEL, lw=0.9)

@@ -1,0 +1,274 @@
+"""The damped pendulum fitted to an angle record by output error; knows nothing of rigs, mounts or masses.
+
+The model is eq. 2.9 of the thesis with its sine kept and two damping terms added,
+
+    phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|,
+
+W = m g r / I_a and c, s, q the damping divided by I_a. The trajectory itself is an unknown: Hermite-Simpson
+collocation [HS] on a uniform grid makes the equation of motion a banded system, whose single factorisation
+gives both the Newton correction of the trajectory and its sensitivity to every parameter ("lifted" Newton
+[AD]). Started on the measured angle, it cannot slip by a period as shooting from a guess can.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_banded
+from scipy.sparse import csr_matrix
+
+from cfid.estimate.signals import smooth
+
+Array = npt.NDArray[np.float64]
+
+TERMS = ("viscous", "coulomb", "quadratic")
+
+_MAX_ITERATIONS = 20
+_CONVERGED_RAD = 1e-8  # step of the predicted angle, rms; an encoder's step is 1e-3
+_ON_THE_EQUATION_RAD = 1e-7
+_HELD = 0.95  # Coulomb friction over gravity's pull from which on the pendulum hardly returns
+_RUNAWAY_RAD = 10.0  # a step that throws the pendulum over the top will not come back
+
+
+class Coefficients(NamedTuple):
+    """The physical constants of the model, in the order of the Jacobian's columns."""
+
+    natural_frequency_squared_s2: float
+    viscous_per_s: float
+    coulomb_per_s2: float
+    quadratic_per_rad: float
+    zero_rad: float
+
+
+class Trajectory(NamedTuple):
+    """Angle and speed at the nodes of a uniform grid, shape (n,) each."""
+
+    start_s: float
+    step_s: float
+    angle_rad: Array
+    speed_rad_per_s: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputError:
+    """A fitted pendulum.
+
+    `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) are the derivatives of the predicted
+    angle with respect to the free coefficients, the start angle and the start speed, in this order; `free`
+    says which coefficients were free.
+    """
+
+    coefficients: Coefficients
+    start_angle_rad: float
+    start_speed_rad_per_s: float
+    trajectory: Trajectory
+    residual_rad: Array
+    jacobian: Array
+    free: tuple[bool, ...]
+    iterations: int
+    converged: bool
+
+    @property
+    def sum_of_squares_rad2(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residual_rad @ self.residual_rad)
+
+
+def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: float) -> tuple[Coefficients, Trajectory]:
+    """Smooth the record onto a grid and regress the acceleration on the model's terms.
+
+    Smoothing flattens the acceleration, so that W comes out some per cent low: good enough to start from.
+    """
+    count = max(int(np.ceil((time_s[-1] - start_s) / step_s)) + 1, 16)
+    grid = start_s + step_s * np.arange(count)
+    sampled = np.interp(grid, time_s, angle_rad)
+    angle, speed, acceleration = smooth(sampled, length=15, step_s=step_s)
+    regressors = np.stack([-np.sin(angle), -speed, np.cos(angle)], axis=1)
+    stiffness, viscous, offset = np.linalg.lstsq(regressors, acceleration, rcond=None)[0]
+    coefficients = Coefficients(stiffness, max(viscous, 0.0), 0.0, 0.0, offset / stiffness)
+    return coefficients, Trajectory(start_s, step_s, angle, speed)
+
+
+def fit_output_error(
+    time_s: Array,
+    angle_rad: Array,
+    *,
+    coefficients: Coefficients,
+    trajectory: Trajectory,
+    terms: tuple[str, ...],
+) -> OutputError:
+    """Fit the pendulum to samples (n,) at any increasing times within the trajectory's grid.
+
+    Free are W, zero, the start state and the damping `terms` named; other damping stays at its given value.
+    The start need not be a solution: measured angles will do.
+    """
+    free = (True, *(term in terms for term in TERMS), True)
+    n_free = sum(free)
+    values = np.array(coefficients, dtype=float)
+    start, step = trajectory.start_s, trajectory.step_s
+    state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
+    begin = state[:2].copy()
+    sampler = _hermite_sampler(time_s, start_s=start, step_s=step, nodes=len(state) // 2)
+    sampled = np.zeros((len(time_s), 1 + n_free + 2))
+    converged = False
+    iteration = 0
+    while not converged and iteration < _MAX_ITERATIONS:
+        iteration += 1
+        try:
+            columns = _linearised(state, begin, step, Coefficients(*values), np.flatnonzero(free))
+        except np.linalg.LinAlgError:
+            break
+        sampled = sampler @ columns
+        error = angle_rad - sampler @ state
+        change, moved_rad = _gauss_newton(sampled[:, 1:], error - sampled[:, 0])
+        moved = columns[:, 0] + columns[:, 1:] @ change
+        if not np.max(np.abs(moved[::2])) < _RUNAWAY_RAD:
+            break
+        state = state + moved
+        values[np.flatnonzero(free)] += change[:n_free]
+        begin += change[n_free:]
+        off_equation_rad = float(np.max(np.abs(columns[::2, 0])))
+        converged = moved_rad < _CONVERGED_RAD and off_equation_rad < _ON_THE_EQUATION_RAD
+    return OutputError(
+        coefficients=Coefficients(*map(float, values)),
+        start_angle_rad=float(begin[0]),
+        start_speed_rad_per_s=float(begin[1]),
+        trajectory=Trajectory(start, step, state[::2], state[1::2]),
+        residual_rad=angle_rad - sampler @ state,
+        jacobian=sampled[:, 1:],
+        free=free,
+        iterations=iteration,
+        converged=converged,
+    )
+
+
+def sample(trajectory: Trajectory, time_s: Array) -> Array:
+    """Return the trajectory's angle at any times (n,) within its grid, by cubic Hermite interpolation."""
+    state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
+    sampler = _hermite_sampler(
+        time_s, start_s=trajectory.start_s, step_s=trajectory.step_s, nodes=len(trajectory.angle_rad)
+    )
+    return np.asarray(sampler @ state)
+
+
+def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
+    """Return the least-squares step and the rms it moves the prediction by."""
+    scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    scale[scale == 0] = 1.0
+    scaled = jacobian / scale
+    normal = scaled.T @ scaled + 1e-13 * np.eye(len(scale))
+    change = np.linalg.solve(normal, scaled.T @ error)
+    moved = np.sqrt(max(float(change @ normal @ change), 0.0) / len(error))
+    return change / scale, moved
+
+
+def _hermite_sampler(time_s: Array, *, start_s: float, step_s: float, nodes: int) -> csr_matrix:
+    """Return the sparse matrix (n, 2 nodes) that takes interleaved (angle, speed) to angles at `time_s`."""
+    place = (time_s - start_s) / step_s
+    left = np.clip(place.astype(int), 0, nodes - 2)
+    s = place - left
+    weights = np.stack(
+        [(1 + 2 * s) * (1 - s) ** 2, step_s * s * (1 - s) ** 2, s**2 * (3 - 2 * s), step_s * s**2 * (s - 1)],
+        axis=1,
+    )
+    columns = 2 * left[:, None] + np.arange(4)
+    return csr_matrix(
+        (weights.ravel(), columns.ravel(), 4 * np.arange(len(time_s) + 1)), shape=(len(time_s), 2 * nodes)
+    )
+
+
+class _Acceleration(NamedTuple):
+    value: Array
+    by_angle: Array
+    by_speed: Array
+    by_coefficient: Array  # (n, 5)
+
+
+def _acceleration(angle: Array, speed: Array, step: float, coefficients: Coefficients) -> _Acceleration:
+    stiffness, viscous, coulomb, quadratic, zero = coefficients
+    sine, cosine = np.sin(angle - zero), np.cos(angle - zero)
+    width = _turning_width(stiffness * sine, speed, coulomb, step)
+    direction = np.clip(speed / width, -1, 1)
+    turning = np.abs(speed) < width
+    drag = speed * np.abs(speed)
+    return _Acceleration(
+        value=-stiffness * sine - viscous * speed - coulomb * direction - quadratic * drag,
+        by_angle=-stiffness * cosine,
+        by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
+        by_coefficient=np.stack([-sine, -speed, -direction, -drag, stiffness * cosine], axis=1),
+    )
+
+
+def _turning_width(pull: Array, speed: Array, coulomb: float, step: float) -> Array:
+    """Return the speed within which sgn(phi') is replaced by a straight line, so that nothing jumps.
+
+    At a turning point the speed runs through zero at the rate P + s on the way out and P - s on the way
+    back, P = W |sin phi|. With x = s / P, a line of width P step h / (g + h) on the way out and
+    P step g / (g + h) on the way back, g = ln(1+x)/x - 1/(1+x) and h = 1/(1-x) + ln(1-x)/x, leaves the
+    speed after the turn as the jump would: friction's whole impulse is kept, and with it the period.
+    """
+    size = np.abs(pull) + 1e-12
+    ratio = np.clip(coulomb / size, -_HELD, _HELD)
+    ratio = np.where(np.abs(ratio) < 1e-4, 1e-4, ratio)
+    out = np.log1p(ratio) / ratio - 1 / (1 + ratio)
+    back = 1 / (1 - ratio) + np.log1p(-ratio) / ratio
+    return np.asarray(size * step * np.where(speed * pull > 0, back, out) / (out + back))
+
+
+def _linearised(
+    state: Array, begin: Array, step: float, coefficients: Coefficients, free: npt.NDArray[np.intp]
+) -> Array:
+    """Linearise the collocated equation of motion about `state` (2n,), interleaved angle and speed.
+
+    Returns (2n, 1 + p + 2): the Newton correction that puts the state on the equation, then the derivatives
+    of that solution with respect to the free coefficients, the start angle and the start speed.
+    """
+    angle, speed = state[::2], state[1::2]
+    node = _acceleration(angle, speed, step, coefficients)
+    a, a_angle, a_speed = node.value, node.by_angle, node.by_speed
+    middle = _acceleration(
+        (angle[:-1] + angle[1:]) / 2 + step / 8 * (speed[:-1] - speed[1:]),
+        (speed[:-1] + speed[1:]) / 2 + step / 8 * (a[:-1] - a[1:]),
+        step,
+        coefficients,
+    )
+    matrix = _collocation_matrix(a_angle, a_speed, middle, step)
+    by_node, by_middle = node.by_coefficient[:, free], middle.by_coefficient[:, free]
+    difference = by_node[:-1] - by_node[1:]
+    right = np.zeros((len(state), 1 + len(free) + 2), order="F")
+    right[:2, 0] = begin - state[:2]
+    right[2::2, 0] = step / 2 * (speed[:-1] + speed[1:]) + step**2 / 12 * (a[:-1] - a[1:]) - np.diff(angle)
+    right[3::2, 0] = step / 6 * (a[:-1] + 4 * middle.value + a[1:]) - np.diff(speed)
+    right[2::2, 1:-2] = step**2 / 12 * difference
+    right[3::2, 1:-2] = (
+        step / 6 * (by_node[:-1] + 4 * (by_middle + middle.by_speed[:, None] * step / 8 * difference) + by_node[1:])
+    )
+    right[0, -2] = right[1, -1] = 1.0
+    return np.asarray(solve_banded((3, 1), matrix, right, overwrite_ab=True, overwrite_b=True, check_finite=False))
+
+
+def _collocation_matrix(a_angle: Array, a_speed: Array, middle: _Acceleration, step: float) -> Array:
+    """Return the Jacobian in LAPACK's banded storage, three diagonals below and one above.
+
+    Rows 0 and 1 hold the start state; rows 2i+2 and 2i+3 the two Hermite-Simpson equations of cell i, whose
+    unknowns are columns 2i..2i+3: angle and speed at its left and right node. Entry (r, c) lies in band
+    row 1 + r - c of column c.
+    """
+    left, right = slice(None, -1), slice(1, None)
+    m_angle, m_speed = middle.by_angle, middle.by_speed
+    band = np.zeros((5, 2 * len(a_angle)))
+    band[1, :2] = 1.0
+    band[3, 0:-2:2] = -1 - step**2 / 12 * a_angle[left]
+    band[2, 1:-2:2] = -step / 2 - step**2 / 12 * a_speed[left]
+    band[1, 2::2] = 1 + step**2 / 12 * a_angle[right]
+    band[0, 3::2] = -step / 2 + step**2 / 12 * a_speed[right]
+    band[4, 0:-2:2] = -step / 6 * (a_angle[left] + 4 * (m_angle / 2 + m_speed * step / 8 * a_angle[left]))
+    band[3, 1:-2:2] = -1 - step / 6 * (
+        a_speed[left] + 4 * (m_angle * step / 8 + m_speed * (0.5 + step / 8 * a_speed[left]))
+    )
+    band[2, 2::2] = -step / 6 * (a_angle[right] + 4 * (m_angle / 2 - m_speed * step / 8 * a_angle[right]))
+    band[1, 3::2] = 1 - step / 6 * (
+        a_speed[right] + 4 * (-m_angle * step / 8 + m_speed * (0.5 - step / 8 * a_speed[right]))
+    )
+    return band

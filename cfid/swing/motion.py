@@ -1,0 +1,81 @@
+"""The fitted pendulum let go once more: its equation of motion by an adaptive integrator of SciPy's.
+
+The fit solves a collocated system; this shares nothing with it but the numbers it ended with, so that the
+two agreeing is evidence for both (as C.1.3 closes with ode45).
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import solve_ivp
+
+from cfid.swing.estimation import SwingFit
+from cfid.swing.model import Coefficients
+
+Array = npt.NDArray[np.float64]
+
+_TOLERANCE = 1e-8
+
+
+def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
+    """Return the angle (n,) at increasing times (n,), none before the fit's start, from its start state.
+
+    phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|. With dry friction each half-swing is a
+    stretch of its own, as the integrator cannot step over a jump, and the body stops where gravity no longer
+    overcomes it.
+    """
+    start = fit.output_error
+    state = np.array([start.start_angle_rad, start.start_speed_rad_per_s])
+    now, end = start.trajectory.start_s, float(time_s[-1])
+    angle = np.full(len(time_s), state[0])
+    while now < end and (side := _side(state, fit.coefficients)):
+        stretch = _until_it_turns(state, fit.coefficients, side, now, end)
+        turned = stretch.status == 1
+        reached = float(stretch.t[-1])
+        state = np.array([stretch.y[0, -1], 0.0 if turned else stretch.y[1, -1]])
+        inside = (time_s >= now) & (time_s <= reached)
+        angle[inside] = stretch.sol(time_s[inside])[0]
+        angle[time_s > reached] = state[0]
+        now = reached
+    return angle
+
+
+def _side(state: Array, coefficients: Coefficients) -> float:
+    """Return to which side the body moves from here, 0 when dry friction holds it."""
+    if state[1] != 0.0:
+        return float(np.sign(state[1]))
+    pull = -coefficients.natural_frequency_squared_s2 * np.sin(state[0] - coefficients.zero_rad)
+    return float(np.sign(pull)) if abs(pull) > coefficients.coulomb_per_s2 else 0.0
+
+
+class _Turning:
+    """An event for solve_ivp: the speed falls to zero while the body moves to a side."""
+
+    terminal = True
+
+    def __init__(self, side: float) -> None:
+        self.direction = -side
+
+    def __call__(self, _: float, state: Array) -> float:
+        return float(state[1])
+
+
+def _until_it_turns(state: Array, coefficients: Coefficients, side: float, now: float, end: float) -> Any:
+    """Integrate to the end or, with dry friction, to where the body turns."""
+    stiffness, viscous, coulomb, quadratic, zero = coefficients
+
+    def derivative(_: float, y: Array) -> tuple[float, float]:
+        drag = viscous * y[1] + quadratic * y[1] * abs(y[1]) + coulomb * side
+        return y[1], -stiffness * np.sin(y[0] - zero) - drag
+
+    return solve_ivp(
+        derivative,
+        (now, end),
+        state,
+        method="DOP853",
+        rtol=_TOLERANCE,
+        atol=_TOLERANCE,
+        dense_output=True,
+        events=_Turning(side) if coulomb > 0 else None,
+    )

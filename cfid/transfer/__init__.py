@@ -1,0 +1,1 @@
+"""Sines of many frequencies to the transfer function of motor and rotor."""

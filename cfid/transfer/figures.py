@@ -1,0 +1,224 @@
+"""A motor's transfer function drawn: Bode (figures 3.14, 3.15), step response, and a run against it (figure 3.16)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cfid.drawing.numbers import plus_minus
+from cfid.drawing.style import (
+    INK,
+    KEY_IN,
+    MODEL,
+    MUTED,
+    RECORDED,
+    RECORDED_BELOW,
+    SERIES,
+    draw_line,
+    figure,
+    key_row,
+    name_panel,
+    styled,
+    words,
+)
+from cfid.transfer.estimation import TransferFit
+from cfid.transfer.model import Dynamics, evaluate
+from cfid.transfer.panels import COMMAND, FREQUENCY, Points, draw_played, draw_points
+from cfid.transfer.sines.alignment import SineRun
+from cfid.transfer.thesis import ThesisFit
+from cfid.transfer.verification import Verification
+
+Array = npt.NDArray[np.float64]
+
+_MICRO = 1e6
+_INTERVAL = 1.96  # deviations of a 95 % interval
+_CURVE = 300
+_LAGS = 6.0  # that a step is drawn for
+_SMALL = 1e-6
+
+
+@styled
+def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
+    """Return responses with 95 % intervals, each series' delay taken out of its phase, the model, and what it leaves.
+
+    Beside stand, in grey, the phases as stamped, and what the thesis' calculation makes of the same runs.
+    """
+    doubts = () if fit.believed else fit.doubts
+    told = _fit_told(fit)
+    heights_in = (KEY_IN, 2.3, 2.3, 1.5, 0.42 + 0.165 * len(told))
+    page, grid = figure(5, 2, heights_in=heights_in, title="Command to thrust of one motor", doubts=doubts)
+    size, phase = page.add_subplot(grid[1, :]), page.add_subplot(grid[2, :])
+    name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
+    name_panel(phase, "(b) phase, the delay taken out", x=FREQUENCY, y="phase (degrees)")
+    left, turned = page.add_subplot(grid[3, 0]), page.add_subplot(grid[3, 1])
+    name_panel(left, "(c) magnitude over the model", x=FREQUENCY, y="difference (%)")
+    name_panel(turned, "(d) phase less the model", x=FREQUENCY, y="difference (degrees)")
+    for number, points in enumerate(_points(fit)):
+        colour = SERIES[number % len(SERIES)]
+        draw_points(size, phase, points, colour=colour)
+        _draw_left(left, turned, points, fit, colour=colour)
+    omega = _omegas(np.concatenate([points.omega_rad_s for points in _points(fit)]))
+    _draw_model(size, phase, omega, fit.response(omega), label="model", dashes="-")
+    if thesis is not None:
+        of_thesis = evaluate(thesis.numerator, thesis.denominator, omega * fit.sample_s)
+        _draw_model(size, phase, omega, of_thesis, label="as the thesis", dashes="--")
+    for axes in (size, phase, left, turned):
+        axes.set_xscale("log")
+    size.set_yscale("log")
+    size.tick_params(labelbottom=False)
+    key_row(page.add_subplot(grid[0, :]), *phase.get_legend_handles_labels()[0])
+    words(page.add_subplot(grid[4, :]), "in numbers", told, red=("chi-squared",) if doubts else ())
+    page.align_ylabels()
+    return page
+
+
+@styled
+def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sample_s: float) -> Figure:
+    """Return the estimates of eq. 3.9 and the least squares through them, as figures 3.14 and 3.15."""
+    page, grid = figure(
+        3, 1, heights_in=(KEY_IN, 2.5, 2.5), title="Command to thrust of one motor, as in the thesis", notes=joint.notes
+    )
+    size, phase = page.add_subplot(grid[1, 0]), page.add_subplot(grid[2, 0])
+    name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
+    name_panel(phase, "(b) phase", x=FREQUENCY, y="phase (degrees)")
+    for number, (name, fit) in enumerate(each.items()):
+        omega, value = (np.array([getattr(own, what) for own in fit.responses]) for what in ("omega_rad", "value"))
+        points = Points(name, omega / sample_s, value, value, None)
+        draw_points(size, phase, points, colour=SERIES[number % len(SERIES)])
+    omega = _omegas(np.array([own.omega_rad for own in joint.responses]) / sample_s)
+    model = evaluate(joint.numerator, joint.denominator, omega * sample_s)
+    _draw_model(size, phase, omega, model, label="weighted least squares", dashes="-")
+    for axes in (size, phase):
+        axes.set_xscale("log")
+    size.set_yscale("log")
+    size.tick_params(labelbottom=False)
+    key_row(page.add_subplot(grid[0, 0]), *phase.get_legend_handles_labels()[0])
+    page.align_ylabels()
+    return page
+
+
+@styled
+def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
+    """Return the thrust after a step of one unit of the command, without delay, with its 95 % interval."""
+    page, grid = figure(2, 1, heights_in=(KEY_IN, 3.2), title="Step of the command", doubts=())
+    axes = page.add_subplot(grid[1, 0])
+    name_panel(axes, "thrust after a step", x="time since the step (ms)", y="thrust over command (µN)")
+    time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s
+    force, std = fit.dynamics.step_response(time_s), _step_std(fit, time_s)
+    low, high = force - _INTERVAL * std, force + _INTERVAL * std
+    axes.fill_between(1e3 * time_s, _MICRO * low, _MICRO * high, color=MODEL, alpha=0.3, lw=0, label="95 % interval")
+    axes.plot(1e3 * time_s, _MICRO * force, color=MODEL, label="model")
+    axes.axvline(1e3 * fit.time_constant_s, color=MUTED, lw=0.8, ls=":", label="time constant")
+    if thesis is not None and thesis.time_constant_s is not None:
+        other = Dynamics(static_gain_n=thesis.static_gain_n, lags_s=(thesis.time_constant_s,))
+        label = "the thesis' gain and time constant"
+        axes.plot(1e3 * time_s, _MICRO * other.step_response(time_s), color=INK, ls="--", label=label)
+    key_row(page.add_subplot(grid[0, 0]), *axes.get_legend_handles_labels()[0])
+    return page
+
+
+@styled
+def verification_figure(run: SineRun, found: Verification) -> Figure:
+    """Return commands, measured and simulated thrust about their means, and what is left (figure 3.16)."""
+    told = _verification_told(found)
+    doubts = () if found.believed else ("the transfer function does not describe this run",)
+    heights_in = (KEY_IN, 1.7, 2.5, 1.5, 0.42 + 0.165 * len(told))
+    page, grid = figure(5, 1, heights_in=heights_in, title=f"Verification: {found.name}", doubts=doubts)
+    played, force, left = (page.add_subplot(grid[row, 0]) for row in (1, 2, 3))
+    draw_played(played, run, end_s=run.duration_s)
+    name_panel(played, "(a) commands", x="", y=COMMAND)
+    name_panel(force, "(b) thrust about its mean, smoothed", x="", y="thrust (N)")
+    draw_line(force, found.time_s, found.measured_n, color=RECORDED_BELOW, lw=2.4, label="measured")
+    draw_line(force, found.time_s, found.simulated_n, color=MODEL, lw=1.1, label="simulated")
+    name_panel(left, "(c) measured less simulated", x="time since the first sample (s)", y="residual (N)")
+    draw_line(left, found.time_s, found.residual_n, color=RECORDED, lw=0.8)
+    for axes in (played, force, left):
+        axes.set_xlim(0, run.duration_s)
+    for axes in (played, force):
+        axes.tick_params(labelbottom=False)
+    key_row(page.add_subplot(grid[0, 0]), *force.get_legend_handles_labels()[0])
+    words(page.add_subplot(grid[4, 0]), "in numbers", told, red=() if found.believed else ("measured is late by",))
+    page.align_ylabels()
+    return page
+
+
+def _points(fit: TransferFit) -> list[Points]:
+    """Return the responses of each series, the phase also without its delay."""
+    found = []
+    for series in fit.measured:
+        omega = np.array([own.frequency_rad_s for own in series.responses])
+        value = np.array([own.value for own in series.responses])
+        turned = value * np.exp(1j * omega * fit.delays[series.name].after_quickest_s)
+        std = np.array([own.polar_std for own in series.responses])
+        found.append(Points(series.name, omega, turned, value, _INTERVAL * std))
+    return found
+
+
+def _omegas(there: Array) -> Array:
+    return np.geomspace(0.8 * there.min(), 1.2 * there.max(), _CURVE)
+
+
+def _draw_model(
+    size: Axes, phase: Axes, omega: Array, value: npt.NDArray[np.complex128], *, label: str, dashes: str
+) -> None:
+    colour = MODEL if dashes == "-" else INK
+    hertz = omega / (2 * np.pi)
+    size.plot(hertz, _MICRO * np.abs(value), color=colour, ls=dashes, lw=1.1)
+    phase.plot(hertz, np.degrees(np.unwrap(np.angle(value))), color=colour, ls=dashes, lw=1.1, label=label)
+
+
+def _draw_left(left: Axes, turned: Axes, points: Points, fit: TransferFit, *, colour: str) -> None:
+    ratio = points.value / fit.response(points.omega_rad_s)
+    hertz = points.omega_rad_s / (2 * np.pi)
+    assert points.interval is not None
+    percent = 100 * points.interval[:, 0] / np.abs(points.value)
+    how = {"ls": "", "marker": "o", "ms": 3.0, "color": colour, "lw": 0.9, "elinewidth": 0.9}
+    left.errorbar(hertz, 100 * (np.abs(ratio) - 1), percent, **how)  # type: ignore[arg-type]
+    turned.errorbar(hertz, np.degrees(np.angle(ratio)), np.degrees(points.interval[:, 1]), **how)  # type: ignore[arg-type]
+    for axes in (left, turned):
+        axes.axhline(0.0, color=MODEL, lw=1.0, zorder=1)
+
+
+def _step_std(fit: TransferFit, time_s: Array) -> Array:
+    """Return one deviation of the step response (n,), by its slopes over gain, lags and lead."""
+    free = [fit.dynamics.static_gain_n, *fit.dynamics.lags_s, *([fit.dynamics.lead_s] if fit.shape == "zero" else [])]
+    lags = len(fit.dynamics.lags_s)
+
+    def at(values: Sequence[float]) -> Array:
+        lead_s = values[1 + lags] if fit.shape == "zero" else 0.0
+        plant = Dynamics(static_gain_n=values[0], lags_s=tuple(values[1 : 1 + lags]), lead_s=lead_s)
+        return plant.step_response(time_s)
+
+    columns = []
+    for place, value in enumerate(free):
+        step = _SMALL * max(abs(value), _SMALL)
+        moved = [[*free[:place], value + sign * step, *free[place + 1 :]] for sign in (1, -1)]
+        columns.append((at(moved[0]) - at(moved[1])) / (2 * step))
+    outward = np.stack(columns, axis=1)
+    inner = fit.covariance[: len(free), : len(free)]
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", outward, inner, outward), 0.0)))
+
+
+def _fit_told(fit: TransferFit) -> list[tuple[str, str]]:
+    gain, lag = fit.dynamics.static_gain_n, fit.time_constant_s
+    delays = [
+        (f"delay of {name}", plus_minus(1e3 * own.delay_s, 1e3 * own.std_s, unit="ms after the stamps on average"))
+        for name, own in fit.delays.items()
+    ]
+    return [
+        ("static gain", plus_minus(_MICRO * gain, _MICRO * fit.std.static_gain_n, unit="µN")),
+        ("time constant", plus_minus(1e3 * lag, 1e3 * fit.time_constant_std_s, unit="ms")),
+        *delays,
+        ("chi-squared", f"{fit.chi_squared:.1f} for {fit.freedom} degrees of freedom"),
+    ]
+
+
+def _verification_told(found: Verification) -> list[tuple[str, str]]:
+    return [
+        ("fit", f"{found.fit_percent:.1f} %, {found.unfiltered_fit_percent:.1f} % with the vibration"),
+        ("residual", f"{1e3 * found.residual_rms_n:.2g} mN rms"),
+        ("measured is late by", plus_minus(1e3 * found.late_s, 1e3 * found.late_std_s, unit="ms")),
+        ("and as large as simulated", plus_minus(found.gain_ratio, found.gain_ratio_std, unit="times")),
+    ]

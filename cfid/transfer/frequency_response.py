@@ -1,0 +1,181 @@
+"""What a sine run says of the plant at its frequency: one complex number, with the variance of the noise around it.
+
+A sine and a cosine are fitted to the force at the frequency that is known, beside a constant, a drift and the two
+harmonics that a plant with a bend makes. Noise of a load cell under rotors is lines and drift, not white: its level
+is taken from what is left over at frequencies nearby. Noise that grows steeply towards zero frequency is more than
+that for the slowest sines; chi-squared of a fit tells.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError, FitError
+from cfid.estimate.blocks import block_means
+from cfid.transfer.model import Form
+from cfid.transfer.sines.alignment import SineRun, SineSeries
+
+Array = npt.NDArray[np.float64]
+
+SETTLE_S = 1.0  # N_T of the thesis' first series, in seconds
+CUTOFF_HZ = 12.5  # the thesis leaves out what is faster, in both series
+
+END_S = 0.1  # of the run's end left out: stamps of commands may be as late
+_HARMONICS = 3
+_NEIGHBOURS = 20  # frequencies on either side that tell the noise
+_CLEAR = 0.75  # of 1/T, from any fitted frequency
+_SPECTRUM_HZ = 1000.0  # is fine enough for them
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Response:
+    """Y/U of one run at its frequency, N per unit of the command, with the covariance (2, 2) of its two parts.
+
+    `value` refers to the samples u[n]; the hold that makes stairs of them is the model's business. An error of the
+    run's start turns it and leaves its size: `start_std_s` is the run's own, `shared_s` are those of other runs too.
+    `harmonics` are the second and third over the first. `mean_n` is the thrust about which the sine went.
+    """
+
+    name: str
+    form: Form
+    periods: int
+    frequency_rad_s: float
+    sample_s: float
+    value: complex
+    covariance: Array
+    start_std_s: float
+    shared_s: Mapping[str, float]
+    harmonics: tuple[float, ...]
+    mean_n: float
+
+    @property
+    def std(self) -> float:
+        """One deviation of real and imaginary part, as if they had the same."""
+        return float(np.sqrt(np.trace(self.covariance) / 2))
+
+    @property
+    def polar_std(self) -> tuple[float, float]:
+        """One deviation of the size, and of the phase in rad, the error of its own start included."""
+        size = abs(self.value)
+        along = np.array([self.value.real, self.value.imag]) / size
+        across = np.array([-along[1], along[0]])
+        phase = np.sqrt(across @ self.covariance @ across) / size
+        turned = self.frequency_rad_s * self.start_std_s
+        return float(np.sqrt(along @ self.covariance @ along)), float(np.hypot(phase, turned))
+
+
+def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") -> Response:
+    """Return the frequency response of a run with l from 1 up to below N/2.
+
+    `settle_s` at the beginning is left out for the transient. "hold" takes every sample of the load cell, "thesis" the
+    force at the instants of u[n]; what that means for a model stands in `transfer_models`.
+
+    Raises DataError for l = 0, which has no frequency, and FitError when the force has too few samples or is none.
+    """
+    if not 0 < 2 * run.plan.periods < run.plan.samples:
+        raise DataError(f"{run.plan.name}: l = {run.plan.periods} has no frequency below half of the sampling rate.")
+    time_s, force = _window(run, settle_s, form)
+    omega = run.frequency_rad_s
+    columns = _columns(time_s, omega)
+    if len(force) < 2 * len(columns):
+        raise FitError(f"{run.plan.name}: {len(force)} samples of force after {settle_s:g} s are too few for a sine.")
+    inverse = np.linalg.inv(columns @ columns.T)
+    found = inverse @ (columns @ force)
+    phasors = found[3::2] - 1j * found[4::2]
+    if not phasors[0]:
+        raise FitError(f"{run.plan.name}: the load cell felt nothing while it was played: is the channel the motor's?")
+    level = _noise_level(time_s, force - found @ columns, omega)
+    drive = _drive(run)
+    return Response(
+        name=run.plan.name,
+        form=form,
+        periods=run.plan.periods,
+        frequency_rad_s=omega,
+        sample_s=run.sample_s,
+        value=complex(phasors[0] / drive),
+        covariance=level / drive**2 * inverse[3:5, 3:5] * [[1, -1], [-1, 1]],
+        start_std_s=run.start_std_s,
+        shared_s=run.shared_s,
+        harmonics=tuple((np.abs(phasors[1:]) / max(abs(phasors[0]), 1e-300)).tolist()),
+        mean_n=float(force.mean()),
+    )
+
+
+def respond_all(
+    series: SineSeries, *, settle_s: float = SETTLE_S, form: Form = "hold", cutoff_hz: float = CUTOFF_HZ
+) -> tuple[list[Response], list[str]]:
+    """Return the responses of a series up to a frequency, and a sentence for each run that was left out."""
+    responses, said = [], []
+    for run in series.runs:
+        hertz = run.frequency_rad_s / (2 * np.pi)
+        if run.plan.periods == 0:
+            said.append(f"{run.plan.name}: l = 0 has no frequency and is left out.")
+        elif hertz > cutoff_hz * (1 + 1e-3):
+            said.append(f"{run.plan.name}: its {hertz:.1f} Hz are above {cutoff_hz:g} Hz and left out.")
+        else:
+            responses.append(respond(run, settle_s=settle_s, form=form))
+    return responses, said
+
+
+def _window(run: SineRun, settle_s: float, form: Form) -> tuple[Array, Array]:
+    """Return times and force between the transient and the end."""
+    end_s = run.duration_s - END_S
+    if form == "thesis":
+        first, last = math.ceil(settle_s / run.sample_s), int(end_s / run.sample_s)
+        grid = np.arange(first, last + 1) * np.float64(run.sample_s)
+        return grid, np.asarray(np.interp(grid, run.time_s, run.force_n))
+    begin, end = np.searchsorted(run.time_s, [settle_s, end_s])
+    return run.time_s[begin:end], run.force_n[begin:end]
+
+
+def _columns(time_s: Array, omega: float) -> Array:
+    """Return constant, drift and its bend, then cosine and sine of each harmonic (9, n)."""
+    wave = np.exp(1j * omega * time_s)
+    columns = np.empty((3 + 2 * _HARMONICS, len(time_s)))
+    columns[0] = 1
+    columns[1] = time_s - time_s[:1]
+    columns[2] = columns[1] ** 2
+    turned = wave
+    for row in range(3, len(columns), 2):
+        columns[row], columns[row + 1] = turned.real, turned.imag
+        turned = turned * wave
+    return columns
+
+
+def _drive(run: SineRun) -> float:
+    """Return the amplitude of the samples played, whose phase is 0; a clipped sine's is less than A."""
+    samples = np.arange(run.plan.samples)
+    angle = 2 * np.pi * (run.plan.periods * samples % run.plan.samples) / run.plan.samples
+    return float(2 * np.mean(run.plan.commands() * np.cos(angle)))
+
+
+def _noise_level(time_s: Array, residual: Array, omega: float) -> float:
+    """Return the variance per sample that white noise of the level found around a frequency would have.
+
+    Taken are frequencies half a bin off the multiples of 1/T around it, as far as none of those fitted is near.
+    """
+    span_s = float(time_s[-1] - time_s[0])
+    width = 2 * np.pi / span_s
+    tried = _neighbours(omega / width)
+    block = max(int(len(residual) / (span_s * _SPECTRUM_HZ)), 1)
+    middle_s, sums = (block_means(values, length=block) for values in (time_s - time_s[0], residual))
+    wave, turn = sums * np.exp(-1j * tried[0] * width * middle_s), np.exp(-1j * width * middle_s)
+    powers = [abs(wave.sum()) ** 2]
+    for steps in np.diff(tried):
+        wave = wave * turn**steps if steps > 1 else wave * turn
+        powers.append(abs(wave.sum()) ** 2)
+    # A variance that is itself known from so many values only: sums over it come out too large.
+    unsure = len(powers) / (len(powers) - 1)
+    return float(np.mean(powers)) * block**2 / len(residual) * unsure
+
+
+def _neighbours(place: float) -> Array:
+    """Return frequencies in units of 1/T, on both sides of `place` where there is room, clear of those fitted."""
+    fitted = place * np.arange(_HARMONICS + 1)
+    first = max(1.5 - _NEIGHBOURS, math.ceil(_CLEAR - place - 0.5) + 0.5)
+    tried = place + first + np.arange(2 * _NEIGHBOURS + 8 * len(fitted))
+    clear = (np.abs(tried[:, None] - fitted) >= _CLEAR).all(axis=1)
+    return np.asarray(tried[clear][: 2 * _NEIGHBOURS])

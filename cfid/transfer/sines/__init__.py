@@ -1,0 +1,1 @@
+"""Sine runs: planned, recorded, and put on one time base."""

@@ -1,0 +1,221 @@
+"""The thesis' own way to a transfer function (section 3.4.3, appendix C.2.5), its constants as settings.
+
+Times are taken as they were stamped: latencies of radio and load cell are left out, which the thesis regrets and
+which biases its time constant. Nothing here corrects for that.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError, FitError
+from cfid.transfer.sines.alignment import RecordedSine
+from cfid.transfer.sines.reports import SAMPLE_S
+
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+
+_BIAS_SAMPLES = 1000
+_ROUNDING = 1e-4  # of a sample, by which stamps of a Unix time may exceed the last whole one
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThesisSettings:
+    """What C.2.5 has as numbers: N_T, weights (they enter squared), up to which l the first holds, and which l count.
+
+    `denominator` and `numerator` are A and B of eq. 3.10: how many coefficients they have, the leading 1 included.
+    """
+
+    settle_samples: int = 500
+    weight_low: float = 2.0
+    weight_high: float = 0.5
+    low_up_to: int = 15
+    count_up_to: int = 100
+    denominator: int = 2
+    numerator: int = 1
+
+
+FIRST_SERIES = ThesisSettings()
+SECOND_SERIES = ThesisSettings(settle_samples=1800, weight_low=2.5, low_up_to=50, count_up_to=200)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThesisResponse:
+    """One run's estimate by FFT (eq. 3.9): N as its stamps say, and the number of samples transformed (eq. 3.8).
+
+    `elsewhere` says that the force's largest peak is not at the input's frequency; C.2.5 divides by it all the same.
+    """
+
+    name: str
+    periods: int
+    omega_rad: float
+    value: complex
+    samples: int
+    fft_samples: int
+    elsewhere: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThesisFit:
+    """Coefficients in rising powers of z^-1, the denominator with its leading 1; no deviations: the thesis has none."""
+
+    numerator: Array
+    denominator: Array
+    responses: tuple[ThesisResponse, ...]
+    weights: Array
+    notes: tuple[str, ...]
+
+    @property
+    def static_gain_n(self) -> float:
+        """Force over a constant command."""
+        return float(self.numerator.sum() / self.denominator.sum())
+
+    @property
+    def time_constant_s(self) -> float | None:
+        """Time constant of the slowest pole; None when that is no decay."""
+        pole = float(np.max(np.abs(np.roots(self.denominator)), initial=0.0))
+        return -SAMPLE_S / math.log(pole) if 0 < pole < 1 else None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return, as sentences, why this is no motor's transfer function."""
+        elsewhere = sum(own.elsewhere for own in self.responses)
+        drowned = (
+            f"in {elsewhere} of {len(self.responses)} runs the force's largest peak is not at the sine: are --channel "
+            "and the motor those of the runs?"
+        )
+        return (
+            *(() if self.time_constant_s else ("its slowest pole is no decay, which no motor has.",)),
+            *((drowned,) if 2 * elsewhere > len(self.responses) else ()),
+        )
+
+
+def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRST_SERIES) -> ThesisFit:
+    """Identify a series as C.2.5 does; forces are in newtons and have the sign of thrust, the bias still in them.
+
+    Raises DataError for runs that cannot be taken so, FitError when too few are left.
+    """
+    notes, responses = [], []
+    for run in recorded:
+        if run.plan.periods == 0:
+            notes.append(f"{run.plan.name}: l = 0 is left out: without the middle value, C.2.5 divides zero by zero.")
+        elif run.plan.periods > settings.count_up_to:
+            notes.append(f"{run.plan.name}: l = {run.plan.periods} is above {settings.count_up_to} and left out.")
+        else:
+            responses.append(thesis_response(run, settle_samples=settings.settle_samples))
+    notes += [
+        f"{own.name}: the force's largest peak is not at l = {own.periods}." for own in responses if own.elsewhere
+    ]
+    weights = np.where(
+        [own.periods <= settings.low_up_to for own in responses], settings.weight_low, settings.weight_high
+    )
+    numerator, denominator = least_squares(
+        np.array([own.value for own in responses]),
+        np.array([own.omega_rad for own in responses]),
+        weights,
+        settings,
+    )
+    return ThesisFit(
+        numerator=numerator,
+        denominator=denominator,
+        responses=tuple(responses),
+        weights=weights,
+        notes=tuple(notes),
+    )
+
+
+def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFit:
+    """Solve eq. 3.14 for the responses of several series at once, each with the weights it had.
+
+    Of `settings` only A and B count. The thesis itself keeps its series apart. Raises FitError for too few responses.
+    """
+    responses = tuple(own for fit in fits for own in fit.responses)
+    weights = np.concatenate([fit.weights for fit in fits])
+    value, omega = (np.array([getattr(own, name) for own in responses]) for name in ("value", "omega_rad"))
+    numerator, denominator = least_squares(value, omega, weights, settings)
+    notes = tuple(note for fit in fits for note in fit.notes)
+    return ThesisFit(numerator=numerator, denominator=denominator, responses=responses, weights=weights, notes=notes)
+
+
+def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.settle_samples) -> ThesisResponse:
+    """Return one run's estimate of the frequency response.
+
+    N is that of the run's own stamps; force is interpolated at its samples; of the transform the largest bins
+    besides the constant are divided, wherever they lie.
+    """
+    force, middle = run.force_n - run.force_n[:_BIAS_SAMPLES].mean(), run.plan.middle
+    stamps_s = run.reports.host_s - run.reports.host_s[0]
+    samples = math.ceil(stamps_s[-1] / SAMPLE_S - _ROUNDING)
+    begin, end = _rows(run, samples)
+    grid_s = SAMPLE_S * np.arange(samples)
+    force = np.interp(grid_s, run.time_s[begin:end] - run.reports.host_s[0], force[begin:end])
+    omega = 2 * np.pi * run.plan.periods / samples
+    commands = (run.reports.command[0] - middle) * np.cos(omega * np.arange(samples)) + middle
+    taken = _fft_samples(run, samples, settle_samples)
+    window = slice(settle_samples - 1, settle_samples - 1 + taken)  # MATLAB counts from 1
+    of_force, of_commands = np.fft.rfft(force[window])[1:], np.fft.rfft(commands[window])[1:]
+    if not of_force.any():
+        raise FitError(f"{run.plan.name}: the load cell felt nothing while it was played: is the channel the motor's?")
+    at_force, at_commands = int(np.abs(of_force).argmax()), int(np.abs(of_commands).argmax())
+    return ThesisResponse(
+        name=run.plan.name,
+        periods=run.plan.periods,
+        omega_rad=omega,
+        value=complex(of_force[at_force] / of_commands[at_commands]),
+        samples=samples,
+        fft_samples=taken,
+        elsewhere=at_force != at_commands,
+    )
+
+
+def least_squares(value: Complex, omega_rad: Array, weights: Array, settings: ThesisSettings) -> tuple[Array, Array]:
+    """Solve eq. 3.12 with weights (eq. 3.14) for responses (n,); return numerator (B,) and denominator (A,).
+
+    A row is the real or imaginary part of H(Omega) times the denominator less the numerator (eq. 3.11).
+    """
+    poles, zeros = np.arange(1, settings.denominator), np.arange(settings.numerator)
+    if 2 * len(value) < len(poles) + len(zeros):
+        raise FitError(
+            f"{len(value)} frequencies are too few for A = {settings.denominator}, B = {settings.numerator}."
+        )
+    columns = np.concatenate(
+        [value[:, None] * np.exp(-1j * omega_rad[:, None] * poles), -np.exp(-1j * omega_rad[:, None] * zeros)], axis=1
+    )
+    weighted = weights[:, None] * np.concatenate([columns, -value[:, None]], axis=1)
+    rows = np.concatenate([weighted.real, weighted.imag])
+    scale = np.linalg.norm(rows[:, :-1], axis=0)
+    if not scale.all():
+        raise FitError("all responses have weight zero: give --weight-low or --weight-high above it.")
+    found = np.linalg.lstsq(rows[:, :-1] / scale, rows[:, -1], rcond=None)[0] / scale
+    return found[len(poles) :], np.concatenate([[1.0], found[: len(poles)]])
+
+
+def _rows(run: RecordedSine, samples: int) -> tuple[int, int]:
+    """Return which rows of the load cell lie around the run."""
+    first_s, last_s = run.reports.host_s[0], run.reports.host_s[-1]
+    begin = int(np.searchsorted(run.time_s, first_s, side="right")) - 1
+    end = int(np.searchsorted(run.time_s, last_s)) + 1
+    if begin < 0 or end > len(run.time_s) or samples < 2:
+        raise DataError(
+            f"{run.plan.name}: the load cell's record does not cover the run: it reaches from "
+            f"{run.time_s[0] - first_s:.1f} to {run.time_s[-1] - first_s:.1f} s of its {last_s - first_s:.1f} s."
+        )
+    return begin, end
+
+
+def _fft_samples(run: RecordedSine, samples: int, settle_samples: int) -> int:
+    """Return N_FFT of eq. 3.8: whole periods, each rounded to samples; all of them for l = 1."""
+    left = samples - settle_samples
+    if run.plan.periods == 1:
+        taken = left
+    else:
+        period = math.floor(run.plan.samples / run.plan.periods + 0.5)  # MATLAB rounds halves up
+        taken = left // period * period
+    if taken < 3:
+        raise DataError(
+            f"{run.plan.name}: no whole period is left of its {samples} samples after the first {settle_samples}."
+        )
+    return taken

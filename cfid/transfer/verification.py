@@ -1,0 +1,134 @@
+"""An identified transfer function against a run that it was not made from (figure 3.16), in time and in numbers."""
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.transfer.frequency_response import END_S, SETTLE_S, respond
+from cfid.transfer.model import DifferenceEquation, Dynamics, Form
+from cfid.transfer.sines.alignment import SineRun
+
+Array = npt.NDArray[np.float64]
+
+BELIEVED_OFF = 0.1  # of the sine, by which simulation and measurement may differ beyond their uncertainty
+_CERTAIN = 3.0  # deviations
+SMOOTHED_HZ = 25.0  # twice what is identified, and far below any rotor's frequency
+
+_STEP_S = 0.002
+_GAUSS = math.sqrt(math.log(2)) / (2 * math.pi)  # deviation of a kernel that halves the power at 1 Hz
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verification:
+    """Thrust about its mean (n,), measured and simulated, both smoothed alike, without transient and end.
+
+    The means are left out, as a linear function has no say in them. `fit_percent` is 100 (1 - |y - yhat|/|y - mean|),
+    `unfiltered_fit_percent` the same with the vibration in y. At the sine's frequency the measured force comes `late_s`
+    (`late_rad` of its phase) later than the simulated, and is `gain_ratio` times as large; one deviation of each.
+    """
+
+    name: str
+    time_s: Array
+    measured_n: Array
+    simulated_n: Array
+    fit_percent: float
+    unfiltered_fit_percent: float
+    late_s: float
+    late_std_s: float
+    late_rad: float
+    late_std_rad: float
+    gain_ratio: float
+    gain_ratio_std: float
+
+    @property
+    def residual_n(self) -> Array:
+        """What the simulation leaves of the measured."""
+        return self.measured_n - self.simulated_n
+
+    @property
+    def residual_rms_n(self) -> float:
+        """Root of its mean square."""
+        return float(np.sqrt(np.mean(self.residual_n**2)))
+
+    @property
+    def off(self) -> float:
+        """By how much of the simulated sine the measured one differs from it."""
+        return abs(self.gain_ratio * cmath.exp(-1j * self.late_rad) - 1)
+
+    @property
+    def off_std(self) -> float:
+        """One standard deviation of that, in any direction."""
+        return math.hypot(self.gain_ratio_std, self.gain_ratio * self.late_std_rad)
+
+    @property
+    def believed(self) -> bool:
+        """Whether the transfer function describes the run, as far as the run's noise lets it tell."""
+        return self.off <= BELIEVED_OFF + _CERTAIN * self.off_std
+
+
+def verify(
+    run: SineRun,
+    dynamics: Dynamics | DifferenceEquation,
+    *,
+    after_quickest_s: float,
+    delay_std_s: float = 0.0,
+    form: Form = "hold",
+    settle_s: float = SETTLE_S,
+    smoothed_hz: float = SMOOTHED_HZ,
+) -> Verification:
+    """Simulate the commands of a run (l from 1 on) through a transfer function, and compare.
+
+    `after_quickest_s` is the delay identified, `delay_std_s` what is uncertain about it in this run. Raises DataError
+    for a run that is too short to be compared.
+    """
+    simulated = dynamics.simulate(run.plan.commands(), run.time_s - after_quickest_s, sample_s=run.sample_s, form=form)
+    inside = (run.time_s >= settle_s) & (run.time_s <= run.duration_s - END_S)
+    if inside.sum() < 2 or run.duration_s < settle_s + 2 * END_S + 2 / smoothed_hz:
+        raise DataError(f"{run.plan.name}: {run.duration_s:.1f} s are too short to be compared with a simulation.")
+    measured = run.force_n
+    time_s, smooth = _smoothed(run.time_s, np.stack([measured, simulated]), smoothed_hz)
+    kept = (time_s >= settle_s) & (time_s <= run.duration_s - END_S)
+    smooth = smooth[:, kept] - smooth[:, kept].mean(axis=1, keepdims=True)
+    response = respond(run, settle_s=settle_s, form=form)
+    omega = np.array([response.frequency_rad_s])
+    model = complex(dynamics.response(omega, sample_s=run.sample_s, form=form)[0])
+    ratio = response.value / (model * np.exp(-1j * omega[0] * after_quickest_s))
+    size_std, phase_std = response.polar_std
+    phase_std = math.hypot(phase_std, float(omega[0]) * delay_std_s)
+    return Verification(
+        name=run.plan.name,
+        time_s=time_s[kept],
+        measured_n=smooth[0],
+        simulated_n=smooth[1],
+        fit_percent=_fit_percent(smooth[0], smooth[1]),
+        unfiltered_fit_percent=_fit_percent(measured[inside], simulated[inside]),
+        late_s=float(-np.angle(ratio) / omega[0]),
+        late_std_s=float(phase_std / omega[0]),
+        late_rad=float(-np.angle(ratio)),
+        late_std_rad=float(phase_std),
+        gain_ratio=float(abs(ratio)),
+        gain_ratio_std=size_std / abs(model),
+    )
+
+
+def _fit_percent(measured: Array, simulated: Array) -> float:
+    about = measured - measured.mean()
+    missed = about - (simulated - simulated.mean())
+    return float(100 * (1 - np.linalg.norm(missed) / np.linalg.norm(about)))
+
+
+def _smoothed(time_s: Array, values: Array, hertz: float) -> tuple[Array, Array]:
+    """Return times (m,) and means of signals (k, n) over 2 ms, smoothed by a Gauss kernel without shift (k, m)."""
+    edges = np.arange(time_s[0], time_s[-1], _STEP_S)
+    between = np.diff(time_s) * (values[:, 1:] + values[:, :-1]) / 2
+    integral = np.concatenate([np.zeros((len(values), 1)), np.cumsum(between, axis=1)], axis=1)
+    means = np.diff([np.interp(edges, time_s, own) for own in integral], axis=1) / _STEP_S
+    deviation_s = _GAUSS / hertz
+    half = math.ceil(4 * deviation_s / _STEP_S)
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * _STEP_S / deviation_s) ** 2)
+    smooth = np.stack([np.convolve(own, kernel / kernel.sum(), mode="same") for own in means])
+    return edges[:-1] + _STEP_S / 2, smooth
