@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+pytest_plugins = ["tests.campaigns", "tests.drawn"]
+
 # Tests run on all processors already: threads of the linear algebra, also of programs that tests start, would wait
 # for each other. Read when NumPy is imported, hence here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

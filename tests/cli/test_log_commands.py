@@ -18,7 +18,7 @@ import pytest
 
 from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.run import Run
-from tests.cli.rig_in_a_folder import Command, Lab, lab_in
+from tests.rig_in_a_folder import Command, Lab, lab_in
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cfid.rig.sim_file import SIM_FILE
-from tests.cli.rig_in_a_folder import Lab, lab_in, rig_sim
+from tests.rig_in_a_folder import Lab, lab_in, rig_sim
 
 SIMULATED = "note: the rig is simulated: "
 

@@ -18,7 +18,7 @@ from cfid.records.campaign import Campaign, find_campaign
 from cfid.records.parameters import load_sections
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, read_run
 from cfid.records.run_writer import create_run
-from tests.cli.conftest import Cfid
+from tests.campaigns import Cfid
 
 DROPS = labelled("drop")
 STARTED = datetime(2026, 11, 21, 8, 30, tzinfo=UTC)

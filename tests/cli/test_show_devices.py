@@ -9,7 +9,7 @@ import pytest
 
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from tests.cli.conftest import Cfid
+from tests.campaigns import Cfid
 
 T = 1.7e9 + np.arange(5.0)
 DEVICES = {

@@ -4,13 +4,12 @@ import ast
 import re
 from collections import defaultdict
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
 
 from cfid.sim.faults import CrazyflieFaults, EncoderFaults, LoadCellFaults
+from tests.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "reference" / "faults.md").read_text()
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TEXT.splitlines() if line.startswith("|")]
 FAULTS = [row for row in ROWS if row[0] != "fault" and set(row[0]) != {"-"}]

@@ -4,7 +4,6 @@ import ast
 import importlib.util
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
 
@@ -12,8 +11,8 @@ from pydantic import BaseModel
 
 from cfid.errors import CfidError
 from cfid.records.campaign import Mount, Rig
+from tests.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "docs" / "reference"
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from cfid.wire import rdt_status
+from tests.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "reference" / "wires.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| `(\w+)\.([^`]+)` \| `([^`]+)` \|", TEXT, re.MULTILINE)
 MODULES = ("app", "crtp", "e201", "netft", "rdt", "rls", "scales", "supervisor", "ut372")

@@ -1,7 +1,6 @@
 """The firmware's way back from thrust to motor voltage, compiled in single precision: no map of ours stops a motor."""
 
 import math
-import os
 import re
 import shutil
 import subprocess
@@ -22,11 +21,11 @@ from cfid.records.covariances import numbers_of
 from cfid.records.parameters import load_sections
 from cfid.records.tables.stand import read_stand_table
 from tests.export.thesis_vehicle import vehicle, with_value
+from tests.places import DATA
 
 Array = npt.NDArray[np.float64]
 Inverse = Callable[..., tuple[Array, Array]]
 
-DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 STOCK = DATA / "bitcraze_2021" / "cf21_stock2.csv"
 ROUNDING = 6.5  # of 65535: by which single precision may let a motor command fall; a brushed motor has steps of 256
 BATTERIES_V = (3.0, 3.3, 3.7, 4.2)

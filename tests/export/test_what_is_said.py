@@ -7,7 +7,6 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,6 +20,7 @@ from cfid.records.campaign import load_rig, new_rig_text, thesis_rig
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml
 from tests.export.thesis_vehicle import section, sections, vehicle, with_value
+from tests.places import ROOT
 
 EVERY = list(TARGETS)
 COMMENTED = [name for name, target in TARGETS.items() if target.comment]
@@ -290,7 +290,7 @@ def test_a_rig_that_does_not_say_where_forward_is_exports_nothing(tmp_path_facto
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_reference_tells_of_every_target_and_its_file(name: str) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "exports.md").read_text()
+    page = (ROOT / "docs" / "reference" / "exports.md").read_text()
 
     assert f"| `{name}` | `{TARGETS[name].file_name}` |" in page
 

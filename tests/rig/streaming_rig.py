@@ -32,8 +32,8 @@ from cfid.rig.loop import Loop
 from cfid.rig.sim_file import devices_in, published
 from cfid.sim.service import Addresses, SimulatedRig
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
+from tests.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 DEVICES = ("encoder", "loadcell")
 PATIENCE_S = 30.0
 

@@ -20,7 +20,7 @@ from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import stop_over
 from cfid.wire.app import AppState, Flags, PingChannel, Ports, decode_alive, encode_state
 from cfid.wire.crtp import Packet, encode_set_by_name
-from tests.cli.flying_in_a_folder import Bench, bench_in
+from tests.flying_in_a_folder import Bench, bench_in
 
 # A process that drives stock motors, and has the only radio there is: a locked file.
 DRIVE = """

@@ -4,7 +4,6 @@ A time counts as equal within 60 ms: a look of the supervisor, 40 ms, and a poll
 protocol 1, with which the traces were recorded; what protocol 2 does otherwise on the same requests is listed here.
 """
 
-import os
 from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
@@ -13,10 +12,10 @@ from typing import NamedTuple
 import pytest
 
 from cfid.sim.app_core import load_core
+from tests.places import DATA
 from tests.sim import protocol_1
 from tests.sim.replay import ROW, Change, Trace, replay
 
-DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 TRACES = sorted((DATA / "supervisor").glob("*.jsonl"))
 
 pytestmark = pytest.mark.skipif(not TRACES, reason="the recorded traces are not here (CFID_DATA)")

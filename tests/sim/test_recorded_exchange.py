@@ -4,10 +4,8 @@ The recorded firmware (2024, in software) has more parameters and variables than
 """
 
 import json
-import os
 import struct
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -15,9 +13,9 @@ import pytest
 from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.crazyflie_tables import parameters
 from cfid.wire.crtp import decode_packet
+from tests.places import DATA
 from tests.sim.vehicle import CLIENT, OPENED_S, Bench
 
-DATA = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 RECORDED = DATA / "crtp" / "real_firmware_transcript.jsonl"
 
 pytestmark = pytest.mark.skipif(not RECORDED.exists(), reason="the recorded exchange is not here (CFID_DATA)")

@@ -1,8 +1,6 @@
 """CRTP as recorded with real firmware, and what cfid says on the stock ports."""
 
 import json
-import os
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -10,8 +8,9 @@ from hypothesis import strategies as st
 
 from cfid.wire import crtp
 from cfid.wire.crtp import LogAnswer, Packet, Variable
+from tests.places import DATA
 
-RECORDED = Path(os.environ.get("CFID_DATA", Path(__file__).parents[3] / "shared" / "data")) / "crtp"
+RECORDED = DATA / "crtp"
 TRANSCRIPT = RECORDED / "real_firmware_transcript.jsonl"
 
 

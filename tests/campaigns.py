@@ -1,0 +1,105 @@
+"""Files as an operator would have them, and the program run as an operator runs it."""
+
+import contextlib
+import io
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.cli.main import main
+from cfid.console.campaign import make_campaign
+from cfid.demo.recordings import write_runs
+from cfid.records.campaign import RIG_FILE, find_campaign, load_rig, new_rig_text
+from cfid.sim.demo_runs import SimulatedRun
+from cfid.sim.demo_swings import record_chapter_2
+from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
+from tests.transfer.sines_in_a_folder import Here
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+_WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
+
+
+@pytest.fixture
+def cfid(tmp_path: Path) -> Cfid:
+    """Run `cfid` with arguments in an empty folder, and return its output and exit code."""
+
+    def run(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
+        words = [str(argument) for argument in arguments]
+        return _in_a_process(words, folder) if words and words[0] in _WITH_DEVICES else in_this_process(words, folder)
+
+    return run
+
+
+def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+
+
+def in_this_process(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command without starting Python anew, which takes longer than most commands do."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.raises(SystemExit) as ended,
+    ):
+        main(words)
+    said = [stream.buffer.getvalue().decode() for stream in (out, err)]  # type: ignore[attr-defined]
+    return subprocess.CompletedProcess(["cfid", *words], int(ended.value.code or 0), *said)
+
+
+@pytest.fixture
+def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    """Run `cfid tf` within this process in an empty folder."""
+    return Here(tmp_path, monkeypatch, capsys)
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with rig.toml and one CSV of times and counts for every recording of a simulated campaign."""
+    folder = tmp_path_factory.mktemp("files")
+    (folder / RIG_FILE).write_text(new_rig_text())
+    runs, _ = record_chapter_2(load_rig(folder / RIG_FILE), USUAL_TRUTH, np.random.default_rng(5))
+    for i, run in enumerate(runs):
+        write(folder / f"{name(run, i)}.csv", run)
+    (folder / RIG_FILE).rename(folder / "geometry.toml")  # a file to name, not a campaign to find
+    return folder
+
+
+def name(run: SimulatedRun, number: int) -> str:
+    if run.weight_g is not None:
+        return f"drop_{run.weight_g:g}g_{number}"
+    return f"{'tb_' if run.body == 'testbody' else ''}{run.axis}"
+
+
+def write(path: Path, run: SimulatedRun) -> None:
+    rows = np.column_stack(run.devices["encoder"].values)
+    np.savetxt(path, rows, fmt=("%.6f", "%d"), delimiter=",", header="t,phi", comments="")
+
+
+@pytest.fixture(scope="session")
+def _bodies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bodies") / "campaign"
+    make_campaign(folder)
+    campaign = find_campaign(folder, start=folder)
+    assert campaign is not None
+    write_runs(campaign, record_chapter_2(campaign.rig, USUAL_TRUTH, np.random.default_rng(1))[0])
+    return folder
+
+
+@pytest.fixture
+def bodies(_bodies: Path, tmp_path: Path) -> Path:
+    """A campaign of its own with swings of vehicle and test body, and dropped weights."""
+    return Path(shutil.copytree(_bodies, tmp_path / "bodies"))
+
+
+@pytest.fixture(scope="session")
+def truth() -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return INERTIA_KG_M2

@@ -1,0 +1,107 @@
+"""Intervals of drag coefficients, tested as statistics: whole campaigns simulated with everything drawn anew.
+
+Load-cell noise, drift that nobody states, wind that is inhomogeneous, unsteady and known to 5 %.
+"""
+
+import numpy as np
+import pytest
+
+from cfid.drag.estimation import fit_drag
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import CROSS, SIMPLE, DragModel
+from cfid.drag.thesis import group_simple
+from cfid.drag.wind.reduction import reduce_runs
+from cfid.sim.wind_tunnel import Air, Tunnel, simulate_campaign
+from tests.drag.test_drag_campaigns import (
+    CROSS_AIR,
+    EQ_4_8,
+    EQ_4_11,
+    NAMES,
+    SIMPLE_AIR,
+    WINDS,
+    WORLDS,
+    Array,
+    as_typed,
+    measured,
+)
+from tests.drag.test_drag_reduction import as_table
+
+CAMPAIGNS = 1000
+
+
+def scores(air: Air, model: DragModel, printed: Array, campaigns: int, *, seed: int, weighted: bool = True) -> Array:
+    """Return how many stated deviations each coefficient is off, (campaigns, p)."""
+    rng, true = np.random.default_rng(seed), model.coefficients(printed)
+    fits = (fit_drag(measured(air, rng), model, weighted=weighted) for _ in range(campaigns))
+    return np.array([(fit.coefficients - true) / np.sqrt(np.diag(fit.covariance)) for fit in fits])
+
+
+def in_thesis_winds(rng: np.random.Generator) -> DragExperiments:
+    return reduce_runs(as_typed(simulate_campaign(Tunnel(air=SIMPLE_AIR), WINDS, rng=rng))).experiments
+
+
+def test_simple_coefficients_lie_within_their_intervals_over_sixty_campaigns() -> None:
+    found = scores(SIMPLE_AIR, SIMPLE, EQ_4_8, 60, seed=5)
+
+    # 120 coefficients, the two of a campaign correlated: 95 % comes out between 89 and 100 %.
+    assert np.mean(np.abs(found) < 1.96) >= 0.89
+    assert 0.75 < found.std() < 1.25
+    assert np.abs(found.mean(axis=0)).max() < 0.45
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("air", "model", "printed"), WORLDS, ids=NAMES)
+@pytest.mark.parametrize("weighted", [True, False], ids=["generalised", "plain"])
+def test_coefficients_lie_within_their_95_percent_intervals_93_to_97_times_in_100(
+    air: Air, model: DragModel, printed: Array, weighted: bool
+) -> None:
+    covered = np.abs(scores(air, model, printed, CAMPAIGNS, seed=20261121, weighted=weighted)) < 1.96
+
+    print(model.name, covered.mean(axis=0), "all:", covered.mean())
+    assert 0.94 <= covered.mean() <= 0.96
+    assert np.all((covered.mean(axis=0) >= 0.93) & (covered.mean(axis=0) <= 0.97))
+
+
+@pytest.mark.slow
+def test_so_do_the_means_of_c_3_1() -> None:
+    rng, covered = np.random.default_rng(20261121), []
+    for _ in range(CAMPAIGNS):
+        groups = group_simple(measured(SIMPLE_AIR, rng))
+        covered.append(np.abs(groups.value - EQ_4_8)[[0, 2]] < 1.96 * groups.std[[0, 2]])
+
+    print("means of C.3.1:", np.mean(covered, axis=0))
+    assert np.all((np.mean(covered, axis=0) >= 0.93) & (np.mean(covered, axis=0) <= 0.97))
+
+
+@pytest.mark.slow
+def test_so_do_coefficients_of_a_table_that_states_no_noise() -> None:
+    rng, covered = np.random.default_rng(20261121), []
+    for _ in range(CAMPAIGNS):
+        fit = fit_drag(as_table(measured(CROSS_AIR, rng)), CROSS)
+        covered.append(np.abs(fit.value - EQ_4_11) < 1.96 * fit.std)
+
+    found = CROSS.coefficients(np.mean(covered, axis=0))
+    print("of a table:", found)
+    assert np.all((found >= 0.93) & (found <= 0.97))
+
+
+@pytest.mark.slow
+def test_weights_make_deviations_a_third_smaller_than_the_means_of_c_3_1() -> None:
+    rng = np.random.default_rng(3)
+    campaigns = [measured(SIMPLE_AIR, rng) for _ in range(100)]
+    generalised = np.mean([fit_drag(experiments, SIMPLE).std for experiments in campaigns], axis=0)
+    means = np.mean([group_simple(experiments).std for experiments in campaigns], axis=0)
+
+    print("relative deviations:", generalised / np.abs(EQ_4_8), means / np.abs(EQ_4_8))
+    assert np.all(generalised < 0.67 * means)
+
+
+@pytest.mark.slow
+def test_the_thesis_own_winds_spread_further_and_intervals_are_as_much_wider() -> None:
+    rng = np.random.default_rng(20261121)
+    fits = [fit_drag(in_thesis_winds(rng), SIMPLE) for _ in range(CAMPAIGNS)]
+    # Its two winds that were read once are simulated as known, and taken for as uncertain as the others.
+    covered = np.mean([np.abs(fit.value - EQ_4_8)[:1] < 1.96 * fit.std[:1] for fit in fits])
+
+    print("x and y in the thesis' winds:", covered, "relative deviation:", fits[0].std[0] / -EQ_4_8[0])
+    assert 0.93 <= covered <= 0.97

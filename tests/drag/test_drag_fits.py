@@ -1,0 +1,402 @@
+"""Drag from recordings, tables and runs, as an operator has them fitted: `cfid fit drag`."""
+
+import json
+import math
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.console.inputs import Workplace, open_workplace
+from cfid.console.options import LoadCellOptions, Method, ReadingOptions, RigOptions
+from cfid.drag.command import ModelOptions
+from cfid.drag.data import WindEvidence, WindInputs, read_wind_evidence
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
+from cfid.drag.result import NORMALISED, Grouping, drag_lines, drag_parameters, drag_quality
+from cfid.drag.selection import NO_INTERCEPTS, DragChoices, fit_models
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.sim.rotors import RotorTruth
+from cfid.sim.wind_tunnel import CrossAir, Wind
+from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact
+from tests.drag.wind_in_a_folder import (
+    DRIVEN,
+    EQ_4_8,
+    HEAD,
+    STILL,
+    WINDS,
+    Row,
+    Spoil,
+    WindFolder,
+    name_of,
+    recorded,
+)
+from tests.motors.stand_in_a_folder import climbed
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+Array = npt.NDArray[np.float64]
+
+TABLE = "command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n"
+GROUPS = [("each", 90), ("lateral", 90), ("command", 12), ("wind", 10), ("angle", 2)]
+
+
+@pytest.fixture
+def tunnel(tmp_path: Path) -> WindFolder:
+    return recorded(tmp_path)
+
+
+@pytest.fixture
+def nowhere(tmp_path: Path) -> Workplace:
+    (tmp_path / "geometry.toml").write_text(new_rig_text())
+    return open_workplace(RigOptions(geometry=tmp_path / "geometry.toml"))
+
+
+def read(workplace: Workplace, *words: str, method: Method = "default", **inputs: Any) -> WindEvidence:
+    return read_wind_evidence(
+        words, WindInputs(**inputs), ReadingOptions(), LoadCellOptions(), workplace, method=method
+    )
+
+
+def write_table(path: Path, experiments: DragExperiments) -> Path:
+    e = experiments
+    rows = np.column_stack([e.command, e.angle_deg, e.velocity_mps, e.speed_sum_rad_s, e.force_n])
+    np.savetxt(path, rows, delimiter=",", header=TABLE, comments="", fmt="%.12g")
+    return path
+
+
+def fitted(said: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert said.returncode == 0, said.stderr
+    content: dict[str, Any] = json.loads(said.stdout)
+    return content
+
+
+# What is found
+
+
+def test_an_index_of_recordings_gives_the_coefficients_that_act(cfid: Cfid, tunnel: WindFolder) -> None:
+    found = fitted(cfid("fit", "drag", "--index", tunnel.write(), "--json"))
+
+    simple = found["parameters"]["drag.simple_kg_per_rad"]
+    assert simple["unit"] == "kg/rad"
+    assert np.all(np.abs(np.array(simple["value"]) - EQ_4_8) < 3 * np.array(simple["std"]))
+    assert np.all(np.array(simple["std"]) < 0.1 * np.abs(EQ_4_8))
+    assert found["command"] == "fit drag"
+    assert found["quality"]["believed"]
+    assert found["quality"]["experiments"] == 2 * len(WINDS)
+    assert len(found["sources"]) == 1 + len(tunnel.rows)
+    assert all(set(parameter) == {"value", "std", "unit"} for parameter in found["parameters"].values())
+
+
+def test_the_keys_are_those_of_the_contract(cfid: Cfid, tmp_path: Path) -> None:
+    table = write_table(tmp_path / "forces.csv", exact(COMPLEX_AIR))
+    found = fitted(cfid("fit", "drag", "--table", table, "--json"))["parameters"]
+
+    assert set(found) == {
+        "drag.simple_kg_per_rad",
+        *(f"drag.complex.k{i}" for i in range(1, 7)),
+        *(f"drag.complex.normalised.k{i}" for i in range(1, 7)),
+        "drag.cross_coupling_kg_per_rad",
+        *(f"drag.sse_n2.{name}" for name in ("simple", "complex", "cross")),
+    }
+    assert np.array(found["drag.cross_coupling_kg_per_rad"]["value"]).shape == (3, 3)
+    units = [found[f"drag.complex.k{i}"]["unit"] for i in range(1, 7)]
+    assert units == ["kg/rad", "kg/m", "N s^2/rad^2", "kg/s", "N s/rad", "N"]
+
+
+@pytest.mark.parametrize(("air", "model", "printed"), WORLDS, ids=NAMES)
+def test_forces_of_a_table_give_the_printed_coefficients_back_to_six_digits(
+    nowhere: Workplace, tmp_path: Path, air: Any, model: DragModel, printed: Array
+) -> None:
+    result = fit_models(
+        read(nowhere, table=write_table(tmp_path / "forces.csv", exact(air))).experiments, DragChoices()
+    )
+    found = drag_parameters(result, None)
+
+    keys = {
+        SIMPLE: ["drag.simple_kg_per_rad"],
+        COMPLEX: [f"drag.complex.k{i}" for i in range(1, 7)],
+        CROSS: ["drag.cross_coupling_kg_per_rad"],
+    }[model]
+    assert np.squeeze([found[key].value for key in keys]) == pytest.approx(printed, rel=5e-7)
+    assert found[f"drag.sse_n2.{model.name}"].value < 1e-15
+    assert drag_quality(result)["chosen"] == model.name
+
+
+def test_normalised_coefficients_are_those_of_equation_4_10_and_the_square_that_was_meant_stands_beside() -> None:
+    result = fit_models(exact(COMPLEX_AIR), DragChoices())
+    values = [drag_parameters(result, None)[f"drag.complex.normalised.k{i}"].value for i in range(1, 7)]
+
+    assert values[0][0] == pytest.approx(-5.2370e-7, rel=1e-4)
+    assert values[2][2] == pytest.approx(-4.8768e-11, rel=1e-4)
+    assert values[5][2] == pytest.approx(1.0656e-7, rel=1e-4)
+    squared = np.array(drag_quality(result)["normalised_squared"])
+    weight = 5992.7**2 / (5992.7**2 + 5992.7 * (2.85 + 1) + 2.85**2 + 2.85 + 1)
+    assert squared[2] / EQ_4_9[2] == pytest.approx(weight, rel=1e-4)
+    assert NORMALISED in drag_lines(result, None)
+
+
+@pytest.mark.parametrize(("grouping", "count"), GROUPS)
+def test_the_thesis_method_groups_as_c_3_1_and_its_means_are_exact(grouping: Grouping, count: int) -> None:
+    found = drag_parameters(fit_models(exact(SIMPLE_AIR), DragChoices(method="thesis")), grouping)
+
+    assert found["drag.simple_kg_per_rad"].value == pytest.approx(EQ_4_8, rel=5e-7)
+    rows = found["drag.groups"].value
+    assert len(rows) == count
+    told = np.array([row["x_kg_per_rad" if grouping == "each" else "kg_per_rad"] for row in rows])
+    from_the_side = np.isfinite(told)
+    assert from_the_side.sum() == min(count, 60)  # wind from above tells nothing of x and y
+    assert told[from_the_side] == pytest.approx(EQ_4_8[0])
+
+
+def test_the_mended_kappa_4_is_unresolved_from_one_azimuth_and_found_from_two(
+    nowhere: Workplace, tmp_path: Path
+) -> None:
+    mended = CrossAir(kg_per_rad=EQ_4_11, mended=True)
+    turned = [wind._replace(azimuth_rad=wind.azimuth_rad + 2.0) for wind in WINDS[1:]]
+    both = recorded(tmp_path, air=mended, winds=[*WINDS, *turned])
+    head, choices = (*HEAD, "azimuth_rad"), DragChoices(mended=True)
+    two = fit_models(read(nowhere, index=both.write(head=head)).experiments, choices)
+    both.rows = [row for row in both.rows if row["azimuth_rad"] in ("", "0.4967")]
+    one = fit_models(read(nowhere, index=both.write(head=head)).experiments, choices)
+
+    assert drag_quality(one)["unresolved"] == ("kappa_4",)
+    assert drag_quality(one)["kappa_4_times"] == "|v_xy|"
+    assert any("the matrix times v is not its force" in warning for warning in one.warnings)
+    assert any("one azimuth" in warning for warning in one.warnings)
+    assert drag_quality(two)["unresolved"] == ()
+    assert two.cross is not None
+    assert abs(two.cross.fit.value[2, 0] - EQ_4_11[2, 0]) < 3 * two.cross.fit.std[2, 0]
+
+
+def test_intercepts_are_told_beside_and_the_complex_model_takes_none() -> None:
+    result = fit_models(exact(SIMPLE_AIR), DragChoices(intercepts=True))
+    found = drag_parameters(result, None)
+
+    assert found["drag.simple_kg_per_rad"].value == pytest.approx(EQ_4_8, rel=1e-6)
+    assert len(found["drag.intercepts_n.simple"].value) == 15
+    assert "drag.intercepts_n.complex" not in found
+    assert NO_INTERCEPTS in result.warnings
+
+
+def test_the_bodys_own_drag_is_told_beside() -> None:
+    found = drag_parameters(fit_models(exact(SIMPLE_AIR), DragChoices(parasitic=True)), None)
+
+    assert found["drag.parasitic_kg_per_m.simple"].value == pytest.approx([0, 0, 0], abs=1e-9)
+    assert found["drag.parasitic_kg_per_m.simple"].unit == "kg/m"
+
+
+def test_forces_that_stay_the_same_throughout_a_wind_cannot_both_be_asked_for() -> None:
+    with pytest.raises(ConfigError, match="nothing tells them apart"):
+        ModelOptions(intercepts=True, parasitic=True).choices("default")
+
+
+def test_the_thesis_way_takes_the_tare_of_the_first_500_samples(nowhere: Workplace, tmp_path: Path) -> None:
+    tunnel = recorded(tmp_path)
+    for row in tunnel.rows:
+        row |= {"from_s": "4", "to_s": "5.5"}
+    index = tunnel.write(head=(*HEAD, "from_s", "to_s"))
+    ours, thesis = (read(nowhere, index=index, method=method).experiments for method in ("default", "thesis"))
+
+    assert ours.force_n != pytest.approx(thesis.force_n, rel=1e-9)
+    assert ours.force_n == pytest.approx(thesis.force_n, abs=0.004)
+
+
+def test_without_a_tachometer_the_rotors_are_heard(nowhere: Workplace, tmp_path: Path) -> None:
+    record = climbed([30000], motors=(1, 2, 3, 4), hold_s=3.0, rate_hz=2000.0)
+    index = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"]
+    for name, place in (("still", ",0,0"), ("windy", "48.4,2.9,3.1")):
+        counts = np.rint(record.wrench * 1e6).astype(int)
+        counts[:, 2] -= (name == "windy") * 10_000
+        rows = [f"{t:.6f},{','.join(map(str, row))}" for t, row in zip(record.time_s, counts.tolist(), strict=True)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["t_s,Fx,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
+        index.append(f"30000,{place},,{name}.csv")
+    (tmp_path / "wind.csv").write_text("\n".join(index) + "\n")
+    found = read(nowhere, index=tmp_path / "wind.csv")
+
+    true = 4 * RotorTruth().steady_rad_per_s(np.array(30000.0), volts=3.7)
+    assert found.experiments.speed_sum_rad_s[0] == pytest.approx(true, rel=0.002)
+    assert any("heard in the vibration" in warning for warning in found.warnings)
+
+
+# How it is told
+
+
+def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFolder) -> None:
+    (tunnel.folder / RIG_FILE).write_text(new_rig_text())
+    said = cfid("fit", "drag", "--index", tunnel.write())
+
+    assert said.returncode == 0, said.stderr
+    kept = (tunnel.folder / "parameters.toml").read_text()
+    assert "drag.simple_kg_per_rad" in kept
+    assert "<- chosen" in said.stdout
+    names = {path.name for path in (tunnel.folder / "figures").iterdir()}
+    assert {"drag_forces.png", "drag_models.svg", "drag_coefficients.png"} <= names
+
+
+def test_a_swapped_file_is_named_with_code_5_and_force_gives_the_numbers(cfid: Cfid, tunnel: WindFolder) -> None:
+    exchange(*(tunnel.row(command, WINDS[2]) for command in DRIVEN))
+    index = tunnel.write()
+    said = cfid("fit", "drag", "--index", index, "--no-figures", "--json")
+    assert said.returncode == 5, said.stdout
+    assert json.loads(said.stdout)["parameters"] == {}
+    assert "Traceback" not in said.stderr
+
+    forced = fitted(cfid("fit", "drag", "--index", index, "--no-figures", "--json", "--force"))
+    assert not forced["quality"]["believed"]
+    assert "drag.simple_kg_per_rad" in forced["parameters"]
+
+
+# What is wrong with the inputs
+
+
+def exchange(one: Row, other: Row) -> None:
+    one["loadcell"], other["loadcell"] = other["loadcell"], one["loadcell"]
+
+
+def without(command: int) -> Spoil:
+    return lambda tunnel: tunnel.rows.remove(tunnel.row(command, STILL))
+
+
+def change(at: int, wind: Wind, **fields: str) -> Spoil:
+    return lambda tunnel: tunnel.row(at, wind).update(fields)
+
+
+def becalm(tunnel: WindFolder) -> None:
+    for row in tunnel.rows:
+        if row["angle_deg"] == "77.9":
+            row |= {"wind_min_mps": "0", "wind_max_mps": "0"}
+
+
+def spoil_file(text: str) -> Spoil:
+    path = name_of(DRIVEN[0], WINDS[1])
+    return lambda tunnel: (tunnel.folder / path).write_text(text)
+
+
+def copy_file(tunnel: WindFolder) -> None:
+    copied = tunnel.folder / name_of(DRIVEN[0], WINDS[1])
+    (tunnel.folder / name_of(DRIVEN[1], WINDS[1])).write_bytes(copied.read_bytes())
+
+
+NOISE = "t,Fx,Fy,Fz,Tx,Ty,Tz\n" + "".join(f"{0.0025 * i:.4f},1,2,{i % 7},4,5,6\n" for i in range(2400))
+SPOILT: dict[str, tuple[Spoil, str]] = {
+    "a missing reference": (without(20000), "no run without wind at command 20000: 4 run(s) in wind need it"),
+    "wind without an angle": (change(20000, WINDS[1], angle_deg=""), "wind of 2.6 m/s without an angle"),
+    "an angle without wind": (becalm, "run(s) at 77.9 degrees, none with wind"),
+    "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
+    "nan": (change(20000, WINDS[1], wind_max_mps="nan"), "'nan' in column 'wind_max_mps' is no number"),
+    "winds exchanged": (change(20000, WINDS[1], wind_min_mps="9"), "give the lowest reading, then the highest"),
+    "no command": (change(20000, WINDS[1], command="70000"), "command is 70000: it should be a whole number"),
+    "a missing file": (change(20000, WINDS[1], loadcell="none.csv"), "none.csv: no such file."),
+    "no file named": (change(20000, WINDS[1], loadcell=""), "column 'loadcell' is empty"),
+    "a file twice": (
+        change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])),
+        "is the file of wind.csv:9 too: which is it?",
+    ),
+    "wind in mm/s": (change(20000, WINDS[1], wind_max_mps="2600"), "wind of 2600 m/s: give it in m/s, up to 100"),
+    "an angle round the circle": (
+        change(20000, WINDS[1], angle_deg="400"),
+        "an angle of 400 degrees: it counts from 0",
+    ),
+    "an angle below zero": (change(20000, WINDS[1], angle_deg="-48.4"), "an angle of -48.4 degrees: it counts from 0"),
+    "a copy of a file": (copy_file, "the same recording as"),
+    "a file of another kind": (spoil_file("t,phi\n" + "0.1,2\n" * 30), "no column Fx, Fy"),
+    "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n"), "'nan' in column 'Fy' is no number"),
+    "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
+    "a window that ends first": (change(20000, WINDS[1], from_s="4", to_s="3"), "a window begins at from_s"),
+}
+
+
+@pytest.mark.parametrize(("spoil", "sentence"), SPOILT.values(), ids=SPOILT)
+def test_what_is_wrong_is_a_sentence_that_says_where(
+    tunnel: WindFolder, nowhere: Workplace, spoil: Spoil, sentence: str
+) -> None:
+    spoil(tunnel)
+    with pytest.raises(DataError, match=re.escape(sentence)):
+        read(nowhere, index=tunnel.write(head=(*HEAD, "from_s", "to_s")))
+
+
+@pytest.mark.parametrize(
+    ("written", "sentence"),
+    [
+        ("a,b\n1,2\n", "no column command, angle_deg"),
+        (f"{','.join(HEAD)}\n", "a head and no rows"),
+        (f"{','.join(HEAD)}\n0,0,1\n", "3 fields where its head has 6"),
+        ("", "empty"),
+    ],
+)
+def test_an_index_that_is_none_is_told(nowhere: Workplace, tmp_path: Path, written: str, sentence: str) -> None:
+    (tmp_path / "wind.csv").write_text(written)
+    with pytest.raises(DataError, match=re.escape(sentence)):
+        read(nowhere, index=tmp_path / "wind.csv")
+
+
+@pytest.mark.parametrize(
+    ("written", "sentence"),
+    [
+        ("command,fx_n\n1,2\n", "no column angle_deg, vx_mps"),
+        (f"{TABLE}\n10000,0,0,0,3,nan,0,0,-0.01\n", "'nan' in column 'speed_sum_rad_s' is no number"),
+        (f"{TABLE}\n10000,0,0,0,3,-4000,0,0,-0.01\n", "row 1 of speed_sum_rad_s is -4000: no vehicle has that"),
+        (f"{TABLE}\n10000,0,0,0,3,4000,0,0,-1e200\n", "row 1 of force_n is -1e+200: no vehicle has that"),
+        (f"{TABLE}\n10000,0,0,0,0,4000,0,0,-0.01\n", "no row has both wind and turning rotors"),
+    ],
+)
+def test_a_table_that_is_none_is_told(nowhere: Workplace, tmp_path: Path, written: str, sentence: str) -> None:
+    (tmp_path / "forces.csv").write_text(written)
+    with pytest.raises(DataError, match=re.escape(sentence)):
+        read(nowhere, table=tmp_path / "forces.csv")
+
+
+def test_a_table_beside_runs_and_nothing_at_all_are_usage_errors(nowhere: Workplace, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="give it alone"):
+        read(nowhere, "somewhere", table=tmp_path / "forces.csv")
+    with pytest.raises(ConfigError, match="nothing to fit"):
+        read(nowhere)
+
+
+def test_a_column_that_nobody_reads_is_told(nowhere: Workplace, tunnel: WindFolder) -> None:
+    for row in tunnel.rows:
+        row["azimuth_deg"] = "90"
+    said = read(nowhere, index=tunnel.write(head=(*HEAD, "azimuth_deg"))).warnings
+
+    assert said[0] == "wind.csv: not used: column azimuth_deg; it may have azimuth_rad, from_s, to_s."
+    assert not any("not used: column" in each for each in read(nowhere, index=tunnel.write()).warnings)
+
+
+def test_a_direction_that_is_no_number_is_a_usage_error(nowhere: Workplace, tunnel: WindFolder) -> None:
+    index = tunnel.write()
+    with pytest.raises(ConfigError, match="--azimuth-rad nan: has to be a number"):
+        read(nowhere, index=index, azimuth_rad=math.nan)
+    with pytest.raises(ConfigError, match="--yaw-deg inf: has to be a number"):
+        read(nowhere, index=index, yaw_deg=math.inf)
+
+
+@pytest.mark.parametrize(("yaw_deg", "told"), [(-45.0, "8[78] degrees right"), (135.0, "9[23] degrees left")])
+def test_a_vehicle_that_was_turned_the_other_way_is_doubted(
+    nowhere: Workplace, tunnel: WindFolder, yaw_deg: float, told: str
+) -> None:
+    experiments = read(nowhere, index=tunnel.write(), yaw_deg=yaw_deg).experiments
+    (doubt,) = fit_models(experiments, DragChoices()).chosen.doubts
+
+    assert re.search(f"in x and y the forces point {told} of the wind that should make them: look at yaw", doubt)
+
+
+def test_too_few_experiments_are_told(nowhere: Workplace, tmp_path: Path) -> None:
+    (tmp_path / "forces.csv").write_text(f"{TABLE}\n10000,0,0,0,3,4000,0,0,-0.01\n")
+    experiments = read(nowhere, table=tmp_path / "forces.csv").experiments
+
+    with pytest.raises(FitError, match="tell 1 of 2 unknowns of the simple model apart"):
+        fit_models(experiments, DragChoices())
+
+
+def test_every_error_has_its_code(cfid: Cfid, tunnel: WindFolder) -> None:
+    without(20000)(tunnel)
+    said = cfid("fit", "drag", "--index", tunnel.write())
+    assert (said.returncode, said.stdout) == (4, "")
+    assert "no run without wind" in said.stderr
+    assert cfid("fit", "drag").returncode == 2

@@ -1,0 +1,160 @@
+"""The thesis' printed drag coefficients come out of forces made with them, in its own 90 wind combinations."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from cfid.drag.estimation import fit_drag
+from cfid.drag.experiments import DragExperiments, experiments_from_table
+from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
+from cfid.drag.normalisation import normalise
+from cfid.drag.thesis import group_simple
+from cfid.errors import FitError
+from cfid.sim.wind_tunnel import Air, ComplexAir, CrossAir, SimpleAir
+from tests.drag.test_drag_campaigns import (
+    COMPLEX_AIR,
+    CROSS_AIR,
+    EQ_4_8,
+    EQ_4_9,
+    EQ_4_11,
+    NAMES,
+    SIMPLE_AIR,
+    WORLDS,
+    Array,
+    exact,
+    measured,
+)
+
+EQ_4_10 = np.array(
+    [
+        [-5.2370e-7, -5.2370e-7, -1.8546e-7],
+        [-1.9155e-8, -1.9155e-8, 1.4545e-8],
+        [2.3195e-11, 2.3195e-11, -4.8768e-11],
+        [-5.3157e-8, -5.3157e-8, -22.4798e-8],
+        [-3.8011e-7, -3.8011e-7, 1.0069e-7],
+        [2.2032e-7, 2.2032e-7, 1.0656e-7],
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def noisy() -> DragExperiments:
+    return measured(COMPLEX_AIR, np.random.default_rng(17))
+
+
+def cell(experiments: DragExperiments, angle: float, wind: float, command: float) -> int:
+    at = (experiments.angle_deg == angle) & np.isclose(experiments.wind_mps, wind) & (experiments.command == command)
+    assert at.sum() == 1
+    return int(np.flatnonzero(at)[0])
+
+
+@pytest.mark.parametrize("weighted", [True, False], ids=["generalised", "plain"])
+@pytest.mark.parametrize(("air", "model", "printed"), WORLDS, ids=NAMES)
+def test_forces_made_with_4_8_4_9_and_4_11_give_the_coefficients_back_to_six_digits(
+    air: Air, model: DragModel, printed: Array, weighted: bool
+) -> None:
+    fit = fit_drag(exact(air), model, weighted=weighted)
+
+    np.testing.assert_allclose(fit.value, printed, rtol=1e-9)
+    assert fit.sse_n2 < 1e-18
+
+
+def test_the_means_of_c_3_1_give_4_8_back_too() -> None:
+    np.testing.assert_allclose(group_simple(exact(SIMPLE_AIR)).value, EQ_4_8, rtol=1e-9)
+
+
+def test_a_table_of_reduced_forces_gives_the_same() -> None:
+    reduced = exact(CROSS_AIR)
+    table = experiments_from_table(
+        command=np.append(reduced.command, [0, 10000]),
+        angle_deg=np.append(reduced.angle_deg, [48.4, 0]),
+        velocity_mps=np.vstack([reduced.velocity_mps, [1, 0, 1], [0, 0, 0]]),
+        speed_sum_rad_s=np.append(reduced.speed_sum_rad_s, [0, 3225]),
+        force_n=np.vstack([reduced.force_n, [9, 9, 9], [9, 9, 9]]),
+    )
+
+    assert (len(table.command), table.settings) == (90, 15)
+    np.testing.assert_allclose(fit_drag(table, CROSS).value, EQ_4_11, rtol=1e-9)
+
+
+def test_4_10_follows_from_4_9_and_the_square_of_the_speed_makes_the_third_term_the_largest() -> None:
+    experiments = exact(COMPLEX_AIR)
+    found = normalise(EQ_4_9, wind_mps=2.85, speed_sum_rad_s=5992.7)
+    campaign = normalise(EQ_4_9, wind_mps=experiments.wind_mps, speed_sum_rad_s=experiments.speed_sum_rad_s)
+
+    np.testing.assert_allclose(found.thesis, EQ_4_10, rtol=5e-5)
+    np.testing.assert_allclose(campaign.thesis, EQ_4_10, rtol=5e-5)
+    total = 5992.7 * 2.85 + 2.85**2 + 5992.7**2 + 2.85 + 5992.7 + 1
+    np.testing.assert_allclose(found.squared[2], EQ_4_9[2] * 5992.7**2 / total)
+    np.testing.assert_allclose(found.squared[5], EQ_4_9[5] / total)
+
+
+@pytest.mark.parametrize("model", [SIMPLE, COMPLEX, CROSS], ids=lambda model: model.name)
+@pytest.mark.parametrize("weighted", [True, False], ids=["generalised", "plain"])
+def test_squared_errors_are_summed_over_all_experiments_and_axes(
+    noisy: DragExperiments, model: DragModel, weighted: bool
+) -> None:
+    fit = fit_drag(noisy, model, weighted=weighted)
+    airs: dict[str, Air] = {
+        "simple": SimpleAir(kg_per_rad=fit.value.tolist()),
+        "complex": ComplexAir(k=fit.value),
+        "cross": CrossAir(kg_per_rad=fit.value),
+    }
+    rows = zip(noisy.velocity_mps, noisy.speed_sum_rad_s, noisy.force_n, strict=True)
+    total = sum(
+        float(np.sum((force - airs[model.name].force_n(velocity, speed)) ** 2)) for velocity, speed, force in rows
+    )
+
+    assert fit.sse_n2 == pytest.approx(total, rel=1e-9)
+
+
+def test_plain_least_squares_leaves_no_other_coefficients_with_smaller_squared_errors(noisy: DragExperiments) -> None:
+    fit = fit_drag(noisy, COMPLEX, weighted=False)
+    for i, sign in itertools.product(range(12), (1, -1)):
+        moved = fit.coefficients * (1 + 1e-3 * sign * (np.arange(12) == i))
+        force = COMPLEX.force_n(moved, velocity_mps=noisy.velocity_mps, speed_sum_rad_s=noisy.speed_sum_rad_s)
+        assert np.sum((noisy.force_n - force) ** 2) > fit.sse_n2
+
+
+def test_each_experiment_has_its_own_coefficients_and_x_and_y_of_wind_from_above_have_none(
+    noisy: DragExperiments,
+) -> None:
+    groups = group_simple(noisy)
+    row, above = cell(noisy, 48.4, 2.85, 37300), noisy.angle_deg == 0
+    product = noisy.speed_sum_rad_s[row] * noisy.velocity_mps[row]
+
+    np.testing.assert_allclose(groups.each[row], noisy.force_n[row] / product)
+    assert groups.lateral[row] == pytest.approx(groups.each[row, :2].mean())
+    assert np.isnan(groups.each[above, :2]).all()
+    assert np.isnan(groups.lateral[above]).all()
+    assert np.isfinite(groups.each[above, 2]).all()
+
+
+def test_groups_are_means_over_winds_over_commands_and_over_both(noisy: DragExperiments) -> None:
+    groups = group_simple(noisy)
+    for group in (*groups.by_command, *groups.by_wind, *groups.by_angle):
+        rows = noisy.angle_deg == group.angle_deg
+        if group.command is not None:
+            rows &= noisy.command == group.command
+        if group.wind_mps is not None:
+            rows &= np.isclose(noisy.wind_mps, group.wind_mps)
+        assert group.kg_per_rad == pytest.approx(groups.lateral[rows].mean())
+
+    assert (len(groups.by_command), len(groups.by_wind), len(groups.by_angle)) == (12, 10, 2)
+    lateral = np.mean([group.kg_per_rad for group in groups.by_angle])
+    np.testing.assert_allclose(groups.value, [lateral, lateral, groups.each[:, 2].mean()])
+
+
+def test_the_complex_model_beside_intercepts_is_refused_at_rank_51_of_57(noisy: DragExperiments) -> None:
+    with pytest.raises(FitError, match="tell 51 of 57 unknowns of the complex model apart"):
+        fit_drag(noisy, COMPLEX, intercepts=True)
+
+
+def test_winds_from_above_alone_are_refused(noisy: DragExperiments) -> None:
+    above = noisy.at(noisy.angle_deg == 0)
+
+    with pytest.raises(FitError, match="tell 1 of 2 unknowns"):
+        fit_drag(above, SIMPLE)
+    with pytest.raises(FitError, match="record another angle"):
+        group_simple(above)

@@ -1,0 +1,397 @@
+"""`cfid fit thrust`, `speed` and `torque`: runs, files and tables in, maps and sentences out."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.estimate.voltage_cubic import cubic_fault
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import load_sections
+from cfid.sim.battery import BatteryTruth
+from cfid.sim.rotors import RotorTruth
+from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
+from tests.places import DATA
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+STEPS = tuple(range(0, 64001, 4000))
+TRUTH = RotorTruth()
+
+
+def true_thrust_n(command: Any) -> Any:
+    return (
+        TRUTH.thrust_ns2_per_rad2
+        * TRUTH.steady_rad_per_s(np.asarray(command, dtype=np.float64), volts=TRUTH.nominal_v) ** 2
+    )
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def staircase(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign's run that climbed all steps, for fits that leave it as it is."""
+    folder = tmp_path_factory.mktemp("staircase")
+    (folder / RIG_FILE).write_text(new_rig_text())
+    return write_run(folder, climbed(STEPS), steps=STEPS).folder
+
+
+def found(cfid: Cfid, *words: object, code: int = 0) -> dict[str, Any]:
+    said = cfid(*map(str, words), "--json")
+    assert said.returncode == code, said.stderr
+    content: dict[str, Any] = json.loads(said.stdout)
+    return content
+
+
+def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, staircase: Path) -> None:
+    campaign = staircase.parents[1]
+    content = found(cfid, "fit", "thrust", staircase, "--campaign", campaign)
+    parameters = content["parameters"]
+
+    poly = parameters["motor.thrust_poly"]["value"]
+    for command in (16384, 32768, 60000):  # two seconds a step at 1 kHz; the goals are for ten at 7 kHz
+        assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
+    root = parameters["motor.command_of_thrust"]["value"][0]
+    assert root["round_trip_command"] < 1
+    assert parameters["motor.max_thrust_n"]["value"] == pytest.approx(true_thrust_n(65535), rel=0.005)
+    mass_kg = 4 * parameters["motor.max_thrust_n"]["value"] / 9.81
+    assert parameters["motor.hover_mass_kg"]["value"] == pytest.approx(mass_kg)
+    rows = parameters["motor.table"]["value"]
+    assert [row["cmd"] for row in rows] == [step for step in STEPS if step]
+    assert content["quality"]["believed"]
+    assert {Path(source["path"]).name for source in content["sources"]} == {"loadcell.csv", "commands.csv"}
+    assert "thrust" in load_sections(campaign / "parameters.toml")
+
+
+def test_the_same_run_gives_the_torque_map(cfid: Cfid, staircase: Path) -> None:
+    content = found(cfid, "fit", "torque", staircase, "--campaign", staircase.parents[1])
+    poly = content["parameters"]["motor.torque_poly"]
+    assert poly["value"][0] == pytest.approx(TRUTH.torque_m, rel=0.01)
+
+
+def test_files_of_the_thesis_kind_give_the_same_map(cfid: Cfid, tmp_path: Path) -> None:
+    words = []
+    for command in range(8000, 64001, 8000):
+        path = write_thesis_file(tmp_path / f"{command}.csv", climbed([command], hold_s=4.0, seed=command))
+        words.append(f"{command}={path}")
+    content = found(cfid, "fit", "thrust", *words, "--motors", 2)
+    poly = content["parameters"]["motor.thrust_poly"]["value"]
+    for command in (16384, 32768, 60000):
+        assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
+
+    thesis = found(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--window", "2:4")
+    poly = thesis["parameters"]["motor.thrust_poly"]["value"]
+    assert np.polyval(poly, 40000) == pytest.approx(true_thrust_n(40000), rel=0.06)  # its bias is that of 51 samples
+
+
+def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Path) -> None:
+    steps = (*STEPS[1:], *STEPS[-2:0:-1])
+    battery = BatteryTruth(kind="lipo", charge=0.9)
+    run = write_run(campaign, climbed(steps, motors=(1, 2, 3, 4), battery=battery), steps=steps)
+    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+
+    quality = content["quality"]
+    assert quality["better_form"] == "voltage"
+    assert quality["voltage_rms_n"] < quality["command_rms_n"]
+    poly = content["parameters"]["motor.thrust_voltage_poly"]["value"]
+    assert cubic_fault(poly) == ""  # the true map is all but square: the firmware takes the nearest that rises
+    largest = true_thrust_n(3.5 / TRUTH.nominal_v * 65535)
+    for volts in (1.5, 2.5, 3.0):
+        truth = true_thrust_n(volts / TRUTH.nominal_v * 65535)
+        assert np.polyval(poly[::-1], volts) == pytest.approx(truth, abs=0.01 * largest)
+    assert any("departs by up to" in said for said in content["warnings"])
+
+
+def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the_reason_kept(
+    cfid: Cfid, campaign: Path
+) -> None:
+    command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
+    volts = command / 65535 * 4.0
+    thrust = 0.02 * volts**2 - 0.0026 * volts**3 + 1e-5 * np.random.default_rng(1).standard_normal(len(volts))
+    rows = zip(command, thrust, strict=True)
+    table = campaign / "folds.csv"
+    table.write_text("cmd,thrust_n,vbat_v\n" + "".join(f"{c:.0f},{t:.6f},4.0\n" for c, t in rows))
+    words = ("fit", "thrust", "--table", table, "--order", "4", "--campaign", campaign)
+    content = found(cfid, *words)
+    cubic = "motor.thrust_voltage_poly"
+    reason = content["quality"]["rejected"][cubic]
+
+    assert "departs from the data by" in reason
+    assert reason in content["warnings"]
+    assert cubic not in content["parameters"]
+    section = load_sections(campaign / "parameters.toml")["thrust"]
+    assert section.rejected == {cubic: reason}
+    assert cubic not in section.parameters
+    assert section.covariance
+    assert not any(cubic in kept.of for kept in section.covariance)
+    assert cubic in found(cfid, *words, "--force")["parameters"]
+
+
+def test_scales_are_a_second_opinion(cfid: Cfid, tmp_path: Path, staircase: Path) -> None:
+    commands = np.arange(0, 64001, 4000)
+    grams = 60 - 2 * true_thrust_n(commands) / 9.81 * 1e3
+    table = tmp_path / "scales.csv"
+    table.write_text("cmd,grams\n" + "".join(f"{c},{g:.2f}\n" for c, g in zip(commands, grams, strict=True)))
+    said = cfid(
+        "fit",
+        "thrust",
+        str(staircase),
+        "--campaign",
+        str(staircase.parents[1]),
+        "--verify",
+        str(table),
+        "--motors",
+        "2",
+        "--no-figures",
+    )
+    assert said.returncode == 0, said.stderr
+    assert "verification: 17 readings" in said.stdout
+
+
+def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path: Path) -> None:
+    commands = np.arange(0, 64001, 2000)
+    speeds = np.where(commands < 1000, 0, 0.04076521 * commands + 380.8359)  # eq. 3.4
+    table = tmp_path / "rpm.csv"
+    rpm = 2 * speeds * 60 / (2 * np.pi)
+    table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r:.9f}\n" for c, r in zip(commands, rpm, strict=True)))
+
+    poly = found(cfid, "fit", "speed", "--table", table, "--markers", 2)["parameters"]["motor.speed_poly"]["value"]
+    assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
+    doubted = cfid("fit", "speed", "--table", str(table), "--no-figures")
+    assert doubted.returncode == 5
+    assert "--markers" in doubted.stderr
+
+
+def test_a_table_gives_eq_3_3_back(cfid: Cfid, tmp_path: Path) -> None:
+    commands = np.arange(0, 64001, 2000)
+    thrust = np.polyval([2.130295e-11, 1.032633e-6, 5.484560e-4], commands)
+    table = tmp_path / "thrust.csv"
+    table.write_text("cmd,thrust_n\n" + "".join(f"{c},{f:.15g}\n" for c, f in zip(commands, thrust, strict=True)))
+    poly = found(cfid, "fit", "thrust", "--table", table)["parameters"]["motor.thrust_poly"]["value"]
+    assert poly == pytest.approx([2.130295e-11, 1.032633e-6, 5.484560e-4], rel=1e-9)
+
+
+def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS[:8]), steps=STEPS[:8])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign))
+    assert said.returncode == 0, said.stderr
+    names = {path.name for path in (campaign / "figures").iterdir()}
+    assert {"fit_thrust.png", "thrust_of_voltage.svg"} <= names
+    assert f"fit_thrust_{run.folder.name}.svg" in names
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
+def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_path: Path) -> None:
+    table = found(cfid, "fit", "speed", "--table", DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv")
+    k = table["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
+    assert k == pytest.approx(2.22e-8, rel=0.005)
+    steps = found(cfid, "fit", "thrust", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
+    assert 1.88e-8 < steps["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"] < 2.04e-8
+    ramp = cfid("fit", "thrust", "--table", str(DATA / "bitcraze_2021" / "cf2.1-stock-prop.csv"), "--no-figures")
+    assert ramp.returncode in (4, 5)
+    assert "settles" in ramp.stderr
+
+
+def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
+    steps = (10000, 30000, 60000)
+    run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0, hold_s=4.0), steps=steps)
+    content = found(cfid, "fit", "rotor", run.folder, "--campaign", campaign)
+    speeds = content["parameters"]["rotor.speed_rad_s"]
+    truth = TRUTH.steady_rad_per_s(np.array(steps, dtype=float), volts=TRUTH.nominal_v)
+
+    assert speeds["value"] == pytest.approx(truth, rel=1e-3)
+    assert all(abs(v - t) < 5 * s for v, t, s in zip(speeds["value"], truth, speeds["std"], strict=True))
+    assert [row["cmd"] for row in content["parameters"]["rotor.windows"]["value"]] == list(steps)
+
+
+def test_a_window_by_hand_is_listened_to(cfid: Cfid, tmp_path: Path) -> None:
+    path = write_thesis_file(tmp_path / "30000.csv", climbed([30000], motors=(1,), hold_s=3.0, rate_hz=3500.0))
+    only = found(cfid, "fit", "rotor", path, "--from", 2, "--to", 3.5)["parameters"]["rotor.speed_rad_s"]
+    assert only["value"] == pytest.approx(float(TRUTH.idle_rad_per_s + 30000 * TRUTH.rad_per_s_per_command), rel=1e-3)
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
+def test_public_steps_have_their_known_time_constants(cfid: Cfid) -> None:
+    content = found(cfid, "fit", "dynamics", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
+    rows = content["parameters"]["dynamics.time_constant_s"]["value"]
+    tau_s = {(row["cmd_from"], row["cmd_to"]): row["time_constant_s"] for row in rows}
+
+    assert tau_s[15000, 20000] == pytest.approx(0.178, rel=0.1)
+    assert tau_s[40000, 45000] == pytest.approx(0.087, rel=0.1)
+    assert tau_s[10000, 5000] == pytest.approx(0.403, rel=0.1)
+    assert len(content["parameters"]["dynamics.rising"]["value"]) == 2
+
+
+def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: Cfid, campaign: Path) -> None:
+    steps = (10000, 20000, 30000, 60000)
+    run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0), steps=steps)
+    content = found(cfid, "fit", "speed", run.folder, "--campaign", campaign, "--expect", "400:3500")
+    parameters = content["parameters"]
+
+    assert parameters["motor.speed_poly"]["value"] == pytest.approx(
+        [TRUTH.rad_per_s_per_command, TRUTH.idle_rad_per_s], rel=1e-3
+    )
+    assert parameters["motor.thrust_per_speed_squared_n_s2"]["value"] == pytest.approx(
+        TRUTH.thrust_ns2_per_rad2, rel=0.005
+    )
+    assert all(row["thrust_n"] and row["speed_rad_s"] for row in parameters["motor.table"]["value"])
+    assert any("heard in the load cell's vibration" in said for said in content["warnings"])
+
+
+def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:8])
+    rpm = record.speed_rad_per_s[:, [0, 2]] * 60 / (2 * np.pi)
+    run = write_run(campaign, record, steps=STEPS[:8], told_rpm=rpm)
+    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+    k = content["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
+
+    assert k == pytest.approx(TRUTH.thrust_ns2_per_rad2, rel=0.01)
+
+
+def test_the_figure_of_steps_is_drawn(cfid: Cfid, tmp_path: Path) -> None:
+    time_s = np.arange(0, 6, 0.01)
+    command = 10000 + 5000 * time_s.astype(int)
+    rpm = np.empty_like(time_s)
+    level = 8000.0
+    for i, goal in enumerate(0.4 * command + 4000):
+        level += 0.1 * (goal - level)
+        rpm[i] = level
+    table = tmp_path / "steps.csv"
+    rows = zip(time_s, command, rpm, strict=True)
+    table.write_text("t,pwm,rpm_mean\n" + "".join(f"{t:.2f},{c},{r:.3f}\n" for t, c, r in rows))
+    said = cfid("fit", "dynamics", "--table", str(table), "--out", str(tmp_path / "drawn"))
+
+    assert said.returncode == 0, said.stderr
+    assert (tmp_path / "drawn" / "fit_dynamics_steps.png").exists()
+
+
+# What is wrong with the input
+
+
+def test_torque_of_motors_that_turn_against_each_other_is_refused(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed(STEPS[:6], motors=(1, 2)), steps=STEPS[:6])
+    said = cfid("fit", "torque", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 5
+    assert "turn against each other" in said.stderr
+
+
+def test_a_step_that_never_settles_is_told_and_left_out_or_ends_the_fit(cfid: Cfid, campaign: Path) -> None:
+    slow = RotorTruth(time_constant_s=1.5)
+    run = write_run(campaign, climbed(STEPS[1:4], rotors=slow), steps=STEPS[1:4])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 5
+    assert "none of 3 steps settles" in said.stderr
+    assert run.folder.name in said.stderr
+
+    words = [f"4000={write_thesis_file(campaign / 'slow.csv', climbed([40000], rotors=slow, hold_s=4.0, rest_s=6.0))}"]
+    for command in (20000, 40000, 60000):
+        path = write_thesis_file(campaign / f"{command}.csv", climbed([command], hold_s=3.0, seed=command))
+        words.append(f"{command}={path}")
+    said = cfid("fit", "thrust", *words, "--motors", "2", "--no-figures")
+    assert said.returncode == 0, said.stderr
+    assert "slow: command 4000:" in said.stderr
+    assert "it is left out" in said.stderr
+    alone = cfid("fit", "thrust", words[0], "--motors", "2", "--no-figures")
+    assert alone.returncode == 5
+    assert "no step settles" in alone.stderr
+
+
+def test_a_tachometer_that_counts_some_readings_double_is_told_with_their_commands(cfid: Cfid, tmp_path: Path) -> None:
+    commands = np.arange(2000, 64001, 2000)
+    rpm = (0.04076521 * commands + 380.8359) * 60 / (2 * np.pi) * np.where(commands == 30000, 2, 1)
+    table = tmp_path / "rpm.csv"
+    table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r:.3f}\n" for c, r in zip(commands, rpm, strict=True)))
+    said = cfid("fit", "speed", "--table", str(table), "--no-figures")
+    assert said.returncode == 5
+    assert "at command 30000 the speed is about twice what the others say" in said.stderr
+
+
+def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:6])
+    record.wrench[:, 2] *= -1
+    run = write_run(campaign, record, steps=STEPS[:6])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 5
+    assert "negative throughout" in said.stderr
+    turned = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures", "--flip-fz")
+    assert turned.returncode == 0, turned.stderr
+
+
+def test_motors_that_never_ran_are_told(cfid: Cfid, campaign: Path) -> None:
+    still = climbed(STEPS[:5], rotors=RotorTruth(dead_below_command=65535.0))
+    run = write_run(campaign, still, steps=STEPS[:5])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode in (4, 5)
+    assert "the motors never" in said.stderr
+
+
+def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:5])
+    record.status[3000:6000] = 0x80020000
+    run = write_run(campaign, record, steps=STEPS[:5])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 4
+    assert "saturated" in said.stderr
+
+
+def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
+    steps = tuple(step for step in STEPS if step != 20000)
+    run = write_run(campaign, climbed(steps), steps=STEPS)
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 0
+    assert "command 20000 is missing" in said.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        ("fit thrust", 2, "nothing to fit"),
+        ("fit thrust abc=file.csv", 2, "'abc' is no command from 0 to 65535"),
+        ("fit thrust 2000=missing.csv", 4, "no such file"),
+        ("fit thrust missing", 4, "a file needs its command"),
+        ("fit thrust 2000=x.csv --order 9", 4, ""),
+        ("fit thrust 2000=x.csv --window 5", 2, "should be FROM:TO"),
+        ("fit speed --table missing.csv", 4, "no such file"),
+        ("fit speed missing --expect 5", 2, "should be FROM:TO in rad/s"),
+        ("fit torque --table missing.csv --markers 0", 2, "Invalid value"),
+    ],
+)
+def test_what_cannot_be_meant_so_is_told(cfid: Cfid, words: str, code: int, told: str) -> None:
+    said = cfid(*words.split(), "--no-figures")
+    assert said.returncode == code, said.stderr
+    assert told in said.stderr
+    assert "Traceback" not in said.stderr
+
+
+def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, campaign: Path) -> None:
+    run = write_run(campaign, climbed((0, 16000, 32000, 48000), hold_s=1.5), steps=(0, 16000, 32000, 48000))
+    named = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
+    taken = cfid("fit", "thrust", "--campaign", str(campaign), "--json")
+
+    assert "takes 1 complete runs of cfid log thrust." in taken.stderr
+    assert json.loads(taken.stdout)["parameters"]["motor.thrust_poly"] == named["motor.thrust_poly"]
+    none = cfid("fit", "speed", "--campaign", str(campaign))
+    assert none.returncode == 2
+    assert "no complete runs of cfid log speed: record one, or name runs." in none.stderr
+
+
+def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
+    """It has one channel, thrust, where a load cell has six."""
+    table, rng, grams = tmp_path / "stand.csv", np.random.default_rng(1), 0.0
+    rows = ["weight[g],pwm,vbat[V]"]
+    for command in np.repeat([0, *range(8000, 64001, 8000), 0], 400):  # at 100 Hz
+        grams += 0.1 * (68.0 * (command / 65535) ** 2 - grams)
+        rows.append(f"{grams + 0.02 * rng.standard_normal():.4f},{command},4.0")
+    table.write_text("\n".join(rows) + "\n")
+    done = cfid("fit", "thrust", "--table", str(table), "--campaign", str(campaign))
+
+    assert done.returncode == 0, done.stderr
+    assert (campaign / "figures" / "fit_thrust_stand.png").exists()

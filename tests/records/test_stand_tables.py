@@ -1,0 +1,225 @@
+"""Tables of thrust stands and typed ones: columns in SI by their heads, or refused with the line or the known heads."""
+
+import hashlib
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.tables.stand import StandTable, read_stand_table
+from tests.places import DATA
+
+OLD = DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv"
+RAMP = DATA / "bitcraze_2021" / "cf2.1-stock-prop.csv"
+
+RPM = 2 * math.pi / 60
+
+
+def read(folder: Path, text: str, **options: Any) -> StandTable:
+    path = folder / "stand.csv"
+    path.write_text(text)
+    return read_stand_table(path, **options)
+
+
+def refusal(folder: Path, text: str, kind: type[Exception] = DataError, **options: Any) -> str:
+    with pytest.raises(kind) as caught:
+        read(folder, text, **options)
+    return str(caught.value)
+
+
+def held(rows: int = 60, head: str = "weight[g],pwm") -> str:
+    """Return a record whose pwm is held for twenty rows each."""
+    return "\n".join([head, *(f"{i % 7},{10000 * (i // 20)}" for i in range(rows)), ""])
+
+
+# Typed tables
+
+
+def test_a_table_of_one_motor_is_read_as_it_says(tmp_path: Path) -> None:
+    table = read(
+        tmp_path,
+        "cmd,thrust_n,torque_nm,speed_rad_s,vbat_v\n0,0,0,0,4.1\n2000,0.0027,3e-5,462,4.1\n64000,0.154,9e-4,2989,3.6\n",
+    )
+
+    assert table.command.tolist() == [0, 2000, 64000]
+    assert np.asarray(table.thrust_n).tolist() == [0, 0.0027, 0.154]
+    assert np.asarray(table.torque_nm).tolist() == [0, 3e-5, 9e-4]
+    assert np.asarray(table.mean_speed_rad_s).tolist() == [0, 462, 2989]
+    assert np.asarray(table.vbat_v).tolist() == [4.1, 4.1, 3.6]
+    assert (table.motors, table.speeds, table.time_s, table.rate_hz, table.notes) == (None, "motor", None, None, ())
+    assert table.source.sha256 == hashlib.sha256(table.path.read_bytes()).hexdigest()
+    assert dict(table.columns)["thrust_n"] == ("thrust_n",)
+
+
+def test_series_of_a_tachometer_stand_beside_each_other_as_displayed(tmp_path: Path) -> None:
+    table = read(tmp_path, "cmd,rpm_1,rpm_2\n0,0,0\n2000,9000,8800\n")
+
+    assert table.speeds == "series"
+    assert np.asarray(table.speeds_rad_s) == pytest.approx(RPM * np.array([[0, 0], [9000, 8800]]))
+    assert table.thrust_n is None
+    assert table.columns["speeds_rad_s"] == ("rpm_1", "rpm_2")
+
+
+def test_readings_of_scales_stay_grams(tmp_path: Path) -> None:
+    assert np.asarray(read(tmp_path, "cmd,grams\n0,100\n4000,98.5\n").grams).tolist() == [100, 98.5]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_heads_come_in_any_order_case_and_spacing(tmp_path: Path, separator: str) -> None:
+    rows = [[" Vbat [V]", "PWM ", "rpm 1", "Weight[ g ]"], ["4.0", "20000", "9549.3", "8"]]
+    table = read(tmp_path, "".join(separator.join(row) + "\n" for row in rows))
+
+    assert np.asarray(table.vbat_v).tolist() == [4.0]
+    assert np.asarray(table.thrust_n) == pytest.approx([8e-3 * 9.81 / 4])
+    assert np.asarray(table.speeds_rad_s) == pytest.approx(np.array([[1000.0]]), rel=1e-5)
+
+
+# Thrust stands
+
+
+@pytest.mark.parametrize(
+    ("head", "value", "newtons"),
+    [
+        ("weight[g]", 40, 0.04 * 9.81 / 4),
+        ("thrust[g]", 40, 0.04 * 9.81 / 4),
+        ("thrust_total_g", 40, 0.04 * 9.81 / 4),
+        ("thrust[N]", 0.4, 0.1),
+        ("thrust_n", 0.4, 0.4),
+    ],
+)
+def test_thrust_of_a_stand_is_the_total_of_four_motors_and_that_is_said(
+    tmp_path: Path, head: str, value: float, newtons: float
+) -> None:
+    table = read(tmp_path, f"pwm,{head}\n0,0\n40000,{value}\n")
+    total = head != "thrust_n"
+
+    assert np.asarray(table.thrust_n) == pytest.approx([0, newtons])
+    assert table.motors == (4 if total else None)
+    assert any(f"'{head}' is taken as the thrust of 4 motors" in note for note in table.notes) == total
+
+
+def test_grams_are_weighed_at_the_gravity_given(tmp_path: Path) -> None:
+    table = read(tmp_path, "pwm,thrust[g]\n0,0\n40000,40\n", gravity_mps2=9.80665)
+
+    assert np.asarray(table.thrust_n)[1] == pytest.approx(0.04 * 9.80665 / 4)
+
+
+def test_percent_of_pwm_is_a_command_of_16_bits(tmp_path: Path) -> None:
+    assert read(tmp_path, "pwm_percent,thrust[g]\n0,0\n50,20\n100,60\n").command == pytest.approx([0, 32767.5, 65535])
+
+
+def test_four_rotors_have_a_mean_and_a_square_mean_speed(tmp_path: Path) -> None:
+    table = read(tmp_path, "pwm,rpm1,rpm2,rpm3,rpm4\n30000,8000,9000,10000,11000\n")
+
+    assert table.speeds == "rotors"
+    assert np.asarray(table.mean_speed_rad_s) == pytest.approx([9500 * RPM])
+    assert np.asarray(table.square_mean_speed_rad_s) == pytest.approx([math.sqrt(91.5e6) * RPM])
+
+
+def test_a_pwm_held_for_long_is_a_record_over_time_at_an_assumed_rate(tmp_path: Path) -> None:
+    table = read(tmp_path, held())
+
+    assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 100)
+    assert table.rate_hz == 100
+    assert "stand.csv: a record over time without a time column: 100 Hz is assumed (--rate-hz)." in table.notes
+
+
+def test_a_rate_that_is_given_makes_the_times_and_needs_no_word(tmp_path: Path) -> None:
+    table = read(tmp_path, held(), rate_hz=50.0)
+
+    assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 50)
+    assert not any("assumed" in note for note in table.notes)
+    assert "--rate-hz 0: a rate is above zero" in refusal(tmp_path, held(), ConfigError, rate_hz=0.0)
+
+
+def test_a_time_column_is_taken_before_any_rate_is_assumed(tmp_path: Path) -> None:
+    rows = [f"{i / 20:.3f},{i % 7},{10000 * (i // 20)}" for i in range(60)]
+    table = read(tmp_path, "\n".join(["time[s],weight[g],pwm", *rows, ""]))
+
+    assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 20)
+    assert table.rate_hz is None
+
+
+def test_columns_that_are_not_understood_are_named_and_a_cut_line_is_left_out(tmp_path: Path) -> None:
+    table = read(tmp_path, "amps,cmd,thrust_n,v[V]\n1,2000,0.1,3\n1,4000,0.2,3\n1,60")
+
+    assert table.notes[0] == "stand.csv: not used: amps, v[V]."
+    assert "the last line was cut" in table.notes[1]
+    assert len(table.command) == 2
+
+
+@pytest.mark.skipif(not OLD.exists(), reason="Bitcraze's table of 2015 is not here (CFID_DATA)")
+def test_bitcrazes_table_of_2015_is_settled_points() -> None:
+    table = read_stand_table(OLD)
+
+    assert (len(table.command), table.time_s, table.motors, table.speeds) == (16, None, 4, "mean")
+    assert table.command[-1] == pytest.approx(0.9375 * 65535)
+    assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.0579 * 9.81 / 4)
+    assert np.asarray(table.mean_speed_rad_s)[-1] == pytest.approx(23882 * RPM)
+    assert np.asarray(table.vbat_v)[-1] == 3.3
+
+
+@pytest.mark.skipif(not RAMP.exists(), reason="Bitcraze's stand record of 2021 is not here (CFID_DATA)")
+def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
+    table = read_stand_table(RAMP)
+
+    assert len(table.command) == 2573
+    assert np.asarray(table.time_s)[-1] == pytest.approx(25.72)
+    assert "cf2.1-stock-prop.csv: not used: v[V], i[A], p[W]." in table.notes
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("throttle,thrust_n\n1,2\n", "no motor command among throttle, thrust_n. Known heads: cmd, command or pwm"),
+        ("cmd,vbat_v\n1,4\n", "nothing measured among cmd, vbat_v. Known heads: cmd"),
+        ("cmd,lift\n1,4\n", "nothing measured among cmd, lift. Known heads: cmd"),
+        ("cmd,thrust\n1,4\n", "column 'thrust' has no unit that is known. Known heads: cmd"),
+        ("cmd,thrust[lbs]\n1,4\n", "column 'thrust[lbs]' has no unit that is known"),
+        ("cmd,thrust_n,vbat[mV]\n1,4,4100\n", "column 'vbat[mV]' has no unit that is known"),
+        ("pwm[us],thrust_n\n1,4\n", "column 'pwm[us]' has no unit that is known"),
+        ("cmd,weight[g],thrust[N]\n1,4,2\n", "more than one column of thrust: weight[g], thrust[N]. Leave one"),
+        ("cmd,pwm,thrust_n\n1,4,2\n", "more than one column of command: cmd, pwm"),
+        ("pwm,rpm1,rpm_mean\n1,4,2\n", "more than one column of speeds: rpm1, rpm_mean"),
+        ("1,4\n2,5\n", "no head names its 2 columns. Known heads: cmd"),
+        ("cmd,thrust_n\n2000,0.1\n4000,nan\n", "stand.csv:3: 'nan' in column 'thrust_n' is no number"),
+        ("cmd,thrust_n\n2000,0.1\n4000,\n", "stand.csv:3: column 'thrust_n' is empty"),
+        ("pwm,thrust_n\n2000,0.1\n-4000,0.1\n", "stand.csv:3: -4000 in column 'pwm': a command is zero or more"),
+        ("cmd,thrust_n\n2000,0.1\n70000,0.1\n", "stand.csv:3: 70000 in column 'cmd': it ends at 65535"),
+        ("pwm_percent,thrust_n\n20,0.1\n100.5,0.1\n", "stand.csv:3: 100.5 in column 'pwm_percent': it ends at 100 per"),
+        ("pwm,thrust_n\n0,0\n100,0.1\n", "no pwm above 100: is it per cent? Then call the column pwm_percent"),
+        ("cmd,rpm_1,rpm_2\n0,0,0\n2000,9000,-1\n", "stand.csv:3: -1 in column 'rpm_2': a speed is zero or more"),
+        (
+            "cmd,thrust_n,vbat_v\n0,0,4.1\n0,0,3900\n",
+            "stand.csv:3: 3900 in column 'vbat_v': no battery has that in volts",
+        ),
+        ("cmd,thrust_n,vbat_v\n0,0,0\n", "stand.csv:2: 0 in column 'vbat_v': no battery"),
+    ],
+)
+def test_what_a_table_cannot_mean_is_refused_with_the_place_and_what_would_do(
+    tmp_path: Path, text: str, said: str
+) -> None:
+    assert said in refusal(tmp_path, text)
+
+
+def test_the_heads_that_are_known_are_all_in_the_sentence(tmp_path: Path) -> None:
+    said = refusal(tmp_path, "a,b\n1,2\n")
+    for head in (
+        "cmd",
+        "pwm_percent",
+        "thrust_n",
+        "weight[g]",
+        "thrust[g]",
+        "thrust_total_g",
+        "thrust[N]",
+        "torque_nm",
+    ):
+        assert head in said
+    for head in ("speed_rad_s", "rpm_1", "rpm1", "rpm_mean", "vbat_v", "vbat[V]", "voltage_V"):
+        assert head in said

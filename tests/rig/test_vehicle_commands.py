@@ -1,0 +1,573 @@
+"""Commands that reach the vehicle, as their operator meets them, over real wires to a simulated one."""
+
+import json
+import os
+import pty
+import re
+import signal
+import socket
+import struct
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cfid.records.campaign import RIG_FILE
+from cfid.records.run import list_runs, read_run
+from cfid.sim.crazyflie_tables import parameters
+from cfid.sim.supervisor_states import State
+from cfid.wire.app import Ports
+from tests.flying_in_a_folder import Bench, bench_in
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+STAIRS = ("log", "thrust", "--from", 10000, "--to", 30000, "--step", 10000, "--hold", 0.6, "--rest", 0.3, "--yes")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with bench_in(tmp_path) as bench:
+        yield bench
+
+
+@contextmanager
+def listening(answer: Callable[[bytes], bytes | None]) -> Iterator[str]:
+    """Give the address of something that answers datagrams in its own way."""
+    ended = threading.Event()
+    with socket.socket(type=socket.SOCK_DGRAM) as line:
+        line.bind(("127.0.0.1", 0))
+        line.settimeout(0.1)
+
+        def serve() -> None:
+            while not ended.is_set():
+                try:
+                    datagram, client = line.recvfrom(64)
+                except TimeoutError:
+                    continue
+                said = answer(datagram)
+                if said is not None:
+                    line.sendto(said, client)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield f"udp://127.0.0.1:{line.getsockname()[1]}"
+        finally:
+            ended.set()
+            thread.join()
+
+
+def refused(bench: Bench, *words: object, within_s: float = 15.0) -> str:
+    """Run a command that cannot reach the vehicle and return the sentence it ends with."""
+    began_s = time.monotonic()
+    pilot = bench.start(*words)
+    assert pilot.end() == 3, pilot.err
+    assert time.monotonic() - began_s < within_s
+    assert "Traceback" not in pilot.err
+    return pilot.err.splitlines()[-1]
+
+
+# Reaching it
+
+
+def test_a_silent_address_is_told_within_its_time(bench: Bench) -> None:
+    with listening(lambda datagram: None) as uri:
+        told = refused(bench, "motors", "stop", "--uri", uri, within_s=6.0)
+    assert told.startswith(f"cfid: {uri}: no answer within 2 s. Is the vehicle on")
+
+
+def test_an_address_where_nobody_listens_is_told(bench: Bench) -> None:
+    told = refused(bench, "log", "ping", "--uri", "udp://127.0.0.1:9", within_s=4.0)
+    assert told == "cfid: udp://127.0.0.1:9: nobody listens there: the vehicle is off, or the address is wrong."
+
+
+@pytest.mark.parametrize("uri", ["crazyflie", "radio:/0", "http://127.0.0.1", ""])
+def test_what_is_no_address_is_told(bench: Bench, uri: str) -> None:
+    told = refused(bench, "log", "ping", "--uri", uri or "x")
+    assert "is no address of a vehicle; one looks like radio://0/80/2M/E7E7E7E7E7." in told
+
+
+def test_a_missing_radio_is_told(bench: Bench) -> None:
+    told = refused(bench, "log", "ping", "--uri", "radio://0/80/2M/E7E7E7E7E7")
+    assert "Crazyradio" in told or "radio" in told
+
+
+def test_something_else_that_answers_is_no_vehicle(bench: Bench) -> None:
+    with listening(lambda datagram: datagram) as uri:
+        told = refused(bench, "log", "ping", "--uri", uri)
+    assert told.startswith(f"cfid: {uri}: ")
+
+
+def test_an_old_protocol_is_told(bench: Bench) -> None:
+    bench.vehicle_suffers(old_protocol=True)
+    told = refused(bench, "log", "ping")
+    assert "speaks version 3 of its protocol, cfid needs 4 or newer: update its firmware." in told
+
+
+@pytest.mark.parametrize("loss", [0.03, 0.1])
+def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: float) -> None:
+    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": loss}) as bench:
+        pilot = bench.start("motors", "set", 20000, "--for", 0.3, "--yes")
+        assert pilot.end() == 0, pilot.err
+        assert "motors stopped, confirmed in" in pilot.out
+        assert not any(bench.motors)
+
+
+# What state it is in
+
+
+def spoiled(bench: Bench, state: str) -> None:
+    """Bring the vehicle into a state in which no motor may start."""
+    bench.vehicle_suffers(**{"emergency_after_s" if state == "locked" else "tumble_after_s": 0})
+    end_s, there = time.monotonic() + 10.0, State.LOCKED if state == "locked" else State.NOT_PASSED
+    while bench.rig.crazyflie.vehicle.supervisor.state is not there:
+        bench.in_loop(lambda: bench.rig.crazyflie.advance(time.monotonic()))
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("state", ["locked", "tumbled"])
+@pytest.mark.parametrize("words", [STAIRS, ("motors", "set", 20000, "--yes"), ("motors", "--yes")])
+def test_a_vehicle_that_cannot_run_is_refused_by_its_state_before_a_run_folder_exists(
+    bench: Bench, words: tuple[object, ...], state: str
+) -> None:
+    spoiled(bench, state)
+    told = refused(bench, *words)
+
+    assert f"the vehicle is {state}: " in told
+    assert list_runs(bench.folder / "runs") == []
+
+
+@pytest.mark.parametrize("state", ["locked", "tumbled"])
+def test_rig_check_calls_no_such_vehicle_ok(bench: Bench, state: str) -> None:
+    spoiled(bench, state)
+    pilot = bench.start("rig", "check", "--json")
+    pilot.end()
+    answers = {answer["asked"]: answer for answer in json.loads(pilot.out)["devices"]["crazyflie"]}
+
+    assert answers["supervisor"]["answer"] == state
+    assert answers["supervisor"]["state"] == "fault"
+    assert answers["supervisor"]["advice"]
+
+
+def test_a_vehicle_that_is_busy_with_another_client_is_told(bench: Bench) -> None:
+    port = int(bench.uri.rpartition(":")[2])
+    ended = threading.Event()
+    with socket.socket(type=socket.SOCK_DGRAM) as other:
+
+        def talk() -> None:
+            while not ended.is_set():
+                other.sendto(b"\xff", ("127.0.0.1", port))
+                time.sleep(0.1)
+
+        bench.vehicle_suffers(busy=True)
+        thread = threading.Thread(target=talk)
+        thread.start()
+        try:
+            time.sleep(0.3)
+            told = refused(bench, "log", "ping", within_s=6.0)
+        finally:
+            ended.set()
+            thread.join()
+    assert "no answer within 2 s" in told
+
+
+def test_a_vehicle_that_another_cfid_drives_is_told_with_who_holds_it(bench: Bench) -> None:
+    first = bench.start("motors", "set", 20000, "--yes")
+    first.wait_until_motors_run()
+    told = refused(bench, "log", "ping")
+    assert f"held by process {first.process.pid}" in told
+    assert any(bench.motors)
+
+
+def test_motors_stop_needs_no_campaign_where_the_address_is_given(bench: Bench, tmp_path: Path) -> None:
+    (bench.folder / RIG_FILE).write_text("nonsense")
+    first = bench.start("motors", "stop", "--uri", bench.uri)
+    assert first.end() == 0, first.err
+    assert "motors stopped, confirmed in" in first.out
+    assert "rig.toml" in first.err
+
+
+def test_motors_stop_ends_what_overrides_the_app(bench: Bench) -> None:
+    names = [parameter.name for parameter in parameters(rpm_deck=False)]
+    for name, value in (("m1", struct.pack("<H", 30000)), ("enable", b"\1")):
+        place = names.index(f"motorPowerSet.{name}")
+        write = b"\x2e" + struct.pack("<H", place) + value
+        bench.in_loop(partial(bench.rig.crazyflie.heard, write, ("127.0.0.1", 9), time.monotonic()))
+    bench.in_loop(lambda: bench.rig.crazyflie.advance(time.monotonic() + 0.1))
+    assert bench.motors[0] == 30000
+    said = bench.start("motors", "stop")
+    assert said.end() == 0, said.err
+    assert not any(bench.motors)
+
+
+def test_motors_stop_ends_another_cfid_that_drives_them(bench: Bench) -> None:
+    first = bench.start("motors", "set", 20000, "--yes")
+    first.wait_until_motors_run()
+    second = bench.start("motors", "stop")
+    assert second.end() == 0, second.err
+    assert re.fullmatch(rf"{bench.uri}: motors stopped, confirmed in \d+ ms\.\n", second.out)
+    assert first.end() == 0
+    assert not any(bench.motors)
+
+
+def test_motors_stop_without_an_address_stops_the_vehicle_that_is_driven(bench: Bench) -> None:
+    rig = bench.folder / RIG_FILE
+    rig.write_text(rig.read_text().replace(f"uri = '{bench.uri}'", ""))
+    first = bench.start("motors", "set", 20000, "--yes", "--uri", bench.uri.replace("127.0.0.1", "localhost"))
+    first.wait_until_motors_run()
+    second = bench.start("motors", "stop")
+    assert second.end() == 0, second.err
+    assert second.out.startswith(f"{bench.uri}: motors stopped, confirmed in ")
+    assert first.end() == 0
+    assert not any(bench.motors)
+
+
+# Before anything turns
+
+
+def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Bench) -> None:
+    pilot = bench.start("motors", "set", 20000, "--for", 0.3, stdin=subprocess.PIPE)
+    assert pilot.process.stdin is not None
+    bench.wait_until(lambda: "[y/N]" in pilot.err, pilot)
+    assert (
+        f"{bench.uri}: motors 1, 2, 3, 4 will turn at commands up to 20000. Is the vehicle fastened and everyone clear?"
+        in pilot.err
+    )
+    assert len(bench.history) == 1
+    pilot.process.stdin.write(b"y\n")
+    pilot.process.stdin.flush()
+    assert pilot.end() == 0
+    assert len(bench.history) > 1
+
+
+@pytest.mark.parametrize(("typed", "told"), [(b"n\n", "not confirmed: no motor was started."), (b"", "--yes says it")])
+def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, told: str) -> None:
+    pilot = bench.start(*STAIRS[:-1], stdin=subprocess.PIPE)
+    pilot.process.communicate(typed)
+    assert pilot.process.returncode == 2
+    assert told in pilot.err
+    assert len(bench.history) == 1
+    assert not (bench.folder / "runs").exists()
+
+
+def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
+    rig = bench.folder / RIG_FILE
+    rig.write_text(rig.read_text() + "largest_command = 25000\n")
+    for words in (STAIRS, ("motors", "set", 30000, "--yes"), ("log", "sine", "--l", 3, "--yes")):
+        pilot = bench.start(*words)
+        assert pilot.end() == 2
+        assert "commands go from 0 to 25000 (devices.crazyflie.largest_command in rig.toml)" in pilot.err
+    assert len(bench.history) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("log sine --l 1,x", "--l 1,x: should be whole numbers with commas between, as 1,2,4."),
+        ("log sine --l 2001", "--l 2001: has to be from 0 to N/2 = 2000."),
+        ("log sine --l 4,4", "--l 4,4: names a frequency twice."),
+        ("log sine --l 4 --amplitude 30001", "--amplitude 30001: above 30000 the sine is clipped; --force allows it."),
+        ("log sine --l 4 --n 0", "Invalid value for '--n'"),
+        ("log sine --l 4 --plan thesis-first", "--l and --plan thesis-first: say one of them."),
+        ("log sine --n 2000 --l 2,1001", "--l 1001: has to be from 0 to N/2 = 1000."),
+        ("log thrust --from 3000 --to 2000", "--from 3000 --to 2000: there is no command between them."),
+        ("log thrust --hold 0", "--hold 0: has to be above zero."),
+        ("log thrust --to 70000", "Invalid value for '--to'"),
+        ("log speed --port /dev/x", "--port is the UT372's, and --tachometer is typed."),
+        ("motors set 70000", "Invalid value for"),
+        ("motors set 1000 --motor 5", "--motor 5: motors are 1 to 4"),
+        ("log ping --interval 0", "--interval 0: has to be above zero."),
+    ],
+)
+def test_what_cannot_be_meant_so_is_told_first(cfid: Cfid, tmp_path: Path, words: str, told: str) -> None:
+    assert cfid("new", str(tmp_path)).returncode == 0
+    said = cfid(*words.split(), "--campaign", str(tmp_path))
+    assert said.returncode == 2
+    assert told in said.stderr
+
+
+# What is recorded
+
+
+def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
+    pilot = bench.start(*STAIRS, "--json")
+    assert pilot.end() == 0, pilot.err
+    content = json.loads(pilot.out)
+    run = bench.run()
+
+    assert content["command"] == "log thrust"
+    assert {name: device["lost"] for name, device in content["devices"].items()} == {
+        "commands": 0,
+        "loadcell": 0,
+        "crazyflie": 0,
+        "supervisor": 0,
+    }
+    assert run.header.asked["steps"] == [10000, 20000, 30000]
+    commands, cell = (pd.read_csv(run.device_file(name)) for name in ("commands", "loadcell"))
+    steps = commands[commands.m1 > 0]
+    assert steps.m1.tolist() == steps.m3.tolist() == [10000, 20000, 30000]
+    at_rest = cell[cell.t < steps.t.iloc[0]].Fz.mean()
+    lifted = []
+    for begin_s in steps.t:
+        window = cell[(cell.t > begin_s + 0.35) & (cell.t < begin_s + 0.58)]
+        lifted.append((window.Fz.mean() - at_rest) / 1e6)
+    thrust_n = [2 * 1.8e-8 * (381 + 0.0408 * step) ** 2 for step in (10000, 20000, 30000)]
+    assert lifted == pytest.approx(thrust_n, rel=0.1)
+
+
+def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> None:
+    pilot = bench.start(*STAIRS)
+    bench.wait_until(lambda: bench.motors[0] == 20000, pilot)
+    pilot.send(signal.SIGINT)
+    assert pilot.end() == 0
+    first = bench.run()
+    again = bench.start("log", "thrust", "--resume", "last", "--yes")
+    assert again.end() == 0, again.err
+
+    second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
+    assert first.header.state == "interrupted"
+    assert second.header.asked["steps"] == [20000, 30000]
+    assert second.header.asked["hold_s"] == 0.6
+    nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
+    assert nothing.end() == 2
+    assert "lacks nothing" in nothing.err
+
+
+def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: Bench) -> None:
+    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes")
+    assert pilot.end() == 0, pilot.err
+    run = bench.run()
+    crossings = pd.read_csv(run.device_file("crossings"))
+    n = np.arange(1000)
+    u = np.trunc(np.round(20000 * np.cos(2 * np.pi * 12 * n / 1000) + 30000, 6)).astype(int)
+    expected = [0, *(np.flatnonzero(((u[:-1] > 30000) & (u[1:] <= 30000)) | ((u[:-1] < 30000) & (u[1:] >= 30000))) + 1)]
+
+    assert crossings["sample"].tolist() == [*expected, 1000]
+    assert np.abs(crossings.thrust_rec.to_numpy()[:-1] - u[expected]).max() <= 1
+    on_board_s = (crossings.vehicle_us - crossings.vehicle_us.iloc[0]).to_numpy() / 1e6
+    assert on_board_s == pytest.approx(crossings["sample"].to_numpy() / 500, abs=0.002)
+    assert run.header.asked == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
+
+    cell = pd.read_csv(run.device_file("loadcell"))
+    begin_s = (crossings.t - on_board_s).min()  # the report that was the least late
+    played = cell[(cell.t > begin_s) & (cell.t < begin_s + 2.0)]
+    phase = 2 * np.pi * 6 * (played.t - begin_s)  # l 500/N hertz
+    basis = np.column_stack([np.ones(len(played)), np.cos(phase), np.sin(phase)])
+    _, cos, sin = np.linalg.lstsq(basis, played.Fz.to_numpy() / 1e6, rcond=None)[0]
+    assert np.hypot(cos, sin) > 0.005
+    assert sin > 0  # the rotor lags behind
+
+
+def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
+    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--before", 0.2)
+    pilot = bench.start(*words)
+    bench.wait_until(lambda: "l = 5: complete" in pilot.out or pilot.process.poll() is not None, pilot)
+    pilot.wait_until_motors_run(0.1)
+    pilot.send(signal.SIGTERM)
+    assert pilot.end() == 0
+    assert not any(bench.motors)
+    again = bench.start(*words, "--resume", "--json")
+    assert again.end() == 0, again.err
+
+    content = json.loads(again.out)
+    assert content["wanted"] == [20, 40]
+    assert [run["state"] for run in content["runs"]] == ["complete", "complete"]
+    states = [(run.header.asked["l"], run.header.state) for run in list_runs(bench.folder / "runs")]  # type: ignore[union-attr]
+    assert states == [(5, "complete"), (20, "interrupted"), (20, "complete"), (40, "complete")]
+    last = bench.start(*words, "--resume")
+    assert last.end() == 2
+    assert "--resume: the campaign has all of them completely." in last.err
+
+
+def test_stock_firmware_plays_no_sine_and_says_what_it_needs(tmp_path: Path) -> None:
+    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
+        pilot = bench.start("log", "sine", "--l", 3, "--yes")
+        assert pilot.end() == 3
+        assert "a sine is played on board: this needs cfid's app" in pilot.err
+
+
+@pytest.mark.parametrize("firmware", ["app", "stock", "old"])
+def test_round_trips_are_those_that_the_radio_made(tmp_path: Path, firmware: str) -> None:
+    radio = {"latency_s": 0.0285, "jitter_s": 0.008}  # table 3.2
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
+        pilot = bench.start("log", "ping", "--count", 60, "--interval", 0.07, "--note", "on the bench", "--json")
+        assert pilot.end() == 0, pilot.err
+        pings = [
+            ping.round_trip_s
+            for ping in bench.rig.crazyflie.radio.pings
+            if (ping.payload[:1] == b"\xcf" if firmware == "stock" else ping.port == Ports().ping)
+        ]
+        found = json.loads(pilot.out)["parameters"]
+
+    # Of what the host adds a busy machine has more; that it is never less shows that nothing else was measured.
+    assert len(pings) >= 60
+    pings = pings[-60:]
+    assert found["latency.rtt_mean_s"]["value"] == pytest.approx(np.mean(pings), rel=0.04)
+    assert found["latency.rtt_std_s"]["value"] == pytest.approx(np.std(pings, ddof=1), rel=0.1)
+    measured_s = pd.read_csv(bench.run().device_file("pings")).rtt_s
+    assert (measured_s.to_numpy() >= np.array(pings)).all()
+
+
+def test_pings_are_told_as_table_3_2_has_them(bench: Bench) -> None:
+    pilot = bench.start("log", "ping", "--count", 20, "--interval", 0.02, "--note", "CF just started up")
+    assert pilot.end() == 0, pilot.err
+    lines = pilot.out.splitlines()
+    assert lines[1].split() == ["circumstances", "packets", "mean", "RTT", "[ms]", "std", "[ms]", "least", "[ms]"]
+    assert lines[2].startswith("CF just started up")
+    assert len([line for line in lines if "█" in line]) >= 1
+
+
+def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
+    words = ("log", "speed", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
+    pilot.process.communicate(b"12000\n\n15000.5\n")
+    assert pilot.process.returncode == 0, pilot.err
+    readings = pd.read_csv(bench.run().device_file("readings"))
+    assert readings[["command", "rpm"]].to_numpy().tolist() == [[20000, 12000], [40000, 15000.5]]
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"), [(b"12000\nfast\n", "'fast' is no reading"), (b"12000\n", "standard input ended")]
+)
+def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: bytes, told: str) -> None:
+    words = ("log", "scales", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
+    pilot.process.communicate(typed)
+    assert pilot.process.returncode == 2
+    assert told in pilot.err
+    assert not any(bench.motors)
+    assert bench.run().header.state == "failed"
+    assert len(pd.read_csv(bench.run().device_file("readings"))) == 1
+
+
+@pytest.mark.parametrize(("option", "truth"), [("deck", {"rpm_deck": True}), ("brushless", {"platform": "cf21bl"})])
+def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option: str, truth: dict[str, Any]) -> None:
+    words = ("log", "speed", "--from", 30000, "--to", 30000, "--hold", 0.6, "--rest", 0.3, "--yes")
+    with bench_in(tmp_path, crazyflie=truth) as bench:
+        pilot = bench.start(*words, "--tachometer", option)
+        assert pilot.end() == 0, pilot.err
+        log = pd.read_csv(bench.run().device_file("crazyflie"))
+    brushed_rpm, brushless_rpm = (381 + 0.0408 * 30000) * 60 / (2 * np.pi), 0.36 * 30000
+    column, rpm = ("rpm.m1", brushed_rpm) if option == "deck" else ("motor.m1_rpm", brushless_rpm)
+    assert log[column].max() == pytest.approx(rpm, rel=0.02)
+
+
+def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
+    pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes")
+    assert pilot.end() == 3
+    assert "this vehicle has no RPM deck: it logs no rpm.m1." in pilot.err
+
+
+# The console
+
+
+def test_a_reading_that_was_not_typed_is_asked_for_again(bench: Bench) -> None:
+    words = ("log", "speed", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
+    assert pilot.process.stdin is not None
+    pilot.process.stdin.write(b"12000\n")
+    pilot.process.stdin.flush()
+    bench.wait_until(lambda: bench.motors[0] == 30000, pilot)
+    time.sleep(0.6)
+    pilot.send(signal.SIGINT)
+    assert pilot.end() == 0
+    again = bench.start("log", "speed", "--resume", bench.run().folder, "--dry-run")
+    assert again.end() == 0, again.err
+    assert again.out.startswith("2 commands from 30000 to 40000")
+    other = bench.start("log", "thrust", "--resume", bench.run().folder, "--dry-run")
+    assert other.end() == 2
+    assert "is no run of `cfid log thrust` that could be resumed" in other.err
+
+
+def test_the_console_obeys_lines(bench: Bench) -> None:
+    pilot = bench.start("motors", "--yes", stdin=subprocess.PIPE)
+    assert pilot.process.stdin is not None
+    for line, motors in [
+        ("1 3 20000", (20000, 0, 20000, 0)),
+        ("a 30000", (30000,) * 4),
+        ("stop", (0, 0, 0, 0)),
+        ("1 20000, 2 15000", (20000, 15000, 0, 0)),
+        ("18000", (18000, 18000, 0, 0)),
+    ]:
+        pilot.process.stdin.write(f"{line}\n".encode())
+        pilot.process.stdin.flush()
+        bench.wait_until(lambda motors=motors: bench.motors == motors or pilot.process.poll() is not None, pilot)
+        assert bench.motors == motors, pilot.err
+    pilot.process.stdin.write(b"q\n")
+    pilot.process.stdin.flush()
+    assert pilot.end() == 0
+    assert not any(bench.motors)
+
+
+def test_the_console_obeys_keys_at_a_terminal_and_space_stops_at_once(bench: Bench) -> None:
+    master, slave = pty.openpty()
+    pilot = bench.start("motors", "--yes", stdin=slave)
+    os.close(slave)
+    bench.wait_until(lambda: "space, Enter, s" in pilot.err, pilot)
+    for keys, motors in [
+        (b"1 3 20000\n", (20000, 0, 20000, 0)),
+        (b"\x1b[A", (20500, 0, 20500, 0)),
+        (b"\x1b[B\x1b[B", (19500, 0, 19500, 0)),
+        (b" ", (0, 0, 0, 0)),
+        (b"all 14x\x7f2000\r", (12000,) * 4),
+        (b"\r", (0, 0, 0, 0)),
+        (b"7 100\n", (0, 0, 0, 0)),
+        (b"2 9000\n", (0, 9000, 0, 0)),
+        (b"4 100s", (0, 0, 0, 0)),
+        (b"2 9000\n", (0, 9000, 0, 0)),
+        (b"4  ", (0, 0, 0, 0)),
+        (b"3 9000\n", (0, 0, 9000, 0)),
+        (b"1 4\x1b", (0, 0, 0, 0)),
+        (b"[A", (0, 0, 0, 0)),
+        (b"1 9000\n", (9000, 0, 0, 0)),
+        (b"4 30x00 2\n", (0, 0, 0, 0)),
+        (b"1 9000\n", (9000, 0, 0, 0)),
+    ]:
+        os.write(master, keys)
+        bench.wait_until(lambda motors=motors: bench.motors == motors or pilot.process.poll() is not None, pilot)
+        assert bench.motors == motors, pilot.err
+    os.write(master, b"q")
+    assert pilot.end() == 0
+    assert not any(bench.motors)
+    assert "motors are 1 to 4, not 7" in pilot.err
+    os.close(master)
+
+
+@pytest.mark.parametrize("firmware", ["app", "stock"])
+def test_a_stop_goes_before_all_keys_that_wait(tmp_path: Path, firmware: str) -> None:
+    radio = {"latency_s": 0.0285, "jitter_s": 0.008}
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
+        master, slave = pty.openpty()
+        pilot = bench.start("motors", "--yes", stdin=slave)
+        os.close(slave)
+        bench.wait_until(lambda: "space, Enter, s" in pilot.err, pilot)
+        os.write(master, b"a 30000\n")
+        bench.wait_until(lambda: bench.motors == (30000,) * 4, pilot)
+        for _ in range(60):
+            os.write(master, b"\x1b[A")
+            time.sleep(0.02)
+        began_s = time.monotonic()
+        os.write(master, b" ")
+        assert bench.stopped_after(began_s) < 0.7
+        time.sleep(1.0)
+        assert not any(bench.motors)
+        os.write(master, b"q")
+        assert pilot.end() == 0, pilot.err
+        os.close(master)
+
+
+def test_a_dry_run_tells_the_time_and_reaches_for_nothing(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", str(tmp_path)).returncode == 0
+    stairs = cfid("log", "thrust", "--dry-run", "--campaign", str(tmp_path))
+    sines = cfid("log", "sine", "--l", "1,2,4", "--dry-run", "--campaign", str(tmp_path))
+    assert stairs.stdout == "33 commands from 0 to 64000 on motors 1, 3, 10 s each with 3 s of rest: 7:12 min\n"
+    assert sines.stdout == "3 sines of 12 s: 0.6 min\n"

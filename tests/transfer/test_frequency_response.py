@@ -1,0 +1,123 @@
+"""What a sine run says of the plant at its frequency, and how sure that is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError, FitError
+from cfid.sim.rotors import RotorTruth
+from cfid.sim.sine_bench import Bench, simulate_sines
+from cfid.transfer.frequency_response import Response, respond, respond_all
+from cfid.transfer.model import EQ_3_15
+from cfid.transfer.sines.alignment import SineRun, align
+from tests.transfer.sine_recordings import STILL, exact, noiseless_bench, recorded, simulated
+
+PERIODS = (2, 5, 12, 35, 100)
+B0, A1 = 6.0705967e-8, 0.9745210
+
+
+def noisy(run: SineRun, noise_n: np.ndarray[tuple[int], np.dtype[np.float64]]) -> SineRun:
+    return replace(run, force_n=run.force_n + noise_n)
+
+
+def truth_at(response: Response) -> complex:
+    return complex(EQ_3_15.response(np.array([response.frequency_rad_s]), sample_s=response.sample_s)[0])
+
+
+def test_at_the_samples_it_is_the_difference_equation_s_own_response() -> None:
+    series = align(exact(B0, A1, periods=PERIODS, samples=4000))
+    for response in respond_all(series, form="thesis")[0]:
+        omega = response.frequency_rad_s * 0.002
+        assert response.value == pytest.approx(B0 / (1 - A1 * np.exp(-1j * omega)), rel=1e-6)
+
+
+def test_of_the_force_itself_it_is_the_held_plant_s_response() -> None:
+    runs = simulated((2, 5, 12, 31), samples=4000, truth=STILL, bench=noiseless_bench(7000))
+    for response in respond_all(align(recorded(runs)))[0]:
+        assert response.value == pytest.approx(truth_at(response), rel=1e-5)
+
+
+def test_a_drift_changes_nothing() -> None:
+    run = align(recorded(simulated((3,), truth=STILL, bench=noiseless_bench(1000)))).runs[0]
+    drift = 2e-3 * run.time_s - 1e-4 * run.time_s**2
+
+    assert respond(noisy(run, drift)).value == pytest.approx(respond(run).value, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("periods", "colour"), [(3, "white"), (40, "white"), (40, "falling"), (3, "lines"), (40, "lines")]
+)
+def test_responses_scatter_as_they_say_in_noise_of_any_colour(periods: int, colour: str) -> None:
+    run = align(recorded(simulated((periods,), truth=STILL, bench=noiseless_bench(1000)))).runs[0]
+    rng = np.random.default_rng(periods)
+    count = len(run.time_s)
+    hertz = np.fft.rfftfreq(count, 1e-3)
+    scores = []
+    for _ in range(150):
+        spectrum = np.fft.rfft(rng.normal(0, 5e-3, count))
+        if colour == "falling":
+            spectrum /= np.maximum(hertz, 0.02) ** 0.5
+        noise = np.fft.irfft(spectrum, count)
+        if colour == "lines":
+            speed = rng.uniform(230, 260) + 40 * np.sin(2 * np.pi * periods / 8 * run.time_s)
+            noise += 0.2 * np.sin(2 * np.pi * np.cumsum(speed) * 1e-3 + rng.uniform(0, 6))
+        found = respond(noisy(run, noise))
+        size_std, phase_std = found.polar_std
+        turned = found.value / truth_at(found)
+        scores.append([(abs(turned) - 1) * abs(found.value) / size_std, np.angle(turned) / phase_std])
+
+    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=0.25)
+
+
+def test_a_line_beside_the_frequency_makes_it_uncertain() -> None:
+    run = align(recorded(simulated((12,)))).runs[0]
+    beside = noisy(run, 0.01 * np.sin(2 * np.pi * (12 / 8 + 0.7) * run.time_s))
+
+    assert respond(beside).std > 3 * respond(run).std
+
+
+def test_an_uncertain_start_turns_the_response_and_leaves_its_size() -> None:
+    run = align(recorded(simulated((40,)))).runs[0]
+    sure, unsure = respond(run), respond(replace(run, start_std_s=5e-3))
+
+    assert unsure.polar_std[0] == sure.polar_std[0]
+    assert unsure.polar_std[1] == pytest.approx(np.hypot(sure.polar_std[1], 2 * np.pi * 5 * 5e-3), rel=1e-3)
+
+
+def test_thrust_that_goes_with_the_square_of_speed_shows_in_the_second_harmonic_alone() -> None:
+    truth = RotorTruth()
+    middle, swing = 381 + 0.0408 * 30000, 0.0408 * 20000  # rad/s
+    run = simulate_sines(truth, periods=[2], samples=4000, rng=np.random.default_rng(1))
+    response = respond(align(recorded(run)).runs[0])
+    lag = 1 + 1j * response.frequency_rad_s * truth.time_constant_s
+
+    assert response.harmonics[0] == pytest.approx(swing / (4 * middle) / abs(lag), rel=0.05)
+    assert response.harmonics[1] < 0.01
+    assert abs(response.value) == pytest.approx(2 * truth.thrust_ns2_per_rad2 * middle * 0.0408 / abs(lag), rel=0.01)
+
+
+def test_a_clipped_sine_is_divided_by_what_was_played() -> None:
+    bench = Bench(loadcell=noiseless_bench(1000).loadcell)
+    run = simulate_sines(STILL, periods=[4], samples=4000, rng=np.random.default_rng(2), amplitude=45000, bench=bench)
+    response = respond(align(recorded(run)).runs[0])
+
+    assert abs(response.value) == pytest.approx(abs(truth_at(response)), rel=1e-3)
+
+
+def test_frequencies_that_are_none_or_too_high_are_left_out_with_a_sentence() -> None:
+    series = align(exact(B0, A1, periods=[0, 4, 200], samples=4000))
+    responses, said = respond_all(series)
+
+    assert [response.periods for response in responses] == [4]
+    assert said[0] == "l = 0: l = 0 has no frequency and is left out."
+    assert said[1] == "l = 200: its 25.0 Hz are above 12.5 Hz and left out."
+    for run in (series.runs[0], align(exact(B0, A1, periods=[2000], samples=4000)).runs[0]):
+        with pytest.raises(DataError, match="no frequency below half"):
+            respond(run)
+
+
+def test_too_little_force_is_refused() -> None:
+    run = align(recorded(simulated((12,)))).runs[0]
+    with pytest.raises(FitError, match="too few for a sine"):
+        respond(run, settle_s=7.895)

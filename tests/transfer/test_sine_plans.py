@@ -1,0 +1,73 @@
+"""Which sines `cfid log sine` plays when none is named, and that the operator knows how long before a motor turns."""
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
+from tests.flying_in_a_folder import bench_in
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.mark.parametrize("samples", [4000, 8000, 3989, 500, 120])
+def test_the_usual_plan_is_even_over_the_logarithm_of_frequency_up_to_12_5_hz(samples: int) -> None:
+    periods = sorted(log_spaced(samples).periods)
+    most = samples // 40
+
+    assert periods[0] == 2  # one period cannot be told from a drift
+    assert periods[-1] == most
+    assert len(set(periods)) == len(periods)
+    steps = np.diff(np.log([own for own in periods if own >= 8]))
+    assert np.all(steps < 0.42)
+    assert len(periods) >= min(10, most - 1)
+
+
+def test_frequency_goes_up_and_comes_down_so_that_no_drift_passes_for_a_time_constant() -> None:
+    periods = np.array(log_spaced(4000).periods)
+    time = np.arange(len(periods)) - (len(periods) - 1) / 2
+
+    assert abs(np.corrcoef(time, np.log(periods))[0, 1]) < 0.1
+
+
+def test_the_usual_plan_divides_n_where_it_can() -> None:
+    periods = log_spaced(4000).periods
+
+    assert {2, 4, 5, 8, 16, 20, 25, 32, 40, 50, 80, 100} <= set(periods)
+    assert "13 divide N" in log_spaced(4000).told
+
+
+def test_the_thesis_plans_are_table_3_1_as_far_as_it_tells() -> None:
+    for plan, count, samples, motor in ((THESIS_FIRST, 43, 4000, 1), (THESIS_SECOND, 40, 8000, 3)):
+        assert len(set(plan.periods)) == count
+        assert (plan.periods[0], plan.periods[-1]) == (0, samples // 2)
+        assert (plan.samples, plan.amplitude, plan.motor) == (samples, 20000, motor)
+        assert np.all(np.diff(plan.periods, 2) >= 0)  # "not constant but increasing"
+        assert "reconstructed" in plan.told
+    assert THESIS_FIRST.periods[:33] == (*range(16), *range(20, 101, 5))
+
+
+def test_a_plan_is_told_with_its_duration_and_what_of_it_is_made_up(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", str(tmp_path)).returncode == 0
+    usual, thesis = (
+        cfid("log", "sine", "--dry-run", "--campaign", str(tmp_path), *words)
+        for words in ((), ("--plan", "thesis-second", "--amplitude", "15000"))
+    )
+
+    assert usual.stdout == "20 sines of 12 s: 3.8 min\n"
+    assert "l = 2, 4, 6, 8, 13," in usual.stderr
+    assert thesis.stdout == "40 sines of 20 s: 13.0 min\n"
+    assert "reconstructed" in thesis.stderr
+    assert "reconstructed" in " ".join(cfid("log", "sine", "--help").stdout.split())
+
+
+def test_the_duration_stands_before_the_question(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start("log", "sine", "--l", "3,5", "--n", 500)
+        assert pilot.end() == 2
+        assert pilot.err.index("2 sines of 4 s: 0.1 min") < pilot.err.index(
+            "Is the vehicle fastened and everyone clear?"
+        )

@@ -1,0 +1,279 @@
+"""Sine runs on one time base: what was played when, what the load cell says of thrust, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError
+from cfid.sim.crazyflie_modules import PING, SINE
+from cfid.sim.rotors import RotorTruth
+from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
+from cfid.transfer.sines.alignment import RecordedSine, align, held, thrust_of
+from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan, match_reports
+from cfid.wire import app
+from tests.firmware.stand import MAY_RUN, new_core
+from tests.transfer.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
+
+PERIODS = (1, 3, 8, 25, 60, 100)
+LEAST_LATENCY_S = 0.012
+
+
+def played_on_board(periods: int, samples: int, amplitude: int) -> tuple[list[int], list[app.Crossing]]:
+    """Let cfid's app play a sine; return the commands of motor 1, and its reports."""
+    core, commands, reports = new_core(), [], []
+    core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(0), now_us=0, vehicle=MAY_RUN)
+    request = app.SineRequest(1, amplitude, app.omega_of(periods, samples), samples)
+    core.receive(SINE, app.SineChannel.START, app.encode_sine(request), now_us=0, vehicle=MAY_RUN)
+    for tick in range(1, 2 * samples + 3):
+        core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(tick), now_us=1000 * tick, vehicle=MAY_RUN)
+        driven = core.tick(now_us=1000 * tick, vehicle=MAY_RUN).commands
+        commands.append(driven[0] if driven else -1)
+        for service, channel, payload in core.sent():
+            if (service, channel) == (SINE, app.SineChannel.CROSSING):
+                reports.append(app.decode_crossing(payload))
+    return commands[0 : 2 * samples : 2], [report for report in reports if report is not None]
+
+
+@pytest.mark.parametrize(("periods", "samples", "amplitude"), [(12, 400, 20000), (40, 400, 20000), (7, 300, 35000)])
+def test_the_input_is_reconstructed_as_the_app_plays_it(periods: int, samples: int, amplitude: int) -> None:
+    plan = SinePlan(name="run", periods=periods, samples=samples, amplitude=amplitude)
+    commands, reports = played_on_board(periods, samples, amplitude)
+    stamped = Reports(
+        np.array([1e-6 * (report.microseconds or 0) for report in reports]),
+        np.array([float(report.command) for report in reports]),
+        np.array([float(report.sample or 0) for report in reports]),
+        np.array([float(report.microseconds or 0) for report in reports]),
+    )
+
+    assert plan.commands().tolist() == commands
+    by_sample = match_reports(plan, stamped)
+    by_order = match_reports(plan, stamped._replace(sample=None, vehicle_us=None))
+    assert by_sample.sample[:-1].tolist() == by_order.sample.tolist()
+
+
+def test_a_command_is_held_for_a_sample_and_is_zero_outside() -> None:
+    commands = np.array([5.0, 7.0])
+
+    assert held(commands, np.array([-0.001, 0.0, 0.0019, 0.002, 0.0039, 0.004])).tolist() == [0, 5, 5, 7, 7, 0]
+
+
+@pytest.mark.parametrize(("motor", "channel", "sign"), [(1, "Ty", -1), (2, "Tx", -1), (3, "Ty", 1), (4, "Tx", 1)])
+def test_motors_1_and_3_load_ty_and_2_and_4_tx_with_opposite_signs(motor: int, channel: str, sign: int) -> None:
+    rng = np.random.default_rng(1)
+    run = simulate_sines(RotorTruth(), periods=[4], samples=500, rng=rng, bench=Bench(motor=motor))[0]
+    wrench = run.counts / 1e6 - run.counts[:500].mean(axis=0) / 1e6
+    mean_n = wrench[1300:2000].mean(axis=0)
+    place = ("Tx", "Ty").index(channel)
+    on_arm = thrust_of("arm", wrench[:, :3], wrench[:, 3:], arm_m=ARM_M, motor=motor)[1300:2000].mean()
+
+    assert mean_n[3 + place] / ARM_M == pytest.approx(sign * mean_n[2], rel=0.1)
+    assert abs(mean_n[4 - place]) / ARM_M < 0.1 * mean_n[2]
+    assert on_arm == pytest.approx(mean_n[2], rel=0.1)
+
+
+def test_all_motors_together_make_no_torque_about_an_arm() -> None:
+    with pytest.raises(DataError, match="take Fz"):
+        thrust_of("arm", np.zeros((2, 3)), np.zeros((2, 3)), arm_m=ARM_M, motor=0)
+
+
+def test_bias_and_sign_are_found_before_and_in_the_run() -> None:
+    for channel, sign in (("Ty", -1), ("Fz", 1)):
+        for run in align(recorded(simulated(PERIODS), channel=channel)).runs:  # type: ignore[arg-type]
+            at_rest = run.force_n[run.time_s < -0.1]
+            assert run.sign == sign
+            assert abs(at_rest.mean()) < 1e-3
+            assert run.force_n[(run.time_s > 1) & (run.time_s < 7)].mean() == pytest.approx(0.0715, rel=0.3)
+
+
+def test_a_sign_that_is_given_is_kept() -> None:
+    assert {run.sign for run in align(recorded(simulated(PERIODS)), sign="+").runs} == {1}
+
+
+def test_on_board_stamps_tell_the_start_to_a_tenth_of_a_millisecond_and_the_loop_as_fast_as_it_is() -> None:
+    bench = Bench(loop_error=2e-3)
+    runs = simulated(log_spaced(20, 100), bench=bench, seed=4)
+    series = align(recorded(runs))
+
+    for run, found in zip(runs, series.runs, strict=True):
+        true_s = 1.75e9 + run.report_vehicle_us[0] / 1e6 / bench.vehicle_clock
+        assert found.start_s == pytest.approx(true_s + LEAST_LATENCY_S, abs=3e-4)
+        assert found.sample_s == pytest.approx(SAMPLE_S / 1.002, rel=1e-5)
+    assert series.lines[0].skew == pytest.approx(-1 / 85, abs=1e-5)
+    assert series.mean_lateness_s == pytest.approx(0.016, abs=3 * series.mean_lateness_std_s)
+
+
+def test_host_stamps_tell_the_start_as_well_as_they_say() -> None:
+    scores = []
+    for seed in range(10):
+        runs = simulated(PERIODS, seed=seed)
+        series = align(recorded(runs, stamped=False))
+        errors = np.array(
+            [
+                found.start_s - 1.75e9 - run.report_vehicle_us[0] / 1e6 / Bench().vehicle_clock - LEAST_LATENCY_S
+                for run, found in zip(runs, series.runs, strict=True)
+            ]
+        )
+        stated = [np.hypot(run.start_std_s, run.shared_s["quickest"]) for run in series.runs]
+        scores.append(errors / stated)
+        assert "phase of its sine" in series.notes[0]
+
+    assert 0.5 < np.std(scores) < 1.5
+
+
+def test_a_vehicle_restarted_between_runs_makes_two_clocks() -> None:
+    first, second = simulated((3, 8, 25)), simulated((60, 5, 12), seed=1)
+    later = [
+        replace(run, report_host_s=run.report_host_s + 900, time_s=run.time_s + 900) for run in second
+    ]  # its microseconds begin anew
+    series = align(recorded([*first, *later]))
+
+    assert len(series.lines) == 2
+    assert [set(run.shared_s) for run in series.runs[2:4]] == [{"offset 0", "rate 0"}, {"offset 1", "rate 1"}]
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("periods", [1, 30, 100, 400])
+def test_a_run_alone_is_aligned_too_and_says_how_well(periods: int, stamped: bool) -> None:
+    errors, stated = [], []
+    for seed in range(12):
+        run = simulated((periods,), seed=seed)[0]
+        found = align(recorded([run], stamped=stamped)).runs[0]
+        true_s = 1.75e9 + run.report_vehicle_us[0] / 1e6 / USUAL.vehicle_clock
+        errors.append(found.start_s - true_s - LEAST_LATENCY_S)
+        stated.append(np.hypot(found.start_std_s, np.linalg.norm(list(found.shared_s.values()))))
+
+    assert np.median(np.abs(errors)) < 3 * np.median(stated) + 1e-4
+    assert np.median(stated) < 0.05
+
+
+def test_runs_may_share_one_load_cell_file() -> None:
+    alone = recorded(simulated(PERIODS))
+    time_s, force_n = (np.concatenate([getattr(run, name) for run in alone]) for name in ("time_s", "force_n"))
+    shared = align([replace(run, time_s=time_s, force_n=force_n) for run in alone])
+
+    for own, run in zip(align(alone).runs, shared.runs, strict=True):
+        assert run.bias_n == own.bias_n
+        assert np.array_equal(run.force_n, own.force_n)
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("periods", [8, 25, 100])
+def test_a_report_that_the_radio_lost_is_no_obstacle(periods: int, stamped: bool) -> None:
+    whole = recorded(simulated((5, periods)), stamped=stamped)
+    lossy = [whole[0], without(whole[1], [4, 9])]
+    begun, found = (align(runs).runs[1] for runs in (whole, lossy))
+
+    assert abs(found.start_s - begun.start_s) < 4 * np.hypot(found.start_std_s, begun.start_std_s) + 1e-4
+    assert (found.start_std_s > 5e-3) == (periods > 40 and not stamped)
+
+
+def test_a_sine_of_the_module_of_2015_may_cross_an_exact_middle_a_sample_late() -> None:
+    run = recorded(simulated((10,)), stamped=False)[0]  # N/l is 400: it crosses at 100, 300, ...
+    upward = np.flatnonzero(np.diff(run.plan.commands()[np.arange(299, 302)]) > 0)
+    command = run.reports.command.copy()
+    command[2] += run.plan.amplitude * run.plan.omega_rad
+    matched = match_reports(run.plan, run.reports._replace(command=command))
+
+    assert len(upward)
+    assert matched.sample[:4].tolist() == [0, 100, 301, 500]
+
+
+def without(run: RecordedSine, rows: list[int]) -> RecordedSine:
+    fields = [None if values is None else np.delete(values, rows) for values in run.reports]
+    return replace(run, reports=Reports(*fields))  # type: ignore[arg-type]
+
+
+def kept(run: RecordedSine, rows: slice) -> RecordedSine:
+    return replace(run, reports=Reports(*(None if values is None else values[rows] for values in run.reports)))  # type: ignore[arg-type]
+
+
+def cut_at(run: RecordedSine, samples: int) -> RecordedSine:
+    """Let the motors stop after so many samples."""
+    before = int(np.searchsorted(run.plan.commands().cumsum() * 0 + np.arange(run.plan.samples), samples))
+    stamps = run.reports
+    sample = simulated((run.plan.periods,))[0].report_sample
+    rows = np.flatnonzero(sample < before)
+    end_s = stamps.host_s[0] + samples * SAMPLE_S
+    return replace(
+        run,
+        reports=Reports(
+            np.append(stamps.host_s[rows], end_s),
+            np.append(stamps.command[rows], 0.0),
+            None if stamps.sample is None else np.append(stamps.sample[rows], float(samples)),
+            None if stamps.vehicle_us is None else np.append(stamps.vehicle_us[rows], stamps.vehicle_us[rows][-1] + 1),
+        ),
+    )
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_too_few_crossings_are_refused(stamped: bool) -> None:
+    run = recorded(simulated((12,)), stamped=stamped)[0]
+    few = without(run, list(range(2, len(run.reports.host_s) - 1)))
+    with pytest.raises(DataError, match=r"l = 12: too few crossings: 3 reports, where .* makes 26"):
+        align([few])
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("periods", [3, 12, 60])
+def test_a_run_cut_short_is_refused(periods: int, stamped: bool) -> None:
+    run = recorded(simulated((periods,)), stamped=stamped)[0]
+    with pytest.raises(DataError, match=r"played .*N is 4000 and l \d+: it was cut short"):
+        align([cut_at(run, 3000)])
+    with pytest.raises(DataError, match="cut short: its last report is"):
+        align([kept(run, slice(None, -1))])
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("periods", [1, 12, 60])
+def test_a_wrong_n_is_refused(periods: int, stamped: bool) -> None:
+    run = recorded(simulated((periods,)), stamped=stamped)[0]
+    for samples in (2000, 8000):
+        with pytest.raises(DataError, match=f"N is not {samples}"):
+            align([replace(run, plan=replace(run.plan, samples=samples))])
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize(("one", "other"), [(11, 12), (12, 25), (3, 60), (95, 100), (100, 1)])
+def test_two_runs_that_were_swapped_are_refused(one: int, other: int, stamped: bool) -> None:
+    first, second = recorded(simulated((one, other)), stamped=stamped)
+    for plan, run in ((first.plan, second), (second.plan, first)):
+        with pytest.raises(DataError, match=r"swapped|too few crossings"):
+            align([replace(run, plan=plan)])
+
+
+def test_another_amplitude_is_refused() -> None:
+    run = recorded(simulated((12,)))[0]
+    with pytest.raises(DataError, match="began with 50000, a sine of amplitude 15000 begins with 45000"):
+        align([replace(run, plan=replace(run.plan, amplitude=15000))])
+
+
+@pytest.mark.parametrize(("keep", "missing"), [(slice(None, 4000), "3.3"), (slice(5000, None), "3.8")])
+def test_a_load_cell_that_does_not_cover_the_run_is_refused(keep: slice, missing: str) -> None:
+    run = recorded(simulated((12,)))[0]
+    with pytest.raises(DataError, match="l = 12: the load cell's record does not cover the run") as refused:
+        align([replace(run, time_s=run.time_s[keep], force_n=run.force_n[keep])])
+    assert "of its 8.0 s the " in str(refused.value)
+    with pytest.raises(DataError, match="does not cover"):
+        align([replace(run, time_s=run.time_s + 500)])
+
+
+def test_a_record_that_begins_with_the_run_has_no_bias_and_says_so() -> None:
+    run = recorded(simulated((12,)))[0]
+    begin = int(np.searchsorted(run.time_s, run.reports.host_s[0] - 0.02))
+    series = align([replace(run, time_s=run.time_s[begin:], force_n=run.force_n[begin:])], sign="-")
+
+    assert series.runs[0].bias_n is None
+    assert series.runs[0].sign == -1
+    assert "bias and sign are not corrected" in series.notes[0]
+
+
+def test_no_run_at_all_is_refused() -> None:
+    with pytest.raises(DataError, match="no sine run"):
+        align([])
+
+
+def test_a_constant_command_is_aligned_too() -> None:
+    series = align(exact(6e-8, 0.97, periods=[0, 4], samples=4000))
+
+    assert series.runs[0].duration_s == pytest.approx(8.0)

@@ -1,0 +1,249 @@
+"""Sine runs that cannot be meant so: a sentence with the next step and an exit code, never a traceback."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.sim.sine_bench import SimulatedSine
+from tests.transfer.sines_in_a_folder import Here, Said, sines, write_index, write_run
+
+Spoil = Callable[[Path], None]
+
+PERIODS = (2, 5, 10, 20, 40)
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[SimulatedSine]:
+    return sines(PERIODS)
+
+
+@pytest.fixture
+def index(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
+    return write_index(tmp_path, {"": runs}, cells=1)
+
+
+def refused(said: Said, code: int, *words: str) -> None:
+    assert said.returncode == code, said.stderr
+    assert said.stdout == ""
+    assert "Traceback" not in said.stderr
+    last = said.stderr.splitlines()[-1]
+    assert last.startswith("cfid: ")
+    for word in words:
+        assert word in last
+
+
+def rewritten(name: str, change: Callable[[list[str]], list[str]]) -> Spoil:
+    def spoil(folder: Path) -> None:
+        path = folder / name
+        path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
+
+    return spoil
+
+
+def replaced(name: str, old: str, new: str) -> Spoil:
+    return rewritten(name, lambda lines: [line.replace(old, new) for line in lines])
+
+
+def swapped(folder: Path) -> None:
+    one, other = (folder / f"crossings_{l}.csv" for l in (10, 20))  # noqa: E741
+    first, second = one.read_text(), other.read_text()
+    one.write_text(second)
+    other.write_text(first)
+
+
+def third_field(row: int, value: str) -> Callable[[list[str]], list[str]]:
+    def change(lines: list[str]) -> list[str]:
+        fields = lines[row].split(",")
+        fields[2] = value
+        return [*lines[:row], ",".join(fields), *lines[row + 1 :]]
+
+    return change
+
+
+FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
+    "too few crossings": (
+        rewritten("crossings_10.csv", lambda lines: [*lines[:5], lines[-1]]),
+        4,
+        ("l = 10 (crossings_10.csv): too few crossings: 5 reports, where a sine with l = 10 makes 22", "Record it"),
+    ),
+    "a run cut short": (
+        rewritten("crossings_10.csv", lambda lines: lines[:-6]),
+        4,
+        ("l = 10 (crossings_10.csv): cut short", "Record it again"),
+    ),
+    "a wrong N": (replaced("index.csv", "10,2000", "10,4000"), 4, ("l = 10 (crossings_10.csv): ", "N")),
+    "an endless N": (replaced("index.csv", "10,2000", "10,1000000000"), 4, ("N = 1000000000 would last 556 hours",)),
+    "a wrong amplitude": (replaced("index.csv", "10,2000,20000", "10,2000,10000"), 4, ("state its amplitude",)),
+    "two runs swapped": (swapped, 4, ("(crossings_10.csv): ", "Were two runs swapped?")),
+    "a load cell that stopped early": (
+        rewritten("cell_0.csv", lambda lines: lines[: len(lines) // 2]),
+        4,
+        ("the load cell's record does not cover the run", "Is it the file of another run"),
+    ),
+    "a load cell with a gap": (
+        rewritten("cell_0.csv", lambda lines: lines[:2000] + lines[2400:]),
+        4,
+        ("the load cell's record does not cover the run", "are missing"),
+    ),
+    "a load cell of other columns": (replaced("cell_0.csv", "Tx,Ty", "a,b"), 4, ("no column Tx, Ty", "--columns")),
+    "no number in a load cell": (rewritten("cell_0.csv", third_field(5, "nan")), 4, ("cell_0.csv:6", "'nan'")),
+    "a missing load cell": (replaced("index.csv", "cell_0", "cell_9"), 4, ("cell_9.csv: no such file.",)),
+    "missing crossings": (replaced("index.csv", "crossings_10.csv", "x.csv"), 4, ("x.csv: no such file.",)),
+    "crossings that are a load cell": (
+        replaced("index.csv", "crossings_10.csv", "cell_0.csv"),
+        4,
+        ("cell_0.csv: no column thrust_rec", "Is it the file of another device?"),
+    ),
+    "a load cell that is crossings": (
+        replaced("index.csv", "cell_0.csv,crossings_2.", "crossings_2.csv,crossings_2."),
+        4,
+        ("crossings_2.csv: no column Fx",),
+    ),
+    "no number in crossings": (replaced("crossings_10.csv", "30000", "nan"), 4, ("crossings_10.csv:", "'nan'")),
+    "crossings back in time": (
+        rewritten("crossings_10.csv", lambda lines: [*lines[:4], lines[6], lines[5], *lines[7:]]),
+        4,
+        ("crossings_10.csv:6: time goes back.",),
+    ),
+    "an index without a column": (
+        replaced("index.csv", "loadcell", "cell"),
+        4,
+        ("index.csv: no column loadcell", "its head should be l,n,amplitude,motor,loadcell,crossings[,series]"),
+    ),
+    "an index of words": (replaced("index.csv", "10,2000", "ten,2000"), 4, ("index.csv:4: 'ten' in column 'l'",)),
+    "an l above N/2": (replaced("index.csv", "10,2000", "1001,2000"), 4, ("index.csv:4: l is 1001", "from 0 to 1000")),
+    "no such motor": (replaced("index.csv", "20000,1", "20000,5"), 4, ("motor is 5", "from 0 to 4")),
+    "an index that ends in a row": (
+        rewritten("index.csv", lambda lines: [*lines, "3,2000"]),
+        4,
+        ("index.csv:7: 2 fields where its head has 6",),
+    ),
+    "an index of nothing": (rewritten("index.csv", lambda lines: lines[:1]), 4, ("a head and no rows",)),
+    "all motors about an arm": (replaced("index.csv", "20000,1", "20000,0"), 4, ("take Fz",)),
+    "a run twice": (rewritten("index.csv", lambda lines: [*lines, lines[2]]), 4, ("l = 5", "name each run once")),
+    "a run by two names": (
+        rewritten("index.csv", lambda lines: [*lines, lines[2].replace("crossings", "./crossings")]),
+        4,
+        ("l = 5 (crossings_5.csv): its crossings are those of l = 5", "name each run once"),
+    ),
+    "one frequency": (rewritten("index.csv", lambda lines: lines[:2]), 5, ("are too few", "record more sines")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_said_with_the_next_step(tf: Here, index: Path, fault: str) -> None:
+    spoil, code, words = FAULTS[fault]
+    spoil(index.parent)
+    refused(tf("identify", "--index", index, "--no-figures"), code, *words)
+
+
+def test_without_stamps_of_the_vehicle_a_cut_and_a_swap_are_found_too(
+    tf: Here, tmp_path: Path, runs: list[SimulatedSine]
+) -> None:
+    index = write_index(tmp_path, {"": runs}, stamped=False)
+    swapped(tmp_path)
+    refused(tf("identify", "--index", index), 4, "Were two runs swapped?")
+    rewritten("crossings_20.csv", lambda lines: lines[:-5])(tmp_path)
+    swapped(tmp_path)
+    refused(tf("identify", "--index", index), 4, "cut short")
+
+
+@pytest.mark.parametrize("method", ["default", "thesis"])
+def test_a_load_cell_on_another_clock_is_found(tf: Here, index: Path, method: str) -> None:
+    lines = (index.parent / "cell_0.csv").read_text().splitlines()
+    early = [lines[0], *(f"{float(line.split(',')[0]) - 1e6:.6f},{line.partition(',')[2]}" for line in lines[1:])]
+    (index.parent / "cell_0.csv").write_text("\n".join(early) + "\n")
+    refused(tf("identify", "--index", index, "--method", method), 4, "the load cell's record does not cover the run")
+
+
+def test_a_load_cell_that_felt_nothing_gives_no_numbers(tf: Here, index: Path) -> None:
+    lines = (index.parent / "cell_0.csv").read_text().splitlines()
+    still = [lines[0], *(f"{line.split(',')[0]},0,0,0,0,0,0" for line in lines[1:])]
+    (index.parent / "cell_0.csv").write_text("\n".join(still) + "\n")
+    refused(tf("identify", "--index", index, "--no-figures"), 5, "felt nothing")
+    refused(tf("identify", "--index", index, "--method", "thesis"), 5, "felt nothing")
+
+
+def test_a_channel_that_does_not_feel_the_motor_gives_no_numbers(tf: Here, index: Path) -> None:
+    said = tf("identify", "--index", index, "--channel", "Tx", "--no-figures")
+    assert said.returncode == 5
+    assert "may be noise alone: are --channel and the motor those of the runs?" in said.stderr
+    as_thesis = tf.json("identify", "--index", index, "--channel", "Tx", "--method", "thesis", code=5)
+    assert any("the force's largest peak is not at the sine" in doubt for doubt in as_thesis["quality"]["doubts"])
+    replaced("index.csv", "20000,1", "20000,0")(index.parent)
+    refused(tf("identify", "--index", index, "--channel", "Ty", "--no-figures"), 4, "take Fz")
+
+
+def test_weights_of_zero_leave_the_thesis_nothing(tf: Here, index: Path) -> None:
+    weightless = ("--method", "thesis", "--weight-low", 0, "--weight-high", 0)
+    refused(tf("identify", "--index", index, *weightless), 5, "weight zero", "--weight-low")
+
+
+def test_what_the_options_cannot_mean_is_said(tf: Here, index: Path) -> None:
+    refused(tf("identify"), 2, "no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
+    refused(tf("identify", "missing"), 4, "missing: no run folder; files of sines need an index: say --index FILE")
+    refused(tf("identify", index.parent / "crossings_2.csv"), 4, "files of sines need an index")
+    refused(tf("identify", "--index", "missing.csv"), 4, "missing.csv: no such file.")
+    refused(tf("identify", "--index", index, "--arm-mm", 0), 2, "--arm-mm 0: has to be above zero.")
+    refused(tf("identify", "--index", index, "--yaw-deg", "nan"), 2, "--yaw-deg nan: has to be a number.")
+    refused(tf("identify", "--index", index, "--rate-hz", 500, "--columns", "Fx,Fy,Fz,Tx,Ty,Tz"), 2, "--rate-hz")
+    refused(tf("identify", "--index", index, "--cutoff-hz", 0.1), 5, "no sine run is left", "--cutoff-hz")
+    refused(tf("identify", "--index", index, "--settle-s", 3.9), 5, "too few for a sine")
+    refused(tf("identify", "--index", index, "--method", "thesis", "--n-t", 1999), 4, "no whole period is left")
+    refused(tf("identify", "--index", index, "--time-unit", "us"), 4, "--time-unit s")
+
+
+def test_a_run_of_something_else_is_no_sine(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    refused(tf("identify"), 2, "no complete sines: record one, or name runs.")
+    sine = write_run(tmp_path, runs[0])
+    swing = create_run(
+        tmp_path / "runs",
+        kind="swing",
+        label=Label(axis="x"),
+        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
+        started=sine.header.started,
+        cfid_version="0",
+    ).close("complete")
+    refused(
+        tf("identify", swing.folder), 4, "a run of swing, no sine: its run.toml does not say l, n, amplitude, motor"
+    )
+    (sine.folder / "crossings.csv").unlink()
+    refused(tf("identify", sine.folder), 4, "crossings.csv: no such file.")
+
+
+@pytest.mark.parametrize(("old", "new"), [("n = 2000", "n = 0"), ("l = 5", "l = -5"), ("l = 5", "l = 1500")])
+def test_a_run_whose_file_says_an_impossible_sine_is_refused(
+    tf: Here, tmp_path: Path, runs: list[SimulatedSine], old: str, new: str
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    (_, other, *_) = (write_run(tmp_path, run).folder for run in runs)
+    header = (other / "run.toml").read_text()
+    (other / "run.toml").write_text(header.replace(old, new))
+    refused(tf("identify"), 4, new, "which is no sine.")
+
+
+def test_an_interrupted_run_says_so(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    run = write_run(tmp_path, runs[1])
+    text = (run.folder / "crossings.csv").read_text().splitlines()
+    (run.folder / "crossings.csv").write_text("\n".join(text[:-3]) + "\n")
+    refused(tf("identify", run.folder), 4, f"l = 5 ({run.folder.name}): cut short")
+
+
+def test_no_spoilt_number_ends_in_a_traceback(tf: Here, index: Path) -> None:
+    rng = np.random.default_rng(0)
+    lines = index.read_text().splitlines()
+    for _ in range(25):
+        row, field = int(rng.integers(1, len(lines))), int(rng.integers(0, 6))
+        fields = lines[row].split(",")
+        fields[field] = str(rng.choice(["", "-1", "0", "1e9", "x", "1.5", "inf", "3"]))
+        index.write_text("\n".join([*lines[:row], ",".join(fields), *lines[row + 1 :]]) + "\n")
+        method = rng.choice(["default", "thesis"])
+        said = tf("identify", "--index", index, "--no-figures", "--json", "--method", method)
+        assert said.returncode in (0, 2, 4, 5)

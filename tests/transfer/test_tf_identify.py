@@ -1,0 +1,283 @@
+"""`cfid tf identify`: runs and files of sines in, transfer functions with their verdict out."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import Parameter, Section, load_sections, store_section
+from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
+from tests.transfer.sines_in_a_folder import (
+    GAIN_N,
+    LAG_S,
+    PERIODS,
+    TRUTH,
+    USUAL,
+    Here,
+    noiseless,
+    sines,
+    write_index,
+    write_run,
+)
+
+
+def found(tf: Here, *words: object, code: int = 0) -> dict[str, Any]:
+    return tf.json("identify", *words, code=code)
+
+
+@pytest.fixture(scope="module")
+def first() -> list[SimulatedSine]:
+    return sines(samples=4000, bench=USUAL)
+
+
+@pytest.fixture(scope="module")
+def second() -> list[SimulatedSine]:
+    return sines(periods=PERIODS[1:], samples=4000, seed=1, bench=replace(USUAL, motor=3, loadcell_latency_s=0.010))
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory, first: list[SimulatedSine], second: list[SimulatedSine]) -> Path:
+    return write_index(tmp_path_factory.mktemp("both"), {"first": first, "second": second})
+
+
+def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, both: Path) -> None:
+    content = found(tf, "--index", both)
+    parameters, quality = content["parameters"], content["quality"]
+
+    assert content["command"] == "tf identify"
+    assert parameters["tf.time_constant_s"]["value"] == pytest.approx(LAG_S, rel=0.01)
+    assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.005)
+    pole = np.exp(-parameters["tf.sample_time_s"]["value"] / parameters["tf.time_constant_s"]["value"])
+    assert parameters["tf.denominator"]["value"] == pytest.approx([1, -pole])
+    assert parameters["tf.denominator"]["std"][0] == 0
+    gain = parameters["tf.static_gain_n"]["value"]
+    assert parameters["tf.numerator"]["value"] == pytest.approx([0, gain * (1 - pole)])
+    for name, delay_s in (("first", -0.0274), ("second", -0.018)):
+        own = {key: parameters[f"tf.series.{name}.{key}"] for key in ("time_constant_s", "static_gain_n", "delay_s")}
+        assert own["time_constant_s"]["value"] == pytest.approx(LAG_S, rel=0.02)
+        assert own["static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+        assert own["delay_s"]["value"] == pytest.approx(delay_s, abs=4 * own["delay_s"]["std"])
+        assert len(parameters[f"tf.series.{name}.numerator"]["value"]) == 2
+    assert quality["believed"]
+    assert quality["degrees_of_freedom"] == 2 * quality["frequencies"] - 4
+    assert quality["corrected_aic"]["first+delay"] < 5
+    assert quality["corrected_aic"]["first"] > 100
+    assert {Path(source["path"]).name for source in content["sources"]} >= {"index.csv", "cellfirst_0.csv"}
+
+
+def test_the_frequency_response_has_the_rows_of_the_contract(tf: Here, both: Path) -> None:
+    rows = found(tf, "--index", both)["parameters"]["tf.frequency_response"]["value"]
+
+    assert set(rows[0]) == {"series", "l", "frequency_rad_s", "magnitude", "phase_rad", "std"}
+    assert [row["l"] for row in rows if row["series"] == "first"] == list(PERIODS[1:])
+    slow = rows[1]
+    assert slow["frequency_rad_s"] == pytest.approx(2 * np.pi * 500 * slow["l"] / 4000, rel=1e-3)
+    assert slow["magnitude"] == pytest.approx(GAIN_N, abs=4 * slow["std"] + 0.01 * GAIN_N)
+
+
+def test_a_person_gets_the_formula_its_convention_the_verdict_and_the_thesis_beside(tf: Here, both: Path) -> None:
+    said = tf("identify", "--index", str(both), "--no-figures", "--compare", "eq3.15")
+
+    assert said.returncode == 0, said.stderr
+    assert "tf.time_constant_s" in said.stdout
+    assert " z^-1) / (1 - 0.97" in said.stdout
+    assert "each command is held for a sample and felt from then on" in said.stdout
+    assert "degrees of freedom" in said.stdout
+    assert "as the thesis calculates, latency left out: static gain" in said.stdout
+    assert "(3.15) of the thesis: static gain 2.383e-06 N" in said.stdout
+    assert "second for itself: static gain" in said.stdout
+    assert "earlier than its command as stamped on average" in said.stdout
+    assert "first: l = 0 has no frequency and is left out." in said.stderr
+
+
+def test_a_sine_that_is_too_fast_is_left_out_and_that_is_said(tf: Here, both: Path) -> None:
+    content = found(tf, "--index", both, "--cutoff-hz", 6.5)
+
+    assert {row["l"] for row in content["parameters"]["tf.frequency_response"]["value"]} == set(PERIODS[1:-2])
+    assert "first: l = 75, 100 above 6.5 Hz left out (--cutoff-hz)." in content["warnings"]
+
+
+def test_files_of_the_thesis_kind_need_no_stamps_of_the_vehicle(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+) -> None:
+    index = write_index(tmp_path, {"": first}, stamped=False)
+    content = found(tf, "--index", index)
+    parameters = content["parameters"]
+
+    assert parameters["tf.time_constant_s"]["value"] == pytest.approx(LAG_S, rel=0.03)
+    assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert parameters["tf.series.motor1.time_constant_s"] == parameters["tf.time_constant_s"]
+    assert any("crossings carry no time of the vehicle" in warning for warning in content["warnings"])
+
+
+@pytest.mark.parametrize("channel", ["Ty", "Fz", "arm"])
+def test_every_channel_that_feels_the_motor_tells_the_same(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine], channel: str
+) -> None:
+    index = write_index(tmp_path, {"": first})
+    parameters = found(tf, "--index", index, "--channel", channel)["parameters"]
+
+    assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+
+
+def test_a_column_that_nobody_reads_is_told(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
+    index = write_index(tmp_path, {"first": first})
+    index.write_text(index.read_text().replace("series", "Series", 1))
+
+    assert "index.csv: not used: column Series; it may have series." in found(tf, "--index", index)["warnings"]
+
+
+def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_told(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+) -> None:
+    index = write_index(tmp_path, {"": first})
+    down, up = (found(tf, "--index", index, "--channel", "Ty", "--sign", sign) for sign in ("+", "-"))
+
+    assert down["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(-GAIN_N, rel=0.01)
+    assert up["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert any("the static gain is negative" in said and "--sign" in said for said in down["warnings"])
+    assert not any("negative" in said for said in up["warnings"])
+
+
+def test_units_of_the_load_cell_are_as_the_operator_says(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
+    index = write_index(tmp_path, {"": first})
+    halved = found(tf, "--index", index, "--counts-per-n", 2e6, "--counts-per-nm", 2e6, "--arm-mm", 23)
+
+    assert halved["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert not any("counts are read as" in warning for warning in halved["warnings"])
+
+
+def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for run in first[1:]:
+        write_run(tmp_path, run, series="bench")
+    said = tf("identify")
+    section = load_sections(tmp_path / "parameters.toml")["tf"]
+
+    assert said.returncode == 0, said.stderr
+    assert "takes 9 complete sines" in said.stderr
+    assert section.parameters["tf.time_constant_s"].value == pytest.approx(LAG_S, rel=0.01)
+    assert section.parameters["tf.series.bench.static_gain_n"].value == pytest.approx(GAIN_N, rel=0.005)
+    assert section.believed
+    assert len(section.sources) == 18
+    drawn = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert drawn == {f"{name}.{kind}" for name in ("tf_bode", "tf_step", "tf_run_bench") for kind in ("png", "svg")}
+
+
+def test_the_static_gain_is_checked_against_the_thrust_map(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    index = write_index(tmp_path, {"": first})
+    for slope, warned in ((GAIN_N, False), (1.3 * GAIN_N, True)):
+        poly = Parameter(value=[slope / 120000, slope / 2, 0.0], std=[0.0, 0.0, 0.0], unit="N(cmd)")
+        store_section(
+            tmp_path / "parameters.toml",
+            "thrust",
+            Section(
+                method="default",
+                found=pd.Timestamp("2026-11-21", tz="UTC").to_pydatetime(),
+                cfid_version="0",
+                believed=True,
+                sources=(),
+                parameters={"motor.thrust_poly": poly},
+            ),
+        )
+        content = found(tf, "--index", index)
+        assert content["quality"]["thrust_map_slope_n"] == pytest.approx(slope)
+        assert content["quality"]["static_gain_off_slope"] == pytest.approx(GAIN_N / slope - 1, abs=0.01)
+        assert any("off the thrust map's slope" in warning for warning in content["warnings"]) == warned
+
+
+def test_the_thesis_method_gives_its_own_numbers_without_deviations(tf: Here, both: Path) -> None:
+    content = found(tf, "--index", both, "--method", "thesis")
+    parameters = content["parameters"]
+
+    assert len(parameters["tf.numerator"]["value"]) == 1
+    assert parameters["tf.numerator"]["std"] is None
+    assert parameters["tf.delay_s"]["value"] == 0
+    assert set(content["quality"]["series"]) == {"first", "second"}
+    assert any("divides zero by zero" in warning for warning in content["warnings"])
+    default = found(tf, "--index", both)["quality"]["thesis"]
+    assert default["numerator"] == parameters["tf.numerator"]["value"]
+
+
+def test_the_thesis_method_gives_the_coefficients_where_nothing_is_late(tf: Here, tmp_path: Path) -> None:
+    truth = LinearTruth.of_coefficients(6.0705967e-8, 0.9745210)
+    bench = noiseless()
+    punctual = replace(
+        bench, radio=bench.radio.model_copy(update={"latency_s": 0, "jitter_s": 0}), loadcell_latency_s=0
+    )
+    runs = sines((2, 4, 8, 16, 40, 80), truth=truth, samples=4000, bench=punctual)
+    index = write_index(tmp_path, {"": runs}, stamped=False)
+    parameters = found(tf, "--index", index, "--method", "thesis", "--preset", "first")["parameters"]
+
+    assert parameters["tf.numerator"]["value"] == pytest.approx([6.0705967e-8], rel=2e-3)  # forces between samples
+    assert parameters["tf.denominator"]["value"] == pytest.approx([1, -0.9745210], rel=1e-4)
+
+
+def test_the_numbers_of_c_2_5_are_options(tf: Here, both: Path) -> None:
+    thesis = ("--index", both, "--method", "thesis")
+    presets = [
+        found(tf, *thesis, "--preset", name)["parameters"]["tf.numerator"]["value"] for name in ("first", "second")
+    ]
+    told = ("--n-t", 1800, "--weight-low", 2.5, "--weight-high", 0.5, "--low-up-to", 50, "--count-up-to", 200)
+    by_hand = found(tf, *thesis, *told)["parameters"]["tf.numerator"]["value"]
+    more = found(tf, *thesis, "--a", 3, "--b", 2, "--force")["parameters"]
+
+    assert by_hand == presets[1] != presets[0]
+    assert len(more["tf.numerator"]["value"]) == 2
+    assert len(more["tf.denominator"]["value"]) == 3
+
+
+def test_shapes_are_chosen_by_corrected_aic_or_by_hand(tf: Here, both: Path) -> None:
+    auto = found(tf, "--index", both, "--shape", "auto")
+    scores = auto["quality"]["corrected_aic"]
+    zero = found(tf, "--index", both, "--shape", "zero")
+
+    assert auto["quality"]["shape"] == min(scores, key=scores.get)
+    assert "tf.lead_s" in zero["parameters"]
+    assert zero["quality"]["shape"] == "zero"
+
+
+def test_the_thesis_form_has_no_z_1_and_the_same_plant(tf: Here, both: Path) -> None:
+    hold, thesis = (found(tf, "--index", both, "--form", form)["parameters"] for form in ("hold", "thesis"))
+
+    assert len(thesis["tf.numerator"]["value"]) == 1
+    assert thesis["tf.time_constant_s"]["value"] == pytest.approx(hold["tf.time_constant_s"]["value"], rel=5e-3)
+    sample_s = hold["tf.sample_time_s"]["value"]
+    later = thesis["tf.delay_s"]["value"] - hold["tf.delay_s"]["value"]
+    assert later == pytest.approx(sample_s, abs=3e-4)
+
+
+def test_what_no_such_plant_explains_is_not_believed_and_exits_with_5(tf: Here, both: Path) -> None:
+    content = found(tf, "--index", both, "--shape", "first", code=5)
+    forced = found(tf, "--index", both, "--shape", "first", "--force")
+    said = tf("identify", "--index", str(both), "--shape", "first", "--no-figures")
+
+    assert content["parameters"] == {}
+    assert not content["quality"]["believed"]
+    assert "tf.time_constant_s" in forced["parameters"]
+    assert said.returncode == 5
+    assert said.stderr.splitlines()[-1].startswith("cfid: not believed: chi-squared is ")
+    assert "'first+delay' describes the responses clearly better than 'first'" in said.stderr
+
+
+def test_series_of_two_motors_that_differ_are_told_apart(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
+    slower = replace(TRUTH, time_constant_s=1.5 * LAG_S)
+    other = sines(PERIODS[1:], truth=slower, samples=4000, seed=2, bench=Bench(rate_hz=500, motor=3))
+    index = write_index(tmp_path, {"first": first, "second": other})
+    content = found(tf, "--index", index, "--force")
+
+    assert not content["quality"]["believed"]
+    assert any(
+        "each series has a transfer function, but not the same" in doubt for doubt in content["quality"]["doubts"]
+    )
+    lag = content["parameters"]["tf.series.second.time_constant_s"]["value"]
+    assert lag == pytest.approx(1.5 * LAG_S, rel=0.02)

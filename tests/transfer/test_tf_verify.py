@@ -1,0 +1,231 @@
+"""`cfid tf verify` and `cfid tf latency`: functions against runs they did not see, round trips and clocks."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import load_sections
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.sim.radio import Direction, RadioTruth
+from cfid.sim.sine_bench import SimulatedSine
+from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run
+from tests.transfer.test_tf_faults import refused
+
+POLE = float(np.exp(-0.002 / LAG_S))
+NUMERATOR, DENOMINATOR = f"0,{GAIN_N * (1 - POLE):.8g}", f"1,{-POLE:.8g}"
+DELAY_S = 0.0006 - 0.028
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[SimulatedSine]:
+    return sines((1, 2, 5, 8, 10, 12, 20, 40, 60), samples=4000)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
+    """All runs but l = 12, and what was identified from them."""
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for run in runs:
+        write_run(tmp_path, run, series="bench")
+    return tmp_path
+
+
+BY_NUMBERS = ("--numerator", "0,6.07e-8", "--denominator", "1,-0.97453", "--delay-s", "-0.0274")
+
+
+def name_of(campaign: Path, l: int) -> str:  # noqa: E741
+    (folder,) = (campaign / "runs").glob(f"*_sine_l{l}")
+    return folder.name
+
+
+def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, campaign: Path) -> None:
+    seen = [name_of(campaign, l) for l in (1, 2, 5, 8, 10, 20, 40, 60)]  # noqa: E741
+    assert tf("identify", *seen, "--no-figures").returncode == 0
+    left_out = name_of(campaign, 12)
+    content = tf.json("verify", left_out)
+    parameters = content["parameters"]
+
+    assert content["quality"]["believed"]
+    assert not content["warnings"]
+    key = f"tf.verify.{left_out}"
+    late = parameters[f"{key}.late_s"]
+    assert late["value"] == pytest.approx(0, abs=4 * late["std"] + 5e-4)
+    assert parameters[f"{key}.gain_ratio"]["value"] == pytest.approx(1, abs=0.03)
+    assert parameters[f"{key}.fit_percent"]["value"] > 85
+    assert parameters[f"{key}.residual_rms_n"]["value"] < 5e-3
+    assert content["quality"]["runs"][f"l = 12 ({left_out})"]["off"] < 0.05
+    assert "tf verify" in load_sections(campaign / "parameters.toml")
+
+
+def test_a_run_that_was_used_verifies_nothing_and_that_is_said(tf: Here, campaign: Path) -> None:
+    assert tf("identify", "--no-figures").returncode == 0
+    said = tf("verify", name_of(campaign, 10))
+
+    assert "the transfer function was identified from it: this verifies nothing." in said.stderr
+    assert "figure: " in said.stderr
+    assert (campaign / "figures" / "tf_verify_l10.png").exists()
+    assert "fit 9" in said.stdout or "fit 8" in said.stdout
+    assert "residual" in said.stdout
+
+
+def test_the_thesis_result_of_a_campaign_is_verified_from_the_stamps_on_average(tf: Here, campaign: Path) -> None:
+    assert tf("identify", "--method", "thesis", "--no-figures").returncode == 0
+    content = tf.json("verify", name_of(campaign, 12), "--force")
+    late_s = content["parameters"][f"tf.verify.{name_of(campaign, 12)}.late_s"]["value"]
+
+    assert late_s < -0.002  # what it ignores
+
+
+def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+    index = write_index(tmp_path, {"": runs[4:7]})
+    told = ("--index", index, "--numerator", NUMERATOR, "--denominator", DENOMINATOR)
+    good = tf.json("verify", *told, "--delay-s", DELAY_S)
+    shifted = tf.json("verify", *told, "--delay-s", DELAY_S - 0.02, code=5)
+    wrong = tf.json("verify", *told, "--delay-s", DELAY_S, "--denominator", "1,-0.9", code=5)
+
+    assert good["quality"]["believed"]
+    assert {key.split(".")[2] for key in good["parameters"]} == {"crossings_10", "crossings_12", "crossings_20"}
+    assert not shifted["quality"]["believed"]
+    assert not wrong["quality"]["believed"]
+    assert "the measured sine differs from the simulated one by" in shifted["quality"]["doubts"][0]
+
+
+def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_path: Path) -> None:
+    bench = noiseless(1000)
+    punctual = RadioTruth(latency_s=0.0, jitter_s=0.0)
+    runs = sines((10, 40), samples=4000, bench=type(bench)(**{**vars(bench), "radio": punctual}))
+    index = write_index(tmp_path, {"": runs})
+    factor = np.convolve([1, -POLE], [1, -0.5])  # a pole and a zero that cancel each other
+    numerator = np.convolve([0, GAIN_N * (1 - POLE)], [1, -0.5])
+    words = [",".join(f"{value:.10g}" for value in own) for own in (numerator, factor)]
+    content = tf.json(
+        "verify", "--index", index, "--numerator", words[0], "--denominator", words[1], "--delay-s", 0.0006
+    )
+
+    for l in (10, 40):  # noqa: E741
+        assert content["parameters"][f"tf.verify.crossings_{l}.late_s"]["value"] == pytest.approx(0, abs=1e-3)
+
+
+def test_what_cannot_be_verified_is_said(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+    index = write_index(tmp_path, {"": runs[4:5]}, cells=1)
+    refused(tf("verify", "--index", index), 2, "no campaign here that knows a transfer function", "--numerator")
+    refused(tf("verify", "--numerator", "1", "--denominator", "1"), 2, "nothing to verify with")
+    refused(tf("verify", "--index", index, "--numerator", "1"), 2, "--numerator and --denominator belong together")
+    wrong = ("verify", "--index", index, "--denominator", "2,-1")
+    refused(tf(*wrong, "--numerator", "1"), 2, "should begin with its leading 1.")
+    refused(tf(*wrong, "--numerator", "a"), 2, "--numerator a: should be numbers with commas between")
+    refused(tf(*wrong, "--numerator", "nan"), 2, "--numerator nan: should be numbers with commas between")
+    known = ("verify", "--index", index, "--numerator", "0,6e-8")
+    refused(tf(*known[:4], "0,0", "--denominator", "1,-0.97"), 2, "--numerator 0,0: nothing is left of any command")
+    refused(tf(*known, "--denominator", "1,-1.5"), 2, "--denominator 1,-1.5: never settles")
+    for delay_s in ("nan", "1e9", "-1e9"):
+        refused(tf(*known, "--denominator", "1,-0.97", "--delay-s", delay_s), 2, "should be from -10 to 10 s.")
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    refused(tf("verify", "--index", index), 2, "has no transfer function yet: run `cfid tf identify`")
+
+
+def test_a_run_without_frequency_cannot_be_compared(tf: Here, tmp_path: Path) -> None:
+    index = write_index(tmp_path, {"": sines((0, 10))}, cells=1)
+    said = tf("verify", "--index", index, *BY_NUMBERS)
+    refused(said, 4, "l = 0 (crossings_0.csv): has no frequency")
+
+
+def test_a_run_in_which_noise_drowns_the_sine_verifies_little(tf: Here, tmp_path: Path) -> None:
+    index = write_index(tmp_path, {"": sines((1,))}, cells=1)
+    warnings = tf.json("verify", "--index", index, *BY_NUMBERS)["warnings"]
+
+    assert any("l = 1 (crossings_1.csv): is known to" in said and "verifies little" in said for said in warnings)
+
+
+def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tf: Here, tmp_path: Path) -> None:
+    for folder, seed in (("one", 0), ("other", 1)):
+        (tmp_path / folder).mkdir()
+        write_index(tmp_path / folder, {"": sines((10,), seed=seed)}, cells=1)
+    rows = [(tmp_path / folder / "index.csv").read_text().splitlines() for folder in ("one", "other")]
+    lines = [row[1].replace(",c", f",{at}/c") for at, row in zip(("one", "other"), rows, strict=True)]
+    (tmp_path / "both.csv").write_text("\n".join([rows[0][0], *lines]) + "\n")
+    content = tf.json("verify", "--index", "both.csv", *BY_NUMBERS)
+
+    assert len([key for key in content["parameters"] if key.endswith("gain_ratio")]) == 2
+    assert len(content["quality"]["runs"]) == 2
+    assert tf("verify", "--index", "both.csv", *BY_NUMBERS).returncode == 0
+    assert {"tf_verify_l10.png", "tf_verify_l10_2.png"} <= {path.name for path in tmp_path.rglob("*.png")}
+
+
+# Latency
+
+
+def ping_run(folder: Path, *, count: int = 400, seed: int = 0, stamped: bool = True) -> Path:
+    """Write a run of pings of table 3.2's kind; the vehicle's clock runs at 84/85 from 100 s on."""
+    radio = RadioTruth(latency_s=0.0285, jitter_s=0.011)
+    rng = np.random.default_rng(seed)
+    there, back = Direction(radio, rng), Direction(radio, rng)
+    sent_s = 1.75e9 + 1000 * seed + 0.1 * np.arange(count)
+    heard_s = np.array([there.arrival_s(time_s) or 0.0 for time_s in sent_s])
+    arrived_s = np.array([back.arrival_s(time_s) or 0.0 for time_s in heard_s])
+    device_us = np.floor(((heard_s - 1.75e9) * 84 / 85 + 100) * 1e6).astype(np.int64) % 2**32
+    columns = ("t", "rtt_s", *(("vehicle_us",) if stamped else ()))
+    writer = create_run(
+        folder / "runs",
+        kind="ping",
+        label=Label(note="just started up"),
+        devices={"pings": DeviceRecord(file="pings.csv", columns=columns)},
+        started=pd.Timestamp(sent_s[0], unit="s", tz="UTC").to_pydatetime(),
+        cfid_version="0",
+    )
+    writer.append("pings", (sent_s, np.round(arrived_s - sent_s, 7), device_us)[: len(columns)])
+    return writer.close("complete").folder
+
+
+def test_round_trips_and_the_vehicles_clock_are_told(tf: Here, tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    run = ping_run(tmp_path)
+    rtt_s = pd.read_csv(run / "pings.csv").rtt_s
+    content = tf.json("latency", run)
+    parameters = content["parameters"]
+
+    assert parameters["latency.rtt_mean_s"]["value"] == pytest.approx(rtt_s.mean())
+    assert parameters["latency.rtt_std_s"]["value"] == pytest.approx(rtt_s.std())
+    assert parameters["latency.rtt_min_s"]["value"] == pytest.approx(rtt_s.min())
+    skew, offset = parameters["latency.clock_skew"], parameters["latency.clock_offset_s"]
+    assert skew["value"] == pytest.approx(84 / 85 - 1, abs=4 * skew["std"])
+    assert skew["std"] < 1e-4
+    bound_s = content["quality"]["offset_bound_s"]
+    assert offset["value"] == pytest.approx(1.75e9 - 100 * 85 / 84, abs=bound_s + 4 * offset["std"])
+    assert set(load_sections(tmp_path / "parameters.toml")["latency"].parameters) == set(parameters)
+
+
+def test_several_runs_are_rows_of_table_3_2(tf: Here, tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for seed in range(2):
+        ping_run(tmp_path, seed=seed, count=100)
+    said = tf("latency")
+
+    assert said.returncode == 0, said.stderr
+    assert "takes 2 complete runs of pings" in said.stderr
+    assert said.stdout.count("just started up") == 2
+    assert "all                               200" in said.stdout
+    assert "ppm against this computer's" in said.stdout
+
+
+def test_files_with_round_trips_alone_tell_no_clock(tf: Here, tmp_path: Path) -> None:
+    path = tmp_path / "rtt.csv"
+    path.write_text("rtt_s\n" + "".join(f"{0.05 + 0.001 * i:.4f}\n" for i in range(20)))
+    parameters = json.loads(tf("latency", path, "--json").stdout)["parameters"]
+
+    assert parameters["latency.rtt_mean_s"]["value"] == pytest.approx(0.0595)
+    assert "latency.clock_skew" not in parameters
+    refused(tf("latency", path, path), 4, "the same pings as before: name each run once.")
+    path.write_text("t,delay\n1,2\n2,3\n")
+    refused(tf("latency", path), 4, "no column rtt_s among t, delay")
+    path.write_text("rtt_s\n0.05\n-0.05\n")
+    refused(tf("latency", path), 4, "rtt.csv:3: a round trip takes time.")
+    path.write_text("rtt_s\n0.05\n")
+    refused(tf("latency", path), 5, "at least two are needed")
+    refused(tf("latency", "missing.csv"), 4, "missing.csv: no such file.")
+    refused(tf("latency"), 2, "no campaign here")

@@ -1,0 +1,134 @@
+"""Transfer functions drawn: responses with intervals and model, a step, one run, and a run against its simulation."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from cfid.transfer.estimation import Measured, TransferFit, fit_transfer, measure
+from cfid.transfer.figures import bode_figure, step_figure, thesis_bode_figure, verification_figure
+from cfid.transfer.panels import sine_run_figure
+from cfid.transfer.sines.alignment import RecordedSine, SineSeries, align
+from cfid.transfer.sines.reports import SAMPLE_S
+from cfid.transfer.thesis import ThesisFit, fit_thesis
+from cfid.transfer.verification import verify
+from tests.transfer.sine_recordings import GAIN_N, LAG_S, recorded, simulated
+
+Look = Callable[[Figure], Any]
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[RecordedSine]:
+    return recorded(simulated((2, 6, 12, 30, 80)), channel="arm")
+
+
+@pytest.fixture(scope="module")
+def series(runs: list[RecordedSine]) -> SineSeries:
+    return align(runs)
+
+
+@pytest.fixture(scope="module")
+def measured(series: SineSeries) -> Measured:
+    return measure("first", series)[0]
+
+
+@pytest.fixture(scope="module")
+def fit(measured: Measured) -> TransferFit:
+    return fit_transfer([measured])
+
+
+@pytest.fixture(scope="module")
+def thesis(runs: list[RecordedSine]) -> ThesisFit:
+    return fit_thesis(runs)
+
+
+def test_a_bode_page_shows_every_response_with_its_interval_the_model_and_the_thesis(
+    look: Look, fit: TransferFit, thesis: ThesisFit
+) -> None:
+    page = look(bode_figure(fit, thesis=thesis))
+    size = page.panel("(a)")
+    points = next(line for line in size.get_lines() if line.get_marker() == "o")
+
+    np.testing.assert_allclose(points.get_ydata(), [1e6 * abs(own.value) for own in fit.measured[0].responses])
+    assert len(size.collections) == 1  # of intervals
+    curve = next(line for line in size.get_lines() if len(line.get_xdata()) > 100)
+    assert curve.get_ydata()[0] == pytest.approx(1e6 * GAIN_N, rel=0.03)
+    phases = page.panel("(b)")
+    labels = {str(own.get_label()) for own in (*phases.get_lines(), *phases.containers)}
+    assert {"model", "as the thesis", "first, as stamped", "first"} <= labels
+    assert page.red() == ""
+    assert not page.overlapping()
+
+
+def test_responses_that_no_model_follows_are_said_in_red(look: Look, measured: Measured) -> None:
+    page = look(bode_figure(fit_transfer([measured], shape="first")))
+
+    assert "chi-squared" in page.red()
+    assert not page.overlapping()
+
+
+def test_two_series_lie_on_one_curve_in_two_colours(look: Look, measured: Measured) -> None:
+    other = Measured(name="second", responses=measured.responses, mean_lateness_s=0.0)
+    page = look(bode_figure(fit_transfer([measured, other])))
+    colours = {line.get_color() for line in page.panel("(a)").get_lines() if line.get_marker() == "o"}
+
+    assert len(colours) == 2
+    assert not page.overlapping()
+
+
+def test_the_thesis_page_shows_its_estimates_and_their_least_squares(look: Look, thesis: ThesisFit) -> None:
+    page = look(thesis_bode_figure({"first": thesis}, thesis, sample_s=SAMPLE_S))
+    points = next(line for line in page.panel("(a)").get_lines() if line.get_marker() == "o")
+
+    np.testing.assert_allclose(points.get_ydata(), [1e6 * abs(own.value) for own in thesis.responses])
+    assert not page.overlapping()
+
+
+@pytest.mark.parametrize("shape", ["first+delay", "second"])
+def test_a_step_ends_at_the_static_gain_with_its_interval(
+    look: Look, measured: Measured, thesis: ThesisFit, shape: Any
+) -> None:
+    fit = fit_transfer([measured], shape=shape)
+    page = look(step_figure(fit, thesis=thesis))
+    axes = page.panel("thrust after a step")
+    model = next(line for line in axes.get_lines() if line.get_label() == "model")
+    (band,) = axes.collections
+
+    assert model.get_ydata()[0] == 0
+    assert model.get_ydata()[-1] == pytest.approx(1e6 * fit.dynamics.static_gain_n, rel=0.01)
+    edge = band.get_paths()[0].vertices
+    last = edge[np.isclose(edge[:, 0], edge[:, 0].max()), 1]
+    assert np.ptp(last) == pytest.approx(2 * 1.96e6 * fit.std.static_gain_n, rel=0.25)
+    assert not page.overlapping()
+
+
+def test_a_run_is_shown_with_its_reports_late_and_its_line_in_both_spectra(
+    look: Look, series: SineSeries, runs: list[RecordedSine]
+) -> None:
+    page = look(sine_run_figure(series.runs[2], runs[2].reports, settle_s=1.0))
+    reports = next(line for line in page.panel("(a)").get_lines() if line.get_marker() == "o")
+
+    sample = runs[2].reports.sample
+    assert sample is not None
+    assert len(reports.get_xdata()) == 2 * 12 + 2
+    assert np.mean(reports.get_xdata()) > np.mean(sample) * SAMPLE_S
+    for panel, height in (("(c)", 20000), ("(d)", 20000 * GAIN_N / np.hypot(1, 2 * np.pi * 1.5 * LAG_S))):
+        tops = [segment[1][1] for segment in page.panel(panel).collections[0].get_segments()]
+        assert max(tops) == pytest.approx(height, rel=0.02)
+    assert not page.overlapping()
+
+
+def test_a_verification_shows_what_is_left_and_its_verdict(look: Look, series: SineSeries, fit: TransferFit) -> None:
+    run = series.runs[2]
+    good = verify(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
+    bad = verify(run, fit.dynamics, after_quickest_s=0.15)
+    page, other = (look(verification_figure(run, found)) for found in (good, bad))
+
+    left = page.panel("(c)").get_lines()[0]
+    np.testing.assert_allclose(left.get_ydata(), good.residual_n)
+    assert page.red() == ""
+    assert "does not describe this run" in other.red()
+    assert not page.overlapping()
+    assert not other.overlapping()

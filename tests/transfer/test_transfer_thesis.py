@@ -1,0 +1,151 @@
+"""C.2.5 as it stands: its coefficients from clean data, its constants, and what ignoring latencies costs it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError, FitError
+from cfid.sim.radio import RadioTruth
+from cfid.sim.sine_bench import Bench
+from cfid.transfer.estimation import fit_transfer, measure
+from cfid.transfer.sines.alignment import RecordedSine, align
+from cfid.transfer.thesis import (
+    FIRST_SERIES,
+    SECOND_SERIES,
+    Complex,
+    ThesisSettings,
+    fit_thesis,
+    least_squares,
+    thesis_response,
+)
+from tests.transfer.sine_recordings import FIRST_PERIODS, LAG_S, SHAKEN, STILL, exact, recorded, simulated
+
+EQUATIONS = [(6.0705967e-8, 0.9745210), (7.2345374e-8, 0.9695404)]
+DIVIDING = (2, 4, 5, 8, 10, 16, 20, 25, 32, 40, 50, 80, 100)
+
+
+def thrust(runs: list[RecordedSine]) -> list[RecordedSine]:
+    """Give the load cell's torque the sign of thrust, as C.2.5 does by a minus."""
+    return [replace(run, force_n=-run.force_n) for run in runs]
+
+
+@pytest.mark.parametrize(("b0", "a1"), EQUATIONS)
+@pytest.mark.parametrize(("samples", "settings"), [(4000, FIRST_SERIES), (8000, SECOND_SERIES)])
+def test_clean_data_give_the_coefficients_where_every_l_divides_n(
+    b0: float, a1: float, samples: int, settings: ThesisSettings
+) -> None:
+    fit = fit_thesis(exact(b0, a1, periods=DIVIDING, samples=samples, cut=False), settings)
+
+    assert fit.numerator == pytest.approx([b0], rel=1e-6)
+    assert fit.denominator == pytest.approx([1, -a1], rel=1e-6)
+    assert not fit.notes
+
+
+@pytest.mark.parametrize(("b0", "a1"), EQUATIONS)
+@pytest.mark.parametrize("cut", [True, False])
+def test_leakage_costs_half_a_thousandth_where_they_do_not(b0: float, a1: float, cut: bool) -> None:
+    fit = fit_thesis(exact(b0, a1, periods=FIRST_PERIODS, samples=4000, cut=cut))
+
+    assert fit.numerator == pytest.approx([b0], rel=5e-4)
+    assert fit.denominator == pytest.approx([1, -a1], rel=5e-4)
+
+
+def test_l_0_is_left_out_with_a_sentence_and_what_is_above_the_cut_off_too() -> None:
+    fit = fit_thesis(exact(*EQUATIONS[0], periods=[0, 4, 8, 200], samples=4000))
+
+    assert [response.periods for response in fit.responses] == [4, 8]
+    assert "divides zero by zero" in fit.notes[0]
+    assert fit.notes[1] == "l = 200: l = 200 is above 100 and left out."
+
+
+@pytest.mark.parametrize(("periods", "taken"), [(1, 3500), (2, 2000), (12, 3330), (64, 3465), (100, 3480)])
+def test_whole_periods_are_transformed_each_rounded_to_samples(periods: int, taken: int) -> None:
+    response = thesis_response(exact(*EQUATIONS[0], periods=[periods], samples=4000)[0])
+
+    assert response.fft_samples == taken
+    assert response.samples == 4000
+    assert response.omega_rad == pytest.approx(2 * np.pi * periods / 4000)
+    assert not response.elsewhere
+
+
+def test_n_is_what_the_stamps_say_and_the_bias_that_of_the_first_thousand_samples() -> None:
+    run = exact(*EQUATIONS[0], periods=[10], samples=4000)[0]
+    stamps_s = run.reports.host_s.copy()
+    stamps_s[-1] += 0.0075
+    late = replace(run, reports=run.reports._replace(host_s=stamps_s), force_n=run.force_n + 3.0)
+
+    assert thesis_response(late).samples == 4004
+    assert thesis_response(late).omega_rad == pytest.approx(2 * np.pi * 10 / 4004)
+    same = replace(late, force_n=run.force_n)
+    assert thesis_response(late).value == pytest.approx(thesis_response(same).value)
+
+
+def test_weights_enter_squared() -> None:
+    value: Complex = np.array([1.0, 0.8 - 0.3j, 0.4 - 0.5j, 0.2 - 0.4j])
+    omega = np.array([0.01, 0.03, 0.06, 0.1])
+    twice = ThesisSettings()
+    weighted = least_squares(value, omega, np.array([2.0, 1.0, 1.0, 1.0]), twice)
+    repeated = least_squares(value[[0, 0, 0, 0, 1, 2, 3]], omega[[0, 0, 0, 0, 1, 2, 3]], np.ones(7), twice)
+
+    assert weighted[0] == pytest.approx(repeated[0])
+    assert weighted[1] == pytest.approx(repeated[1])
+    fit = fit_thesis(exact(*EQUATIONS[0], periods=[4, 15, 16, 40], samples=4000))
+    assert fit.weights.tolist() == [2, 2, 0.5, 0.5]
+    fit = fit_thesis(exact(*EQUATIONS[0], periods=[50, 51, 200, 201], samples=8000), SECOND_SERIES)
+    assert fit.weights.tolist() == [2.5, 0.5, 0.5]
+
+
+@pytest.mark.parametrize(("numerator", "denominator"), [([2.0], [1, -0.9]), ([1, 0.5, -0.2], [1, -1.2, 0.4])])
+def test_any_a_and_b_are_solved_for(numerator: list[float], denominator: list[float]) -> None:
+    omega = np.linspace(0.01, 2.0, 12)
+    z = np.exp(1j * omega)
+    value = np.asarray(np.polyval(numerator[::-1], 1 / z) / np.polyval(denominator[::-1], 1 / z), dtype=np.complex128)
+    settings = ThesisSettings(numerator=len(numerator), denominator=len(denominator))
+    found = least_squares(value, omega, np.ones(12), settings)
+
+    assert found[0] == pytest.approx(numerator)
+    assert found[1] == pytest.approx(denominator)
+
+
+@pytest.mark.parametrize(("latency_s", "excess"), [(0.010, 0.2), (0.023, 0.6)])
+def test_a_latency_that_it_ignores_makes_its_time_constant_too_long(latency_s: float, excess: float) -> None:
+    bench = Bench(radio=RadioTruth(latency_s=0.0, jitter_s=0.0), loadcell_latency_s=latency_s)
+    runs = recorded(simulated(FIRST_PERIODS, truth=STILL, bench=bench))
+    ignored = fit_thesis(thrust(runs)).time_constant_s
+    joint = fit_transfer([measure("first", align(runs))[0]])
+
+    assert ignored is not None
+    found = joint.time_constant_s / LAG_S
+    print(f"latency {1e3 * latency_s:.1f} ms: thesis {ignored / LAG_S - 1:+.1%}, joint {found - 1:+.2%}")
+    assert ignored / LAG_S - 1 > excess
+    assert joint.time_constant_s == pytest.approx(LAG_S, rel=0.01)
+
+
+def test_with_the_radio_late_and_rotors_shaking_it_is_off_where_the_default_is_not() -> None:
+    runs = recorded(simulated(FIRST_PERIODS, truth=SHAKEN))
+    thesis = fit_thesis(thrust(runs))
+    joint = fit_transfer([measure("first", align(runs))[0]])
+
+    assert thesis.time_constant_s is not None
+    assert abs(thesis.time_constant_s / LAG_S - 1) > 0.05
+    assert abs(joint.time_constant_s / LAG_S - 1) < 0.01
+    elsewhere = [note for note in thesis.notes if "largest peak" in note]
+    assert len(elsewhere) == sum(response.elsewhere for response in thesis.responses) > 3
+
+
+def test_what_cannot_be_taken_is_refused() -> None:
+    run = exact(*EQUATIONS[0], periods=[10], samples=4000)[0]
+    with pytest.raises(DataError, match="does not cover"):
+        thesis_response(replace(run, time_s=run.time_s[:4000], force_n=run.force_n[:4000]))
+    with pytest.raises(DataError, match="no whole period is left"):
+        thesis_response(run, settle_samples=3700)
+    with pytest.raises(FitError, match="0 frequencies are too few for A = 2, B = 1"):
+        fit_thesis([])
+
+
+def test_a_pole_that_does_not_decay_has_no_time_constant() -> None:
+    fit = fit_thesis(exact(*EQUATIONS[0], periods=[4, 8], samples=4000))
+
+    assert replace(fit, denominator=np.array([1.0, -1.1])).time_constant_s is None
+    assert fit.static_gain_n == pytest.approx(6.0705967e-8 / (1 - 0.9745210), rel=1e-4)
