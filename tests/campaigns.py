@@ -5,8 +5,9 @@ import io
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,6 +37,11 @@ def cfid(tmp_path: Path) -> Cfid:
     return run
 
 
+def sentences(content: Mapping[str, Any]) -> list[str]:
+    """Return the sentences of a result's findings, as --json has it."""
+    return [finding["text"] for finding in content["findings"]]
+
+
 def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *words]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
@@ -51,7 +57,7 @@ def in_this_process(words: Sequence[str], folder: Path) -> subprocess.CompletedP
         pytest.raises(SystemExit) as ended,
     ):
         main(words)
-    said = [stream.buffer.getvalue().decode() for stream in (out, err)]  # type: ignore[attr-defined]
+    said = [stream.buffer.getvalue().decode() for stream in (out, err)]
     return subprocess.CompletedProcess(["cfid", *words], int(ended.value.code or 0), *said)
 
 

@@ -112,7 +112,7 @@ def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | No
     if std is not None:
         raise ConfigError(f"{_CUBIC}: --std is one number, and a cubic has four: `cfid fit thrust` gives them.")
     known = [s for s in load_sections(campaign.parameters_file).values() if _MOST in s.parameters]
-    latest = max(known, key=lambda section: (section.believed, section.found), default=None)
+    latest = max(known, key=lambda section: (_MOST not in section.rejected, section.found), default=None)
     most_n = latest.parameters[_MOST].value if latest else None
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was noted.")
@@ -177,7 +177,7 @@ def _into_parameters(
             method="by hand",
             found=datetime.now(UTC).replace(microsecond=0),
             cfid_version=__version__,
-            believed=True,
+            accepted=True,
             sources=(),
             parameters={**(before.parameters if before else {}), name: Parameter(value=value, std=std, unit=known)},
         )
@@ -205,7 +205,7 @@ def _print_json(sections: "dict[str, Section]") -> None:
             name: {
                 "method": section.method,
                 "found": section.found.isoformat(),
-                "believed": section.believed,
+                "accepted": section.accepted,
                 "parameters": {key: parameter.as_json() for key, parameter in section.parameters.items()},
                 "covariance": [asdict(covariance) for covariance in section.covariance],
                 "common": section.common,
@@ -223,6 +223,6 @@ def _print_tables(sections: "dict[str, Section]") -> None:
     if not sections:
         typer.echo("nothing found yet: `cfid fit --help` lists what finds parameters, `cfid set` notes one.")
     for name, section in sections.items():
-        doubt = "" if section.believed else ", NOT BELIEVED"
+        verdict = "" if section.accepted else ", REJECTED"
         method = "" if section.method in ("default", "") else f", {section.method}"
-        print_parameters(section.parameters, title=f"{name} ({section.found:%Y-%m-%d %H:%M}{method}{doubt})")
+        print_parameters(section.parameters, title=f"{name} ({section.found:%Y-%m-%d %H:%M}{method}{verdict})")

@@ -6,9 +6,11 @@ import typer
 
 from cfid.console.inputs import open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
 from cfid.errors import ConfigError
+from cfid.findings import warning
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,20 +43,20 @@ def show(
     deliver(_outcome(views, faults, draws=not terminal), delivery, None)
 
 
-def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Outcome:
+def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Result:
     def drawings() -> "dict[str, Figure]":
         return {f"{view.path.stem}_recording": view.draw() for view in views}
 
     notes = [note for view in views for note in view.notes]
-    return Outcome(
+    return Result(
         command="show",
         method="",
-        parameters=_parameters(views),
+        quantities=_parameters(views),
         quality={},
-        warnings=(*dict.fromkeys(notes), *faults),  # what is said of a run is said once, however many devices it has
+        findings=tuple(warning("recording", text) for text in dict.fromkeys((*notes, *faults))),
         sources=tuple(view.source for view in views),
         drawings=drawings if draws else None,
-        beside=views[0].path.parent,
+        folder=views[0].path.parent,
     )
 
 

@@ -168,7 +168,7 @@ class Delivery:
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
     force: Annotated[
         bool,
-        typer.Option("--force", help="Give numbers that are not believed; overwrite files.", rich_help_panel=_OUTPUT),
+        typer.Option("--force", help="Give what was rejected, too; overwrite files.", rich_help_panel=_OUTPUT),
     ] = False
     figures: Annotated[
         bool, typer.Option(help="Draw figures (with --json only if --out is given).", rich_help_panel=_OUTPUT)

@@ -13,6 +13,7 @@ from cfid.console.live import LiveLine
 from cfid.console.messages import note
 from cfid.console.options import positive
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.findings import rejection
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign, Devices
@@ -176,13 +177,20 @@ def summary(
         "state": run.header.state,
         "reason": run.header.reason,
         "parameters": dict(parameters or {}),
-        "quality": {"believed": run.header.state == "complete"},
+        "accepted": run.header.state == "complete",
+        "findings": _findings(failure),
+        "quality": {},
         "devices": devices,
         "stopped_in_s": _stopped_in_s(run),
-        "warnings": [] if failure is None else [str(failure)],
         "sources": [{"path": device["file"], "sha256": _hash(Path(device["file"]))} for device in devices.values()],
         "version": __version__,
     }
+
+
+def _findings(failure: CfidError | None) -> list[dict[str, Any]]:
+    from dataclasses import asdict
+
+    return [] if failure is None else [asdict(rejection("run-failed", str(failure)))]
 
 
 def _devices(run: "Run") -> dict[str, dict[str, Any]]:

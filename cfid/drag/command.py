@@ -7,10 +7,12 @@ import typer
 
 from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.drag.data import WindEvidence, WindInputs, Words, read_wind_evidence
 from cfid.drag.result import Grouping
 from cfid.errors import ConfigError
+from cfid.findings import rejection, warning
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.drag.selection import DragChoices, DragResult
@@ -79,7 +81,7 @@ def drag(
 
 def _outcome(
     found: "DragResult", evidence: WindEvidence, grouping: Grouping | None, method: Method, workplace: Workplace
-) -> Outcome:
+) -> Result:
     from cfid.drag import result as told
 
     def drawings() -> dict[str, Any]:
@@ -88,16 +90,18 @@ def _outcome(
         figures = {"drag_forces": forces_figure(found.experiments), "drag_models": models_figure(found)}
         return figures if found.groups is None else {**figures, "drag_coefficients": coefficients_figure(found)}
 
-    return Outcome(
+    return Result(
         command="fit drag",
         method=method,
-        parameters=told.drag_parameters(found, grouping),
+        quantities=told.drag_parameters(found, grouping),
         covariances=told.drag_covariances(found),
         quality=told.drag_quality(found),
-        warnings=tuple(dict.fromkeys((*evidence.warnings, *found.warnings))),
         sources=evidence.sources,
-        doubts=(*evidence.doubts, *found.chosen.doubts),
+        findings=(
+            *(warning("drag-warning", text) for text in (*evidence.warnings, *found.warnings)),
+            *(rejection("drag-rejected", text, "drag.*") for text in (*evidence.doubts, *found.chosen.doubts)),
+        ),
         lines=tuple(told.drag_lines(found, grouping)),
         drawings=drawings,
-        beside=workplace.figures_beside(evidence.paths),
+        folder=workplace.figures_beside(evidence.paths),
     )

@@ -139,14 +139,14 @@ def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> No
 
 
 def _warn(target: "Target", vehicle: "Vehicle") -> None:
-    from cfid.export.target import asked_for, caveats, doubted, left_out, simulated
+    from cfid.export.target import asked_for, caveats, left_out, simulated, unaccepted
 
     if keys := simulated(target, vehicle):
         note(f"SIMULATED, no vehicle was measured: {', '.join(keys)}. The file says so.")
     for sentence in caveats(target, vehicle):
         note(sentence)
-    for key in doubted(target, vehicle):
-        note(f"{key} is not believed by its fit: the file says so.")
+    for key in unaccepted(target, vehicle):
+        note(f"{key} is rejected by its fit: the file says so.")
     for use in left_out(target, vehicle):
         note(f"not measured, and left out or marked: {asked_for(use)}.")
 
@@ -167,7 +167,7 @@ def _print_list(vehicle: "Vehicle", *, json: bool) -> None:
         _print_keys("has", ["; ".join(need["keys"] for need in row["needs"] + row["uses"] if need["known"])])
         _print_keys("MISSING", [f"{n['keys']}: {n['given_by']}" for n in row["needs"] if not n["known"]])
         _print_keys("could also use", [f"{n['keys']}: {n['given_by']}" for n in row["uses"] if not n["known"]])
-        _print_keys("not believed", row["not_believed"])
+        _print_keys("rejected", row["rejected"])
 
 
 def _print_keys(title: str, words: list[str]) -> None:
@@ -176,7 +176,7 @@ def _print_keys(title: str, words: list[str]) -> None:
 
 
 def _row(target: "Target", vehicle: "Vehicle") -> dict[str, Any]:
-    from cfid.export.target import doubted, given_by, has, keys_of, missing
+    from cfid.export.target import given_by, has, keys_of, missing, unaccepted
 
     def told(need: str) -> dict[str, Any]:
         return {"keys": keys_of(need), "known": has(vehicle, need), "given_by": given_by(need)}
@@ -188,5 +188,5 @@ def _row(target: "Target", vehicle: "Vehicle") -> dict[str, Any]:
         "ready": not missing(target, vehicle),
         "needs": [told(need) for need in target.needs],
         "uses": [told(use) for use in target.uses],
-        "not_believed": list(doubted(target, vehicle)),
+        "rejected": list(unaccepted(target, vehicle)),
     }

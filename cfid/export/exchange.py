@@ -81,7 +81,7 @@ def _entry(quantity: Quantity, vehicle: Vehicle) -> dict[str, Value]:
         "std": plain(quantity.std),
         "unit": quantity.unit,
         "frame": "campaign" if directional else None,
-        "accepted": quantity.believed,
+        "accepted": quantity.accepted,
         "simulated": quantity.simulated,
         "caveat": quantity.caveat,
         "commands": plain(quantity.commands),

@@ -58,8 +58,6 @@ def _centre_fault(vehicle: Vehicle) -> str:
 
 
 def _against(quantity: Quantity, sections: Mapping[str, Section], stale: Stale) -> Iterator[str]:
-    if not quantity.believed:
-        yield f"{quantity.key} is not believed by its fit."
     yield from (f"{quantity.key} was rejected: {reason}" for reason in _rejections(quantity, sections))
     holding = [section for section in sections.values() if quantity.key in section.parameters]
     for said in dict.fromkeys(sentence for section in holding for sentence in stale(section)):

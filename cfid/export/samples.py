@@ -10,7 +10,7 @@ from typing import Any
 from cfid import __version__
 from cfid.export import crazyflow, rotorpy
 from cfid.export.hover import value_of
-from cfid.export.target import Target, caveats, doubted, simulated
+from cfid.export.target import Target, caveats, simulated, unaccepted
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, commented
 from cfid.records.parameters import Value
@@ -49,8 +49,8 @@ def warnings_of(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
     """Return what marks the quantities that were drawn from: simulated, implausible, rejected or doubtful ones."""
     of_no_vehicle = simulated(target, vehicle)
     marks = [f"SIMULATED, no vehicle was measured: {', '.join(of_no_vehicle)}."] if of_no_vehicle else []
-    unaccepted = [f"NOT BELIEVED by its fit: {key}." for key in doubted(target, vehicle)]
-    return (*marks, *caveats(target, vehicle), *unaccepted)
+    marks_of = [f"REJECTED by its fit: {key}." for key in unaccepted(target, vehicle)]
+    return (*marks, *caveats(target, vehicle), *marks_of)
 
 
 def listed(target: Target, drawn: Sequence[Any], comments: Iterable[str]) -> str:

@@ -159,7 +159,7 @@ def _joint(known: "Known") -> "Joint":
         if quantity.key in ("motor.command_of_thrust", "mass_kg"):  # the former follows from the map
             continue
         holding = [
-            (section.believed, section.found, name)
+            (quantity.key not in section.rejected, section.found, name)
             for name, section in known.sections.items()
             if quantity.key in section.parameters and plain(section.parameters[quantity.key].value) == quantity.value
         ]
@@ -179,7 +179,7 @@ def _stated(quantity: "Quantity") -> "Section":
         method="by hand",
         found=datetime.now(UTC),
         cfid_version="",
-        believed=True,
+        accepted=True,
         sources=(),
         parameters={quantity.key: Parameter(value=quantity.value, std=quantity.std, unit=quantity.unit)},
         covariance=_independent(quantity),

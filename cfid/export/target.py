@@ -97,9 +97,9 @@ def _refuse_senseless(target: Target, vehicle: Vehicle) -> None:
             raise DataError(f"{quantity.key} is {told(quantity.value)}, and {target.name} needs it above zero.")
 
 
-def doubted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the keys of what a target takes although its fit is not believed."""
-    return tuple(q.key for q in taken(target, vehicle) if not q.believed)
+def unaccepted(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the keys of what a target takes although its fit rejected it."""
+    return tuple(q.key for q in taken(target, vehicle) if not q.accepted)
 
 
 def caveats(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
@@ -209,8 +209,8 @@ def _told(quantity: Quantity) -> Iterator[str]:
         yield f"    {quantity.caveat}"
     if quantity.simulated:
         yield "    SIMULATED: no vehicle was measured."
-    if not quantity.believed:
-        yield "    NOT BELIEVED: the fit does not describe its data; it was kept by force."
+    if not quantity.accepted:
+        yield "    REJECTED by its fit, and kept by force."
 
 
 def taken(target: Target, vehicle: Vehicle) -> Sequence[Quantity]:

@@ -67,7 +67,7 @@ class Quantity:
     std: Value
     unit: str
     origin: str
-    believed: bool = True
+    accepted: bool = True
     caveat: str = ""
     commands: tuple[float, float] | None = None
     simulated: bool = False
@@ -195,7 +195,7 @@ def _centre(rig: Rig, rig_file: str) -> Quantity:
 
 
 def _find(sections: Mapping[str, Section], key: str) -> tuple[str, str, Section] | None:
-    """Return a key with its section, named: where several have it, a believed one, and the latest of those."""
+    """Return a key with its section, named: where several have it, an accepted one, and the latest of those."""
     known = {
         name: section
         for name, section in sections.items()
@@ -205,7 +205,7 @@ def _find(sections: Mapping[str, Section], key: str) -> tuple[str, str, Section]
 
 
 def _best(sections: Mapping[str, Section], key: str) -> str:
-    return max((s.believed, s.found, name) for name, s in sections.items() if key in s.parameters)[-1]
+    return max((key not in s.rejected, s.found, name) for name, s in sections.items() if key in s.parameters)[-1]
 
 
 def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> Quantity:
@@ -220,7 +220,7 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str],
         std=plain(parameter.std),
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
-        believed=section.believed,
+        accepted=key not in section.rejected,
         caveat=" ".join([*([said] if said else []), *stale(section)]),
         commands=commands,
         simulated=any(run in simulated for run in recordings),

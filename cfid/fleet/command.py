@@ -40,7 +40,7 @@ def fleet(
     quantities = {name: known for name, known in _by_name(summaries).items() if only in name}
     (_print_json if json else _print_tables)(summaries, quantities)
     for answer in answers:
-        for sentence in [str(answer)] if isinstance(answer, CfidError) else _doubts(answer):
+        for sentence in [str(answer)] if isinstance(answer, CfidError) else _findings(answer):
             note(sentence)
 
 
@@ -77,8 +77,8 @@ def _on_cluster(work: Callable[[Path], Any], folders: Iterable[Path], address: s
         return list(client.gather(client.map(work, list(folders), pure=False)))
 
 
-def _doubts(summary: "Summary") -> list[str]:
-    return [f"{summary.folder.name}: {doubt}" for doubt in summary.doubts]
+def _findings(summary: "Summary") -> list[str]:
+    return [f"{summary.folder.name}: {finding.text}" for finding in summary.findings]
 
 
 def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[Known | None]]":
@@ -93,18 +93,18 @@ def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[Known | None]]":
 
 
 def _compared(row: "Sequence[Known | None]") -> "Repeats | None":
-    """Return how the believed numbers of a row agree, None where there are not two."""
+    """Return how the accepted numbers of a row agree, None where there are not two."""
     import numpy as np
 
     from cfid.estimate.repetition import repeats
 
-    believed = [known for known in row if known is not None and known.believed]
-    if len(believed) < 2:
+    accepted = [known for known in row if known is not None and known.accepted]
+    if len(accepted) < 2:
         return None
     return repeats(
-        time_s=np.array([known.recorded.timestamp() for known in believed]),
-        value=np.array([known.value for known in believed]),
-        std=np.array([np.nan if known.std is None else known.std for known in believed]),
+        time_s=np.array([known.recorded.timestamp() for known in accepted]),
+        value=np.array([known.value for known in accepted]),
+        std=np.array([np.nan if known.std is None else known.std for known in accepted]),
     )
 
 
@@ -120,7 +120,7 @@ def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Know
             "vehicle": summary.vehicle,
             "complete_runs": summary.complete_runs,
             "other_runs": summary.other_runs,
-            "doubts": summary.doubts,
+            "findings": [asdict(finding) for finding in summary.findings],
         }
         for summary in summaries
     ]
@@ -162,8 +162,8 @@ def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[Kn
         for number, known in enumerate(row, 1):
             if known is not None:
                 value, std = value_and_deviation(known.value, known.std)
-                doubt = "" if known.believed else "  not believed"
-                console.print(f"  {number:3}  {value} +- {std}{doubt}", highlight=False)
+                verdict = "" if known.accepted else "  rejected"
+                console.print(f"  {number:3}  {value} +- {std}{verdict}", highlight=False)
         for line in _judgement(_compared(row)):
             console.print(f"       {line}", highlight=False)
 

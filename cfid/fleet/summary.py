@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.findings import Finding, warning
 from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, find_campaign
 from cfid.records.parameters import Section, Source, Value, load_sections, scalars
 from cfid.records.run import Run, list_runs
@@ -24,19 +25,19 @@ class Known(NamedTuple):
     std: float | None
     unit: str
     recorded: datetime
-    believed: bool
+    accepted: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A campaign. `doubts` are sentences about recordings that are gone, or others than those that were fitted."""
+    """A campaign. `findings` tell of recordings that are gone, or others than those that were fitted."""
 
     folder: Path
     vehicle: str
     complete_runs: int
     other_runs: int
     known: tuple[Known, ...]
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def summarise(folder: Path) -> Summary | CfidError:
@@ -59,7 +60,9 @@ def summarise(folder: Path) -> Summary | CfidError:
         known=tuple(
             known for name, section in sections.items() for known in _numbers(name, section, _recorded(section, runs))
         ),
-        doubts=tuple(filter(None, (_doubt(folder, source) for source in sorted(sources, key=lambda own: own.path)))),
+        findings=tuple(
+            filter(None, (_source_finding(folder, source) for source in sorted(sources, key=lambda own: own.path)))
+        ),
     )
 
 
@@ -75,7 +78,7 @@ def _numbers(section_name: str, section: Section, recorded: datetime) -> list[Kn
     which = section_name.partition(" ")[2]
     own = f" ({which})" if which else ""
     return [
-        Known(name + own, float(value), _number(std), parameter.unit, recorded, section.believed)
+        Known(name + own, float(value), _number(std), parameter.unit, recorded, key not in section.rejected)
         for key, parameter in section.parameters.items()
         for name, value, std in scalars(key, parameter)
         if isinstance(value, int | float) and not isinstance(value, bool)
@@ -86,10 +89,10 @@ def _number(value: Value) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def _doubt(folder: Path, source: Source) -> str:
+def _source_finding(folder: Path, source: Source) -> Finding | None:
     try:
         with (folder / source.path).open("rb") as file:
             same = hashlib.file_digest(file, "sha256").hexdigest() == source.sha256
     except OSError:
-        return f"{source.path} is not there any more."
-    return "" if same else f"{source.path} has changed since it was fitted."
+        return warning("source-missing", f"{source.path} is not there any more.")
+    return None if same else warning("source-changed", f"{source.path} has changed since it was fitted.")

@@ -6,10 +6,12 @@ import typer
 
 from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions, flat, positive
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError
+from cfid.findings import note, rejection, warning
 from cfid.friction.data import read_weights
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,7 +106,7 @@ def _outcome(
     radius_m: float,
     method: str,
     notes: tuple[str, ...],
-) -> Outcome:
+) -> Result:
     def drawings() -> "dict[str, Figure]":
         from cfid.friction.figures import drops_figure, friction_figure
 
@@ -118,22 +120,25 @@ def _outcome(
     from cfid.friction.estimation import NEVER_SETTLED
 
     unsettled = [record for record, drop in zip(records, drops, strict=True) if not drop.settled]
-    return Outcome(
+    return Result(
         command="fit friction",
         method=method,
-        parameters=_parameters(found, drops),
+        quantities=_parameters(found, drops),
         quality={"settled": sum(drop.settled for drop in drops), "left_out": len(unsettled)},
-        warnings=(
-            *notes,
-            *(note for record in records for note in record.notes),
-            *(found.warnings if found else ()),
-            *(f"{record.name}: the speed never settles; it is left out." for record in unsettled),
+        findings=(
+            *(note("thesis-geometry", text) for text in notes),
+            *(warning("recording", text) for record in records for text in record.notes),
+            *(warning("friction-warning", text) for text in (found.warnings if found else ())),
+            *(
+                warning("friction-drop-unsettled", f"{record.name}: the speed never settles; it is left out.")
+                for record in unsettled
+            ),
+            *(() if found else (rejection("friction-never-settled", NEVER_SETTLED),)),
         ),
         sources=tuple(record.source for record in records),
-        doubts=() if found else (NEVER_SETTLED,),
         lines=tuple(_line(drop) for drop in drops),
         drawings=drawings,
-        beside=workplace.figures_beside([record.path for record in records]),
+        folder=workplace.figures_beside([record.path for record in records]),
     )
 
 

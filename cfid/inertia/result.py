@@ -3,9 +3,10 @@
 from typing import TYPE_CHECKING, Any
 
 from cfid.console.inputs import Workplace
-from cfid.console.outcome import Outcome
+from cfid.findings import note, rejection, warning
 from cfid.inertia.swings import SwingSet
 from cfid.records.covariances import covariance_between
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +27,7 @@ def inertia_outcome(
     *,
     method: str,
     plan: bool,
-) -> Outcome:
+) -> Result:
     """Return the result of `cfid fit inertia`."""
     axes = [swing.axis for swing in axis_inertias.swings]
     matrix = {_MATRIX: fit.matrix_kg_m2.tolist()}
@@ -36,19 +37,22 @@ def inertia_outcome(
 
         return {"inertia": budget_figure(fit, axes=axes)}
 
-    return Outcome(
+    return Result(
         command="fit inertia",
         method=method,
-        parameters=_parameters(axes, fit),
+        quantities=_parameters(axes, fit),
         covariances=covariance_between(matrix, fit.covariance),
         common={cause: {_MATRIX: column.tolist()} for cause, column in fit.common.items()},
         quality=_quality(axes, fit, swings),
-        warnings=workplace.notes + swings.warnings + fit.warnings + _quirks(axis_inertias),
+        findings=(
+            *(note("thesis-geometry", text) for text in workplace.notes),
+            *(warning("inertia-warning", text) for text in (*swings.warnings, *fit.warnings, *_quirks(axis_inertias))),
+            *(rejection("inertia-rejected", text, "inertia.*") for text in (*swings.doubts, *fit.doubts)),
+        ),
         sources=swings.sources,
-        doubts=swings.doubts + fit.doubts,
         lines=(*swings.lines, *_budget_lines(fit), *(_plan_lines(axis_inertias, axes, fit) if plan else ())),
         drawings=drawings,
-        beside=workplace.figures_beside(swings.files),
+        folder=workplace.figures_beside(swings.files),
     )
 
 

@@ -14,8 +14,10 @@ from cfid.console.options import (
     WindowOptions,
     flat,
 )
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
+from cfid.findings import note, rejection, warning
+from cfid.records.result import Result
 from cfid.swing.data import FIXTURE, check_mounts, read_swings
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ def testbody(
     deliver(_outcome(compare(body, axis_inertias), swings, workplace, method), delivery, workplace.campaign)
 
 
-def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Workplace, method: str) -> Outcome:
+def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Workplace, method: str) -> Result:
     from cfid.records.parameters import Parameter
 
     parameters: dict[str, Parameter] = {}
@@ -78,14 +80,23 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
 
         return {"testbody": testbody_figure(comparisons)}
 
-    return Outcome(
+    return Result(
         command="fit testbody",
         method=method,
-        parameters=parameters,
+        quantities=parameters,
         quality={"swings": swings.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
-        warnings=workplace.notes + swings.warnings + _apart(comparisons, _UNLIKELY_DEVIATIONS, _ANOTHER_DEVIATIONS),
+        findings=(
+            *(note("thesis-geometry", text) for text in workplace.notes),
+            *(
+                warning("testbody-warning", text)
+                for text in (*swings.warnings, *_apart(comparisons, _UNLIKELY_DEVIATIONS, _ANOTHER_DEVIATIONS))
+            ),
+            *(
+                rejection("testbody-rejected", text, "testbody.*")
+                for text in (*swings.doubts, *_apart(comparisons, _ANOTHER_DEVIATIONS, float("inf")))
+            ),
+        ),
         sources=swings.sources,
-        doubts=swings.doubts + _apart(comparisons, _ANOTHER_DEVIATIONS, float("inf")),
         lines=(
             *swings.lines,
             *(
@@ -94,7 +105,7 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
             ),
         ),
         drawings=drawings,
-        beside=workplace.figures_beside(swings.files),
+        folder=workplace.figures_beside(swings.files),
     )
 
 

@@ -6,9 +6,11 @@ import typer
 
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
 from cfid.errors import DataError
+from cfid.findings import warning
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.latency.clocks import ClockLine
@@ -45,7 +47,7 @@ def latency(
     deliver(_outcome(records, workplace), delivery, workplace.campaign)
 
 
-def _outcome(records: "list[PingRecord]", workplace: Workplace) -> Outcome:
+def _outcome(records: "list[PingRecord]", workplace: Workplace) -> Result:
     import numpy as np
 
     from cfid.latency.clocks import ping_latency
@@ -60,13 +62,13 @@ def _outcome(records: "list[PingRecord]", workplace: Workplace) -> Outcome:
     line = _clock(stamped[-1]) if stamped else None
     bound_s = all_of_them.offset_bound_s
     clocks = () if line is None else (_told(line, bound_s),)
-    return Outcome(
+    return Result(
         command="tf latency",
         section="latency",
         method="default",
-        parameters={**as_parameters(trip_parameters(all_of_them.round_trips)), **_clock_parameters(line, bound_s)},
+        quantities={**as_parameters(trip_parameters(all_of_them.round_trips)), **_clock_parameters(line, bound_s)},
         quality={"answers": len(rtt_s), "one_way_mean_s": all_of_them.one_way_mean_s, "offset_bound_s": bound_s},
-        warnings=tuple(note for record in records for note in record.notes),
+        findings=tuple(warning("recording", text) for record in records for text in record.notes),
         sources=tuple(record.source for record in records),
         lines=(
             HEAD,
@@ -76,7 +78,7 @@ def _outcome(records: "list[PingRecord]", workplace: Workplace) -> Outcome:
             f"one way, if both take as long: {1e3 * all_of_them.one_way_mean_s:.2f} ms on average",
             *clocks,
         ),
-        beside=workplace.figures_beside([record.path for record in records]),
+        folder=workplace.figures_beside([record.path for record in records]),
     )
 
 

@@ -11,23 +11,25 @@ from pathlib import Path
 from typing import Any
 
 from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, rejection, warning
 from cfid.records.files import alone_in, write_whole
-from cfid.records.parameters import Section, bent, plain
+from cfid.records.parameters import Section, as_of_now, bent, plain
+
+FORMAT = 2  # 1, which had no number, had sentences without codes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """A fit by the name of its section, the command that made it, and its words; figures' paths from the campaign on.
 
-    `quality` is what --json prints under that name, `lines` is what was told besides the parameters.
+    `quality` and `findings` are what --json prints under these names, `lines` is what a person read besides.
     """
 
     name: str
     command: str
     section: Section
     quality: Mapping[str, Any]
-    warnings: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     lines: tuple[str, ...] = ()
     figures: tuple[str, ...] = ()
 
@@ -43,7 +45,9 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
     A file name that is no UTF-8 keeps a question mark for each odd byte, so that the fit stays readable.
     Raises ConfigError when the folder cannot be written.
     """
-    content = json.dumps(plain(asdict(fit)), indent=1, allow_nan=False, default=_text, ensure_ascii=False)
+    content = json.dumps(
+        {"format": FORMAT} | plain(asdict(fit)), indent=1, allow_nan=False, default=_text, ensure_ascii=False
+    )
     stem = f"{fit.section.found:%Y-%m-%d_%H%M%S}_{fit.name}"
     try:
         folder.mkdir(exist_ok=True)
@@ -72,17 +76,38 @@ def _read(path: Path) -> Fit:
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        fit = TypeAdapter(Fit).validate_json(path.read_bytes())
+        fit = TypeAdapter(Fit).validate_python(_content(path))
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
-    except ValidationError as error:
+    except ValidationError as error:  # a ValueError, too
         first = error.errors()[0]
         fault = f"{'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}"
+    except ValueError as error:
+        fault = str(error)
     else:
         fault = bent(fit.section)
         if not fault:
             return fit
     raise DataError(f"{path}: not as cfid writes it: {fault}. Delete it and fit again.")
+
+
+def _content(path: Path) -> Any:
+    """Return a file's content with the keys of today. Raises DataError for a newer format, ValueError for no JSON."""
+    from pydantic_core import from_json
+
+    content = from_json(path.read_bytes())
+    if not isinstance(content, dict):
+        return content
+    if isinstance(found := content.pop("format", 1), int) and found > FORMAT:
+        raise DataError(
+            f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
+        )
+    old = [(rejection, content.pop("doubts", [])), (warning, content.pop("warnings", []))]
+    findings = [finding("of-an-older-version", text) for finding, said in old for text in said]
+    return content | {
+        "section": as_of_now(content.get("section")),
+        "findings": content.get("findings") or findings,
+    }
 
 
 def _text(value: Any) -> str:

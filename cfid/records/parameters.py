@@ -18,6 +18,7 @@ from cfid.records.shapes import misshapen
 
 FORMAT = 2  # 1, which had no number, knew no covariances, common causes and rejections
 _FORMAT_KEY = "format"
+_BY_FORCE = "an older cfid did not accept this fit, and kept it by --force."
 
 _MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
@@ -55,14 +56,14 @@ class Section:
 
     `covariance` has those between the numbers of its parameters; a parameter in none of them has independent numbers.
     `common` says for each cause that other fits share what one standard uncertainty of it does to parameters, in the
-    order of `numbers_of`; it is contained in their uncertainty. `rejected` says why single parameters are no good: such
-    a parameter is there by --force alone.
+    order of `numbers_of`; it is contained in their uncertainty. `accepted` is false when something was
+    rejected that the fit is for. `rejected` has the reason for every parameter that was: it is there by --force alone.
     """
 
     method: str
     found: datetime
     cfid_version: str
-    believed: bool
+    accepted: bool
     sources: tuple[Source, ...]
     parameters: Mapping[str, Parameter]
     covariance: tuple[Covariance, ...] = ()
@@ -150,7 +151,18 @@ def _load(path: Path) -> dict[str, Any]:
         raise DataError(
             f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
         )
-    return content
+    return {name: as_of_now(table) for name, table in content.items()}
+
+
+def as_of_now(table: Any) -> Any:
+    """Return a section with the keys of today: what an older cfid called believed, of all parameters at once."""
+    if not isinstance(table, dict) or "believed" not in table:
+        return table
+    accepted = table.pop("believed")
+    parameters = table.get("parameters", {})
+    if accepted is False and isinstance(parameters, dict) and not table.get("rejected"):
+        table["rejected"] = dict.fromkeys(parameters, _BY_FORCE)
+    return table | {"accepted": accepted}
 
 
 def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
@@ -204,7 +216,7 @@ def _table(section: Section) -> dict[str, Any]:
         "method": section.method,
         "found": section.found,
         "cfid_version": section.cfid_version,
-        "believed": section.believed,
+        "accepted": section.accepted,
         "sources": [asdict(source) for source in section.sources],
         "parameters": {name: _row(parameter) for name, parameter in section.parameters.items()},
         **{key: value for key, value in more.items() if value},

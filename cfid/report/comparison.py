@@ -249,6 +249,6 @@ def _compared(
 
 
 def _yours(known: Known, values: Values, by: Sequence[Found | None], frame: str = "") -> Line:
-    doubted = dict.fromkeys(found.name for found in by if found is not None and not found.section.believed)
-    note = f"NOT BELIEVED: by a fit that does not describe its data ({', '.join(doubted)})" if doubted else ""
+    rejected = dict.fromkeys(found.name for found in by if found is not None and found.rejected)
+    note = f"REJECTED by its fit, and kept by force ({', '.join(rejected)})" if rejected else ""
     return Line("this campaign", known.rig.vehicle.name, values, frame, "", note)

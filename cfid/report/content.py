@@ -82,11 +82,10 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     measured = measurements(fits)
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
-    doubts = {name: fit.doubts for name, fit in latest.items()}
     stale = stale_in(campaign.folder, runs)
     return Report(
         about=_about(campaign, runs, fits, now),
-        sheet=sheet(known, commands, doubts, stale),
+        sheet=sheet(known, commands, stale),
         experiments=experiments(measured, fits, stale),
         repeats=repeated_fits(measured),
         comparisons=comparisons(known),

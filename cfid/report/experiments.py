@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from cfid.findings import Finding, rejection, texts
 from cfid.records.fits import Fit
 from cfid.records.parameters import Source
 from cfid.records.stale import Stale
@@ -40,15 +41,25 @@ class Experiment:
     method: str
     found: datetime
     cfid_version: str
-    believed: bool
-    doubts: tuple[str, ...]
-    warnings: tuple[str, ...]
+    accepted: bool
+    findings: tuple[Finding, ...]
     parameters: tuple[Row, ...]
     tables: tuple[Table, ...]
     lines: tuple[str, ...]
     figures: tuple[str, ...]
     notes: tuple[str, ...]
     sources: tuple[Source, ...]
+
+    @property
+    def rejections(self) -> tuple[str, ...]:
+        """Why something of it is not to be used."""
+        return texts(self.findings, "rejection")
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Warnings, then notes: what is said of several recordings, once."""
+        names = {name for source in self.sources for name in _names(Path(source.path))}
+        return _together((*texts(self.findings, "warning"), *texts(self.findings, "note")), names)
 
     @property
     def anchor(self) -> str:
@@ -97,9 +108,8 @@ def _experiment(
         method=fit.section.method,
         found=fit.section.found,
         cfid_version=fit.section.cfid_version,
-        believed=fit.section.believed,
-        doubts=(*fit.doubts, *stale),
-        warnings=_together(fit.warnings, _recordings(fit)),
+        accepted=fit.section.accepted,
+        findings=(*fit.findings, *(rejection("stale", text) for text in stale)),
         parameters=tuple(
             Row(f"{key} {entry.place}".rstrip(), entry.value, entry.std, parameter.unit)
             for key, parameter in fit.section.parameters.items()
@@ -113,10 +123,9 @@ def _experiment(
     )
 
 
-def _recordings(fit: Fit) -> set[str]:
-    """Return the names that warnings may have for a fit's recordings: of run folders and of files."""
-    paths = [Path(source.path) for source in fit.section.sources]
-    return {name for path in paths for name in (path.parent.name, path.stem, path.name)}
+def _names(path: Path) -> tuple[str, ...]:
+    """Return the names that a finding may have for a recording: of its run folder and of its file."""
+    return path.parent.name, path.stem, path.name
 
 
 def _together(warnings: Sequence[str], recordings: set[str]) -> tuple[str, ...]:

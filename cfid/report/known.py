@@ -12,11 +12,12 @@ _ALL = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in
 
 
 class Found(NamedTuple):
-    """A parameter and the section of parameters.toml that it stands in."""
+    """A parameter, the section of parameters.toml that it stands in, and whether its fit rejected it."""
 
     name: str
     section: Section
     parameter: Parameter
+    rejected: bool
 
 
 class Entry(NamedTuple):
@@ -37,7 +38,7 @@ class Known:
     def find(self, key: str) -> Found | None:
         """Return a parameter; of several sections that have it, the latest."""
         found = [
-            Found(name, section, section.parameters[key])
+            Found(name, section, section.parameters[key], key in section.rejected)
             for name, section in self.sections.items()
             if key in section.parameters
         ]

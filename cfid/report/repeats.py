@@ -17,7 +17,7 @@ _OF_THE_RUN = ("swing.start_", "swing.zero_rad", "swing.peaks_used", "drag.sse_n
 
 @dataclass(frozen=True)
 class Reading:
-    """One measurement's value of a quantity; `counts` is False when it is not believed or has no deviation."""
+    """One measurement's value of a quantity; `counts` is False when it is rejected or has no deviation."""
 
     value: float
     std: float | None
@@ -26,11 +26,11 @@ class Reading:
 
 @dataclass(frozen=True)
 class Made:
-    """When and how one of several measurements was fitted, and whether it is believed."""
+    """When and how one of several measurements was fitted, and whether it is accepted."""
 
     found: datetime
     method: str
-    believed: bool
+    accepted: bool
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def repeated_fits(measured: Mapping[str, Sequence[Measurement]]) -> tuple[Repeat
         quantities = _quantities(several) if len(several) > 1 else ()
         if quantities:
             sections = [measurement.fit.section for measurement in several]
-            made = tuple(Made(section.found, section.method, section.believed) for section in sections)
+            made = tuple(Made(section.found, section.method, section.accepted) for section in sections)
             found.append(RepeatedFit(name, made, quantities, _shared(several)))
     return tuple(found)
 
@@ -92,7 +92,7 @@ def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
             for entry in () if key.startswith(_OF_THE_RUN) else entries(parameter):
                 row = readings.setdefault((f"{key} {entry.place}".rstrip(), parameter.unit), [None] * len(several))
                 if entry.value is not None:
-                    row[place] = Reading(entry.value, entry.std, section.believed and bool(entry.std))
+                    row[place] = Reading(entry.value, entry.std, key not in section.rejected and bool(entry.std))
     return tuple(
         compared(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row)
     )

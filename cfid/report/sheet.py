@@ -3,7 +3,7 @@
 What is missing is named with the command that gives it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
@@ -32,7 +32,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Origin:
-    """How a quantity was found, and whether to believe it: None for what was not fitted but stated by hand.
+    """How a quantity was found, and whether it is accepted: None for what was not fitted but stated by hand.
 
     `recordings` are runs of the campaign, `files` what was read beside them.
     """
@@ -41,8 +41,8 @@ class Origin:
     found: datetime | None
     recordings: int
     files: int
-    believed: bool | None
-    doubts: tuple[str, ...]
+    accepted: bool | None
+    findings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,6 @@ class Group:
     quantities: tuple[Quantity, ...]
 
 
-Doubts = Mapping[str, tuple[str, ...]]  # of the last fit, by section
 Labels = Callable[[list[Entry], str], list[Row]]
 
 
@@ -82,19 +81,15 @@ class _Wanted(NamedTuple):
     gives: str
 
 
-def sheet(known: Known, commands: Mapping[str, str], doubts: Doubts, stale: Stale) -> tuple[Group, ...]:
-    """Return the sheet. `commands` is what made the last fit of a section, `doubts` why it is not believed.
+def sheet(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[Group, ...]:
+    """Return the sheet. `commands` is what made the last fit of a section.
 
     `stale` tells why a section is no longer current.
     """
-    doubts = {
-        name: (*(() if section.believed else doubts.get(name, ())), *stale(section))
-        for name, section in known.sections.items()
-    }
     groups = [("Inertia", _mass(known), _INERTIA), ("Motors: mappings", None, _MAPS)]
     groups += [("Motors: transfer function", None, _TRANSFER), ("Drag", None, _DRAG)]
     return tuple(
-        Group(title, (*([first] if first else []), *(_quantity(known, one, commands, doubts) for one in wanted)))
+        Group(title, (*([first] if first else []), *(_quantity(known, one, commands, stale) for one in wanted)))
         for title, first, wanted in groups
     ) + _by_hand(known)
 
@@ -106,7 +101,7 @@ def _mass(known: Known) -> Quantity:
     return Quantity(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
 
 
-def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], doubts: Doubts) -> Quantity:
+def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], stale: Stale) -> Quantity:
     """Return a quantity from what of its parts there is: all come from one fit."""
     found = [(part, one) for part in wanted.parts if (one := known.find(part.key)) is not None]
     rows = tuple(row for part, one in found for row in part.labels(list(entries(one.parameter)), one.parameter.unit))
@@ -114,7 +109,7 @@ def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], doubts
     if not rows:
         return Quantity(keys, wanted.title, wanted.equation, (), None, _why_missing(known, wanted, commands))
     _, first = found[0]
-    origin = origin_of(first.name, first.section, commands, doubts)
+    origin = origin_of(first.name, first.section, [part.key for part, _ in found], commands, stale)
     lacking = [part.key for part in wanted.parts if part not in [there for there, _ in found]]
     missing = f"not found: {', '.join(lacking)}" if lacking else ""
     return Quantity(keys, wanted.title, wanted.equation, rows, origin, missing)
@@ -127,8 +122,8 @@ def _why_missing(known: Known, wanted: _Wanted, commands: Mapping[str, str]) -> 
     return f"the last `cfid {command}` did not find it: see its experiment"
 
 
-def origin_of(name: str, section: Section, commands: Mapping[str, str], doubts: Doubts) -> Origin:
-    """Return how a section of parameters.toml came about."""
+def origin_of(name: str, section: Section, keys: Sequence[str], commands: Mapping[str, str], stale: Stale) -> Origin:
+    """Return how quantities of a section of parameters.toml came about."""
     command = commands.get(name, f"fit {name}")
     method = "" if section.method == "default" else f", method {section.method}"
     paths = [PurePath(source.path) for source in section.sources]
@@ -138,8 +133,8 @@ def origin_of(name: str, section: Section, commands: Mapping[str, str], doubts: 
         found=section.found,
         recordings=len({path.parent for path in in_runs}),  # a run's devices have a file each
         files=len(set(paths)) - len(set(in_runs)),
-        believed=section.believed,
-        doubts=doubts.get(name, ()),
+        accepted=not any(key in section.rejected for key in keys),
+        findings=(*dict.fromkeys(section.rejected[key] for key in keys if key in section.rejected), *stale(section)),
     )
 
 

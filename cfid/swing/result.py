@@ -5,8 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cfid.console.outcome import Outcome
 from cfid.errors import FitError
+from cfid.findings import rejection, warning
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,20 +65,23 @@ def swing_outcome(
     axis: str | None,
     body: "tuple[SwungBody, str] | None",
     around: "Surroundings",
-) -> Outcome:
+) -> Result:
     """Return the result of `cfid fit swing`, with inertia and torques where body and mount are known."""
-    return Outcome(
+    return Result(
         command="fit swing",
         section=f"swing {axis or record.name}",
         method=analysed.method,
-        parameters=_parameters(swing, analysed, body, around),
+        quantities=_parameters(swing, analysed, body, around),
         quality=analysed.quality,
-        warnings=record.notes + analysed.warnings,
+        findings=(
+            *(warning("recording", text) for text in record.notes),
+            *(warning("swing-warning", text) for text in analysed.warnings),
+            *(rejection("swing-rejected", text, "swing.*") for text in analysed.doubts),
+        ),
         sources=(record.source,),
-        doubts=analysed.doubts,
         lines=(_window_line(swing), *analysed.lines),
         drawings=analysed.drawings,
-        beside=record.path.parent,
+        folder=record.path.parent,
     )
 
 

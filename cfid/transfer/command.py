@@ -6,7 +6,9 @@ import typer
 
 from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
+from cfid.findings import rejection, warning
+from cfid.records.result import Result
 from cfid.transfer.identification import FitOptions, identify_all
 from cfid.transfer.sines.data import SineInputs, SineSet, Words, read_sines
 from cfid.transfer.thesis_options import ThesisOptions, beside_thesis, fit_as_thesis
@@ -62,7 +64,7 @@ def _of_fit(
     compare: str | None,
     *,
     settle_s: float,
-) -> Outcome:
+) -> Result:
     from cfid.transfer import result as told
     from cfid.transfer.comparison import compared, map_slope, thesis_beside
     from cfid.transfer.thesis_options import as_json
@@ -77,11 +79,11 @@ def _of_fit(
 
         return fit_drawings(found, thesis=None if isinstance(joint, str) else joint, settle_s=settle_s)
 
-    return Outcome(
+    return Result(
         command="tf identify",
         section=SECTION,
         method="default",
-        parameters=told.fit_parameters(found),
+        quantities=told.fit_parameters(found),
         covariances=told.fit_covariances(found),
         quality={
             **told.fit_quality(found),
@@ -89,16 +91,29 @@ def _of_fit(
             "thesis": None if isinstance(joint, str) else as_json(joint),
             "compared": published.quality,
         },
-        warnings=(*sines.warnings, *found.warnings, *slope.warnings, *(found.fit.doubts if found.fit.believed else ())),
+        findings=(
+            *(
+                warning("tf-warning", text)
+                for text in (
+                    *sines.warnings,
+                    *found.warnings,
+                    *slope.warnings,
+                    *(found.fit.doubts if found.fit.believed else ()),
+                )
+            ),
+            *(
+                rejection("tf-rejected", text, "tf.*")
+                for text in (() if found.fit.believed else (*found.fit.doubts, *_apart(found)))
+            ),
+        ),
         sources=sines.sources,
-        doubts=() if found.fit.believed else (*found.fit.doubts, *_apart(found)),
         lines=(*told.fit_lines(found), thesis_beside(joint, gain_n, lag_s), *slope.lines, *published.lines),
         drawings=drawings,
-        beside=workplace.figures_beside(sines.paths),
+        folder=workplace.figures_beside(sines.paths),
     )
 
 
-def _of_thesis(found: "AsThesis", sines: SineSet, workplace: Workplace, compare: str | None) -> Outcome:
+def _of_thesis(found: "AsThesis", sines: SineSet, workplace: Workplace, compare: str | None) -> Result:
     from cfid.transfer import result as told
     from cfid.transfer.comparison import compared, map_slope
     from cfid.transfer.sines.reports import SAMPLE_S
@@ -113,11 +128,11 @@ def _of_thesis(found: "AsThesis", sines: SineSet, workplace: Workplace, compare:
 
         return thesis_drawings(found)
 
-    return Outcome(
+    return Result(
         command="tf identify",
         section=SECTION,
         method="thesis",
-        parameters=told.thesis_parameters(found),
+        quantities=told.thesis_parameters(found),
         quality={
             "form": "thesis",
             "frequencies": len(fit.responses),
@@ -125,9 +140,11 @@ def _of_thesis(found: "AsThesis", sines: SineSet, workplace: Workplace, compare:
             "series": {name: as_json(own) for name, own in found.each.items()},
             "compared": published.quality,
         },
-        warnings=(*sines.warnings, *fit.notes, *slope.warnings),
+        findings=(
+            *(warning("tf-warning", text) for text in (*sines.warnings, *fit.notes, *slope.warnings)),
+            *(rejection("tf-rejected", text, "tf.*") for text in fit.doubts),
+        ),
         sources=sines.sources,
-        doubts=fit.doubts,
         lines=(
             *told.convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
             "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
@@ -135,7 +152,7 @@ def _of_thesis(found: "AsThesis", sines: SineSet, workplace: Workplace, compare:
             *published.lines,
         ),
         drawings=drawings,
-        beside=workplace.figures_beside(sines.paths),
+        folder=workplace.figures_beside(sines.paths),
     )
 
 

@@ -9,8 +9,10 @@ import typer
 
 from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.errors import ConfigError, DataError
+from cfid.findings import rejection, warning
+from cfid.records.result import Result
 from cfid.transfer.command import SECTION
 from cfid.transfer.sines.data import SineInputs, SineSet, read_sines
 
@@ -182,7 +184,7 @@ def _coefficients(text: str, option: str) -> list[float]:
 
 def _outcome(
     compared: "list[tuple[SineRun, Verification]]", known: Function, sines: SineSet, workplace: Workplace
-) -> Outcome:
+) -> Result:
     from cfid.records.parameters import Parameter
 
     parameters: dict[str, Parameter] = {}
@@ -203,23 +205,31 @@ def _outcome(
         figures = _apart(f"tf_verify_l{run.plan.periods}" for run, _ in compared)
         return {name: verification_figure(run, own) for name, (run, own) in zip(figures, compared, strict=True)}
 
-    return Outcome(
+    return Result(
         command="tf verify",
         section="tf verify",
         method="default",
-        parameters=parameters,
+        quantities=parameters,
         quality={"runs": {name: _quality(own) for name, (_, own) in zip(names, compared, strict=True)}},
-        warnings=(*sines.warnings, *_reused(known, sines), *_vague(own for _, own in compared)),
-        sources=sines.sources,
-        doubts=tuple(
-            f"{own.name}: the measured sine differs from the simulated one by {100 * own.off:.0f} % of it, with a "
-            f"deviation of {100 * own.off_std:.1g} %."
-            for _, own in compared
-            if not own.believed
+        findings=(
+            *(
+                warning("tf-warning", text)
+                for text in (*sines.warnings, *_reused(known, sines), *_vague(own for _, own in compared))
+            ),
+            *(
+                rejection(
+                    "tf-contradicted",
+                    f"{own.name}: the measured sine differs from the simulated one by {100 * own.off:.0f} % of it, "
+                    f"with a deviation of {100 * own.off_std:.1g} %.",
+                )
+                for _, own in compared
+                if not own.believed
+            ),
         ),
+        sources=sines.sources,
         lines=tuple(_line(own) for _, own in compared),
         drawings=drawings,
-        beside=workplace.figures_beside(sines.paths),
+        folder=workplace.figures_beside(sines.paths),
     )
 
 

@@ -113,7 +113,7 @@ def test_a_file_cut_in_the_middle_of_a_row_loses_that_row_and_says_so(cfid: Cfid
     assert "the last line was cut" in said.stdout
 
 
-def test_a_swing_that_is_not_believed_gives_no_number_unless_forced(cfid: Cfid, files: Path, tmp_path: Path) -> None:
+def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, files: Path, tmp_path: Path) -> None:
     lines = (files / "x.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines[1:]]
     time_s = np.array([float(row[0]) for row in rows])
@@ -123,11 +123,11 @@ def test_a_swing_that_is_not_believed_gives_no_number_unless_forced(cfid: Cfid, 
     path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, shaken, strict=True)))
 
     said = cfid("fit", "swing", path, "--json")
-    refused(said, 5, "not believed", "something else moves it too", "--force")
-    assert '"believed": false' in said.stdout
+    refused(said, 5, "rejected", "something else moves it too", "--force")
+    assert '"accepted": false' in said.stdout
     forced = cfid("fit", "swing", path, "--json", "--force")
     assert forced.returncode == 0
-    assert '"believed": false' in forced.stdout
+    assert '"accepted": false' in forced.stdout
     assert "swing.natural_frequency_squared_s2" in forced.stdout
 
 

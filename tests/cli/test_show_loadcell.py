@@ -12,6 +12,7 @@ import pytest
 
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
+from tests.campaigns import sentences
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -67,7 +68,7 @@ def test_a_load_cell_run_is_told_in_newtons(cfid: Cfid, tmp_path: Path) -> None:
     assert told["recording.mean_nm"]["value"] == pytest.approx([0.001, 0.002, -0.003], abs=1e-4)
     assert told["recording.std_n"]["value"] == pytest.approx([2.89e-4] * 3, rel=0.1)
     assert len(told["recording.std_nm"]["value"]) == 3
-    assert result["warnings"] == ["2026-11-21_083012_loadcell: recorded on the simulated rig."]
+    assert sentences(result) == ["2026-11-21_083012_loadcell: recorded on the simulated rig."]
 
 
 def test_a_load_cell_run_is_drawn_beside_itself_and_in_the_terminal(cfid: Cfid, tmp_path: Path) -> None:
@@ -82,7 +83,7 @@ def test_a_load_cell_run_is_drawn_beside_itself_and_in_the_terminal(cfid: Cfid, 
 def test_a_bare_file_is_told_from_a_swing_by_its_columns(cfid: Cfid, tmp_path: Path) -> None:
     result = shown(cfid("show", bare(tmp_path / "fts.csv"), "--json"))
     assert "recording.mean_n" in result["parameters"]
-    assert result["warnings"] == ["fts.csv: counts are read as --counts-per-n 1000000 --counts-per-nm 1000000."]
+    assert sentences(result) == ["fts.csv: counts are read as --counts-per-n 1000000 --counts-per-nm 1000000."]
 
     swing = tmp_path / "swing.csv"
     swing.write_text("t_s,phi_rad\n" + "".join(f"{t:.6f},{np.sin(t):.6f}\n" for t in TIME_S))
@@ -95,7 +96,7 @@ def test_what_a_bare_file_cannot_say_is_said_by_options(cfid: Cfid, tmp_path: Pa
     words = ["--counts-per-n", "1e3", "--counts-per-nm", "1e3"]
     told = shown(cfid("show", scaled, *words, "--json"))
     assert told["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-3)
-    assert told["warnings"] == []
+    assert sentences(told) == []
 
     newtons = bare(tmp_path / "newtons.csv", COUNTS / 1e6, "%.6f")
     refused = cfid("show", newtons, "--json")
@@ -117,7 +118,7 @@ def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cf
         *(f"recording.loadcell.{name}" for name in (*TIMING, *WRENCH)),
     }
     assert [Path(source["path"]).stem for source in result["sources"]] == ["encoder", "loadcell"]
-    assert len(result["warnings"]) == 1
+    assert len(sentences(result)) == 1
 
     terminal = cfid("show", run, "--terminal").stdout
     assert terminal.index("angle, degrees") < terminal.index("Fz, N")
@@ -126,7 +127,7 @@ def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cf
 def test_a_device_that_recorded_nothing_does_not_hide_the_other(cfid: Cfid, tmp_path: Path) -> None:
     result = shown(cfid("show", recorded(tmp_path, angle=True, forces=False), "--json"))
     assert set(result["parameters"]) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
-    assert "loadcell.csv: a head and no rows" in result["warnings"][-1]
+    assert "loadcell.csv: a head and no rows" in sentences(result)[-1]
 
     nothing = cfid("show", recorded(tmp_path / "other", forces=False), "--json")
     assert (nothing.returncode, nothing.stdout) == (4, "")

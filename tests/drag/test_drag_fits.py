@@ -87,7 +87,7 @@ def test_an_index_of_recordings_gives_the_coefficients_that_act(cfid: Cfid, tunn
     assert np.all(np.abs(np.array(simple["value"]) - EQ_4_8) < 3 * np.array(simple["std"]))
     assert np.all(np.array(simple["std"]) < 0.1 * np.abs(EQ_4_8))
     assert found["command"] == "fit drag"
-    assert found["quality"]["believed"]
+    assert found["accepted"]
     assert found["quality"]["experiments"] == 2 * len(WINDS)
     assert len(found["sources"]) == 1 + len(tunnel.rows)
     assert all(set(parameter) == {"value", "std", "unit"} for parameter in found["parameters"].values())
@@ -248,7 +248,7 @@ def test_a_swapped_file_is_named_with_code_5_and_force_gives_the_numbers(cfid: C
     assert "Traceback" not in said.stderr
 
     forced = fitted(cfid("fit", "drag", "--index", index, "--no-figures", "--json", "--force"))
-    assert not forced["quality"]["believed"]
+    assert not forced["accepted"]
     assert "drag.simple_kg_per_rad" in forced["parameters"]
 
 

@@ -70,17 +70,17 @@ def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_
     assert not (tmp_path / "exports").exists()
 
 
-def test_what_is_not_believed_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
+def test_what_was_rejected_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
     found = sections()["inertia"].parameters
-    store_section(campaign / "parameters.toml", "inertia", section(found, believed=False))
+    store_section(campaign / "parameters.toml", "inertia", section(found, rejected="too little."))
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is not believed by its fit. --force writes it" in " ".join(refused.stderr.split())
+    assert "inertia.matrix_kg_m2 was rejected: too little. --force writes it" in " ".join(refused.stderr.split())
 
     said = cfid("export", "crazyswarm2", "--out", "-", "--force")
     assert said.returncode == 0
-    assert "NOT BELIEVED" in said.stdout
-    assert "inertia.matrix_kg_m2 is not believed" in said.stderr
+    assert "REJECTED by its fit" in said.stdout
+    assert "inertia.matrix_kg_m2 is rejected" in said.stderr
 
 
 def test_a_rig_without_a_body_frame_is_refused_by_key(cfid: Cfid, campaign: Path) -> None:
@@ -142,7 +142,7 @@ def test_the_list_as_json_is_one_object_with_needs_by_key(cfid: Cfid, campaign: 
     rows = {row["target"]: row for row in content["targets"]}
     assert list(rows) == list(TARGETS)
     assert all(row["ready"] for row in rows.values())
-    assert sorted(rows["mujoco"]) == ["about", "file", "needs", "not_believed", "ready", "target", "uses"]
+    assert sorted(rows["mujoco"]) == ["about", "file", "needs", "ready", "rejected", "target", "uses"]
     lags = {"known": True, "keys": "dynamics.rising + dynamics.falling or tf.time_constant_s"}
     found = [need for need in rows["rotorpy"]["needs"] if "tf.time" in need["keys"]]
     assert [{key: need[key] for key in lags} for need in found] == [lags]

@@ -205,8 +205,13 @@ def test_measured_values_that_no_vehicle_has_are_blamed_themselves(cfid: Cfid, c
     assert "uncertainties are too large" not in words
 
 
+REJECTED_TORQUE = replace(
+    uncertain(sections()["torque"]), accepted=False, rejected={"motor.torque_poly": "the line leaves too much."}
+)
+
+
 def test_what_should_not_be_exported_is_not_drawn_from_either(cfid: Cfid, campaign: Path) -> None:
-    store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
+    store_section(campaign / "parameters.toml", "torque", REJECTED_TORQUE)
     assert cfid("export", "samples", "--n", "5").returncode == 4
     assert cfid("export", "samples", "--n", "5", "--force").returncode == 0
 
@@ -224,7 +229,7 @@ def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, camp
     writer.close("complete")
     body = uncertain(section(sections()["inertia"].parameters, run=writer.folder.name))
     store_section(campaign / "parameters.toml", "inertia", body)
-    store_section(campaign / "parameters.toml", "torque", replace(uncertain(sections()["torque"]), believed=False))
+    store_section(campaign / "parameters.toml", "torque", REJECTED_TORQUE)
     assert cfid("set", "rotor_radius_m", "23.1", "--force").returncode == 0
     said = cfid("export", "samples", "--n", "5", "--force")
     assert said.returncode == 0, said.stderr
@@ -236,7 +241,7 @@ def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, camp
     for name, text in texts.items():
         assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in text, name
         assert "IMPLAUSIBLE: rotor_radius_m is implausible, 23.1 m: millimetres?" in text, name
-        assert "NOT BELIEVED by its fit: motor.torque_poly." in text, name
+        assert "REJECTED by its fit: motor.torque_poly." in text, name
 
 
 def test_what_a_target_lacks_leaves_its_list_out_and_says_so(cfid: Cfid, tmp_path: Path) -> None:

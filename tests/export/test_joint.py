@@ -38,7 +38,7 @@ def fit_of(
         method="default",
         found=datetime(2026, 11, 22, tzinfo=UTC),
         cfid_version="0",
-        believed=True,
+        accepted=True,
         sources=(),
         parameters={key: Parameter(value=value, std=std) for key, (value, std) in parameters.items()},
         covariance=() if covariance is None else covariance_between(values, covariance),

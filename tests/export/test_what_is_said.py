@@ -1,4 +1,4 @@
-"""Comments of every export: origins, deviations, turning, what is missing, what is not believed. Nothing is guessed."""
+"""Comments of every export: origins, deviations, turning, what is missing, what was rejected. Nothing is guessed."""
 
 import ast
 import json
@@ -114,23 +114,23 @@ def test_a_file_says_what_hovering_should_take_by_both_ways_to_the_speed() -> No
     assert "rotor speed 2090.9 rad/s (19967 rpm) by motor.thrust_per_speed_squared_n_s2" in text
 
 
-# What is not believed
+# What was rejected
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if "inertia" in TARGETS[name].needs])
-def test_what_its_fit_does_not_believe_is_marked(name: str) -> None:
-    marked = words(export(name, vehicle(doubted="inertia")))
+def test_what_its_fit_rejected_is_marked(name: str) -> None:
+    marked = words(export(name, vehicle(rejected="inertia")))
 
-    assert marked.count("NOT BELIEVED") == 1
-    assert marked.index("inertia.matrix_kg_m2") < marked.index("NOT BELIEVED")
-    assert "NOT BELIEVED" not in export(name, vehicle())
+    assert marked.count("REJECTED by") == 1
+    assert marked.index("inertia.matrix_kg_m2") < marked.index("REJECTED by")
+    assert "REJECTED by" not in export(name, vehicle())
 
 
-def test_a_believed_fit_goes_before_a_newer_one_that_is_not() -> None:
+def test_an_accepted_fit_goes_before_a_newer_one_that_is_not() -> None:
     old = section({"motor.thrust_per_speed_squared_n_s2": 2e-8})
-    new = section({"motor.thrust_per_speed_squared_n_s2": 3e-8}, believed=False)
+    new = section({"motor.thrust_per_speed_squared_n_s2": 3e-8}, rejected="too little.")
     new = replace(new, found=new.found.replace(year=2026))
-    newer = replace(new, believed=True)
+    newer = replace(new, accepted=True, rejected={})
 
     assert collect(thesis_rig(), {"thrust": old, "speed": new})["thrust_per_speed_squared"] == 2e-8
     assert collect(thesis_rig(), {"thrust": old, "speed": newer})["thrust_per_speed_squared"] == 3e-8

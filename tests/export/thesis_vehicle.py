@@ -42,18 +42,19 @@ VOLTAGE_POLY = [-0.01, 0.04, -0.02, 0.006]
 RISING, FALLING = [7.0, 0.002], [3.0, 0.001]
 
 
-def section(parameters: Mapping[str, Any], *, believed: bool = True, run: str = "run_1") -> Section:
+def section(parameters: Mapping[str, Any], *, rejected: str = "", run: str = "run_1") -> Section:
     """Return a section whose parameters are given by value, or as a Parameter."""
     return Section(
         method="thesis",
         found=datetime(2015, 8, 31, 12, 30, tzinfo=UTC),
         cfid_version="9.8.7",
-        believed=believed,
+        accepted=not rejected,
         sources=(Source(f"runs/{run}/loadcell.csv", "0" * 64), Source(f"runs/{run}", "0" * 64)),
         parameters={
             key: value if isinstance(value, Parameter) else Parameter(value=value, unit="u")
             for key, value in parameters.items()
         },
+        rejected=dict.fromkeys(parameters, rejected) if rejected else {},
     )
 
 
@@ -84,8 +85,8 @@ def sections() -> dict[str, Section]:
     }
 
 
-def vehicle(*without: str, frame: Mapping[str, str] | None = None, doubted: str = "") -> Vehicle:
-    """Return the thesis' vehicle, without some parameters, in another body frame, or with a section not believed."""
+def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str = "") -> Vehicle:
+    """Return the thesis' vehicle, without some parameters, in another body frame, or with a section rejected."""
     rig = thesis_rig()
     if frame is not None:
         body = rig.vehicle.model_copy(update={"body_frame": rig.vehicle.body_frame.model_validate(dict(frame))})
@@ -93,7 +94,8 @@ def vehicle(*without: str, frame: Mapping[str, str] | None = None, doubted: str 
     kept = {
         name: replace(
             found,
-            believed=name != doubted,
+            accepted=name != rejected,
+            rejected=dict.fromkeys(found.parameters, "too little.") if name == rejected else {},
             parameters={key: p for key, p in found.parameters.items() if key not in without},
         )
         for name, found in sections().items()

@@ -16,7 +16,7 @@ from tests.campaigns import Cfid
 DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)
 
 
-def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5, believed: bool = True) -> Path:
+def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5, accepted: bool = True) -> Path:
     """Make a campaign that found one number from one run, recorded on a day and fitted much later."""
     make_campaign(folder)
     writer = create_run(
@@ -36,7 +36,8 @@ def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5
         method="default",
         found=datetime(2027, 1, 1, tzinfo=UTC),
         cfid_version="0",
-        believed=believed,
+        accepted=accepted,
+        rejected={} if accepted else {"thing.mass_kg": "too heavy."},
         sources=(source,),
         parameters={"thing.mass_kg": Parameter(value=mass_kg, std=std, unit="kg")},
     )
@@ -65,14 +66,14 @@ def test_numbers_stand_side_by_side_with_mean_agreement_and_drift_by_day_of_reco
     assert "drift 2e-05" in " ".join(printed.split())
 
 
-def test_a_number_that_is_not_believed_is_shown_and_does_not_count(cfid: Cfid, tmp_path: Path) -> None:
+def test_a_number_that_was_rejected_is_shown_and_does_not_count(cfid: Cfid, tmp_path: Path) -> None:
     good = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(2)]
-    odd = campaign(tmp_path / "odd", 3, 5.0, believed=False)
+    odd = campaign(tmp_path / "odd", 3, 5.0, accepted=False)
     found = compared(cfid, *good, odd)["parameters"]["thing.mass_kg"]
 
     assert found["values"] == [0.028, 0.028, 5.0]
     assert found["repeats"]["mean"] == 0.028
-    assert "not believed" in cfid("fleet", *good, odd).stdout
+    assert "rejected" in cfid("fleet", *good, odd).stdout
 
 
 def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) -> None:
@@ -103,7 +104,7 @@ def noted(folder: Path, name: str, key: str, value: float, unit: str) -> None:
         method="default",
         found=DAY_0,
         cfid_version="0",
-        believed=True,
+        accepted=True,
         sources=(),
         parameters={key: Parameter(value=value, std=0.1, unit=unit)},
     )

@@ -14,6 +14,7 @@ from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.parameters import load_sections
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
+from tests.campaigns import sentences
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
 from tests.places import DATA
 
@@ -66,7 +67,7 @@ def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, stai
     assert parameters["motor.hover_mass_kg"]["value"] == pytest.approx(mass_kg)
     rows = parameters["motor.table"]["value"]
     assert [row["cmd"] for row in rows] == [step for step in STEPS if step]
-    assert content["quality"]["believed"]
+    assert content["accepted"]
     assert {Path(source["path"]).name for source in content["sources"]} == {"loadcell.csv", "commands.csv"}
     assert "thrust" in load_sections(campaign / "parameters.toml")
 
@@ -107,7 +108,7 @@ def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Pa
     for volts in (1.5, 2.5, 3.0):
         truth = true_thrust_n(volts / TRUTH.nominal_v * 65535)
         assert np.polyval(poly[::-1], volts) == pytest.approx(truth, abs=0.01 * largest)
-    assert any("departs by up to" in said for said in content["warnings"])
+    assert any("departs by up to" in said for said in sentences(content))
 
 
 def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the_reason_kept(
@@ -125,7 +126,7 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     reason = content["quality"]["rejected"][cubic]
 
     assert "departs from the data by" in reason
-    assert reason in content["warnings"]
+    assert reason in sentences(content)
     assert cubic not in content["parameters"]
     section = load_sections(campaign / "parameters.toml")["thrust"]
     assert section.rejected == {cubic: reason}
@@ -243,7 +244,7 @@ def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: C
         TRUTH.thrust_ns2_per_rad2, rel=0.005
     )
     assert all(row["thrust_n"] and row["speed_rad_s"] for row in parameters["motor.table"]["value"])
-    assert any("heard in the load cell's vibration" in said for said in content["warnings"])
+    assert any("heard in the load cell's vibration" in said for said in sentences(content))
 
 
 def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid, campaign: Path) -> None:

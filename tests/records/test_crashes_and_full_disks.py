@@ -43,7 +43,7 @@ def record(writer, rows, blocks):
         writer.append("encoder", (1763712345 + 1e-3 * index, encode_positions(index % 8192)))
 
 def store(name, size):
-    section = Section(method="m", found=datetime.now(UTC), cfid_version="0", believed=True, sources=(),
+    section = Section(method="m", found=datetime.now(UTC), cfid_version="0", accepted=True, sources=(),
                       parameters={"p": Parameter(value=np.arange(size), unit="1")})
     store_section(place / "parameters.toml", name, section)
 """

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import DataError
+from cfid.findings import rejection, warning
 from cfid.records.fits import Fit, keep_fit, list_fits
 from cfid.records.parameters import Parameter, Section, Source
 
@@ -19,12 +20,12 @@ FIT = Fit(
         method="default",
         found=datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC),
         cfid_version="0.1.0",
-        believed=True,
+        accepted=True,
         sources=(Source("runs/a/encoder.csv", "0" * 64),),
         parameters={"inertia.matrix_kg_m2": Parameter(value=np.eye(3), std=0.1 * np.eye(3), unit="kg m^2")},
     ),
     quality={"rms": 0.5, "windows": [[1.0, None]]},
-    warnings=("one",),
+    findings=(warning("a-code", "one", "inertia.*"), rejection("b-code", "two")),
     figures=("figures/inertia.svg",),
 )
 
@@ -94,3 +95,28 @@ def test_a_fit_whose_numbers_were_edited_into_no_matrix_is_told(tmp_path: Path) 
 
     assert isinstance(broken, DataError)
     assert "inertia.matrix_kg_m2: should be a matrix of 3 times 3 numbers. Delete it" in str(broken)
+
+
+def test_a_fit_of_the_first_format_keeps_its_sentences_as_findings(tmp_path: Path) -> None:
+    path = keep_fit(tmp_path, FIT)
+    content = json.loads(path.read_text())
+    del content["format"], content["findings"]
+    content["section"]["believed"] = not content["section"].pop("accepted")
+    path.write_text(json.dumps(content | {"doubts": ["too wobbly."], "warnings": ["a cable."]}))
+    (found,) = list_fits(tmp_path)
+
+    assert isinstance(found, Fit)
+    assert [(finding.severity, finding.text) for finding in found.findings] == [
+        ("rejection", "too wobbly."),
+        ("warning", "a cable."),
+    ]
+    assert set(found.section.rejected) == {"inertia.matrix_kg_m2"}
+
+
+def test_a_fit_of_a_newer_format_is_refused_by_name(tmp_path: Path) -> None:
+    path = keep_fit(tmp_path, FIT)
+    path.write_text(path.read_text().replace('"format": 2', '"format": 3'))
+    (found,) = list_fits(tmp_path)
+
+    assert isinstance(found, DataError)
+    assert "has format 3, written by a newer cfid" in str(found)

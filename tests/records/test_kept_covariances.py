@@ -17,7 +17,7 @@ WHOLE = Section(
     method="default",
     found=datetime(2026, 11, 22, 8, 30, tzinfo=UTC),
     cfid_version="0.2.0",
-    believed=True,
+    accepted=True,
     sources=(),
     parameters={
         "motor.torque_poly": Parameter(value=[6e-3, 1e-5], std=[1e-5, 2e-6], unit="Nm(N)"),

@@ -24,7 +24,7 @@ def section(**values: Any) -> Section:
         method="pendulum",
         found=FOUND,
         cfid_version="0.1.0",
-        believed=True,
+        accepted=True,
         sources=(Source("runs/a/encoder.csv", "ab12"), Source("x.csv", "cd34")),
         parameters={name: Parameter(value=value, std=0.5, unit="kg m^2") for name, value in values.items()},
     )
@@ -37,7 +37,7 @@ def stored(folder: Path, value: Any, std: Any = None) -> Parameter:
         method="m",
         found=FOUND,
         cfid_version="0",
-        believed=False,
+        accepted=False,
         sources=(),
         parameters={"a.b": Parameter(value=value, std=std, unit="N")},
     )
@@ -201,6 +201,15 @@ def test_a_file_written_by_hand_is_read(tmp_path: Path) -> None:
     assert load_sections(file)["swing"].parameters == {"swing.x": Parameter(value=1.0, unit="N")}
 
 
+def test_a_section_that_an_older_version_did_not_believe_is_rejected_whole(tmp_path: Path) -> None:
+    file = tmp_path / "parameters.toml"
+    file.write_text(GOOD.replace("believed = true", "believed = false"))
+    found = load_sections(file)["swing"]
+
+    assert not found.accepted
+    assert set(found.rejected) == {"swing.x"}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -209,7 +218,7 @@ def test_a_file_written_by_hand_is_read(tmp_path: Path) -> None:
         ('method = "pendulum"\n', "", "swing.method: is missing."),
         ('method = "pendulum"', "method = 3", "swing.method: should be a valid string, not 3."),
         ("2026-11-21T08:30:12Z", '"yesterday"', "swing.found: should be a valid datetime"),
-        ("true", '"perhaps"', "swing.believed: should be a valid boolean"),
+        ("true", '"perhaps"', "swing.accepted: should be a valid boolean"),
         ('[{ path = "x.csv", sha256 = "ab" }]', '"x.csv"', "swing.sources: should be a valid list, not 'x.csv'."),
         (', sha256 = "ab"', "", "swing.sources.0.sha256: is missing."),
         ("value = 1.0\n", "", "swing.parameters.swing.x.value: is missing."),
@@ -244,7 +253,7 @@ def test_a_file_damaged_anywhere_is_read_or_refused_with_its_name(
         message = str(error)
     else:
         message = f"{file}: "
-        assert all(isinstance(found.believed, bool) for found in sections.values())
+        assert all(isinstance(found.accepted, bool) for found in sections.values())
     assert message.startswith(f"{file}: ")
 
 

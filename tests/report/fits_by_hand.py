@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from cfid.findings import rejection, warning
 from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Parameter, Section, Source, store_section
@@ -79,7 +80,8 @@ def put(
     *,
     sources: Sequence[str] = (),
     minutes: int = 0,
-    believed: bool = True,
+    rejected: str = "",
+    warnings: Sequence[str] = (),
     method: str = "default",
     **more: Any,
 ) -> Fit:
@@ -88,12 +90,17 @@ def put(
         method=method,
         found=NOON + timedelta(minutes=minutes),
         cfid_version="0.1.0",
-        believed=believed,
+        accepted=not rejected,
         sources=tuple(Source(f"runs/{source}/data.csv", source.encode().hex().zfill(64)) for source in sources),
         parameters=parameters,
+        rejected=dict.fromkeys(parameters, rejected) if rejected else {},
     )
     command = more.pop("command", {"tf": "tf identify"}.get(name, f"fit {name.partition(' ')[0]}"))
-    fit = Fit(name=name, command=command, section=section, quality=more.pop("quality", {}), **more)
+    findings = (
+        *(warning("of-the-test", text) for text in warnings),
+        *([rejection("of-the-test", rejected)] if rejected else []),
+    )
+    fit = Fit(name=name, command=command, section=section, quality=more.pop("quality", {}), findings=findings, **more)
     keep_fit(campaign.fits_folder, fit)
     store_section(campaign.parameters_file, name, section)
     return fit

@@ -50,7 +50,7 @@ def test_a_word_on_several_recordings_is_said_once(campaign: Campaign) -> None:
     warnings = ("a: recorded on the simulated rig.", "b: recorded on the simulated rig.", "the map ends there.")
     put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a", "b"], warnings=warnings)
 
-    assert report_of(campaign).experiments[0].warnings == (
+    assert report_of(campaign).experiments[0].remarks == (
         "2 recordings: recorded on the simulated rig.",
         "the map ends there.",
     )
@@ -60,7 +60,7 @@ def test_words_that_name_no_recording_stay_apart(campaign: Campaign) -> None:
     warnings = ("command 5000: no lag fits.", "command 9000: no lag fits.")
     put(campaign, "dynamics", {}, sources=["a"], warnings=warnings)
 
-    assert report_of(campaign).experiments[0].warnings == warnings
+    assert report_of(campaign).experiments[0].remarks == warnings
 
 
 def test_a_budget_is_a_table_with_a_row_for_each_input(campaign: Campaign) -> None:
@@ -185,4 +185,4 @@ def said_of_thrust(campaign: Campaign) -> tuple[str, ...]:
     quantities = [quantity for group in report_of(campaign).sheet for quantity in group.quantities]
     (origin,) = (one.origin for one in quantities if one.keys == ("motor.thrust_poly",))
     assert origin is not None
-    return origin.doubts
+    return origin.findings

@@ -21,7 +21,7 @@ HOSTILE = r"""<script>alert("1")</script> | 50 % _of_ {$x} & \end{document} ~^# 
 def campaign(tmp_path: Path) -> Campaign:
     campaign = new_campaign(tmp_path)
     put_appendix_a(campaign)
-    put(campaign, "torque", APPENDIX_A["torque"], sources=["again"], minutes=1, believed=False, doubts=("too little.",))
+    put(campaign, "torque", APPENDIX_A["torque"], sources=["again"], minutes=1, rejected="too little.")
     return campaign
 
 
@@ -72,7 +72,7 @@ def test_every_link_of_a_page_leads_somewhere(campaign: Campaign) -> None:
 def test_every_format_has_the_sheet_the_verdicts_and_the_published_values(campaign: Campaign, form: Format) -> None:
     text = text_of(campaign, form)
 
-    for number in ("16.57", "40.77", "not believed", "too little.", "crazyflow", "RotorPy"):
+    for number in ("16.57", "40.77", "rejected", "too little.", "crazyflow", "RotorPy"):
         assert number in text, number
 
 
@@ -109,11 +109,11 @@ def hostile(tmp_path: Path) -> Campaign:
     assert campaign is not None
     more: dict[str, Any] = {
         "warnings": (HOSTILE,),
-        "doubts": (HOSTILE,),
+        "rejected": HOSTILE,
         "lines": (HOSTILE,),
         "quality": {HOSTILE: HOSTILE},
     }
-    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], believed=False, **more)
+    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a"], **more)
     return campaign
 
 

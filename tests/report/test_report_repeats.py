@@ -71,15 +71,15 @@ def test_the_mean_is_weighted_by_the_deviations(campaign: Campaign) -> None:
     assert slope_of(campaign).mean == pytest.approx((6.0 * 9 + 7.0) / 10)
 
 
-def test_a_reading_that_is_not_believed_is_shown_and_left_out(campaign: Campaign) -> None:
+def test_a_reading_that_was_rejected_is_shown_and_left_out(campaign: Campaign) -> None:
     put_torque(campaign, 6.0, "a", 0)
     put_torque(campaign, 6.1, "b", 1)
-    put_torque(campaign, 9.0, "c", 2, believed=False)
+    put_torque(campaign, 9.0, "c", 2, rejected="too little.")
     (fit,) = report_of(campaign).repeats
 
     assert slope_of(campaign).mean == pytest.approx(6.05)
     assert "9.00 ± 0.10" in repeat_grid(fit).rows[0]
-    assert "2026-11-21 12:02, not believed" in repeat_grid(fit).head
+    assert "2026-11-21 12:02, rejected" in repeat_grid(fit).head
 
 
 def test_readings_without_deviations_are_not_tested(campaign: Campaign) -> None:

@@ -69,7 +69,7 @@ def test_it_says_how_and_from_how_many_recordings_a_quantity_was_found(campaign:
 
     assert origin is not None
     assert origin_text(origin) == "cfid fit inertia, method thesis, from 3 recordings, 2026-11-21 12:00 UTC"
-    assert origin.believed
+    assert origin.accepted
 
 
 def test_files_of_one_run_are_one_recording(campaign: Campaign) -> None:
@@ -100,20 +100,20 @@ def test_a_model_that_a_fit_could_not_find_is_not_said_to_be_unmeasured(campaign
     assert quantity(campaign, "drag.complex.k1").missing.startswith("the last `cfid fit drag` did not find it")
 
 
-def test_what_is_not_believed_says_so_with_the_reason(campaign: Campaign) -> None:
-    put(campaign, "torque", APPENDIX_A["torque"], believed=False, doubts=("the line leaves too much.",))
+def test_what_was_rejected_says_so_with_the_reason(campaign: Campaign) -> None:
+    put(campaign, "torque", APPENDIX_A["torque"], rejected="the line leaves too much.")
     origin = quantity(campaign, "motor.torque_poly").origin
 
     assert origin is not None
-    assert origin.believed is False
-    assert origin.doubts == ("the line leaves too much.",)
+    assert origin.accepted is False
+    assert origin.findings == ("the line leaves too much.",)
 
 
-def test_the_mass_is_stated_and_neither_believed_nor_doubted(campaign: Campaign) -> None:
+def test_the_mass_is_stated_and_neither_accepted_nor_rejected(campaign: Campaign) -> None:
     origin = quantity(campaign, "vehicle.mass_kg").origin
 
     assert origin is not None
-    assert origin.believed is None
+    assert origin.accepted is None
 
 
 def test_what_the_form_of_a_transfer_function_fixes_is_no_parameter(campaign: Campaign) -> None:

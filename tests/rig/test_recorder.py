@@ -24,7 +24,7 @@ from cfid.rig.loop import Ending
 from cfid.rig.recorder import Block, Progress, Recorder, no_rows, sleep
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
-from tests.rig.streaming_rig import ROOT
+from tests.places import ROOT
 from tests.rig.virtual import UNIX_S, SerialWire, Session, encoder, rows_of
 
 STEP_S = 0.001

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from tests.rig.streaming_rig import ROOT
+from tests.places import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 

@@ -16,7 +16,8 @@ from cfid.records.run import read_run
 from cfid.rig.loop import Loop
 from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.wire.rdt import RECORD_BYTES
-from tests.rig.streaming_rig import ROOT, ServedRig, served_rig, whole_rows
+from tests.places import ROOT
+from tests.rig.streaming_rig import ServedRig, served_rig, whole_rows
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, reads the kernel's stamps")
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from cfid.records.campaign import new_rig_text
+from tests.campaigns import sentences
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -40,9 +41,9 @@ def swings(files: Path, *axes: str) -> list[str]:
 def test_json_has_the_keys_of_the_contract(cfid: Cfid, files: Path) -> None:
     result = found(cfid("fit", "inertia", *swings(files), "--geometry", files / "geometry.toml", "--json"))
 
-    assert set(result) == {"command", "parameters", "quality", "warnings", "sources", "version"}
+    assert set(result) == {"command", "parameters", "accepted", "findings", "quality", "sources", "version"}
     assert result["command"] == "fit inertia"
-    assert result["quality"]["believed"] is True
+    assert result["accepted"] is True
     assert set(result["parameters"]) == {
         "inertia.matrix_kg_m2",
         *(f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in AXES),
@@ -73,8 +74,8 @@ def test_the_thesis_matrix_comes_out_without_a_rig_and_it_is_said_whose_numbers_
         [0.830806, 16.655602, 1.800197],
         [0.718277, 1.800197, 29.261652],
     ]
-    assert any("the thesis' Crazyflie 2.0" in warning for warning in result["warnings"])
-    assert any("sign" in warning for warning in result["warnings"])
+    assert any("the thesis' Crazyflie 2.0" in warning for warning in sentences(result))
+    assert any("sign" in warning for warning in sentences(result))
 
 
 def test_numbers_with_a_deviation_and_files_mix(cfid: Cfid, files: Path) -> None:
@@ -129,7 +130,7 @@ def test_the_thesis_method_gives_a_larger_inertia_and_says_why(cfid: Cfid, files
 
     assert inertias[1] > inertias[0]
     assert inertias[1] / inertias[0] - 1 == pytest.approx(ours["quality"]["damped_cosine"]["relative_inertia_excess"])
-    assert any("sin(phi)" in warning for warning in theirs["warnings"])
+    assert any("sin(phi)" in warning for warning in sentences(theirs))
 
 
 def test_friction_of_dropped_weights(cfid: Cfid, files: Path) -> None:
@@ -206,7 +207,7 @@ def test_a_run_folder_brings_its_axis_along(cfid: Cfid, bodies: Path) -> None:
 
     toml = run / "run.toml"
     toml.write_text(toml.read_text().replace('"complete"', '"recording"'))
-    assert "cut while recording" in found(cfid("fit", "swing", run, "--json"))["warnings"][0]
+    assert "cut while recording" in sentences(found(cfid("fit", "swing", run, "--json")))[0]
     assert "cut" in cfid("runs", "--campaign", bodies).stdout
 
 

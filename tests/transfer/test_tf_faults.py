@@ -10,6 +10,7 @@ from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.sine_bench import SimulatedSine
+from tests.campaigns import sentences
 from tests.transfer.sines_in_a_folder import Here, Said, sines, write_index, write_run
 
 Spoil = Callable[[Path], None]
@@ -174,7 +175,7 @@ def test_a_channel_that_does_not_feel_the_motor_gives_no_numbers(tf: Here, index
     assert said.returncode == 5
     assert "may be noise alone: are --channel and the motor those of the runs?" in said.stderr
     as_thesis = tf.json("identify", "--index", index, "--channel", "Tx", "--method", "thesis", code=5)
-    assert any("the force's largest peak is not at the sine" in doubt for doubt in as_thesis["quality"]["doubts"])
+    assert any("the force's largest peak is not at the sine" in doubt for doubt in sentences(as_thesis))
     replaced("index.csv", "20000,1", "20000,0")(index.parent)
     refused(tf("identify", "--index", index, "--channel", "Ty", "--no-figures"), 4, "take Fz")
 

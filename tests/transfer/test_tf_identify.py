@@ -11,6 +11,7 @@ import pytest
 from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
+from tests.campaigns import sentences
 from tests.transfer.sines_in_a_folder import (
     GAIN_N,
     LAG_S,
@@ -98,7 +99,7 @@ def test_a_sine_that_is_too_fast_is_left_out_and_that_is_said(tf: Here, both: Pa
     content = found(tf, "--index", both, "--cutoff-hz", 6.5)
 
     assert {row["l"] for row in content["parameters"]["tf.frequency_response"]["value"]} == set(PERIODS[1:-2])
-    assert "first: l = 75, 100 above 6.5 Hz left out (--cutoff-hz)." in content["warnings"]
+    assert "first: l = 75, 100 above 6.5 Hz left out (--cutoff-hz)." in sentences(content)
 
 
 def test_files_of_the_thesis_kind_need_no_stamps_of_the_vehicle(
@@ -111,7 +112,7 @@ def test_files_of_the_thesis_kind_need_no_stamps_of_the_vehicle(
     assert parameters["tf.time_constant_s"]["value"] == pytest.approx(LAG_S, rel=0.03)
     assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
     assert parameters["tf.series.motor1.time_constant_s"] == parameters["tf.time_constant_s"]
-    assert any("crossings carry no time of the vehicle" in warning for warning in content["warnings"])
+    assert any("crossings carry no time of the vehicle" in warning for warning in sentences(content))
 
 
 @pytest.mark.parametrize("channel", ["Ty", "Fz", "arm"])
@@ -128,7 +129,7 @@ def test_a_column_that_nobody_reads_is_told(tf: Here, tmp_path: Path, first: lis
     index = write_index(tmp_path, {"first": first})
     index.write_text(index.read_text().replace("series", "Series", 1))
 
-    assert "index.csv: not used: column Series; it may have series." in found(tf, "--index", index)["warnings"]
+    assert "index.csv: not used: column Series; it may have series." in sentences(found(tf, "--index", index))
 
 
 def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_told(
@@ -139,8 +140,8 @@ def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_told(
 
     assert down["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(-GAIN_N, rel=0.01)
     assert up["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
-    assert any("the static gain is negative" in said and "--sign" in said for said in down["warnings"])
-    assert not any("negative" in said for said in up["warnings"])
+    assert any("the static gain is negative" in said and "--sign" in said for said in sentences(down))
+    assert not any("negative" in said for said in sentences(up))
 
 
 def test_units_of_the_load_cell_are_as_the_operator_says(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
@@ -148,7 +149,7 @@ def test_units_of_the_load_cell_are_as_the_operator_says(tf: Here, tmp_path: Pat
     halved = found(tf, "--index", index, "--counts-per-n", 2e6, "--counts-per-nm", 2e6, "--arm-mm", 23)
 
     assert halved["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
-    assert not any("counts are read as" in warning for warning in halved["warnings"])
+    assert not any("counts are read as" in warning for warning in sentences(halved))
 
 
 def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
@@ -164,7 +165,7 @@ def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
     assert "takes 9 complete sines" in said.stderr
     assert section.parameters["tf.time_constant_s"].value == pytest.approx(LAG_S, rel=0.01)
     assert section.parameters["tf.series.bench.static_gain_n"].value == pytest.approx(GAIN_N, rel=0.005)
-    assert section.believed
+    assert section.accepted
     assert len(section.sources) == 18
     drawn = {path.name for path in (tmp_path / "figures").iterdir()}
     assert drawn == {f"{name}.{kind}" for name in ("tf_bode", "tf_step", "tf_run_bench") for kind in ("png", "svg")}
@@ -184,7 +185,7 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
                 method="default",
                 found=pd.Timestamp("2026-11-21", tz="UTC").to_pydatetime(),
                 cfid_version="0",
-                believed=True,
+                accepted=True,
                 sources=(),
                 parameters={"motor.thrust_poly": poly},
             ),
@@ -192,7 +193,7 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
         content = found(tf, "--index", index)
         assert content["quality"]["thrust_map_slope_n"] == pytest.approx(slope)
         assert content["quality"]["static_gain_off_slope"] == pytest.approx(GAIN_N / slope - 1, abs=0.01)
-        assert any("off the thrust map's slope" in warning for warning in content["warnings"]) == warned
+        assert any("off the thrust map's slope" in warning for warning in sentences(content)) == warned
 
 
 def test_the_thesis_method_gives_its_own_numbers_without_deviations(tf: Here, both: Path) -> None:
@@ -203,7 +204,7 @@ def test_the_thesis_method_gives_its_own_numbers_without_deviations(tf: Here, bo
     assert parameters["tf.numerator"]["std"] is None
     assert parameters["tf.delay_s"]["value"] == 0
     assert set(content["quality"]["series"]) == {"first", "second"}
-    assert any("divides zero by zero" in warning for warning in content["warnings"])
+    assert any("divides zero by zero" in warning for warning in sentences(content))
     default = found(tf, "--index", both)["quality"]["thesis"]
     assert default["numerator"] == parameters["tf.numerator"]["value"]
 
@@ -262,10 +263,10 @@ def test_what_no_such_plant_explains_is_not_believed_and_exits_with_5(tf: Here, 
     said = tf("identify", "--index", str(both), "--shape", "first", "--no-figures")
 
     assert content["parameters"] == {}
-    assert not content["quality"]["believed"]
+    assert not content["accepted"]
     assert "tf.time_constant_s" in forced["parameters"]
     assert said.returncode == 5
-    assert said.stderr.splitlines()[-1].startswith("cfid: not believed: chi-squared is ")
+    assert said.stderr.splitlines()[-1].startswith("cfid: rejected: chi-squared is ")
     assert "'first+delay' describes the responses clearly better than 'first'" in said.stderr
 
 
@@ -275,9 +276,7 @@ def test_series_of_two_motors_that_differ_are_told_apart(tf: Here, tmp_path: Pat
     index = write_index(tmp_path, {"first": first, "second": other})
     content = found(tf, "--index", index, "--force")
 
-    assert not content["quality"]["believed"]
-    assert any(
-        "each series has a transfer function, but not the same" in doubt for doubt in content["quality"]["doubts"]
-    )
+    assert not content["accepted"]
+    assert any("each series has a transfer function, but not the same" in doubt for doubt in sentences(content))
     lag = content["parameters"]["tf.series.second.time_constant_s"]["value"]
     assert lag == pytest.approx(1.5 * LAG_S, rel=0.02)

@@ -13,6 +13,7 @@ from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
+from tests.campaigns import sentences
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run
 from tests.transfer.test_tf_faults import refused
 
@@ -50,8 +51,8 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     content = tf.json("verify", left_out)
     parameters = content["parameters"]
 
-    assert content["quality"]["believed"]
-    assert not content["warnings"]
+    assert content["accepted"]
+    assert not sentences(content)
     key = f"tf.verify.{left_out}"
     late = parameters[f"{key}.late_s"]
     assert late["value"] == pytest.approx(0, abs=4 * late["std"] + 5e-4)
@@ -88,11 +89,11 @@ def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, r
     shifted = tf.json("verify", *told, "--delay-s", DELAY_S - 0.02, code=5)
     wrong = tf.json("verify", *told, "--delay-s", DELAY_S, "--denominator", "1,-0.9", code=5)
 
-    assert good["quality"]["believed"]
+    assert good["accepted"]
     assert {key.split(".")[2] for key in good["parameters"]} == {"crossings_10", "crossings_12", "crossings_20"}
-    assert not shifted["quality"]["believed"]
-    assert not wrong["quality"]["believed"]
-    assert "the measured sine differs from the simulated one by" in shifted["quality"]["doubts"][0]
+    assert not shifted["accepted"]
+    assert not wrong["accepted"]
+    assert "the measured sine differs from the simulated one by" in sentences(shifted)[0]
 
 
 def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_path: Path) -> None:
@@ -137,7 +138,7 @@ def test_a_run_without_frequency_cannot_be_compared(tf: Here, tmp_path: Path) ->
 
 def test_a_run_in_which_noise_drowns_the_sine_verifies_little(tf: Here, tmp_path: Path) -> None:
     index = write_index(tmp_path, {"": sines((1,))}, cells=1)
-    warnings = tf.json("verify", "--index", index, *BY_NUMBERS)["warnings"]
+    warnings = sentences(tf.json("verify", "--index", index, *BY_NUMBERS))
 
     assert any("l = 1 (crossings_1.csv): is known to" in said and "verifies little" in said for said in warnings)
 

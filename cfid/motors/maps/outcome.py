@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from cfid.console.inputs import Workplace
 from cfid.console.options import Delivery
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.errors import FitError
+from cfid.findings import rejection, warning
 from cfid.motors.maps.evidence import Evidence, StandOptions
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
@@ -126,19 +128,21 @@ def deliver_map(
 
     drawn = found.reduced[:_MOST_PAGES]
     deliver(
-        Outcome(
+        Result(
             command=command,
             method=mapped.method,
-            parameters=parameters,
+            quantities=parameters,
             covariances=covariances,
-            rejected=rejected or {},
             quality=joined_quality(mapped, **(quality or {})),
-            warnings=unique([*found.warnings, *warnings]),
+            findings=(
+                *(warning("motor-warning", text) for text in unique([*found.warnings, *warnings])),
+                *(rejection("map-rejected", text) for text in mapped.doubts),
+                *(rejection("quantity-rejected", text, key) for key, text in (rejected or {}).items()),
+            ),
             sources=found.sources,
-            doubts=mapped.doubts,
             lines=(*found.lines, *lines),
             drawings=drawings,
-            beside=workplace.figures_beside(found.paths),
+            folder=workplace.figures_beside(found.paths),
         ),
         delivery,
         workplace.campaign,

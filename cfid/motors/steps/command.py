@@ -8,15 +8,18 @@ import typer
 
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.errors import CfidError, ConfigError, DataError, FitError
+from cfid.findings import rejection, warning
 from cfid.motors.vibration.data import quiet_channels
 from cfid.records.covariances import covariance_between
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.motors.steps.estimation import CommandStep, RotorModel, StepFit
     from cfid.records.parameters import Parameter, Source
 
+_NO_LAG = "no step is described by a first-order lag."
 _BLUR_S, _STEP_S = 0.1, 0.02  # of a speed heard in vibration
 _SURE = 0.02  # of a speed: where it is heard worse, within a step, it is left out
 
@@ -156,24 +159,30 @@ def _tell(
 
     doubted = [lag for lag in lags if not lag.believed]
     deliver(
-        Outcome(
+        Result(
             command="fit dynamics",
             method="default",
-            parameters=_parameters(lags, model),
+            quantities=_parameters(lags, model),
             covariances=covariance_between(
                 {"dynamics.rising": list(model.rising), "dynamics.falling": list(model.falling)}, model.covariance
             ),
             quality={"steps": len(lags), "not_believed": len(doubted), "explained": model.explained, "rms": model.rms},
-            warnings=(*course.notes, *(f"{_step(lag)}: {' '.join(lag.doubts)}" for lag in doubted)),
+            findings=(
+                *(warning("recording", text) for text in course.notes),
+                *(warning("step-rejected", f"{_step(lag)}: {' '.join(lag.doubts)}") for lag in doubted),
+                *(
+                    rejection("dynamics-rejected", text, "dynamics.*")
+                    for text in (model.doubts if len(doubted) < len(lags) else (_NO_LAG,))
+                ),
+            ),
             sources=course.sources,
-            doubts=model.doubts if len(doubted) < len(lags) else ("no step is described by a first-order lag.",),
             lines=tuple(
                 f"{_step(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms{_delay(lag)}"
                 for lag in lags
                 if lag.believed
             ),
             drawings=drawings,
-            beside=workplace.figures_beside([course.path]),
+            folder=workplace.figures_beside([course.path]),
         ),
         delivery,
         workplace.campaign,

@@ -7,9 +7,11 @@ import typer
 
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
-from cfid.console.outcome import Outcome, deliver
+from cfid.console.outcome import deliver
 from cfid.errors import CfidError, DataError
+from cfid.findings import rejection, warning
 from cfid.motors.vibration.data import Ear, RotorOptions, told_speeds
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.motors.vibration.estimation import RotorSpeed
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from cfid.records.run import Run
     from cfid.records.tables.wrench import WrenchRecord
 
+_NO_WINDOW = "no window tells a rotor's speed."
 _BELIEVED = 0.02  # of the tachometer's speed, from where vibration contradicts it
 
 
@@ -128,22 +131,25 @@ def _tell(
 
     doubted = [one for one in heard if not one.speed.believed]
     deliver(
-        Outcome(
+        Result(
             command="fit rotor",
             method="default",
-            parameters=_parameters(heard),
+            quantities=_parameters(heard),
             quality={"windows": len(heard), "not_believed": len(doubted)},
-            warnings=(
-                *record.notes,
-                *dict.fromkeys(said for one in heard for said in one.speed.warnings),
-                *(f"{_where(one)}: {' '.join(one.speed.doubts)}" for one in doubted),
-                *(_contradiction(one) for one in heard if _contradiction(one)),
+            findings=(
+                *(warning("recording", text) for text in record.notes),
+                *(
+                    warning("rotor-warning", text)
+                    for text in dict.fromkeys(text for one in heard for text in one.speed.warnings)
+                ),
+                *(warning("rotor-window-rejected", f"{_where(one)}: {' '.join(one.speed.doubts)}") for one in doubted),
+                *(warning("rotor-contradicts", _contradiction(one)) for one in heard if _contradiction(one)),
+                *([rejection("rotor-not-found", _NO_WINDOW, "rotor.*")] if len(doubted) == len(heard) else []),
             ),
             sources=(record.source, *sources),
-            doubts=("no window tells a rotor's speed.",) if len(doubted) == len(heard) else (),
             lines=tuple(_line(one) for one in heard),
             drawings=drawings,
-            beside=workplace.figures_beside([record.path]),
+            folder=workplace.figures_beside([record.path]),
         ),
         delivery,
         workplace.campaign,

@@ -18,7 +18,7 @@ ABOUT_REPEATS = (
     "the first. χ² adds up the squared distances from the mean in deviations; “by chance” is how often independent "
     "readings with these deviations would scatter as much or more. Below 1 % they do not agree, and one quantity in a "
     "hundred falls below by chance. What all readings share, as mass and geometry, is in each deviation but does not "
-    "scatter: agreement is no proof of that part, and the mean's deviation keeps it. Readings that are not believed "
+    "scatter: agreement is no proof of that part, and the mean's deviation keeps it. Readings that were rejected "
     "are shown and left out of the test."
 )
 ABOUT_PUBLISHED = (
@@ -64,9 +64,9 @@ def _power(row: Row, family: list[float | None]) -> int:
     return min(own, 0)
 
 
-def verdict(believed: bool | None) -> str:
-    """Return whether a quantity is believed, in a word; what was stated by hand has no verdict."""
-    return "stated" if believed is None else "believed" if believed else "not believed"
+def verdict(accepted: bool | None) -> str:
+    """Return whether a quantity is accepted, in a word; what was stated by hand has no verdict."""
+    return "stated" if accepted is None else "accepted" if accepted else "rejected"
 
 
 def origin_text(origin: Origin) -> str:
@@ -88,7 +88,7 @@ def table_grid(table: Table) -> Grid:
 
 def repeat_grid(fit: RepeatedFit) -> Grid:
     """Return the readings of all quantities side by side with their test."""
-    made = (f"{one.found:%Y-%m-%d %H:%M}{'' if one.believed else ', not believed'}" for one in fit.made)
+    made = (f"{one.found:%Y-%m-%d %H:%M}{'' if one.accepted else ', rejected'}" for one in fit.made)
     head = ("", "unit", *made, "mean", "drift", "χ²", "by chance", "agree")
     return Grid(head, tuple(_repeat_row(repeat) for repeat in fit.quantities))
 

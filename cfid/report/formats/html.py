@@ -49,7 +49,7 @@ def _counts(report: Report) -> dict[str, int]:
     return {
         "all": len(quantities),
         "found": len(found),
-        "doubted": sum(origin.believed is False for origin in found),
+        "rejected": sum(origin.accepted is False for origin in found),
     }
 
 

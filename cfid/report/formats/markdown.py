@@ -44,8 +44,8 @@ def _parts(report: Report) -> Iterator[str]:
 def _quantity(quantity: Quantity) -> Iterator[str]:
     yield f"**{quantity.title}**" + (f": {_plain(quantity.equation)}" if quantity.equation else "") + "\n"
     if quantity.origin:
-        yield f"{_plain(grids.origin_text(quantity.origin))}: {grids.verdict(quantity.origin.believed)}.\n"
-        yield from (f"- {_plain(doubt)}" for doubt in quantity.origin.doubts)
+        yield f"{_plain(grids.origin_text(quantity.origin))}: {grids.verdict(quantity.origin.accepted)}.\n"
+        yield from (f"- {_plain(text)}" for text in quantity.origin.findings)
         yield _table(grids.row_grid(quantity.rows))
     if quantity.missing:
         yield f"{quantity.missing}\n"
@@ -56,9 +56,9 @@ def _experiment(experiment: Experiment) -> Iterator[str]:
     method = "" if experiment.method == "default" else f", method {experiment.method}"
     yield (
         f"cfid {_plain(experiment.command)}{method}, {experiment.found:%Y-%m-%d %H:%M} UTC, cfid "
-        f"{experiment.cfid_version}: {grids.verdict(experiment.believed)}.\n"
+        f"{experiment.cfid_version}: {grids.verdict(experiment.accepted)}.\n"
     )
-    yield from (f"- {_plain(text)}" for text in (*experiment.doubts, *experiment.warnings, *experiment.notes))
+    yield from (f"- {_plain(text)}" for text in (*experiment.rejections, *experiment.remarks, *experiment.notes))
     yield ""
     # Of a figure's two files the one that every viewer of Markdown shows.
     yield from (f"![{Path(figure).stem}](<{figure}>)\n" for figure in experiment.figures if figure.endswith(".png"))

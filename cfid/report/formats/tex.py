@@ -70,7 +70,7 @@ def _parts(report: Report) -> Iterator[str]:
         yield rf"\subsection*{{{_tex(group.title)}}}"
         for quantity in group.quantities:
             told = grids.origin_text(quantity.origin) if quantity.origin else ""
-            verdict = grids.verdict(quantity.origin.believed) if quantity.origin else ""
+            verdict = grids.verdict(quantity.origin.accepted) if quantity.origin else ""
             words = ". ".join(filter(None, [quantity.equation, told, verdict, quantity.missing]))
             yield rf"\paragraph{{{_tex(quantity.title)}}} {_tex(words)}."
             yield from _longtable(grids.row_grid(quantity.rows), "lllll") if quantity.rows else ()
@@ -90,8 +90,8 @@ def _verdicts(report: Report) -> Iterator[str]:
     yield r"\subsection*{Experiments}"
     rows = []
     for one in report.experiments:
-        said = " ".join((*one.doubts, *one.warnings, *one.notes))
-        rows.append((one.title, f"{one.found:%Y-%m-%d}", grids.verdict(one.believed), said))
+        said = " ".join((*one.rejections, *one.remarks, *one.notes))
+        rows.append((one.title, f"{one.found:%Y-%m-%d}", grids.verdict(one.accepted), said))
     yield from _longtable(grids.Grid(("", "fitted", "", "left out, and to be known"), tuple(rows)), "lllp{14cm}")
 
 

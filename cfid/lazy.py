@@ -1,0 +1,17 @@
+"""Names of a package that are imported when they are first used, so that `import cfid` takes no time."""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def attached(package: str, places: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Return a package's `__getattr__` and `__dir__`; `places` has the module of each name, "" for a module itself."""
+
+    def get(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        module = import_module(f"{package}.{places[name] or name}")
+        return getattr(module, name) if places[name] else module
+
+    return get, lambda: sorted(places)
