@@ -14,6 +14,7 @@ from cfid.cli.parameters import parameters, set_by_hand
 from cfid.cli.rig import check, sim
 from cfid.cli.runs import exclude, include, note, runs
 from cfid.cli.show import show
+from cfid.cli.upgrade import upgrade_campaign
 from cfid.console.messages import fault
 from cfid.demo.command import demo
 from cfid.drag.command import drag
@@ -59,6 +60,7 @@ app.command()(show)
 app.command()(report)
 app.command()(parameters)
 app.command("set")(set_by_hand)
+app.command("upgrade")(upgrade_campaign)
 app.command()(fleet)
 app.command()(export)
 app.add_typer(recorded, name="runs")
