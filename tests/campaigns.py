@@ -2,11 +2,12 @@
 
 import contextlib
 import io
+import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,12 @@ from cfid.records.campaign import RIG_FILE, find_campaign, load_rig, new_rig_tex
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
+from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
+LONGEST_S = 120.0
 _WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
 
 
@@ -43,8 +46,11 @@ def sentences(content: Mapping[str, Any]) -> list[str]:
 
 
 def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *words]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    with TemporaryFile("w+", encoding="utf-8") as out, TemporaryFile("w+", encoding="utf-8") as err:
+        code = started(words, cwd=folder, env=os.environ, stdout=out, stderr=err).wait(LONGEST_S)
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(["cfid", *words], code, out.read(), err.read())
 
 
 def in_this_process(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:

@@ -6,7 +6,6 @@ The test sees what the motors do, on the clock that it shares with every process
 import os
 import re
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.service import SimulatedRig
 from cfid.sim.truth_file import SimTruth
+from tests.processes import started
 
 LONGEST_S = 30.0
 LOADCELL_HZ = 700
@@ -36,9 +36,8 @@ class Pilot:
         files = [bench.folder / f".{name}{time.monotonic_ns()}" for name in ("out", "err")]
         self._out, self._err = files
         with self._out.open("wb") as out, self._err.open("wb") as err:
-            options = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": err, **options}
-            command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
-            self.process = subprocess.Popen(command, cwd=bench.folder, env=bench.environment, **options)
+            options = {"stdout": out, "stderr": err, **options}
+            self.process = started(words, cwd=bench.folder, env=bench.environment, **options)
 
     @property
     def out(self) -> str:
@@ -84,8 +83,9 @@ class Bench:
         self._loop = loop
         self._pilots: list[Pilot] = []
         (folder / RIG_FILE).write_text(new_rig_text())
+        still = load_rig(folder / RIG_FILE).model_copy(update={"mounts": {}})  # no encoder here whose swing would count
         self.rig = SimulatedRig(
-            load_rig(folder / RIG_FILE),
+            still,
             reactor=loop,
             folder=folder,
             seed=5,

@@ -410,7 +410,7 @@ def test_no_encoder_plugged_in_at_all_is_told(lab: Lab) -> None:
 
 
 def test_an_encoder_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: Lab) -> None:
-    log = lab.start(*LOG)
+    log = lab.start(*LOG, anew=True)
     log.wait_for_rows(FIRST)
     second = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")

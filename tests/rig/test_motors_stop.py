@@ -125,7 +125,7 @@ OTHER_SIGNALS = (
 
 WAYS: dict[str, Way] = {
     "time over": Way((*HOLD, "--for", 0.5), wait, 0),
-    "a bug": Way(HOLD, wait, 1, "RuntimeError: a bug"),
+    "a bug": Way(HOLD, wait, 1, "RuntimeError: a bug", {"anew": True}),
     "Ctrl-C": Way(HOLD, signals(signal.SIGINT), 0),
     "Ctrl-C in wind": Way(WIND, signals(signal.SIGINT), 0),
     "Ctrl-C twice": Way(HOLD, signals(signal.SIGINT, signal.SIGINT), 0),
@@ -208,7 +208,7 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
 def stop_from_beside(folder: Path, kind: str) -> float:
     """Suspend the command that drives motors, stop them from another, and return how long that took."""
     with bench_in(folder, crazyflie={"firmware": kind}) as bench:
-        pilot = bench.start(*HOLD)
+        pilot = bench.start(*HOLD, anew=True)  # what the kernel calls it is printed
         pilot.wait_until_motors_run()
         began_s = time.monotonic()
         suspend(pilot)
