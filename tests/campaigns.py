@@ -1,6 +1,7 @@
 """Files as an operator would have them, and the program run as an operator runs it."""
 
 import contextlib
+import fcntl
 import io
 import os
 import shutil
@@ -24,6 +25,7 @@ from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
+Once = Callable[[str, Callable[[Path], None]], Path]
 
 LONGEST_S = 120.0
 _WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
@@ -74,15 +76,38 @@ def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
 
 
 @pytest.fixture(scope="session")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Make a folder once for all processes that run tests: the first that wants it makes it, the others wait."""
+    place = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = place.parent
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        folder, half = place / name, place / f"{name}.half"
+        with (place / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not folder.exists():
+                shutil.rmtree(half, ignore_errors=True)
+                half.mkdir()
+                make(half)
+                half.rename(folder)
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def files(once: Once) -> Path:
     """A folder with rig.toml and one CSV of times and counts for every recording of a simulated campaign."""
-    folder = tmp_path_factory.mktemp("files")
+    return once("files", _write_files)
+
+
+def _write_files(folder: Path) -> None:
     (folder / RIG_FILE).write_text(new_rig_text())
     runs, _ = record_chapter_2(load_rig(folder / RIG_FILE), USUAL_TRUTH, np.random.default_rng(5))
     for i, run in enumerate(runs):
         write(folder / f"{name(run, i)}.csv", run)
     (folder / RIG_FILE).rename(folder / "geometry.toml")  # a file to name, not a campaign to find
-    return folder
 
 
 def name(run: SimulatedRun, number: int) -> str:
@@ -96,20 +121,17 @@ def write(path: Path, run: SimulatedRun) -> None:
     np.savetxt(path, rows, fmt=("%.6f", "%d"), delimiter=",", header="t,phi", comments="")
 
 
-@pytest.fixture(scope="session")
-def _bodies(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("bodies") / "campaign"
+@pytest.fixture
+def bodies(once: Once, tmp_path: Path) -> Path:
+    """A campaign of its own with swings of vehicle and test body, and dropped weights."""
+    return Path(shutil.copytree(once("bodies", _record_bodies), tmp_path / "bodies"))
+
+
+def _record_bodies(folder: Path) -> None:
     make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
     write_runs(campaign, record_chapter_2(campaign.rig, USUAL_TRUTH, np.random.default_rng(1))[0])
-    return folder
-
-
-@pytest.fixture
-def bodies(_bodies: Path, tmp_path: Path) -> Path:
-    """A campaign of its own with swings of vehicle and test body, and dropped weights."""
-    return Path(shutil.copytree(_bodies, tmp_path / "bodies"))
 
 
 @pytest.fixture(scope="session")
