@@ -21,6 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from cfid.sim.app_core import load_library
 from tests.places import ROOT
 
 _ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # what commands that reach devices have in common
@@ -124,6 +125,7 @@ def _import_all() -> None:
     for room in map(importlib.import_module, _ROOMS):
         for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             importlib.import_module(module.name)
+    load_library()  # compiled once for all
     gc.freeze()  # a child that leaves does not look through all this
 
 

@@ -192,6 +192,7 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
             bench.wait_until(lambda: pilot.process.poll() is not None or not any(bench.motors), pilot)
             began_s = time.monotonic()
         stopped_s = bench.stopped_after(began_s + OWN_DELAY_S.get(name, 0.0))
+        last_s = bench.history[-1][0]
         code = pilot.end()
         # The second Ctrl-C may come when all is done and the interpreter leaves.
         codes = (way.code, 130, -signal.SIGINT) if name == "Ctrl-C twice" else (way.code,)
@@ -201,7 +202,7 @@ def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTER
         assert ("Traceback" in pilot.err) == (name == "a bug"), pilot.err
         time.sleep(afterwards_s)
         assert not any(bench.motors), "the motors came on again"
-        assert bench.history[-1][0] <= began_s + OWN_DELAY_S.get(name, 0.0) + stopped_s
+        assert bench.history[-1][0] == last_s
         return Stopped(stopped_s, bench.rig.crazyflie.vehicle.supervisor.state)
 
 
