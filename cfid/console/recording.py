@@ -43,7 +43,7 @@ class ResumeOptions:
         bool, typer.Option("--resume", help="Do what an interrupted run lacks: RUN's, else the last one's.")
     ] = False
     run: Annotated[
-        Path | None, typer.Argument(metavar="[RUN]", help="After --resume: the run's name or folder, or last.")
+        Path | None, typer.Argument(metavar="RUN", help="After --resume: the run's name or folder, or last.")
     ] = None
 
     @property

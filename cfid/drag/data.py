@@ -53,7 +53,7 @@ class WindInputs:
     azimuth_deg: Annotated[
         float | None,
         typer.Option(
-            help="Of the wind generator, right of the vehicle's x axis, where no run states it; default: rig.toml's.",
+            help="Of the wind generator, right of the nose, where a run does not state its own; default: rig.toml's.",
             rich_help_panel=_INPUT,
         ),
     ] = None

@@ -19,8 +19,8 @@ class LoadCellMount(_Table):
     """How the vehicle is mounted on the load cell.
 
     `yaw_deg` turns what the cell reads into the vehicle's frame, positive counterclockwise seen from above: a vector
-    in the vehicle's frame is Rz(+yaw) times the one in the cell's. It is how far the cell's x axis lies left of the
-    vehicle's. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count downwards.
+    in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is how far the cell's x
+    axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count downwards.
     """
 
     yaw_deg: Number | None = None
@@ -35,7 +35,7 @@ class Tachometer(_Table):
 
 
 class WindStand(_Table):
-    """Where the wind generator stands: its azimuth about z, counted to the right of the vehicle's x axis.
+    """Where the wind generator stands: its azimuth about z, counted to the right of the nose.
 
     `yaw_deg` replaces that of the load cell where the vehicle is mounted otherwise in wind.
     """

@@ -48,9 +48,7 @@ class WindOptions:
     ] = None
     azimuth_deg: Annotated[
         float | None,
-        typer.Option(
-            help="Of the generator, right of the vehicle's x axis; default: rig.toml's.", rich_help_panel=_WIND
-        ),
+        typer.Option(help="Of the generator, right of the vehicle's nose; default: rig.toml's.", rich_help_panel=_WIND),
     ] = None
     azimuth_rad: AzimuthRad = None
 
