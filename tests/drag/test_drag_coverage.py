@@ -1,16 +1,16 @@
 """Intervals of drag coefficients, tested as statistics: whole campaigns simulated with everything drawn anew.
 
-Load-cell noise, drift that nobody states, wind that is inhomogeneous, unsteady and known to 5 %.
+Load-cell noise, drift that is not stated, wind that is inhomogeneous, unsteady and known to 5 %.
 """
 
 import numpy as np
 import pytest
 
-from cfid.drag.estimation import fit_drag
+from cfid.drag.estimation import DragFit, fit_drag
 from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import CROSS, SIMPLE, DragModel
-from cfid.drag.thesis import group_simple
-from cfid.drag.wind.reduction import reduce_runs
+from cfid.drag.thesis import means_gain
+from cfid.drag.wind.reduction import reduce_forces
 from cfid.sim.wind_tunnel import Air, Tunnel, simulate_campaign
 from tests.drag.test_drag_campaigns import (
     CROSS_AIR,
@@ -30,14 +30,18 @@ CAMPAIGNS = 1000
 
 
 def scores(air: Air, model: DragModel, printed: Array, campaigns: int, *, seed: int, weighted: bool = True) -> Array:
-    """Return how many stated deviations each coefficient is off, (campaigns, p)."""
+    """Return the error of each coefficient in standard uncertainties, (campaigns, p)."""
     rng, true = np.random.default_rng(seed), model.coefficients(printed)
     fits = (fit_drag(measured(air, rng), model, weighted=weighted) for _ in range(campaigns))
     return np.array([(fit.coefficients - true) / np.sqrt(np.diag(fit.covariance)) for fit in fits])
 
 
+def fit_means(experiments: DragExperiments) -> DragFit:
+    return fit_drag(experiments, SIMPLE, gain=means_gain(experiments))
+
+
 def in_thesis_winds(rng: np.random.Generator) -> DragExperiments:
-    return reduce_runs(as_typed(simulate_campaign(Tunnel(air=SIMPLE_AIR), WINDS, rng=rng))).experiments
+    return reduce_forces(as_typed(simulate_campaign(Tunnel(air=SIMPLE_AIR), WINDS, rng=rng)))
 
 
 def test_simple_coefficients_lie_within_their_intervals_over_sixty_campaigns() -> None:
@@ -66,8 +70,8 @@ def test_coefficients_lie_within_their_95_percent_intervals_93_to_97_times_in_10
 def test_so_do_the_means_of_c_3_1() -> None:
     rng, covered = np.random.default_rng(20261121), []
     for _ in range(CAMPAIGNS):
-        groups = group_simple(measured(SIMPLE_AIR, rng))
-        covered.append(np.abs(groups.value - EQ_4_8)[[0, 2]] < 1.96 * groups.std[[0, 2]])
+        fit = fit_means(measured(SIMPLE_AIR, rng))
+        covered.append(np.abs(fit.value - EQ_4_8)[[0, 2]] < 1.96 * fit.std[[0, 2]])
 
     print("means of C.3.1:", np.mean(covered, axis=0))
     assert np.all((np.mean(covered, axis=0) >= 0.93) & (np.mean(covered, axis=0) <= 0.97))
@@ -86,13 +90,13 @@ def test_so_do_coefficients_of_a_table_that_states_no_noise() -> None:
 
 
 @pytest.mark.slow
-def test_weights_make_deviations_a_third_smaller_than_the_means_of_c_3_1() -> None:
+def test_weights_make_uncertainties_a_third_smaller_than_the_means_of_c_3_1() -> None:
     rng = np.random.default_rng(3)
     campaigns = [measured(SIMPLE_AIR, rng) for _ in range(100)]
     generalised = np.mean([fit_drag(experiments, SIMPLE).std for experiments in campaigns], axis=0)
-    means = np.mean([group_simple(experiments).std for experiments in campaigns], axis=0)
+    means = np.mean([fit_means(experiments).std for experiments in campaigns], axis=0)
 
-    print("relative deviations:", generalised / np.abs(EQ_4_8), means / np.abs(EQ_4_8))
+    print("relative uncertainties:", generalised / np.abs(EQ_4_8), means / np.abs(EQ_4_8))
     assert np.all(generalised < 0.67 * means)
 
 
@@ -103,5 +107,5 @@ def test_the_thesis_own_winds_spread_further_and_intervals_are_as_much_wider() -
     # Its two winds that were read once are simulated as known, and taken for as uncertain as the others.
     covered = np.mean([np.abs(fit.value - EQ_4_8)[:1] < 1.96 * fit.std[:1] for fit in fits])
 
-    print("x and y in the thesis' winds:", covered, "relative deviation:", fits[0].std[0] / -EQ_4_8[0])
+    print("x and y in the thesis' winds:", covered, "relative uncertainty:", fits[0].std[0] / -EQ_4_8[0])
     assert 0.93 <= covered <= 0.97
