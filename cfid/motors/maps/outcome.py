@@ -51,6 +51,7 @@ def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float) -> 
             vbat_v=found.vbat_v,
             thrust_n=points.thrust_n,
             std_n=points.thrust_std_n,
+            shared_n=points.thrust_shared_n,
             max_thrust_n=max_thrust_n,
         )
     except FitError as error:
