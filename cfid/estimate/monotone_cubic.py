@@ -61,9 +61,8 @@ def constrain(
 
     `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages; `std_n`
     (n,) weighed them, of which they share `shared_n` (n, m); `max_thrust_n` is the largest thrust that the firmware
-    asks for, that of the points where it is not given. On the constraint the covariance is that of 400 unconstrained
-    estimates, drawn from their own distribution and constrained alike; it is widened where the points scatter further
-    about the cubic.
+    asks for, as `cubic_fault` takes it. On the constraint the covariance is that of 400 unconstrained estimates, drawn
+    from their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
 
     A cubic is refused where, at some voltage from the idle thrust up to the largest that was measured, it departs from
     the unconstrained one by more than 1 % of the largest thrust and the points exclude that (one-sided, 1 %).
@@ -72,20 +71,19 @@ def constrain(
     """
     if free.order != 3:
         raise FitError(f"the firmware takes a cubic of motor voltage, and this polynomial has order {free.order}.")
-    most_n = max_thrust_n or float(free.at(free.x.max()))
-    if _inside(free.coefficients[::-1]) and not _fault(free, most_n):
+    if _inside(free.coefficients[::-1]) and not _fault(free, max_thrust_n):
         return MonotoneCubic(fit=free, bound=False, departure=0.0, refusal="")
     for margin in _MARGINS:
         found = _weighed(free.x, thrust_n, std_n, shared_n, margin)
-        if not (fault := _fault(found.fit, most_n)):
+        if not (fault := _fault(found.fit, max_thrust_n)):
             break
     departure, refusal = _judge(free, found.fit)
     refusal = refusal or (fault and f"no voltage cubic for the firmware: {fault}")
     return MonotoneCubic(fit=found.with_spread(), bound=True, departure=departure, refusal=refusal)
 
 
-def _fault(fit: PolynomialFit, most_n: float) -> str:
-    return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=most_n, fall=_FALL)
+def _fault(fit: PolynomialFit, max_thrust_n: float | None) -> str:
+    return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=max_thrust_n, fall=_FALL)
 
 
 def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array | None, margin: float) -> "_Bound":

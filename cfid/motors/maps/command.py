@@ -92,7 +92,7 @@ def thrust(
         warnings += inverse.warnings
     except FitError as error:
         warnings.append(str(error))
-    voltage = by_voltage(found, warnings, max_thrust_n=most.thrust_n)
+    voltage = by_voltage(found, warnings, max_thrust_n=given.thrust_n if given else None)
     if voltage is not None:
         parameters |= told.voltage_parameters(voltage)
         rejected = dict.fromkeys(told.voltage_parameters(voltage), voltage.refusal) if voltage.refusal else {}

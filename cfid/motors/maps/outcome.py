@@ -35,7 +35,7 @@ def noted_first(found: Evidence) -> Iterator[None]:
         raise
 
 
-def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float) -> "VoltageComparison | None":
+def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float | None) -> "VoltageComparison | None":
     """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
     import numpy as np
 
