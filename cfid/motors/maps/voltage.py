@@ -147,7 +147,8 @@ def compare(
     if len(inner) <= order:
         raise FitError(
             f"{len(np.unique(command))} commands above {DEAD_COMMAND} are too few to judge forms of order {order} on "
-            f"commands they have not seen: {order + 3} are needed."
+            f"commands they have not seen: {order + 3} are needed. Steps that never settled do not "
+            "count: hold each longer."
         )
     groups = [inner[i :: folds or len(inner)] for i in range(min(folds or len(inner), len(inner)))]
     errors = [
