@@ -9,8 +9,8 @@ from cfid.errors import ConfigError
 from cfid.records.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
+from cfid.units import FULL_COMMAND
 
-FULL = 65535  # the largest command of a motor, 16 bits
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
 Stale = Callable[[Section], Sequence[str]]
 _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
@@ -242,9 +242,9 @@ def _commands(section: Section) -> tuple[float, float] | None:
 
 def _extrapolated(commands: tuple[float, float] | None) -> str:
     """Return a sentence where the motors were measured well below the full command, else nothing."""
-    if commands is None or commands[1] >= _FAR * FULL:
+    if commands is None or commands[1] >= _FAR * FULL_COMMAND:
         return ""
-    return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL} is the largest that was measured."
+    return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL_COMMAND} is the largest that was measured."
 
 
 def _known(value: Value) -> bool:
