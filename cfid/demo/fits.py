@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from cfid.errors import FitError
+from cfid.units import COVERAGE_95
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
-_COVERED = 1.96
 _AT_ONCE = 2  # fits, which is as many as a small computer has processors
 
 # The longest first, so that no processor waits for it at the end.
@@ -151,4 +151,4 @@ def compared(
 
 def covers(true: float, value: float, std: float | None) -> bool:
     """Return whether the 95 % interval of an estimate holds the truth."""
-    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)
+    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=COVERAGE_95 * std)
