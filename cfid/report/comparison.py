@@ -8,7 +8,9 @@ from cfid.records.parameters import plain
 from cfid.report import published
 from cfid.report.known import Found, Known, axis_of, turned
 from cfid.report.published import Published, PublishedInertia
+from cfid.units import FULL_COMMAND
 
+_TABLE_SCALE = 2**16  # of Bitcraze's tables, whose commands are shares of it
 _HOVERS = 0.01  # of its weight, within which a command carries the vehicle
 
 
@@ -108,7 +110,7 @@ def _over_command(known: Known, title: str, key: str, unit: str, others: tuple[P
         others,
         _polynomial(found, published.COMMANDS, "cmd"),
         by=(found,),
-        columns=tuple(f"{100 * command / 65536:.4g} %" for command in published.COMMANDS),
+        columns=tuple(f"{100 * command / _TABLE_SCALE:.4g} %" for command in published.COMMANDS),
         unit=unit,
         about="At a share of full scale; one motor. Empty beyond the commands that this campaign measured.",
     )
@@ -223,7 +225,7 @@ def _hover_speed_sum_rad_s(known: Known) -> float | None:
     if thrust is None or speed is None:
         return None
     wanted_n = known.rig.vehicle.mass_kg * known.rig.site.gravity_mps2 / 4
-    commands = range(0, 65536, 16)
+    commands = range(0, FULL_COMMAND + 1, 16)
     coefficients = [float(x) for x in thrust.parameter.value][::-1]
     command = min(commands, key=lambda cmd: abs(_value(coefficients, cmd) - wanted_n))
     if abs(_value(coefficients, command) - wanted_n) > _HOVERS * wanted_n:

@@ -12,6 +12,7 @@ from cfid.console.options import LoadCellOptions, ReadingOptions, finite, positi
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.index import IndexRow, read_index
+from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
     from cfid.records.parameters import Source
@@ -25,7 +26,6 @@ _INPUT = "What was measured"
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _KIND = "sine"
 _MOST_SAMPLES = 2**32 - 1
-_MOST_COMMAND = 65535
 
 Words = Annotated[
     list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
@@ -62,7 +62,7 @@ class SineInputs:
         ),
     ] = 45.0
     offset: Annotated[
-        float, typer.Option(min=0, max=_MOST_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
     ] = 30000.0
 
 
