@@ -136,13 +136,12 @@ def compared(
     sections: "Iterable[Section]", truth: Mapping[str, float]
 ) -> Iterator[tuple[str, float, float, float | None]]:
     """Return name, truth, estimate and deviation of every number whose truth is known."""
-    from cfid.records.parameters import scalars
-
     found = {
-        name: (value, std)
+        number.name: (number.value, number.std)
         for section in sections
         for key, parameter in section.parameters.items()
-        for name, value, std in scalars(key, parameter)
+        for number in parameter.numbers(key)
+        if number.value is not None
     }
     for name, true in truth.items():
         if name in found:
