@@ -10,7 +10,7 @@ from cfid.quantities.lookup import registered, unit_of
 from cfid.records.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
-from cfid.units import FULL_COMMAND
+from cfid.units import FULL_COMMAND, MM
 
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
 Stale = Callable[[Section], Sequence[str]]
@@ -185,10 +185,10 @@ def _gravity(rig: Rig, rig_file: str) -> Quantity:
 
 def _centre(rig: Rig, rig_file: str) -> Quantity:
     own = rig.vehicle
-    std = [0.001 * length for length in own.centre_of_mass_std_mm]
+    std = [MM * length for length in own.centre_of_mass_std_mm]
     return Quantity(
         key="centre_of_mass_m",
-        value=[0.001 * length for length in own.centre_of_mass_mm],
+        value=[MM * length for length in own.centre_of_mass_mm],
         std=std if any(std) else None,
         unit="m",
         origin=rig_file,

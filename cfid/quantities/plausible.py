@@ -87,7 +87,7 @@ def _leaves(value: Any) -> Iterator[float]:
     if isinstance(value, list):
         for part in value:
             yield from _leaves(part)
-    elif isinstance(value, int | float):
+    elif isinstance(value, int | float) and not math.isnan(value):
         yield value
 
 

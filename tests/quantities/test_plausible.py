@@ -58,6 +58,7 @@ def test_vehicles_that_are_flown_pass() -> None:
 def test_what_has_no_range_passes() -> None:
     assert implausible("weight_m", 1e9) == ""
     assert implausible("motor.thrust_poly", [None, 1.0]) == ""
+    assert implausible("dynamics.falling", [float("nan"), 1e-3]) == ""
 
 
 @pytest.mark.parametrize(

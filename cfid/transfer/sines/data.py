@@ -12,7 +12,7 @@ from cfid.console.options import LoadCellOptions, ReadingOptions, finite, positi
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.index import IndexRow, read_index
-from cfid.units import FULL_COMMAND
+from cfid.units import FULL_COMMAND, MM
 
 if TYPE_CHECKING:
     from cfid.records.parameters import Source
@@ -155,7 +155,7 @@ class _Reader:
             cell, inputs = self._cells[path], self.inputs
             if cell.begin_s is None:
                 raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
-            arm_m = 1e-3 * positive(inputs.arm_mm, "--arm-mm")
+            arm_m = MM * positive(inputs.arm_mm, "--arm-mm")
             yaw_deg = finite(inputs.yaw_deg, "--yaw-deg")
             thrust = thrust_of(inputs.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
