@@ -169,7 +169,7 @@ def _rows(quantity: Registered, found: list[Number]) -> list[Row]:
     if quantity.shape is Shape.POLYNOMIAL:
         units = coefficient_units(quantity.key, len(found))
         places = places if quantity.lowest_first else places[::-1]
-    elif len(found) == 3:  # along the body's axes; a model with one number for all has one row
+    elif len(found) == 3:  # along the body's axes
         places = list("xyz")
     rows = zip(places, found, units, strict=True)
     return [Row(f"{symbol}_{place}", e.value, e.std, own) for place, e, own in rows if not _is_set(quantity, e)]
