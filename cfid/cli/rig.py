@@ -10,6 +10,7 @@ import typer
 from cfid.console.messages import note
 from cfid.console.options import flat, positive
 from cfid.errors import ConfigError, DeviceError
+from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -175,6 +176,6 @@ def _commands(text: str) -> tuple[int, int, int, int]:
         one, two, three, four = (int(word) for word in text.split(","))
     except ValueError:
         one = two = three = four = -1
-    if not all(0 <= command <= 65535 for command in (one, two, three, four)):
-        raise ConfigError(f"--spin {text}: expected four motor commands from 0 to 65535, as 28000,0,28000,0.")
+    if not all(0 <= command <= FULL_COMMAND for command in (one, two, three, four)):
+        raise ConfigError(f"--spin {text}: expected four motor commands from 0 to {FULL_COMMAND}, as 28000,0,28000,0.")
     return one, two, three, four

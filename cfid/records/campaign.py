@@ -15,6 +15,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from cfid.errors import ConfigError
 from cfid.records.files import first_fault, read_toml
+from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
+from cfid.units import MM as MM  # noqa: PLC0414, friction.command takes it from here
 
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
@@ -22,7 +24,6 @@ RUNS_FOLDER = "runs"
 Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Vector = tuple[Number, Number, Number]
 BodyAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
-MM = 1e-3
 
 
 def _non_zero(vector: Vector) -> Vector:
@@ -146,7 +147,7 @@ class Fixture(_Table):
 class Site(_Table):
     """Where the rig stands."""
 
-    gravity_mps2: Positive = 9.81
+    gravity_mps2: Positive = USUAL_GRAVITY_MPS2
     gravity_std_mps2: Spread = 0.0
 
 
@@ -193,7 +194,7 @@ class CrazyflieLink(_Table):
     thrust_port: ServicePort = 10
     sine_port: ServicePort = 11
     ping_port: ServicePort = 12
-    largest_command: Annotated[int, Field(strict=True, ge=0, le=65535)] = 65535
+    largest_command: Annotated[int, Field(strict=True, ge=0, le=FULL_COMMAND)] = FULL_COMMAND
     stop_below_v: Positive | None = None
 
 

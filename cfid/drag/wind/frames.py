@@ -19,13 +19,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.motors.points import rotor_speed_rad_s
+from cfid.units import ROTORS
 
 Array = npt.NDArray[np.float64]
 
 AZIMUTH_RAD = 0.4967  # C.3.1, from figure 4.9
 YAW_RAD = math.pi / 4  # C.3.1, prepare_data
 MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
-ROTORS = 4
 
 
 class WindSpeed(NamedTuple):

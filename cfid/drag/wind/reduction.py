@@ -21,7 +21,7 @@ from cfid.drag.wind.frames import (
 )
 from cfid.drag.wind.swaps import Filed, swap_doubts
 from cfid.errors import DataError
-from cfid.motors.points import DEAD_COMMAND
+from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
 

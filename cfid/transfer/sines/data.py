@@ -12,6 +12,7 @@ from cfid.console.options import LoadCellOptions, ReadingOptions, finite, positi
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.index import IndexRow, read_index
+from cfid.units import FULL_COMMAND, MM
 
 if TYPE_CHECKING:
     from cfid.records.parameters import Source
@@ -25,7 +26,6 @@ _INPUT = "What was measured"
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _KIND = "sine"
 _MOST_SAMPLES = 2**32 - 1
-_MOST_COMMAND = 65535
 
 Words = Annotated[
     list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
@@ -62,7 +62,7 @@ class SineInputs:
         ),
     ] = 45.0
     offset: Annotated[
-        float, typer.Option(min=0, max=_MOST_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
     ] = 30000.0
 
 
@@ -155,7 +155,7 @@ class _Reader:
             cell, inputs = self._cells[path], self.inputs
             if cell.begin_s is None:
                 raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
-            arm_m = 1e-3 * positive(inputs.arm_mm, "--arm-mm")
+            arm_m = MM * positive(inputs.arm_mm, "--arm-mm")
             yaw_deg = finite(inputs.yaw_deg, "--yaw-deg")
             thrust = thrust_of(inputs.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
