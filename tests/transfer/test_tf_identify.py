@@ -1,5 +1,6 @@
 """`cfid tf identify`: runs and files of sines in, transfer functions with their verdict out."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from cfid.cli.main import main
 from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
@@ -169,6 +171,17 @@ def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
     assert len(section.sources) == 18
     drawn = {path.name for path in (tmp_path / "figures").iterdir()}
     assert drawn == {f"{name}.{kind}" for name in ("tf_bode", "tf_step", "tf_run_bench") for kind in ("png", "svg")}
+
+
+def test_fit_tf_is_the_same_command(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine], capsys: pytest.CaptureFixture[str]
+) -> None:
+    index = write_index(tmp_path, {"": first})
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", "tf", "--index", str(index), "--json"])
+
+    assert not ended.value.code
+    assert json.loads(capsys.readouterr().out)["parameters"] == found(tf, "--index", index)["parameters"]
 
 
 def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says_later(
