@@ -31,8 +31,8 @@ GravityMps2 = Annotated[
 YawDeg = Annotated[
     float | None,
     typer.Option(
-        help="How far left of the vehicle's nose the load cell's x axis lies, seen from above; default: the run's, else "
-        "rig.toml's.",
+        help="How far left of the vehicle's nose the load cell's x axis lies, seen from above; default: the run's, "
+        "else rig.toml's.",
         rich_help_panel="What was measured",
     ),
 ]

@@ -13,6 +13,7 @@ from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import AS_THEY_ARE, WindReading
 from cfid.findings import note, rejected
+from cfid.quantities.lookup import unit_of
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.parameters import Parameter
@@ -20,7 +21,7 @@ from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading
 
-_UNITS = ("kg/rad", "kg/m", "N s^2/rad^2", "kg/s", "N s/rad", "N")
+_SIMPLE, _CROSS = "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"
 _NORMALISED = note(
     "drag-normalised-as-printed",
     "k1 to k6 are normalised as equation 4.10 prints it: its third term is weighted by the mean speed sum, where the "
@@ -89,28 +90,26 @@ def _drawings(found: DragModels) -> Figures:
 
 def drag_quantities(found: DragModels, grouping: Grouping | None = None) -> dict[str, Parameter]:
     """Return all that was found, by key."""
-    fits = found.fits
-    kept = {"drag.simple_kg_per_rad": _parameter(fits["simple"], _UNITS[0])}
+    fits, runs = found.fits, found.experiments
+    kept: dict[str, tuple[Any, Any]] = {_SIMPLE: (fits["simple"].value, fits["simple"].std)}
     if "complex" in fits:
-        kept |= _complex(fits["complex"], found.experiments)
+        kept |= _complex(fits["complex"], runs)
     if "cross" in fits:
-        kept["drag.cross_coupling_kg_per_rad"] = _parameter(fits["cross"], _UNITS[0])
-    kept |= {f"drag.sse_n2.{name}": Parameter(value=fit.sse_n2, unit="N^2") for name, fit in fits.items()}
+        kept[_CROSS] = fits["cross"].value, fits["cross"].std
+    kept |= {f"drag.sse_n2.{name}": (fit.sse_n2, None) for name, fit in fits.items()}
     for name, fit in fits.items():
         if fit.parasitic_kg_per_m is not None:
-            kept[f"drag.parasitic_kg_per_m.{name}"] = _parameter(fit.parasitic_kg_per_m, "kg/m")
+            kept[f"drag.parasitic_kg_per_m.{name}"] = fit.parasitic_kg_per_m
         if fit.intercepts_n is not None:
-            rows = _intercepts(fit.intercepts_n, found.experiments)
-            kept[f"drag.intercepts_n.{name}"] = Parameter(value=rows, unit="as named")
+            kept[f"drag.intercepts_n.{name}"] = _intercepts(fit.intercepts_n, runs), None
     if grouping is not None:
-        kept["drag.groups"] = Parameter(value=group_rows(found.experiments, grouping), unit="as named")
-    return kept
+        kept["drag.groups"] = group_rows(runs, grouping), None
+    return {key: Parameter(value=value, std=std, unit=unit_of(key)) for key, (value, std) in kept.items()}
 
 
 def drag_covariances(found: DragModels) -> tuple[Covariance, ...]:
     """Return the covariances of the simple and of the cross-coupling model's numbers."""
-    keys = {"simple": "drag.simple_kg_per_rad", "cross": "drag.cross_coupling_kg_per_rad"}
-    fits = {key: found.fits[name] for name, key in keys.items() if name in found.fits}
+    fits = {key: found.fits[name] for key, name in ((_SIMPLE, "simple"), (_CROSS, "cross")) if name in found.fits}
     return tuple(
         one for key, fit in fits.items() for one in covariance_between({key: fit.value.tolist()}, fit.value_covariance)
     )
@@ -159,18 +158,12 @@ def _row_line(row: Mapping[str, float]) -> str:
     return "  " + ", ".join(f"{name} {value:.5g}" for name, value in row.items())
 
 
-def _parameter(found: DragFit | Uncertain, unit: str) -> Parameter:
-    return Parameter(value=found.value, std=found.std, unit=unit)
-
-
-def _complex(fit: DragFit, runs: DragExperiments) -> dict[str, Parameter]:
-    """Return k1 to k6, and normalised as printed in eq. 4.10."""
+def _complex(fit: DragFit, runs: DragExperiments) -> dict[str, tuple[Any, Any]]:
+    """Return k1 to k6, and normalised as printed in eq. 4.10, with standard uncertainties."""
     value, std = (_normalised(each, runs).thesis for each in (fit.value, fit.std))
-    forms = (("", fit.value, fit.std, _UNITS), ("normalised.", value, std, ("",) * 6))
+    forms = {"": (fit.value, fit.std), "normalised.": (value, std)}
     return {
-        f"drag.complex.{form}k{i + 1}": Parameter(value=values[i], std=stds[i], unit=units[i])
-        for form, values, stds, units in forms
-        for i in range(6)
+        f"drag.complex.{form}k{i + 1}": (values[i], stds[i]) for form, (values, stds) in forms.items() for i in range(6)
     }
 
 

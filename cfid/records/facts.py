@@ -20,7 +20,8 @@ class LoadCellMount(_Table):
 
     `yaw_deg` turns what the cell reads into the vehicle's frame, positive counterclockwise seen from above: a vector
     in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is how far the cell's x
-    axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count downwards.
+    axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count
+    downwards.
     """
 
     yaw_deg: Number | None = None

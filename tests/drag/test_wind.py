@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from cfid.drag.wind.frames import ROTORS, std_turned_about_z, velocity_in_air, wind_speed
+from cfid.drag.wind.frames import std_turned_about_z, velocity_in_air, wind_speed
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.records.frames import turn_about_z
+from cfid.units import ROTORS
 
 
 def test_wind_from_above_is_a_climb() -> None:

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.records.campaign import RIG_FILE
+from cfid.records.campaign import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import State
@@ -331,13 +331,14 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0
     first = bench.run()
-    again = bench.start("log", "thrust", "--resume", "last", "--yes")
+    again = bench.start("log", "thrust", "--resume", "--yes")
     assert again.end() == 0, again.err
 
     second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
     assert first.header.state == "interrupted"
     assert second.header.asked["steps"] == [20000, 30000]
     assert second.header.asked["hold_s"] == 0.6
+    assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
     nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
     assert nothing.end() == 2
     assert "lacks nothing" in nothing.err
@@ -376,7 +377,8 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     pilot.send(signal.SIGTERM)
     assert pilot.end() == 0
     assert not any(bench.motors)
-    again = bench.start(*words, "--resume", "--json")
+    stopped = max((bench.folder / "runs").iterdir()).name
+    again = bench.start("log", "sine", "--periods", "5,20,40", "--yes", "--before", 0.2, "--resume", stopped, "--json")
     assert again.end() == 0, again.err
 
     content = json.loads(again.out)

@@ -1,5 +1,6 @@
 """`cfid tf identify`: runs and files of sines in, transfer functions with their verdict out."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from cfid.cli.main import main
 from cfid.records.campaign import RIG_FILE, new_rig_text
-from cfid.records.facts import LoadCellMount, RigFacts
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.campaigns import sentences
@@ -172,6 +174,17 @@ def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
     assert drawn == {f"{name}.{kind}" for name in ("tf_bode", "tf_step", "tf_run_bench") for kind in ("png", "svg")}
 
 
+def test_fit_tf_is_the_same_command(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine], capsys: pytest.CaptureFixture[str]
+) -> None:
+    index = write_index(tmp_path, {"": first})
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", "tf", "--index", str(index), "--json"])
+
+    assert not ended.value.code
+    assert json.loads(capsys.readouterr().out)["parameters"] == found(tf, "--index", index)["parameters"]
+
+
 def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says_later(
     tf: Here, tmp_path: Path
 ) -> None:
@@ -204,7 +217,7 @@ def test_facts_that_nobody_stated_are_those_of_version_0_1_and_noted_once(
 ) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text().replace("yaw_deg = -45.0", "yaw_deg = 30.0"))
     for run in first[1:]:
-        write_run(tmp_path, run)
+        write_run(tmp_path, run, facts=NONE_STATED)
     content = found(tf)
 
     assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)

@@ -15,7 +15,8 @@ from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.drag.options import AzimuthRad, azimuth
 from cfid.errors import ConfigError
-from cfid.motors.command import LARGEST_COMMAND, Note, announce
+from cfid.motors.command import Note, announce
+from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
     from cfid.drag.wind.plan import PlannedRun, WindSetting
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 _WIND, _COMMANDS = "Wind", "Commands"
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
-_ALL_MOTORS = (1, 2, 3, 4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,12 +99,12 @@ class SweepOptions:
         """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
         from cfid.rig.procedures import Staircase
 
-        steps = comma_list(self.commands, "--commands", int, least=0, most=LARGEST_COMMAND, example="0,10000")
+        steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
         if not any(steps):
             raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
         return Staircase(
             steps=steps,
-            motors=_ALL_MOTORS,
+            motors=MOTORS,
             hold_s=positive(self.hold, "--hold"),
             rest_s=positive(self.rest, "--rest"),
         )
@@ -192,7 +192,7 @@ def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[
     """Return what of the thesis' plan the campaign still lacks, as --json has it and in words."""
     from cfid.drag.wind.plan import missing_lines, missing_runs
 
-    left = {"value": len(missing_runs(done)), "std": None, "unit": ""}
+    left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
     return {"wind.missing_runs": left}, missing_lines(done)
 
 

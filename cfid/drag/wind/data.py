@@ -19,7 +19,7 @@ from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
 from cfid.estimate.staircase import Point, mean_beside, reduce_staircase
 from cfid.findings import Finding, note, warning
-from cfid.motors.points import DEAD_COMMAND, rotor_speed_rad_s
+from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Ear, RotorOptions
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.frames import turn_about_z
@@ -28,6 +28,7 @@ from cfid.records.run import Run
 from cfid.records.tables.times import run_at
 from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, Rows, begin_s, holds, read_commands, read_rows
 from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, read_wrench
+from cfid.units import DEAD_COMMAND
 
 _ESTIMATED_S = 3.0  # of a window: enough to find a speed to a thousandth
 _ESTIMATED_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others

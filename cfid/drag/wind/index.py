@@ -9,11 +9,10 @@ from cfid.errors import DataError
 from cfid.findings import Finding, note
 from cfid.records.parameters import Source
 from cfid.records.tables.index import IndexRow, read_index
+from cfid.units import FULL_COMMAND
 
 COLUMNS = ("command", "angle_deg", "wind_min_mps", "wind_max_mps", "tach_rpm", "loadcell")
 OPTIONAL = ("azimuth_deg", "azimuth_rad", "from_s", "to_s")
-
-_LARGEST_COMMAND = 65535
 
 
 class IndexedRun(NamedTuple):
@@ -56,7 +55,7 @@ def _run_of(row: IndexRow) -> IndexedRun:
             max_mps=row.number("wind_max_mps"),
             azimuth_deg=_azimuth_deg(row),
         ),
-        command=row.whole("command", 0, _LARGEST_COMMAND),
+        command=row.whole("command", 0, FULL_COMMAND),
         tach_rpm=_maybe(row, "tach_rpm"),
         loadcell=row.file("loadcell"),
         window_s=_window_s(row),

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.drag.experiments import UNSTATED_WIND_STD, DragExperiments, standing_left_out
-from cfid.drag.wind.frames import AZIMUTH_DEG, ROTORS, velocity_in_air, wind_speed
+from cfid.drag.wind.frames import AZIMUTH_DEG, velocity_in_air, wind_speed
 from cfid.drag.wind.plan import FASTEST_MPS, HIGHEST_DEG, WindSetting
 from cfid.drag.wind.swaps import Filed, swap_findings
 from cfid.errors import DataError
 from cfid.findings import Finding, note, warning
-from cfid.motors.points import DEAD_COMMAND
+from cfid.units import DEAD_COMMAND, ROTORS
 
 Array = npt.NDArray[np.float64]
 

@@ -14,6 +14,7 @@ from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
 from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.tables.index import IndexRow, read_index
+from cfid.units import FULL_COMMAND, MM
 
 if TYPE_CHECKING:
     from cfid.records.parameters import Source
@@ -27,7 +28,6 @@ _INPUT = "What was measured"
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _KIND = "sine"
 _MOST_SAMPLES = 2**32 - 1
-_MOST_COMMAND = 65535
 _ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), where nobody states others
 
 Words = Annotated[
@@ -63,7 +63,7 @@ class SineInputs:
     ] = None
     yaw_deg: YawDeg = None
     offset: Annotated[
-        float, typer.Option(min=0, max=_MOST_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
     ] = 30000.0
 
     @property
@@ -166,7 +166,7 @@ class _Reader:
                 raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
             arm_mm, yaw_deg = self._mount(facts)
             thrust = thrust_of(
-                inputs.channel, cell.force_n, cell.torque_nm, arm_m=1e-3 * arm_mm, motor=motor, yaw_deg=yaw_deg
+                inputs.channel, cell.force_n, cell.torque_nm, arm_m=MM * arm_mm, motor=motor, yaw_deg=yaw_deg
             )
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
         time_s, thrust = self._thrusts[path, motor]
