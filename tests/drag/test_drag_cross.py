@@ -115,6 +115,24 @@ def test_forces_that_leave_no_residual_do_not_determine_the_noise() -> None:
     assert fit_drag(some, SIMPLE).degrees_of_freedom == 16
 
 
+def test_stated_noise_is_widened_and_never_narrowed() -> None:
+    experiments = measured(SIMPLE_AIR, np.random.default_rng(6))
+    scales = [
+        fit_drag(
+            replace(
+                experiments,
+                force_std_n=times * experiments.force_std_n,
+                reference_std_n=times * experiments.reference_std_n,
+            ),
+            SIMPLE,
+        ).noise_scale
+        for times in (0.1, 0.2, 10.0)
+    ]
+
+    assert scales[0] == pytest.approx([2 * scale for scale in scales[1]], rel=0.01)
+    assert scales[2] == (1.0, 1.0)
+
+
 def test_a_recording_of_nothing_is_refused() -> None:
     experiments = exact(SIMPLE_AIR)
 
