@@ -3,6 +3,8 @@
 Load-cell noise, drift that is not stated, wind that is inhomogeneous, unsteady and known to 5 %.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,7 @@ from tests.drag.test_drag_campaigns import (
     WORLDS,
     Array,
     as_typed,
+    exact,
     measured,
 )
 from tests.drag.test_drag_reduction import as_table
@@ -51,6 +54,26 @@ def test_simple_coefficients_lie_within_their_intervals_over_sixty_campaigns() -
     assert np.mean(np.abs(found) < 1.96) >= 0.89
     assert 0.75 < found.std() < 1.25
     assert np.abs(found.mean(axis=0)).max() < 0.45
+
+
+def test_wind_errors_move_the_bodys_own_drag_too() -> None:
+    """Wind known to 5 % acts on rotors and body alike, and both coefficients lie within their intervals."""
+    nominal, rng, body, covered = exact(SIMPLE_AIR), np.random.default_rng(5), np.array([-1e-3, -1e-3, -2e-3]), []
+    noise = np.full_like(nominal.force_n, 3e-4)
+    for _ in range(60):
+        true = (1 + 0.05 * rng.standard_normal(nominal.settings))[nominal.setting, np.newaxis] * nominal.velocity_mps
+        rotors = nominal.speed_sum_rad_s[:, np.newaxis] * true * EQ_4_8
+        force = rotors + np.linalg.norm(true, axis=1, keepdims=True) * true * body + rng.normal(0, noise)
+        experiments = replace(nominal, force_n=force, force_std_n=noise, reference_std_n=0 * noise, noise_known=True)
+        fit = fit_drag(experiments, SIMPLE, parasitic=True)
+        assert fit.parasitic_kg_per_m is not None
+        value, std = fit.parasitic_kg_per_m
+        covered += [
+            np.abs(fit.value - EQ_4_8)[[0, 2]] < 1.96 * fit.std[[0, 2]],
+            np.abs(value - body)[[0, 2]] < 1.96 * std[[0, 2]],
+        ]
+
+    assert np.mean(covered) >= 0.88
 
 
 @pytest.mark.slow
