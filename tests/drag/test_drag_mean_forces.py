@@ -1,6 +1,10 @@
 """One mean force a command, less the tare: its value, its sign and its standard uncertainty, with known noise."""
 
+from collections.abc import Callable
+from typing import TypedDict
+
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis
@@ -12,7 +16,12 @@ RUNS_S, PAUSE_S = (2.0, 6.0), 1.0  # the tare is 1000 samples long, of which the
 WINDOW_S = (3.0, 5.0)
 
 
-def record(seed: int, *, pause_after: bool = True) -> dict[str, np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+class Recorded(TypedDict):
+    time_s: npt.NDArray[np.float64]
+    force_n: npt.NDArray[np.float64]
+
+
+def record(seed: int, *, pause_after: bool = True) -> Recorded:
     """Return a load cell's record of white noise on a constant tare, with a force while the motors run."""
     time_s = np.arange(0, RUNS_S[1] + (2.0 if pause_after else 0.0), 1 / RATE_HZ)
     running = (time_s >= RUNS_S[0]) & (time_s < RUNS_S[1])
@@ -31,9 +40,8 @@ def test_the_tare_is_subtracted() -> None:
 
 
 @pytest.mark.parametrize("method", [mean_force, mean_force_thesis])
-def test_stated_uncertainties_are_those_of_the_errors(method: object) -> None:
-    assert callable(method)
-    found: list[MeanForce] = [method(**record(seed), command=20000, window_s=WINDOW_S) for seed in range(40)]
+def test_stated_uncertainties_are_those_of_the_errors(method: Callable[..., MeanForce]) -> None:
+    found = [method(**record(seed), command=20000, window_s=WINDOW_S) for seed in range(40)]
     errors = np.array([one.force_n - FORCE_N for one in found])
     stated = np.array([one.std_n for one in found])
 
@@ -51,6 +59,6 @@ def test_a_command_without_a_pause_after_it_has_a_warning() -> None:
 def test_a_record_or_window_that_is_too_short_is_refused() -> None:
     whole = record(1)
     with pytest.raises(DataError, match="500 samples: the thesis takes its tare from the first 500"):
-        mean_force_thesis(**{name: values[:500] for name, values in whole.items()}, command=20000)
+        mean_force_thesis(time_s=whole["time_s"][:500], force_n=whole["force_n"][:500], command=20000)
     with pytest.raises(DataError, match=r"from 3 to 3\.03 s has 15 samples; 16 are needed"):
         mean_force_thesis(**whole, command=20000, window_s=(3.0, 3.03))

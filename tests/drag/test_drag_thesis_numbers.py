@@ -149,7 +149,16 @@ def test_groups_are_means_over_winds_over_commands_and_over_both(noisy: DragExpe
     np.testing.assert_allclose(value, [lateral, lateral, ratios_kg_per_rad(noisy)[:, 2].mean()])
 
 
-def test_the_complex_model_beside_intercepts_is_refused_at_rank_51_of_57(noisy: DragExperiments) -> None:
+def test_every_angle_weighs_the_same_in_x_and_y_however_often_it_was_recorded(noisy: DragExperiments) -> None:
+    uneven = noisy.at((noisy.angle_deg != 77.9) | (noisy.command > 30000))
+    of_angles = [group["kg_per_rad"] for group in group_rows(uneven, "angle")]
+    value = fit_drag(uneven, SIMPLE, gain=means_gain(uneven)).value
+
+    np.testing.assert_allclose(value[:2], np.mean(of_angles))
+    assert value[0] != pytest.approx(np.nanmean(lateral_kg_per_rad(uneven)), rel=1e-3)
+
+
+def test_the_complex_model_with_intercepts_is_refused_at_rank_51_of_57(noisy: DragExperiments) -> None:
     with pytest.raises(FitError, match="determine 51 of 57 unknowns of the complex model"):
         fit_drag(noisy, COMPLEX, intercepts=True)
 
