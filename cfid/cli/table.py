@@ -133,7 +133,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit drag": (
         "cfid.drag.command:drag",
-        "Fit the simple, the cross-coupling and the complex model of drag, and judge which of them is asked for.",
+        "Fit the simple, the cross-coupling and the complex model of drag, and choose the one the data support.",
     ),
     "fit tf": (
         "cfid.transfer.command:identify",

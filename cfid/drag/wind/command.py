@@ -122,7 +122,7 @@ def wind(
     note: Note = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
 ) -> None:
-    """Record load cell, commands and battery in one wind setting, command after command; Ctrl-C stops the motors.
+    """Record load cell, commands and battery in one wind, command after command; Ctrl-C stops the motors.
 
     The wind blows before the start: what it does to the body alone is the load cell's tare.
 
