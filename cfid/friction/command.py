@@ -9,7 +9,7 @@ from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, Read
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError
-from cfid.findings import note, rejection, warning
+from cfid.findings import note, warning
 from cfid.friction.data import read_weights
 from cfid.records.result import Result
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from cfid.friction.drops import Drop
-    from cfid.friction.estimation import Friction
+    from cfid.friction.estimation import FrictionEstimate
     from cfid.records.parameters import Parameter
     from cfid.records.tables.angle import AngleRecord
 
@@ -57,9 +57,7 @@ def friction(
     gravity = workplace.rig.site.gravity_mps2
     records = [record for _, record in weights]
     drops = [_drop(grams, record, cut, radius_m, gravity) for grams, record in weights]
-    if not any(drop.settled for drop in drops):
-        found = None
-    elif method == "thesis":
+    if method == "thesis":
         found = thesis_friction(drops)
     else:
         found = fit_friction(drops, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity)
@@ -99,7 +97,7 @@ def _drop(grams: float, record: "AngleRecord", cut: CutOptions, radius_m: float,
 
 def _outcome(
     *,
-    found: "Friction | None",
+    found: "FrictionEstimate",
     drops: "Sequence[Drop]",
     records: "Sequence[AngleRecord]",
     workplace: Workplace,
@@ -113,27 +111,25 @@ def _outcome(
         labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(drops, records, strict=True)]
         gravity = workplace.rig.site.gravity_mps2
         figures = {"friction_runs": drops_figure(drops, labels=labels)}
-        if found is not None:
+        if any(drop.settled for drop in drops):
             figures["friction"] = friction_figure(drops, found, radius_m=radius_m, gravity_mps2=gravity)
         return figures
-
-    from cfid.friction.estimation import NEVER_SETTLED
 
     unsettled = [record for record, drop in zip(records, drops, strict=True) if not drop.settled]
     return Result(
         command="fit friction",
         method=method,
         quantities=_parameters(found, drops),
+        wanted=("friction.viscous_nms_per_rad", "friction.coulomb_nm"),
         quality={"settled": sum(drop.settled for drop in drops), "left_out": len(unsettled)},
         findings=(
             *(note("thesis-geometry", text) for text in notes),
             *(warning("recording", text) for record in records for text in record.notes),
-            *(warning("friction-warning", text) for text in (found.warnings if found else ())),
+            *found.findings,
             *(
-                warning("friction-drop-unsettled", f"{record.name}: the speed never settles; it is left out.")
+                warning("friction-drop-left-out", f"{record.name}: the speed never settles; it is left out.")
                 for record in unsettled
             ),
-            *(() if found else (rejection("friction-never-settled", NEVER_SETTLED),)),
         ),
         sources=tuple(record.source for record in records),
         lines=tuple(_line(drop) for drop in drops),
@@ -151,12 +147,9 @@ def _line(drop: "Drop") -> str:
     return words + f"{drop.coefficient_nms_per_rad:.4g} N m s/rad, tends to {drop.terminal_rad_per_s:.1f}"
 
 
-def _parameters(found: "Friction | None", drops: "Sequence[Drop]") -> "dict[str, Parameter]":
+def _parameters(found: "FrictionEstimate", drops: "Sequence[Drop]") -> "dict[str, Parameter]":
     from cfid.records.parameters import Parameter
 
-    runs = Parameter(value=[_row(drop) for drop in drops], unit="as named")
-    if found is None:
-        return {"friction.runs": runs}
     return {
         "friction.viscous_nms_per_rad": Parameter(
             value=found.viscous_nms_per_rad, std=found.viscous_std, unit="N m s/rad"
@@ -165,7 +158,7 @@ def _parameters(found: "Friction | None", drops: "Sequence[Drop]") -> "dict[str,
         "friction.setup_inertia_kg_m2": Parameter(
             value=found.setup_inertia_kg_m2, std=found.setup_inertia_std, unit="kg m^2"
         ),
-        "friction.runs": runs,
+        "friction.runs": Parameter(value=[_row(drop) for drop in drops], unit="as named"),
     }
 
 

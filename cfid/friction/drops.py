@@ -78,7 +78,7 @@ def measure_drop(
     inside = speed[window]
     mean = float(inside.mean())
     if mean <= 0:
-        raise DataError("the axis stands still in the window: choose another with --from and --to.")
+        raise DataError("the axis stands still in the window: choose another.")
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
     return Drop(
         weight_kg=weight_kg,
@@ -155,7 +155,7 @@ def _by_hand(grid: Array, from_s: float | None, to_s: float | None) -> slice:
     stop = len(grid) - 1 if to_s is None else int(np.searchsorted(grid, to_s, side="right"))
     stop = min(stop, len(grid) - 1)
     if stop - start < 2:
-        raise DataError(f"no samples between --from and --to; the record lasts {grid[-1]:.3g} s.")
+        raise DataError(f"no samples in the window requested; the record lasts {grid[-1]:.3g} s.")
     return slice(start, stop)
 
 

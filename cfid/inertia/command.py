@@ -41,7 +41,6 @@ def inertia(
 
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
     """
-    from cfid.inertia.estimation import fit_inertia
     from cfid.inertia.result import inertia_outcome
     from cfid.inertia.swings import measure_all
     from cfid.swing.axis_inertias import AxisInertias
@@ -55,5 +54,5 @@ def inertia(
     check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
     swings = measure_all(items, window, method)
     axis_inertias = AxisInertias(swings.mounted, body, surroundings(workplace, swings.fixture))
-    outcome = inertia_outcome(axis_inertias, fit_inertia(axis_inertias), swings, workplace, method=method, plan=plan)
+    outcome = inertia_outcome(axis_inertias, swings, workplace, method=method, plan=plan)
     deliver(outcome, delivery, workplace.campaign)

@@ -25,6 +25,7 @@ from cfid.drawing.style import (
     name_panel,
     styled,
 )
+from cfid.findings import texts
 from cfid.inertia.estimation import InertiaFit
 from cfid.inertia.testbody import Comparison
 
@@ -53,10 +54,10 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
     `axes` names each swing's mount. The parts of a bar are each group's share of the variance, as deviations
     do not add up. The last panel keeps a swing's I_G and asks what dI_G/dr were at another distance.
     """
-    doubts = [f"Not believed: {doubt}" for doubt in fit.doubts]
+    rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.4, 2.1, 2.6) if fit.residual is None else (2.4, 2.1, 1.5, 2.6)
-    rows, notes = len(heights_in), [note for note in fit.warnings if note not in fit.doubts]
-    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, doubts=doubts, notes=notes)
+    rows, notes = len(heights_in), texts(fit.findings, "note", "warning")
+    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, doubts=rejected, notes=notes)
     last = rows - 1
     budget, sensitivity = page.add_subplot(grid[0, 0]), page.add_subplot(grid[last, 0])
     key_column(page.add_subplot(grid[0, 1]), _draw_budget(budget, fit))
@@ -146,7 +147,7 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
 
 def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
     place = _name_mounts(panel, axes)
-    value, spread = _MICRO * fit.about_centre_kg_m2, _MICRO * fit.about_centre_std_kg_m2
+    value, spread = _MICRO * fit.axes.about_centre_kg_m2, _MICRO * fit.axes.about_centre_std_kg_m2
     name_panel(panel, "(b) what each swing says", x="mount", y="I$_\\mathrm{G}$ (10⁻⁶ kg m²)")
     panel.errorbar(place, value, yerr=spread, fmt="o", ms=4, color=RECORDED, ecolor=INK, elinewidth=1.2, capsize=3)
     panel.margins(y=0.2)
@@ -163,7 +164,7 @@ def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
 
 def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequence[str]) -> None:
     """Draw by how many deviations each swing misses the matrix; two of them are nothing to wonder at."""
-    title = f"(c) swing less matrix: χ² = {fit.chi_squared:.1f} for {fit.freedom} degrees of freedom"
+    title = f"(c) swing less matrix: χ² = {fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom"
     name_panel(panel, title, x="mount", y="residual (deviations)")
     panel.axhspan(-2, 2, color=MUTED, alpha=0.18, lw=0)
     panel.axhline(0.0, color=MUTED, lw=0.8)
@@ -175,8 +176,9 @@ def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequenc
 
 def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, letter: str) -> list[Artist]:
     """Draw dI_G/dr = I_G / r - m r against the distance r for each mount, and return the legend's entries."""
-    current, best = fit.distance_m / _MM, fit.best_distance_m / _MM
-    mass = float(np.median((fit.about_axis_kg_m2 - fit.about_centre_kg_m2) / fit.distance_m**2))
+    measured = fit.axes
+    current, best = measured.distance_m / _MM, measured.best_distance_m / _MM
+    mass = float(np.median((measured.about_axis_kg_m2 - measured.about_centre_kg_m2) / measured.distance_m**2))
     reach = np.concatenate([current, best[best > 0]])
     distance = np.linspace(0.8 * reach.min(), 1.12 * reach.max(), 200)
     per_mm = _MICRO * _MM
@@ -189,9 +191,9 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
     for i, axis in enumerate(dict.fromkeys(axes)):
         own = np.array([name == axis for name in axes])
         how: dict[str, Any] = {"color": SERIES[i % len(SERIES)], "ls": DASHES[i % len(DASHES)]}
-        inertia = float(fit.about_centre_kg_m2[own].mean())
+        inertia = float(measured.about_centre_kg_m2[own].mean())
         panel.plot(distance, per_mm * (inertia / (_MM * distance) - mass * _MM * distance), lw=1.1, **how)
-        panel.plot(current[own], per_mm * fit.sensitivity_kg_m[own], "o", ms=5.5, color=how["color"])
+        panel.plot(current[own], per_mm * measured.sensitivity_kg_m[own], "o", ms=5.5, color=how["color"])
         panel.plot(best[own].mean(), 0.0, "D", ms=5, mfc="white", color=how["color"])
         label = f"{axis}: {current[own].mean():.1f} → {best[own].mean():.1f} mm"
         key.append(Line2D([], [], marker="o", ms=5, label=label, **how))

@@ -3,130 +3,157 @@
 from typing import TYPE_CHECKING, Any
 
 from cfid.console.inputs import Workplace
+from cfid.errors import FitError
 from cfid.findings import note, rejection, warning
+from cfid.findings import rejected as rejected_among
 from cfid.inertia.swings import SwingSet
 from cfid.records.covariances import covariance_between
 from cfid.records.result import Result
+from cfid.swing.data import FIXTURE
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.figure import Figure
 
-    from cfid.inertia.estimation import InertiaFit
+    from cfid.findings import Finding
+    from cfid.inertia.estimation import InertiaFit, MeasuredAxes
     from cfid.records.parameters import Parameter
     from cfid.swing.axis_inertias import AxisInertias
 
+MATRIX = "inertia.matrix_kg_m2"
+
 _UNIT = "kg m^2"
-_MATRIX = "inertia.matrix_kg_m2"
 
 
 def inertia_outcome(
-    axis_inertias: "AxisInertias",
-    fit: "InertiaFit",
-    swings: SwingSet,
-    workplace: Workplace,
-    *,
-    method: str,
-    plan: bool,
+    axis_inertias: "AxisInertias", swings: SwingSet, workplace: Workplace, *, method: str, plan: bool
 ) -> Result:
-    """Return the result of `cfid fit inertia`."""
+    """Return the result of `cfid fit inertia`; the axis inertias alone where the swings determine no matrix."""
+    from cfid.inertia.estimation import fit_inertia, measure_axes
+
     axes = [swing.axis for swing in axis_inertias.swings]
-    matrix = {_MATRIX: fit.matrix_kg_m2.tolist()}
+    findings = [
+        *(note("thesis-geometry", text) for text in workplace.notes),
+        *swings.findings(_resting_on),
+        *_two_directions(axis_inertias),
+    ]
+    fit: InertiaFit | None = None
+    try:
+        fit = fit_inertia(axis_inertias)
+        findings += fit.findings
+    except FitError as error:
+        findings.append(rejection("inertia-axes-dependent", str(error), MATRIX))
+    measured = measure_axes(axis_inertias) if fit is None else fit.axes
+    rejected = rejected_among(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
+    budget = _budget_lines(fit) if fit is not None and MATRIX not in rejected else []
 
     def drawings() -> "dict[str, Figure]":
         from cfid.inertia.figures import budget_figure
 
-        return {"inertia": budget_figure(fit, axes=axes)}
+        return {} if fit is None else {"inertia": budget_figure(fit, axes=axes)}
 
     return Result(
         command="fit inertia",
         method=method,
-        quantities=_parameters(axes, fit),
-        covariances=covariance_between(matrix, fit.covariance),
-        common={cause: {_MATRIX: column.tolist()} for cause, column in fit.common.items()},
-        quality=_quality(axes, fit, swings),
-        findings=(
-            *(note("thesis-geometry", text) for text in workplace.notes),
-            *(warning("inertia-warning", text) for text in (*swings.warnings, *fit.warnings, *_quirks(axis_inertias))),
-            *(rejection("inertia-rejected", text, "inertia.*") for text in (*swings.doubts, *fit.doubts)),
-        ),
+        quantities=_parameters(axes, measured, fit),
+        wanted=(MATRIX,),
+        covariances=() if fit is None else covariance_between({MATRIX: fit.matrix_kg_m2.tolist()}, fit.covariance),
+        common={} if fit is None else {cause: {MATRIX: column.tolist()} for cause, column in fit.common.items()},
+        quality=_quality(axes, measured, fit, swings),
+        findings=tuple(findings),
         sources=swings.sources,
-        lines=(*swings.lines, *_budget_lines(fit), *(_plan_lines(axis_inertias, axes, fit) if plan else ())),
+        lines=(*swings.lines, *budget, *(_plan_lines(axis_inertias, axes, measured, rejected) if plan else ())),
         drawings=drawings,
         folder=workplace.figures_beside(swings.files),
     )
 
 
-def _parameters(axes: list[str], fit: "InertiaFit") -> "dict[str, Parameter]":
+def _resting_on(mount: str) -> tuple[str, ...]:
+    """Return the quantities that rest on the swings about a mount; on that of the empty fixture, all do."""
+    return ("inertia.*",) if mount == FIXTURE else (MATRIX, f"inertia.*_kg_m2.{mount}")
+
+
+def _parameters(axes: list[str], measured: "MeasuredAxes", fit: "InertiaFit | None") -> "dict[str, Parameter]":
     from cfid.records.parameters import Parameter
 
-    spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
-    found = {_MATRIX: Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)}
-    for name, values, deviations in (
-        ("axis", fit.about_axis_kg_m2, fit.about_axis_std_kg_m2),
-        ("centre", fit.about_centre_kg_m2, fit.about_centre_std_kg_m2),
+    found = {}
+    if fit is not None:
+        spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
+        found[MATRIX] = Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)
+    for name, values, std in (
+        ("axis", measured.about_axis_kg_m2, measured.about_axis_std_kg_m2),
+        ("centre", measured.about_centre_kg_m2, measured.about_centre_std_kg_m2),
     ):
         for axis in dict.fromkeys(axes):
             swung = [i for i, other in enumerate(axes) if other == axis]
-            value, std = _combined(values[swung], deviations[swung])
-            found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=value, std=std or None, unit=_UNIT)
+            mean, mean_std = _combined(values[swung], std[swung])
+            found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=mean, std=mean_std or None, unit=_UNIT)
     return found
 
 
-def _combined(values: Any, deviations: Any) -> tuple[float, float]:
-    """Return the weighted mean of one mount's swings and its deviation.
+def _combined(values: Any, std: Any) -> tuple[float, float]:
+    """Return the weighted mean of one mount's swings and its standard uncertainty.
 
-    They share mass and geometry, which averaging does not better: the smallest deviation stands.
+    They share mass and geometry, which averaging does not improve: the smallest uncertainty stands.
     """
-    if not deviations.all():
+    if not std.all():
         return float(values.mean()), 0.0
-    return float(values @ deviations**-2.0 / (deviations**-2.0).sum()), float(deviations.min())
+    return float(values @ std**-2.0 / (std**-2.0).sum()), float(std.min())
 
 
-def _quality(axes: list[str], fit: "InertiaFit", swings: SwingSet) -> dict[str, Any]:
-    import numpy as np
-
+def _quality(axes: list[str], measured: "MeasuredAxes", fit: "InertiaFit | None", swings: SwingSet) -> dict[str, Any]:
+    residual = None if fit is None else fit.residual
     return {
-        "rms": None if fit.residual is None else float(np.sqrt(np.mean(fit.residual**2))),
-        "chi_squared": fit.chi_squared,
-        "degrees_of_freedom": fit.freedom,
-        "eigenvalues_kg_m2": np.linalg.eigvalsh(fit.matrix_kg_m2),
-        "consistent": fit.raw_matrix_kg_m2 is None,
-        "raw_matrix_kg_m2": fit.raw_matrix_kg_m2,
-        "condition": fit.condition,
-        "budget_kg_m2": dict(fit.budget),
+        **({} if fit is None else _matrix_quality(fit)),
         "swings": swings.quality,
         "mounts": [
             {
                 "axis": axis,
-                "distance_m": fit.distance_m[i],
-                "best_distance_m": fit.best_distance_m[i],
-                "sensitivity_kg_m": fit.sensitivity_kg_m[i],
-                "residual_in_std": None if fit.residual is None else fit.residual[i],
+                "distance_m": measured.distance_m[i],
+                "best_distance_m": measured.best_distance_m[i],
+                "sensitivity_kg_m": measured.sensitivity_kg_m[i],
+                "residual_in_std": None if residual is None else residual[i],
             }
             for i, axis in enumerate(axes)
         ],
     }
 
 
-def _quirks(axis_inertias: "AxisInertias") -> tuple[str, ...]:
-    """Say where a mount measures its distance along another axis than it solves the matrix with."""
+def _matrix_quality(fit: "InertiaFit") -> dict[str, Any]:
+    import numpy as np
+
+    return {
+        "rms": None if fit.residual is None else float(np.sqrt(np.mean(fit.residual**2))),
+        "chi_squared": fit.chi_squared,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "eigenvalues_kg_m2": np.linalg.eigvalsh(fit.matrix_kg_m2),
+        "consistent": fit.raw_matrix_kg_m2 is None,
+        "raw_matrix_kg_m2": fit.raw_matrix_kg_m2,
+        "condition": fit.condition,
+        "budget_kg_m2": dict(fit.budget),
+    }
+
+
+def _two_directions(axis_inertias: "AxisInertias") -> "list[Finding]":
+    """Warn of a mount that measures its distance along another axis than it solves the matrix with."""
     split = [
         name
         for name in dict.fromkeys(swing.axis for swing in axis_inertias.swings)
         if axis_inertias.body.mounts[name].distance_direction is not None
     ]
-    return tuple(
-        f"mount {name} has one direction for the distance and another for the matrix, as in the thesis: "
-        "the sign of the product of inertia that rests on it is doubtful."
-        for name in split
+    text = (
+        "mount {} has one direction for the distance and another for the matrix, as in the thesis: the sign of the "
+        "product of inertia that rests on it is doubtful."
     )
+    return [warning("inertia-mount-two-directions", text.format(name), MATRIX) for name in split]
 
 
 def _budget_lines(fit: "InertiaFit") -> list[str]:
     import numpy as np
 
     if not fit.budget:
-        return ["uncertainty budget: nothing given has a standard deviation"]
+        return ["uncertainty budget: no input has a standard uncertainty"]
     lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
@@ -135,17 +162,25 @@ def _budget_lines(fit: "InertiaFit") -> list[str]:
     return lines
 
 
-def _plan_lines(axis_inertias: "AxisInertias", axes: list[str], fit: "InertiaFit") -> list[str]:
+def _plan_lines(
+    axis_inertias: "AxisInertias", axes: list[str], measured: "MeasuredAxes", rejected: "Mapping[str, str]"
+) -> list[str]:
     from cfid.inertia.estimation import icosahedron_axes, off_diagonal_gain
 
     lines = ["distances: where an error of 0.1 mm in the mount does not matter"]
     for i, axis in enumerate(axes):
-        felt = 1e9 * 1e-4 * abs(fit.sensitivity_kg_m[i])
+        if f"inertia.centre_kg_m2.{axis}" in rejected:
+            continue
+        felt = 1e9 * 1e-4 * abs(measured.sensitivity_kg_m[i])
         lines.append(
-            f"  {axis:<6} now {1e3 * fit.distance_m[i]:6.2f} mm (0.1 mm moves I_G by {felt:6.1f}e-9 kg m^2), "
-            f"best {1e3 * fit.best_distance_m[i]:6.2f} mm"
+            f"  {axis:<6} now {1e3 * measured.distance_m[i]:6.2f} mm (0.1 mm moves I_G by {felt:6.1f}e-9 kg m^2), "
+            f"best {1e3 * measured.best_distance_m[i]:6.2f} mm"
         )
-    gain = off_diagonal_gain(axis_inertias.evaluate(axis_inertias.values).direction)
-    lines.append(f"axes: the six diagonals of an icosahedron make the products' deviations {100 * gain:.0f} % smaller:")
+    lines.append("axes: the six diagonals of an icosahedron determine all entries equally well")
+    direction = axis_inertias.evaluate(axis_inertias.values).direction
+    if MATRIX not in rejected:
+        gain = off_diagonal_gain(direction)
+        lines[-1] += f"; the products' standard uncertainties become {100 * gain:.0f} % smaller"
+    lines[-1] += ":"
     lines += [f"  direction = [{x:+.4f}, {y:+.4f}, {z:+.4f}]" for x, y, z in icosahedron_axes()]
     return lines

@@ -1,5 +1,6 @@
 """`cfid fit testbody`: the test body measured against its drawing."""
 
+import math
 from typing import TYPE_CHECKING
 
 from cfid.console.inputs import Workplace, open_workplace
@@ -17,17 +18,21 @@ from cfid.console.options import (
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
 from cfid.findings import note, rejection, warning
+from cfid.findings import rejected as rejected_among
 from cfid.records.result import Result
 from cfid.swing.data import FIXTURE, check_mounts, read_swings
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from matplotlib.figure import Figure
 
+    from cfid.findings import Finding
     from cfid.inertia.swings import SwingSet
     from cfid.inertia.testbody import Comparison
 
-_UNLIKELY_DEVIATIONS = 4.0
-_ANOTHER_DEVIATIONS = 20.0  # no calliper errs so
+UNLIKELY_STD = 4.0
+ANOTHER_STD = 20.0  # no calliper is that wrong
 
 
 @flat
@@ -80,28 +85,26 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
 
         return {"testbody": testbody_figure(comparisons)}
 
+    findings = (
+        *(note("thesis-geometry", text) for text in workplace.notes),
+        *swings.findings(_resting_on),
+        *_differences(comparisons),
+    )
+    rejected = rejected_among(findings, parameters)
     return Result(
         command="fit testbody",
         method=method,
         quantities=parameters,
         quality={"swings": swings.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
-        findings=(
-            *(note("thesis-geometry", text) for text in workplace.notes),
-            *(
-                warning("testbody-warning", text)
-                for text in (*swings.warnings, *_apart(comparisons, _UNLIKELY_DEVIATIONS, _ANOTHER_DEVIATIONS))
-            ),
-            *(
-                rejection("testbody-rejected", text, "testbody.*")
-                for text in (*swings.doubts, *_apart(comparisons, _ANOTHER_DEVIATIONS, float("inf")))
-            ),
-        ),
+        wanted=("testbody.error.*",),
+        findings=findings,
         sources=swings.sources,
         lines=(
             *swings.lines,
             *(
                 f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
                 for c in comparisons
+                if f"testbody.error.{c.axis}" not in rejected
             ),
         ),
         drawings=drawings,
@@ -109,10 +112,21 @@ def _outcome(comparisons: "list[Comparison]", swings: "SwingSet", workplace: Wor
     )
 
 
-def _apart(comparisons: "list[Comparison]", at_least: float, below: float) -> tuple[str, ...]:
-    return tuple(
-        f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard deviations apart: check which axis was "
-        "swung, the mount's distance, the body's lengths, and that nothing slips."
-        for c in comparisons
-        if at_least < c.deviations < below
-    )
+def _resting_on(mount: str) -> tuple[str, ...]:
+    """Return the quantities that rest on the swing about a mount; all measured ones rest on that of the fixture."""
+    axis = "*" if mount == FIXTURE else mount
+    return f"testbody.measured_kg_m2.{axis}", f"testbody.error.{axis}"
+
+
+def _differences(comparisons: "list[Comparison]") -> "Iterator[Finding]":
+    """Yield what is to be said of swings that differ from the drawing."""
+    for c in comparisons:
+        text = (
+            f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard uncertainties apart (limit "
+            f"{UNLIKELY_STD:g}). Check which axis was swung, the mount's distance, the body's lengths, and that "
+            "nothing slips."
+        )
+        if ANOTHER_STD <= c.deviations < math.inf:
+            yield rejection("testbody-another-axis", text, *_resting_on(c.axis))
+        elif UNLIKELY_STD < c.deviations < ANOTHER_STD:
+            yield warning("testbody-apart", text, *_resting_on(c.axis))

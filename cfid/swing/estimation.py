@@ -1,6 +1,6 @@
-"""The default fit of a swing: damping terms chosen by the data, honest deviations, and a verdict.
+"""The default fit of a swing: damping terms chosen by the data, standard uncertainties, and checks.
 
-Knows the natural frequency and damping per inertia only; what that means in kg m^2 is `inertia`'s business.
+It finds the natural frequency and the damping per inertia; `result` makes kg m^2 of them.
 """
 
 import math
@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S, correlation_inflation
+from cfid.findings import Finding, note
+from cfid.swing.checks import FitQuality, judge
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import TERMS, Coefficients, OutputError, first_guess, fit_output_error
-from cfid.swing.verdict import Verdict, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -42,13 +43,13 @@ class SwingFit:
     start_std: tuple[float, float]
     residual_rms_rad: float
     split_bic: float
-    verdict: Verdict
-    warnings: tuple[str, ...]
+    quality: FitQuality
+    findings: tuple[Finding, ...]
 
     @property
-    def believed(self) -> bool:
+    def accepted(self) -> bool:
         """Whether the model describes the data."""
-        return not self.verdict.doubts
+        return not self.quality.findings
 
 
 def fit_swing(swing: FreeSwing) -> SwingFit:
@@ -184,6 +185,7 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingF
         # The halves disagree by more than noise: the truth lies between them as likely as anywhere else.
         per_coefficient[0] = math.hypot(frequency_std, frequency * abs(drift) / math.sqrt(12))
     terms = _terms(fit)
+    quality = judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std)
     return SwingFit(
         output_error=fit,
         terms=terms,
@@ -192,8 +194,8 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingF
         start_std=(float(deviations[-2]), float(deviations[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
         split_bic=split_bic,
-        verdict=judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std),
-        warnings=swing.warnings + _split_warning(terms, split_bic) + _hand_warning(swing, fit),
+        quality=quality,
+        findings=(*swing.findings, *quality.findings, *_split_finding(terms, split_bic), *_hand_finding(swing, fit)),
     )
 
 
@@ -212,24 +214,27 @@ def _drift(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
     return float((values[1] - values[0]) / frequency), float(math.sqrt(sum(variances)) / frequency)
 
 
-def _split_warning(terms: tuple[str, ...], split_bic: float) -> tuple[str, ...]:
+def _split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
     if split_bic >= IDENTIFIABLE_BIC:
         return ()
     chosen = ", ".join(terms) or "none"
-    return (
-        f"how the damping splits ({chosen}) is not identifiable: another choice is as likely "
-        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it.",
+    text = (
+        f"the damping terms ({chosen}) are not identifiable: another choice is as likely "
+        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it."
     )
+    damping = ("swing.viscous_nms_per_rad", "swing.coulomb_nm", "swing.quadratic_nms2_per_rad2")
+    return (note("swing-damping-split-unresolved", text, *damping),)
 
 
-def _hand_warning(swing: FreeSwing, fit: OutputError) -> tuple[str, ...]:
-    """Say when the motion just after the release was not the pendulum's own."""
+def _hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:
+    """Report when the motion just after the release was not the pendulum's own."""
     measured = float(swing.angle_rad[swing.release])
     missed = abs(fit.start_angle_rad - measured)
     if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):
         return ()
-    return (
+    text = (
         f"between {swing.release_s:.2f} and {swing.time_s[swing.hand_gone]:.2f} s the body did not fall freely "
         f"(the pendulum would have started from {math.degrees(fit.start_angle_rad):.0f} degrees, "
-        f"it stood at {math.degrees(measured):.0f}): this stretch was left out.",
+        f"it stood at {math.degrees(measured):.0f}): this segment is left out. Release without a push."
     )
+    return (note("swing-led-by-hand", text, "swing.start_angle_rad", "swing.start_speed_rad_per_s"),)

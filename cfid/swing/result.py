@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cfid.errors import FitError
-from cfid.findings import rejection, warning
+from cfid.findings import Finding, rejection, warning
 from cfid.records.result import Result
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ _DAMPING = {
     "swing.coulomb_nm": ("coulomb_per_s2", "N m"),
     "swing.quadratic_nms2_per_rad2": ("quadratic_per_rad", "N m s^2/rad^2"),
 }
+_THESIS_BIAS = (
+    "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; its standard "
+    "uncertainty counts noise alone."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,20 +40,19 @@ class AnalysedSwing:
     start_speed_rad_per_s: float
     start_std: tuple[float | None, float | None]
     quality: Mapping[str, Any]
-    warnings: tuple[str, ...]
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
     lines: tuple[str, ...]
     drawings: "Callable[[], Mapping[str, Figure]]"
 
 
-def doubts_of(swing: "FreeSwing") -> tuple[str, ...]:
-    """Return why no pendulum describes a record, for a method that has no verdict of its own."""
+def rejections_of(swing: "FreeSwing") -> tuple[Finding, ...]:
+    """Return why no pendulum describes a record, for a method that has no checks of its own."""
     from cfid.swing.estimation import fit_swing
 
     try:
-        return fit_swing(swing).verdict.doubts
+        return fit_swing(swing).quality.findings
     except FitError as error:
-        return (str(error),)
+        return (rejection("swing-no-pendulum", str(error), "swing.*"),)
 
 
 def analyse(record: "AngleRecord", swing: "FreeSwing", method: str) -> AnalysedSwing:
@@ -72,11 +75,11 @@ def swing_outcome(
         section=f"swing {axis or record.name}",
         method=analysed.method,
         quantities=_parameters(swing, analysed, body, around),
+        wanted=("swing.natural_frequency_squared_s2", "swing.axis_inertia_kg_m2"),
         quality=analysed.quality,
         findings=(
             *(warning("recording", text) for text in record.notes),
-            *(warning("swing-warning", text) for text in analysed.warnings),
-            *(rejection("swing-rejected", text, "swing.*") for text in analysed.doubts),
+            *analysed.findings,
         ),
         sources=(record.source,),
         lines=(_window_line(swing), *analysed.lines),
@@ -146,6 +149,13 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
 
         return {f"{record.path.stem}_swing": swing_figure(swing, fit, title=record.name)}
 
+    checks = (
+        f"check: the thesis' damped cosine would give {cosine.natural_frequency_squared_s2:.6g} 1/s^2, "
+        f"an inertia {100 * excess:+.2f} % off",
+        f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
+        f"{decrement.viscous_scatter_per_s / 2:.2g}; its period gives "
+        f"{decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
+    )
     return AnalysedSwing(
         method="default",
         coefficients=fit.coefficients,
@@ -155,10 +165,10 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
         start_std=fit.start_std,
         quality={
             "rms": fit.residual_rms_rad,
-            "misfit": fit.verdict.misfit,
-            "distortion": fit.verdict.distortion,
-            "drift": fit.verdict.drift,
-            "drift_std": fit.verdict.drift_std,
+            "misfit": fit.quality.misfit,
+            "distortion": fit.quality.distortion,
+            "drift": fit.quality.drift,
+            "drift_std": fit.quality.drift_std,
             "damping_terms": fit.terms,
             "damping_split_bic": fit.split_bic,
             **_window_quality(swing),
@@ -168,17 +178,12 @@ def _by_default(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
                 "viscous_scatter_per_s": decrement.viscous_scatter_per_s,
             },
         },
-        warnings=fit.warnings,
-        doubts=fit.verdict.doubts,
+        findings=fit.findings,
         lines=(
             f"damping: {', '.join(fit.terms) or 'none'}; residual {1e3 * fit.residual_rms_rad:.3g} mrad rms, waveform "
             f"off by "
-            f"{100 * fit.verdict.distortion:.2g} % of the start angle, drift {100 * fit.verdict.drift:+.2g} %",
-            f"check: the thesis' damped cosine would give {cosine.natural_frequency_squared_s2:.6g} 1/s^2, "
-            f"an inertia {100 * excess:+.2f} % off",
-            f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
-            f"{decrement.viscous_scatter_per_s / 2:.2g}; its period gives "
-            f"{decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
+            f"{100 * fit.quality.distortion:.2g} % of the start angle, drift {100 * fit.quality.drift:+.2g} %",
+            *(checks if fit.accepted else ()),
         ),
         drawings=drawings,
     )
@@ -192,6 +197,12 @@ def _as_the_thesis(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
     squared, viscous = cosine.frequencies
     residual = cosine.angle_rad - cosine.model_rad
     rms = float((residual @ residual / len(residual)) ** 0.5)
+
+    nonlinear = (
+        f"nonlinear equation (2.9) on the flexible function (2.16): "
+        f"{flexible.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
+    )
+    rejected = rejections_of(swing)
 
     def drawings() -> "dict[str, Figure]":
         from cfid.swing.figures import thesis_swing_figure
@@ -207,17 +218,14 @@ def _as_the_thesis(record: "AngleRecord", swing: "FreeSwing") -> AnalysedSwing:
         start_speed_rad_per_s=cosine.start_speed_rad_per_s,
         start_std=(None, None),
         quality={"rms": rms, **_window_quality(swing), "nonlinear_equation": flexible.frequencies._asdict()},
-        warnings=(
-            *swing.warnings,
-            "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; "
-            "its deviation counts noise alone.",
+        findings=(
+            *swing.findings,
+            warning(
+                "swing-thesis-bias", _THESIS_BIAS, "swing.natural_frequency_squared_s2", "swing.axis_inertia_kg_m2"
+            ),
+            *rejected,
         ),
-        doubts=doubts_of(swing),
-        lines=(
-            f"damped cosine: residual {1e3 * rms:.3g} mrad rms",
-            f"nonlinear equation (2.9) on the flexible function (2.16): "
-            f"{flexible.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
-        ),
+        lines=(f"damped cosine: residual {1e3 * rms:.3g} mrad rms", *(() if rejected else (nonlinear,))),
         drawings=drawings,
     )
 

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import DataError, FitError
+from cfid.errors import DataError
+from cfid.findings import rejected
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import fit_friction, thesis_friction
 from cfid.sim.plants import DroppingWeight, drop
@@ -108,8 +109,12 @@ def test_a_speed_that_changes_within_a_turn_never_settles() -> None:
     found = measured(*fallen(10, coulomb=1.2e-4, viscous=1.5e-5, ripple=6e-5, seconds=12.0), 10)
 
     assert not found.settled
-    with pytest.raises(FitError, match="in no run did the speed settle"):
-        fit_friction([found], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
+    for friction in (
+        fit_friction([found], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY),
+        thesis_friction([found]),
+    ):
+        assert [finding.code for finding in friction.findings] == ["friction-never-settled"]
+        assert (friction.viscous_nms_per_rad, friction.setup_inertia_kg_m2) == (None, None)
 
 
 def test_an_unsettled_run_among_settled_ones_is_left_out() -> None:
@@ -141,7 +146,7 @@ def test_one_weight_alone_gives_no_friction_and_says_why() -> None:
     found = fit_friction([measured(*fallen(40), 40)], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
 
     assert (found.viscous_nms_per_rad, found.coulomb_nm, found.setup_inertia_kg_m2) == (None, None, None)
-    assert "one weight alone" in found.warnings[0]
+    assert "one weight alone" in found.findings[0].text
 
 
 def test_friction_that_comes_out_negative_is_set_to_zero_and_said() -> None:
@@ -153,8 +158,10 @@ def test_friction_that_comes_out_negative_is_set_to_zero_and_said() -> None:
     )
 
     assert (dry_below.coulomb_nm, viscous_below.viscous_nms_per_rad) == (0.0, 0.0)
-    assert "Coulomb friction is set to zero" in dry_below.warnings[0]
+    assert "it is set to zero" in dry_below.findings[0].text
     assert viscous_below.setup_inertia_kg_m2 is None
+    assert rejected(viscous_below.findings, ()).keys() == {"friction.setup_inertia_kg_m2"}
+    assert rejected(dry_below.findings, ()) == {}
 
 
 def test_an_axis_that_stands_still_is_refused() -> None:

@@ -87,4 +87,4 @@ def test_one_weight_alone_says_that_it_cannot_tell_two_frictions_apart(drop: Mak
     )
     written = " ".join(text.get_text() for text in page.texts())
     assert "one weight alone" in written
-    assert "not told" in written
+    assert "not determined" in written

@@ -59,9 +59,9 @@ def test_a_mounts_curve_is_zero_at_its_best_distance_and_meets_its_swing(look: L
     for i, curve in enumerate(curves):
         distance, sensitivity = curve.get_data()
         falling = (sensitivity[::-1], distance[::-1])
-        assert np.interp(0.0, *falling) == pytest.approx(1e3 * fit.best_distance_m[i], rel=1e-3)
-        own = np.interp(1e3 * fit.distance_m[i], distance, sensitivity)
-        assert own == pytest.approx(1e3 * fit.sensitivity_kg_m[i], abs=1e-4)
+        assert np.interp(0.0, *falling) == pytest.approx(1e3 * fit.axes.best_distance_m[i], rel=1e-3)
+        own = np.interp(1e3 * fit.axes.distance_m[i], distance, sensitivity)
+        assert own == pytest.approx(1e3 * fit.axes.sensitivity_kg_m[i], abs=1e-4)
 
 
 def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> None:
@@ -78,8 +78,8 @@ def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> 
 def test_swings_that_contradict_each_other_are_said_in_red(look: Look) -> None:
     axes = [axis for axis in THESIS for _ in range(3)]
     fit = _fit(axes, std=1e-3, scatter=0.05)
-    assert fit.doubts
-    assert "Not believed" in look(inertia_figures.budget_figure(fit, axes=axes)).red()
+    assert [finding.code for finding in fit.findings] == ["inertia-swings-contradict"]
+    assert "Rejected" in look(inertia_figures.budget_figure(fit, axes=axes)).red()
 
 
 def test_inputs_without_deviations_make_an_empty_budget() -> None:

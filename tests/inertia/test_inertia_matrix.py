@@ -164,10 +164,10 @@ def test_a_swing_that_contradicts_the_others_is_said_and_widens_the_deviations()
     spoilt = [*swings[:-1], MountedSwing(axis="yz2", value=1.01 * swings[-1].value, std=swings[-1].std)]
     fit = fit_inertia(AxisInertias(spoilt, body, SITE))
 
-    assert honest.doubts == ()
+    assert honest.findings == ()
     assert honest.chi_squared < 1e-6
-    assert fit.freedom == 3
-    assert "scatter" in fit.doubts[0]
+    assert fit.degrees_of_freedom == 3
+    assert "scatter" in fit.findings[0].text
     assert np.all(fit.std_kg_m2 > 3 * honest.std_kg_m2)
 
 
@@ -193,13 +193,13 @@ def test_the_budget_adds_up_to_the_deviation() -> None:
 def test_an_error_of_the_distance_is_not_felt_at_the_best_distance() -> None:
     body = body_with({name: mount_along(direction) for name, direction in AXES.items()})
     fit = fit_inertia(AxisInertias(swings_of(body), body, SITE))
-    best = dict(zip(AXES, fit.best_distance_m, strict=True))
+    best = dict(zip(AXES, fit.axes.best_distance_m, strict=True))
     z = best["z"]
     moved = body_with({**body.mounts, "z": Mount(point_mm=(1e3 * z, 0, 0), direction=(0, 0, 1))})
     again = fit_inertia(AxisInertias(swings_of(moved), moved, SITE))
 
     assert z == pytest.approx(np.sqrt(29.0e-6 / 0.028), rel=1e-9)
-    assert again.sensitivity_kg_m[2] == pytest.approx(0.0, abs=1e-12)
+    assert again.axes.sensitivity_kg_m[2] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_empty_fixture_is_taken_off_at_the_common_axis() -> None:
@@ -226,7 +226,7 @@ def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_and_said()
     assert not is_consistent(sheet)
     assert fit.raw_matrix_kg_m2 == pytest.approx(sheet, rel=1e-9)
     assert is_consistent(fit.matrix_kg_m2)
-    assert "no possible body" in fit.warnings[0]
+    assert "no possible body" in fit.findings[0].text
     assert np.abs(fit.matrix_kg_m2 - sheet).max() < 1e-6
 
 

@@ -58,7 +58,7 @@ def test_more_peaks_than_there_are_is_said() -> None:
     found = find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
 
     assert found.peaks_used == len(found.peak_time_s)
-    assert "99 peaks were asked for" in found.warnings[0]
+    assert "99 peaks were requested" in found.findings[0].text
 
 
 def test_a_record_that_begins_in_free_swing_is_taken_from_its_first_sample() -> None:
@@ -75,7 +75,7 @@ def test_a_swing_pushed_again_ends_before_the_push() -> None:
     found = find_swing(np.asarray(0.001 * np.arange(len(pushed)), dtype=np.float64), pushed)
 
     assert found.time_s[found.end] < 4.6
-    assert "higher than the one before" in found.warnings[0]
+    assert "higher than the one before" in found.findings[0].text
 
 
 def test_a_window_by_hand_is_kept() -> None:

@@ -237,7 +237,7 @@ def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path) 
 
     assert right.returncode == 0
     assert exchanged.returncode == 5
-    assert "standard deviations apart: check which axis was swung" in exchanged.stderr
+    assert "standard uncertainties apart (limit 4). Check which axis was swung" in exchanged.stderr
 
 
 def test_the_last_run_of_a_campaign_without_any_is_told(cfid: Cfid, tmp_path: Path) -> None:

@@ -77,8 +77,8 @@ def test_a_believed_swing_has_nothing_red(page: Any) -> None:
 
 def test_a_doubted_swing_says_so_in_red(shaken_page: Any, shaken: tuple[FreeSwing, SwingFit]) -> None:
     red = shaken_page.red()
-    assert not shaken[1].believed
-    assert "Not believed" in red
+    assert not shaken[1].accepted
+    assert "Rejected" in red
     assert "NO" in red
 
 

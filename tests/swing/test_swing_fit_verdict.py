@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from cfid.findings import texts
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
@@ -43,7 +44,7 @@ def test_the_damping_that_acted_is_the_damping_that_is_chosen(
 
     assert fit.terms == expected
     assert min(fit.coefficients[1:4]) >= 0
-    assert fit.believed
+    assert fit.accepted
 
 
 def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
@@ -58,7 +59,7 @@ def test_a_damping_that_cannot_be_told_apart_is_said_to_be_so() -> None:
     fit = fit_swing(find_swing(*recorded(noise_rad=5e-3, viscous_nms_per_rad=1.5e-5, degrees=30), peaks=5))
 
     assert fit.split_bic < 10
-    assert "not identifiable" in fit.warnings[0]
+    assert "not identifiable" in fit.findings[0].text
 
 
 def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
@@ -73,8 +74,8 @@ def test_a_second_motion_on_top_is_not_believed() -> None:
     arm = 0.012 * np.sin(2 * math.pi * 7.3 * time_s)
     fit = fit_swing(find_swing(*recorded(viscous_nms_per_rad=1.5e-5, extra=arm)))
 
-    assert not fit.believed
-    assert "something else moves it too" in fit.verdict.doubts[0]
+    assert not fit.accepted
+    assert "within a period the motion differs" in fit.quality.findings[0].text
 
 
 def test_a_pendulum_whose_frequency_drifts_is_not_believed() -> None:
@@ -82,7 +83,7 @@ def test_a_pendulum_whose_frequency_drifts_is_not_believed() -> None:
     slowed = time_s * (1 + 0.004 * np.maximum(time_s - 2.0, 0))
     fit = fit_swing(find_swing(slowed, angle))
 
-    assert any("first half of the window to the second" in doubt for doubt in fit.verdict.doubts)
+    assert any("first half of the window to the second" in doubt for doubt in texts(fit.findings, "rejection"))
 
 
 def test_correlated_noise_widens_the_deviation_and_white_noise_does_not() -> None:
