@@ -14,8 +14,8 @@ from cfid.friction.drops import Drop
 
 Array = npt.NDArray[np.float64]
 
-_VISCOUS, _COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
-_SETUP_INERTIA = "friction.setup_inertia_kg_m2"
+VISCOUS, COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
+SETUP_INERTIA = "friction.setup_inertia_kg_m2"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,17 +93,17 @@ _NEVER_SETTLED = rejection(
     "friction-never-settled",
     "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer fall, or set "
     "the window by hand.",
-    _VISCOUS,
-    _COULOMB,
-    _SETUP_INERTIA,
+    VISCOUS,
+    COULOMB,
+    SETUP_INERTIA,
 )
 _ONE_WEIGHT = rejection(
     "friction-one-weight",
     "one weight alone does not separate Coulomb from viscous friction, and so does not give the inertia of the set-up "
     "either: drop another weight too. The thesis method gives one coefficient for both.",
-    _VISCOUS,
-    _COULOMB,
-    _SETUP_INERTIA,
+    VISCOUS,
+    COULOMB,
+    SETUP_INERTIA,
 )
 
 
@@ -113,7 +113,7 @@ def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[Finding, .
     if coulomb.value < 0:
         text = f"Coulomb friction came out at {coulomb.value:.2g} N m: it is set to zero. Drop more weights."
         through_zero = _least_squares([speed], torque)[0]
-        return _Known(0.0, None), through_zero, (warning("friction-coulomb-zero", text, _COULOMB),)
+        return _Known(0.0, None), through_zero, (warning("friction-coulomb-zero", text, COULOMB),)
     if viscous.value < 0:
         text = f"viscous friction came out at {viscous.value:.2g} N m s/rad: it is set to zero. Drop more weights."
         unknown = "without viscous friction the start of a fall does not give the inertia of the set-up."
@@ -122,8 +122,8 @@ def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[Finding, .
             level,
             _Known(0.0, None),
             (
-                warning("friction-viscous-zero", text, _VISCOUS),
-                rejection("friction-inertia-undetermined", unknown, _SETUP_INERTIA),
+                warning("friction-viscous-zero", text, VISCOUS),
+                rejection("friction-inertia-undetermined", unknown, SETUP_INERTIA),
             ),
         )
     return coulomb, viscous, ()

@@ -1,5 +1,8 @@
-"""`cfid fit inertia`: six swings or more to the inertia matrix."""
+"""`cfid fit inertia`, `cfid fit testbody`: swings to the inertia matrix, and the test body against its drawing."""
 
+import math
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,10 +18,10 @@ from cfid.console.options import (
     Swings,
     WindowOptions,
     flat,
+    optional_positive,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
-from cfid.swing.data import FIXTURE, check_mounts, read_swings
 
 
 @flat
@@ -41,18 +44,58 @@ def inertia(
 
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
     """
-    from cfid.inertia.result import inertia_outcome
-    from cfid.inertia.swings import measure_all
-    from cfid.swing.axis_inertias import AxisInertias
-    from cfid.swing.geometry import surroundings, vehicle
+    from cfid.inertia import result
+    from cfid.swing import arguments, data
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    suits = labelled("swing", "crazyflie", FIXTURE)
-    words = chosen(runs, workplace.campaign, suits=suits, wanted="swings of the vehicle")
-    items = read_swings(words, reading.reading(), workplace, body="crazyflie")
-    body = vehicle(workplace, mass_kg)
-    check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
-    swings = measure_all(items, window, method)
-    axis_inertias = AxisInertias(swings.mounted, body, surroundings(workplace, swings.fixture))
-    outcome = inertia_outcome(axis_inertias, swings, workplace, method=method, plan=plan)
-    deliver(outcome, delivery, workplace.campaign)
+    matches = labelled("swing", "crazyflie", data.FIXTURE)
+    words = chosen(runs, workplace.campaign, suits=matches, wanted="swings of the vehicle")
+    found = result.fit(
+        arguments.read_swings(words, reading.reading(), workplace),
+        rig=None if workplace.borrowed else workplace.rig,
+        mass_kg=optional_positive(mass_kg, "--mass-kg"),
+        gravity_mps2=gravity_mps2,
+        peaks=arguments.parse_peaks(window.peaks),
+        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
+        method=method,
+        plan=plan,
+    )
+    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    deliver(replace(found, folder=folder), delivery, workplace.campaign)
+
+
+@flat
+def testbody(
+    *,
+    runs: Swings = None,
+    window: WindowOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    delivery: Delivery,
+    mass_kg: MassKg = None,
+    gravity_mps2: GravityMps2 = None,
+    method: Method = "default",
+) -> None:
+    r"""Compare the test body's measured inertias with those of its drawing (table 2.5).
+
+    AXIS is a mount of \[testbody.mounts]; cuboids and mass are \[testbody] of rig.toml.
+
+    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
+    """
+    from cfid.inertia import testbody_result
+    from cfid.swing import arguments, data
+
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    matches = labelled("swing", "testbody", data.FIXTURE)
+    words = chosen(runs, workplace.campaign, suits=matches, wanted="swings of the test body")
+    found = testbody_result.fit_testbody(
+        arguments.read_swings(words, reading.reading(), workplace),
+        rig=None if workplace.borrowed else workplace.rig,
+        mass_kg=optional_positive(mass_kg, "--mass-kg"),
+        gravity_mps2=gravity_mps2,
+        peaks=arguments.parse_peaks(window.peaks),
+        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
+        method=method,
+    )
+    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    deliver(replace(found, folder=folder), delivery, workplace.campaign)

@@ -26,8 +26,8 @@ from cfid.drawing.style import (
     styled,
 )
 from cfid.findings import texts
+from cfid.inertia.comparison import BodyComparison
 from cfid.inertia.estimation import InertiaFit
-from cfid.inertia.testbody import Comparison
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
 
 
 @styled
-def testbody_figure(comparisons: Sequence[Comparison], *, title: str = "Test body") -> Figure:
+def testbody_figure(comparisons: Sequence[BodyComparison], *, title: str = "Test body") -> Figure:
     """Return calculated against measured inertias (table 2.5), and by how much they differ."""
     page, grid = figure(2, 1, heights_in=(2.6, 2.0), title=title)
     panels = page.add_subplot(grid[0, 0]), page.add_subplot(grid[1, 0])
@@ -84,7 +84,7 @@ def testbody_figure(comparisons: Sequence[Comparison], *, title: str = "Test bod
     return page
 
 
-def _draw_pairs(panel: Axes, comparisons: Sequence[Comparison]) -> None:
+def _draw_pairs(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
     calculated = [(c.calculated_kg_m2, c.calculated_std_kg_m2) for c in comparisons]
     measured = [(c.measured_kg_m2, c.measured_std_kg_m2) for c in comparisons]
     name_panel(panel, "(a) inertia about the centre of mass", x="mount", y="inertia (10⁻⁶ kg m²)")
@@ -103,7 +103,7 @@ def _draw_pairs(panel: Axes, comparisons: Sequence[Comparison]) -> None:
     legend(panel)
 
 
-def _draw_differences(panel: Axes, comparisons: Sequence[Comparison]) -> None:
+def _draw_differences(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
     name_panel(panel, "(b) from swings less from the drawing, one standard deviation", x="mount", y="difference (%)")
     panel.axhline(0.0, color=MUTED, lw=0.8)
     for x, comparison in enumerate(comparisons):

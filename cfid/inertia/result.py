@@ -1,71 +1,103 @@
-"""The inertia matrix and its axis inertias in the contract's keys, its budget and advice in words."""
+"""The inertia matrix and its axis inertias: quantities, findings, budget and mounting advice."""
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cfid.console.inputs import Workplace
+import numpy as np
+import numpy.typing as npt
+
 from cfid.errors import FitError
-from cfid.findings import note, rejection, warning
-from cfid.findings import rejected as rejected_among
-from cfid.inertia.swings import SwingSet
+from cfid.findings import Finding, rejected, rejection, warning
+from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
+from cfid.inertia.estimation import (
+    MATRIX,
+    InertiaFit,
+    MeasuredAxes,
+    fit_inertia,
+    icosahedron_axes,
+    measure_axes,
+    off_diagonal_gain,
+)
+from cfid.records.campaign import Rig
 from cfid.records.covariances import covariance_between
+from cfid.records.parameters import Parameter
 from cfid.records.result import Result
-from cfid.swing.data import FIXTURE
+from cfid.records.tables.angle import AngleRecord
+from cfid.swing.axis_inertias import AxisInertias
+from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, vehicle
+from cfid.swing.free_swing import SMALLEST_PEAK_RAD
+from cfid.swing.result import Method
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.figure import Figure
 
-    from cfid.findings import Finding
-    from cfid.inertia.estimation import InertiaFit, MeasuredAxes
-    from cfid.records.parameters import Parameter
-    from cfid.swing.axis_inertias import AxisInertias
-
-MATRIX = "inertia.matrix_kg_m2"
+Array = npt.NDArray[np.float64]
 
 _UNIT = "kg m^2"
 
 
-def inertia_outcome(
-    axis_inertias: "AxisInertias", swings: SwingSet, workplace: Workplace, *, method: str, plan: bool
+def fit(
+    swings: Sequence[Swing],
+    *,
+    rig: Rig | None = None,
+    mass_kg: float | None = None,
+    gravity_mps2: float | None = None,
+    peaks: Peaks = None,
+    smallest_peak_rad: float = SMALLEST_PEAK_RAD,
+    method: Method = "default",
+    plan: bool = False,
 ) -> Result:
-    """Return the result of `cfid fit inertia`; the axis inertias alone where the swings determine no matrix."""
-    from cfid.inertia.estimation import fit_inertia, measure_axes
+    """Fit the vehicle's inertia matrix to swings, each about the mount that its label names, and known axis inertias.
 
-    axes = [swing.axis for swing in axis_inertias.swings]
-    findings = [
-        *(note("thesis-geometry", text) for text in workplace.notes),
-        *swings.findings(_resting_on),
-        *_two_directions(axis_inertias),
-    ]
-    fit: InertiaFit | None = None
+    A swing labelled as the fixture is that of the empty fixture, which is taken off. `rig` has mass, mounts and
+    gravity: the one given, else that of the campaign which the recordings lie in, else the thesis'. `peaks` is one
+    number for all or one for each mount. `plan` adds distances and axes for the next swings to the lines. Where the
+    axes do not determine a matrix, the axis inertias alone are given.
+
+    Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, FitError
+    when no pendulum follows one.
+    """
+    given = records_of(swings)
+    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
+    body = vehicle(rig, mass_kg)
+    measured = measure(given, body="crazyflie", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
+    check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
+    axis_inertias = AxisInertias(measured.mounted, body, surroundings(rig, gravity_mps2, measured.fixture))
+    findings = [*notes, *measured.findings(_resting_on), *_two_directions(axis_inertias)]
+    matrix: InertiaFit | None = None
     try:
-        fit = fit_inertia(axis_inertias)
-        findings += fit.findings
+        matrix = fit_inertia(axis_inertias)
+        findings += matrix.findings
     except FitError as error:
         findings.append(rejection("inertia-axes-dependent", str(error), MATRIX))
-    measured = measure_axes(axis_inertias) if fit is None else fit.axes
-    rejected = rejected_among(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
-    budget = _budget_lines(fit) if fit is not None and MATRIX not in rejected else []
+    about = measure_axes(axis_inertias) if matrix is None else matrix.axes
+    axes = [swing.axis for swing in measured.mounted]
+    lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
     def drawings() -> "dict[str, Figure]":
         from cfid.inertia.figures import budget_figure
 
-        return {} if fit is None else {"inertia": budget_figure(fit, axes=axes)}
+        return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
 
     return Result(
         command="fit inertia",
         method=method,
-        quantities=_parameters(axes, measured, fit),
+        quantities=_quantities(axes, about, matrix),
         wanted=(MATRIX,),
-        covariances=() if fit is None else covariance_between({MATRIX: fit.matrix_kg_m2.tolist()}, fit.covariance),
-        common={} if fit is None else {cause: {MATRIX: column.tolist()} for cause, column in fit.common.items()},
-        quality=_quality(axes, measured, fit, swings),
+        covariances=()
+        if matrix is None
+        else covariance_between({MATRIX: matrix.matrix_kg_m2.tolist()}, matrix.covariance),
+        common={} if matrix is None else {cause: {MATRIX: column.tolist()} for cause, column in matrix.common.items()},
+        quality=_quality(axes, about, matrix, measured),
         findings=tuple(findings),
-        sources=swings.sources,
-        lines=(*swings.lines, *budget, *(_plan_lines(axis_inertias, axes, measured, rejected) if plan else ())),
+        sources=measured.sources,
+        lines=(
+            *measured.lines,
+            *(_budget_lines(matrix) if matrix is not None and MATRIX not in lost else ()),
+            *(_plan_lines(axis_inertias, axes, about, lost) if plan else ()),
+        ),
         drawings=drawings,
-        folder=workplace.figures_beside(swings.files),
+        folder=measured.folder,
     )
 
 
@@ -74,9 +106,7 @@ def _resting_on(mount: str) -> tuple[str, ...]:
     return ("inertia.*",) if mount == FIXTURE else (MATRIX, f"inertia.*_kg_m2.{mount}")
 
 
-def _parameters(axes: list[str], measured: "MeasuredAxes", fit: "InertiaFit | None") -> "dict[str, Parameter]":
-    from cfid.records.parameters import Parameter
-
+def _quantities(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None) -> dict[str, Parameter]:
     found = {}
     if fit is not None:
         spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
@@ -86,13 +116,13 @@ def _parameters(axes: list[str], measured: "MeasuredAxes", fit: "InertiaFit | No
         ("centre", measured.about_centre_kg_m2, measured.about_centre_std_kg_m2),
     ):
         for axis in dict.fromkeys(axes):
-            swung = [i for i, other in enumerate(axes) if other == axis]
-            mean, mean_std = _combined(values[swung], std[swung])
+            own = [i for i, other in enumerate(axes) if other == axis]
+            mean, mean_std = _combined(values[own], std[own])
             found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=mean, std=mean_std or None, unit=_UNIT)
     return found
 
 
-def _combined(values: Any, std: Any) -> tuple[float, float]:
+def _combined(values: Array, std: Array) -> tuple[float, float]:
     """Return the weighted mean of one mount's swings and its standard uncertainty.
 
     They share mass and geometry, which averaging does not improve: the smallest uncertainty stands.
@@ -102,7 +132,7 @@ def _combined(values: Any, std: Any) -> tuple[float, float]:
     return float(values @ std**-2.0 / (std**-2.0).sum()), float(std.min())
 
 
-def _quality(axes: list[str], measured: "MeasuredAxes", fit: "InertiaFit | None", swings: SwingSet) -> dict[str, Any]:
+def _quality(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swings: MeasuredSwings) -> dict[str, Any]:
     residual = None if fit is None else fit.residual
     return {
         **({} if fit is None else _matrix_quality(fit)),
@@ -120,9 +150,7 @@ def _quality(axes: list[str], measured: "MeasuredAxes", fit: "InertiaFit | None"
     }
 
 
-def _matrix_quality(fit: "InertiaFit") -> dict[str, Any]:
-    import numpy as np
-
+def _matrix_quality(fit: InertiaFit) -> dict[str, Any]:
     return {
         "rms": None if fit.residual is None else float(np.sqrt(np.mean(fit.residual**2))),
         "chi_squared": fit.chi_squared,
@@ -135,7 +163,7 @@ def _matrix_quality(fit: "InertiaFit") -> dict[str, Any]:
     }
 
 
-def _two_directions(axis_inertias: "AxisInertias") -> "list[Finding]":
+def _two_directions(axis_inertias: AxisInertias) -> list[Finding]:
     """Warn of a mount that measures its distance along another axis than it solves the matrix with."""
     split = [
         name
@@ -149,9 +177,7 @@ def _two_directions(axis_inertias: "AxisInertias") -> "list[Finding]":
     return [warning("inertia-mount-two-directions", text.format(name), MATRIX) for name in split]
 
 
-def _budget_lines(fit: "InertiaFit") -> list[str]:
-    import numpy as np
-
+def _budget_lines(fit: InertiaFit) -> list[str]:
     if not fit.budget:
         return ["uncertainty budget: no input has a standard uncertainty"]
     lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
@@ -163,10 +189,8 @@ def _budget_lines(fit: "InertiaFit") -> list[str]:
 
 
 def _plan_lines(
-    axis_inertias: "AxisInertias", axes: list[str], measured: "MeasuredAxes", rejected: "Mapping[str, str]"
+    axis_inertias: AxisInertias, axes: list[str], measured: MeasuredAxes, rejected: Mapping[str, str]
 ) -> list[str]:
-    from cfid.inertia.estimation import icosahedron_axes, off_diagonal_gain
-
     lines = ["distances: where an error of 0.1 mm in the mount does not matter"]
     for i, axis in enumerate(axes):
         if f"inertia.centre_kg_m2.{axis}" in rejected:

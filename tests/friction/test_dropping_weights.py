@@ -91,9 +91,15 @@ def test_simulated_drops_give_coulomb_viscous_and_set_up_inertia_back() -> None:
     drops = [measured(*fallen(grams), grams) for grams in (30, 40, 50)]
     found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
 
-    assert found.coulomb_nm == pytest.approx(COULOMB, rel=0.01)
-    assert found.viscous_nms_per_rad == pytest.approx(VISCOUS, rel=0.02)
-    assert found.setup_inertia_kg_m2 == pytest.approx(SETUP, rel=0.04)
+    # Without noise only the encoder's steps scatter the runs: a hundred-thousandth.
+    for value, std, true in (
+        (found.coulomb_nm, found.coulomb_std, COULOMB),
+        (found.viscous_nms_per_rad, found.viscous_std, VISCOUS),
+        (found.setup_inertia_kg_m2, found.setup_inertia_std, SETUP),
+    ):
+        assert value is not None
+        assert std is not None
+        assert abs(value - true) < 3 * std < 1e-4 * true
 
 
 def test_the_weights_own_inertia_is_taken_off_and_the_thesis_keeps_it() -> None:
@@ -101,8 +107,8 @@ def test_the_weights_own_inertia_is_taken_off_and_the_thesis_keeps_it() -> None:
     ours = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
     theirs = thesis_friction(drops)
 
-    assert ours.setup_inertia_kg_m2 == pytest.approx(SETUP, rel=0.03)
-    assert theirs.setup_inertia_kg_m2 == pytest.approx(SETUP + 0.04 * RADIUS_M**2, rel=0.05)
+    assert ours.setup_inertia_kg_m2 == pytest.approx(SETUP, rel=2e-3)
+    assert theirs.setup_inertia_kg_m2 == pytest.approx(SETUP + 0.04 * RADIUS_M**2, rel=0.02)
 
 
 def test_a_speed_that_changes_within_a_turn_never_settles() -> None:

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from cfid.inertia import figures as inertia_figures
+from cfid.inertia.comparison import BodyComparison
 from cfid.inertia.estimation import InertiaFit, fit_inertia
-from cfid.inertia.testbody import Comparison
 from cfid.records.campaign import MM, thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 
@@ -91,7 +91,7 @@ def test_inputs_without_deviations_make_an_empty_budget() -> None:
 
 def test_the_test_bodys_difference_keeps_its_sign(look: Look) -> None:
     comparisons = [
-        Comparison(
+        BodyComparison(
             axis=axis,
             calculated_kg_m2=6.4e-6,
             calculated_std_kg_m2=2e-8,

@@ -7,14 +7,13 @@ import numpy.typing as npt
 
 from cfid.estimate.propagation import Input, contributions
 from cfid.records.campaign import TestBody
-from cfid.swing.axis_inertias import AxisInertias
-from cfid.swing.bodies import axis_inertia, from_cuboids
+from cfid.swing.axis_inertias import AxisInertias, axis_inertia, from_cuboids
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class BodyComparison:
     """One axis of table 2.5: both inertias about the parallel axis through the centre of mass.
 
     `error_std` is one standard deviation of the relative error; the mass, which both inertias share, counts once.
@@ -38,7 +37,7 @@ class Comparison:
         return self.error / self.error_std if self.error_std > 0 else np.inf
 
 
-def compare(body: TestBody, axis_inertias: AxisInertias) -> list[Comparison]:
+def compare(body: TestBody, axis_inertias: AxisInertias) -> list[BodyComparison]:
     """Compare calculated and measured inertia for every swing."""
     edges = _edges(body)
     inputs = (*axis_inertias.inputs, *edges)
@@ -55,7 +54,7 @@ def compare(body: TestBody, axis_inertias: AxisInertias) -> list[Comparison]:
     moved = contributions(lambda v: both(v).ravel(), inputs).reshape(3, count, -1)
     deviations = np.sqrt(np.sum(moved**2, axis=2))
     return [
-        Comparison(
+        BodyComparison(
             axis=swing.axis,
             calculated_kg_m2=float(values[0, i]),
             calculated_std_kg_m2=float(deviations[0, i]),
