@@ -8,11 +8,12 @@ from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
-from cfid.records.campaign import MM, Rig
+from cfid.records.campaign import Rig
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.data import rig_or_thesis
+from cfid.units import MM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,15 +14,16 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
+from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, Tachometer, WindStand
 from cfid.records.files import first_fault, read_toml
+from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
+from cfid.units import MM as MM  # noqa: PLC0414, friction.command takes it from here
 
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
 
-Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Vector = tuple[Number, Number, Number]
 BodyAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
-MM = 1e-3
 
 
 def _non_zero(vector: Vector) -> Vector:
@@ -32,7 +33,6 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-Positive = Annotated[Number, Field(gt=0)]
 Spread = Annotated[Number, Field(ge=0)]
 SpreadVector = tuple[Spread, Spread, Spread]
 
@@ -146,7 +146,7 @@ class Fixture(_Table):
 class Site(_Table):
     """Where the rig stands."""
 
-    gravity_mps2: Positive = 9.81
+    gravity_mps2: Positive = USUAL_GRAVITY_MPS2
     gravity_std_mps2: Spread = 0.0
 
 
@@ -193,7 +193,7 @@ class CrazyflieLink(_Table):
     thrust_port: ServicePort = 10
     sine_port: ServicePort = 11
     ping_port: ServicePort = 12
-    largest_command: Annotated[int, Field(strict=True, ge=0, le=65535)] = 65535
+    largest_command: Annotated[int, Field(strict=True, ge=0, le=FULL_COMMAND)] = FULL_COMMAND
     stop_below_v: Positive | None = None
 
 
@@ -211,11 +211,19 @@ class Rig(_Table):
     vehicle: Vehicle
     site: Site = Site()
     encoder: Encoder = Encoder()
+    loadcell: LoadCellMount = LoadCellMount()
+    tachometer: Tachometer = Tachometer()
+    wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
     mounts: dict[str, Mount] = {}
     fixture: Fixture | None = None
     testbody: TestBody | None = None
+
+    @property
+    def facts(self) -> RigFacts:
+        """How things are mounted, as each run notes it."""
+        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
 
 
 class Campaign(BaseModel):

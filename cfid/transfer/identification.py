@@ -7,6 +7,7 @@ import typer
 
 from cfid.errors import FitError
 from cfid.transfer.sines.data import SineSet
+from cfid.wire.app import SAMPLES_PER_S
 
 if TYPE_CHECKING:
     from cfid.transfer.estimation import Measured, TransferFit
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from cfid.transfer.sines.alignment import RecordedSine, SineSeries
 
 _FIT = "Model"
-_SAMPLES_PER_S = 500
 _NOMINAL = 1e-3  # by which a frequency may exceed the cut-off: rounding
 _CLEARLY = 10.0  # of corrected AIC
 
@@ -93,7 +93,7 @@ def _within(name: str, runs: "list[RecordedSine]", cutoff_hz: float) -> "tuple[l
     """Return the runs that have a frequency up to the cut-off, and a sentence on the others."""
 
     def hertz(run: "RecordedSine") -> float:
-        return _SAMPLES_PER_S * run.plan.periods / run.plan.samples
+        return SAMPLES_PER_S * run.plan.periods / run.plan.samples
 
     said = [f"{name}: l = 0 has no frequency and is left out." for run in runs if run.plan.periods == 0][:1]
     above = [str(run.plan.periods) for run in runs if hertz(run) > cutoff_hz * (1 + _NOMINAL)]

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from cfid.quantities.lookup import find, unit_of
+from cfid.quantities.plausible import implausible
+from cfid.records.parameters import load_sections
 from tests.places import ROOT
 
 PAGE = ROOT / "docs" / "tutorial" / "first-campaign.md"
@@ -67,9 +70,14 @@ def _near(shown: str, printed: str, room: float) -> bool:
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, list[str], str]]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder that the page is run in."""
+    return tmp_path_factory.mktemp("tutorial")
+
+
+@pytest.fixture(scope="module")
+def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
     """Run the page in one shell, as its reader would; return each block, what it shall print, and what it printed."""
-    folder = tmp_path_factory.mktemp("tutorial")
     page = list(steps(PAGE.read_text(encoding="utf-8")))
     script = "set -e\n" + f"\necho '{MARK}'\n".join(block for block, _ in page)
     environment = {
@@ -102,6 +110,18 @@ def test_every_line_that_the_tutorial_shows_is_printed_in_its_order(outputs: lis
         rest = iter(output.splitlines())
         for line in (alike(line, Path("/nowhere")) for line in lines if line != "..."):
             assert any(agrees(line, each) for each in rest), f"{block}\ndoes not print\n{line}\nbut\n{output}"
+
+
+@pytest.mark.usefixtures("outputs")
+def test_all_that_the_tutorials_fits_find_is_as_the_registry_has_it(folder: Path) -> None:
+    files = list(folder.rglob("parameters.toml"))
+    found = [pair for file in files for section in load_sections(file).values() for pair in section.parameters.items()]
+
+    assert len(found) > 40
+    for key, parameter in found:
+        assert find(key) is not None, key
+        assert parameter.unit == unit_of(key), key
+        assert implausible(key, parameter.value) == ""
 
 
 def test_numbers_are_compared_to_their_last_digits() -> None:

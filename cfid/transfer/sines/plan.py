@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
+from cfid.wire.app import SAMPLES_PER_S
+
 _FASTEST_HZ = 12.5  # up to which the thesis fits its transfer functions, and `cfid tf identify`
-_SAMPLES_PER_S = 500
 _COUNT = 24
 _FEWEST_PERIODS = 2  # one alone cannot be told from a drift
 _NEAR = 0.1  # of a frequency, within which a divisor of N is taken for it
@@ -48,7 +49,7 @@ def log_spaced(samples: int) -> SineSeries:
     second one comes first, rising, the others follow, falling: where frequency rises with time, a battery that
     empties passes for a time constant (decision 10).
     """
-    most = max(int(samples * _FASTEST_HZ / _SAMPLES_PER_S), _FEWEST_PERIODS)
+    most = max(int(samples * _FASTEST_HZ / SAMPLES_PER_S), _FEWEST_PERIODS)
     divisors = [l for l in range(1, most + 1) if samples % l == 0]  # noqa: E741
     periods = set()
     for place in range(_COUNT):
