@@ -75,7 +75,7 @@ def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> N
     counts = peaks.values() if isinstance(peaks, Mapping) else () if peaks is None else (peaks,)
     for count in counts:
         if count < FEWEST_PEAKS:
-            raise ConfigError(f"peaks {count}: a fit needs at least {FEWEST_PEAKS}, the release being the first.")
+            raise ConfigError(f"peaks {count}: a fit needs {FEWEST_PEAKS} peaks at least, the release being the first.")
 
 
 def peaks_on(axis: str | None, peaks: int | Mapping[str, int] | None) -> int | None:
