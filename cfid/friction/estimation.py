@@ -23,7 +23,7 @@ class FrictionEstimate:
     """All weights together: torque = coulomb + viscous * speed, and the inertia of the set-up.
 
     Standard uncertainties come from the scatter of the runs about the line; None where no run is left over to
-    scatter. A value is None where the runs do not determine it; a rejection says why.
+    scatter. A value is None where the runs do not determine it; a rejection has the reason.
     """
 
     viscous_nms_per_rad: float | None = None
@@ -130,18 +130,20 @@ def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[Finding, .
 
 
 def _least_squares(columns: list[Array], torque: Array) -> list[_Known]:
-    """Return each column's coefficient with its deviation from the scatter, None where nothing is left to scatter.
+    """Return each column's coefficient with its standard uncertainty from the scatter, None without degrees of freedom.
 
     What differs from drop to drop is the friction itself, so the residual is a torque.
     """
     rows = np.stack(columns, axis=1)
     found = np.linalg.lstsq(rows, torque, rcond=None)[0]
-    freedom = len(torque) - len(columns)
-    if freedom == 0:
+    degrees_of_freedom = len(torque) - len(columns)
+    if degrees_of_freedom == 0:
         return [_Known(float(value), None) for value in found]
     residual = torque - rows @ found
-    deviations = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / freedom)
-    return [_Known(float(value), widened(float(std), freedom)) for value, std in zip(found, deviations, strict=True)]
+    std = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / degrees_of_freedom)
+    return [
+        _Known(float(value), widened(float(one), degrees_of_freedom)) for value, one in zip(found, std, strict=True)
+    ]
 
 
 def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, common: float) -> _Estimate:

@@ -29,14 +29,14 @@ from cfid.friction.drops import Drop
 from cfid.friction.estimation import FrictionEstimate, thesis_friction
 from cfid.friction.panels import (
     LABEL_CHARACTERS,
-    Run,
+    DrawnDrop,
     draw_alone,
     draw_together,
     grams,
     key_alone,
     key_together,
     list_runs,
-    result,
+    speed_title,
 )
 
 MOST_ROWS = 6  # runs that get a row of their own
@@ -53,7 +53,7 @@ def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "
     """Return one row a run, the turned angle at its left and the speed at its right.
 
     More than six runs share a row with those of the same weight. Times count from each record's first
-    sample, as --from and --to do. A run whose speed never settled says so in red.
+    sample, as a window set by hand does. A run whose speed never settled is marked in red.
     """
     alone = len(drops) <= MOST_ROWS
     rows = _rows(drops, labels, alone=alone)
@@ -68,7 +68,7 @@ def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "
         who = shortened(runs[0].label, LABEL_CHARACTERS) if alone else f"{grams(runs[0].drop)}, runs: {len(runs)}"
         name_panel(turned, who, x=_TIME, y="angle (turns)")
         unsettled = not all(run.drop.settled for run in runs)
-        name_panel(speed, result(runs), x=_TIME, y=_SPEED, colour=DOUBT if unsettled else INK)
+        name_panel(speed, speed_title(runs), x=_TIME, y=_SPEED, colour=DOUBT if unsettled else INK)
         speed.set_ylim(bottom=min(0.0, speed.get_ylim()[0]))
         if not alone:
             list_runs(page.add_subplot(grid[i, 2]), runs)
@@ -118,14 +118,14 @@ def friction_figure(
     return page
 
 
-def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[list[Run]]:
+def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[list[DrawnDrop]]:
     named = list(zip(drops, labels, strict=True))
     if alone:
-        return [[Run(*each, RECORDED)] for each in named]
-    rows: dict[float, list[Run]] = {}
+        return [[DrawnDrop(*each, RECORDED)] for each in named]
+    rows: dict[float, list[DrawnDrop]] = {}
     for drop, label in sorted(named, key=lambda each: each[0].weight_kg):
         row = rows.setdefault(drop.weight_kg, [])
-        row.append(Run(drop, label, SERIES[len(row) % len(SERIES)]))
+        row.append(DrawnDrop(drop, label, SERIES[len(row) % len(SERIES)]))
     return list(rows.values())
 
 

@@ -40,7 +40,7 @@ def inertia(
     """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
 
     AXIS is a mount of rig.toml; fixture=FILE is a swing of the empty fixture, which is taken off;
-    x=3.12e-05:4e-08 is an axis inertia already known, with its standard deviation.
+    x=3.12e-05:4e-08 is an axis inertia already known, with its standard uncertainty.
 
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
     """

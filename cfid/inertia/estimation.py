@@ -44,7 +44,7 @@ class MeasuredAxes:
 class InertiaFit:
     """The inertia matrix about the centre of mass, entries of the matrix itself, in the body frame.
 
-    `residual` (n,) is that of each swing's inertia over its expected standard deviation (None for six swings, which
+    `residual` (n,) is that of each swing's inertia over its expected standard uncertainty (None for six swings, which
     leave none). `budget` has what each group of inputs contributes to the matrix' standard uncertainty, (3, 3) each.
     `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz, yz; `common` has what one standard uncertainty of
     each input that other fits may share does to them (6,): mass, gravity, the centre of mass in x, y and z.
@@ -89,8 +89,8 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
         gain, covariance = _gain(rows, columns)
         entries = np.asarray(gain @ measured)
     residual = measured - rows @ entries
-    chi_squared, freedom = _chi_squared(residual, columns), len(measured) - UNKNOWNS
-    inflation, findings = _scatter(chi_squared, freedom)
+    chi_squared, degrees_of_freedom = _chi_squared(residual, columns), len(measured) - UNKNOWNS
+    inflation, findings = _scatter(chi_squared, degrees_of_freedom)
     raw = as_matrix(entries)
     consistent = is_consistent(raw)
     if not consistent:
@@ -110,9 +110,9 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
         std_kg_m2=as_matrix(spread),
         covariance=inflation**2 * covariance,
         common=_common(gain @ columns, axis_inertias),
-        residual=None if freedom == 0 else residual / _residual_deviations(rows, gain, columns),
+        residual=None if degrees_of_freedom == 0 else residual / _residual_std(rows, gain, columns),
         chi_squared=chi_squared,
-        degrees_of_freedom=freedom,
+        degrees_of_freedom=degrees_of_freedom,
         budget={name: as_matrix(share) for name, share in shares.items()},
         raw_matrix_kg_m2=None if consistent else raw,
         condition=condition,
@@ -144,7 +144,7 @@ def icosahedron_axes() -> Array:
 
 
 def off_diagonal_gain(direction: Array) -> float:
-    """Return how much smaller the icosahedron's off-diagonal deviations are than those of axes (n, 3).
+    """Return how much smaller the icosahedron's off-diagonal standard uncertainties are than those of axes (n, 3).
 
     For swings of equal quality and the same number of them; 0.35 means 35 % smaller.
     """
@@ -169,7 +169,7 @@ def _check_axes(rows: Array) -> float:
 
 
 class _Moved(NamedTuple):
-    """By how much each input's deviation moves what is measured: (n, i), (n, i) and (n, 6, i)."""
+    """By how much each input's standard uncertainty moves what is measured: (n, i), (n, i) and (n, 6, i)."""
 
     about_axis: Array
     about_centre: Array
@@ -223,8 +223,8 @@ def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
     return gain, gain @ covariance @ gain.T
 
 
-def _residual_deviations(rows: Array, gain: Array, columns: Array) -> Array:
-    """Return the deviations (n,) that the residuals should have: what swings share, the fit takes out."""
+def _residual_std(rows: Array, gain: Array, columns: Array) -> Array:
+    """Return the expected standard uncertainties (n,) of the residuals: what swings share, the fit takes out."""
     left = columns - rows @ (gain @ columns)
     floor = 1e-9 * float(np.max(_norms(columns), initial=0.0)) or 1.0
     return np.maximum(_norms(left), floor)
@@ -236,16 +236,16 @@ def _chi_squared(residual: Array, columns: Array) -> float:
     return float(residual @ np.linalg.pinv(columns @ columns.T, hermitian=True) @ residual)
 
 
-def _scatter(chi_squared: float, freedom: int) -> tuple[float, tuple[Finding, ...]]:
+def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[Finding, ...]]:
     """Return the factor by which repeated swings scatter beyond their uncertainties, and what that means."""
-    if freedom == 0 or chi_squared <= chdtri(freedom, 0.05):
+    if degrees_of_freedom == 0 or chi_squared <= chdtri(degrees_of_freedom, 0.05):
         return 1.0, ()
-    inflation = math.sqrt(chi_squared / freedom)
+    inflation = math.sqrt(chi_squared / degrees_of_freedom)
     text = (
         f"the swings scatter {inflation:.1f} times as far as their uncertainties allow "
-        f"(chi-squared {chi_squared:.1f} for {freedom} degrees of freedom): "
+        f"(chi-squared {chi_squared:.1f} for {degrees_of_freedom} degrees of freedom): "
     )
-    if chdtrc(freedom, chi_squared) < UNLIKELY:
+    if chdtrc(degrees_of_freedom, chi_squared) < UNLIKELY:
         text += "they contradict each other. Repeat the swing with the largest residual."
         return inflation, (rejection("inertia-swings-contradict", text, "inertia.*"),)
     text += "the standard uncertainties are widened by that."

@@ -32,7 +32,7 @@ class MountedSwing:
 
 @dataclass(frozen=True, kw_only=True)
 class SwungBody:
-    """The body that swung: mass, centre of mass (3,) with deviations, its mounts by name."""
+    """The body that swung: mass, centre of mass (3,) with standard uncertainties, its mounts by name."""
 
     mass_kg: float
     mass_std_kg: float

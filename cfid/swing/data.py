@@ -65,7 +65,7 @@ def swing_in(record: AngleRecord, **window: Any) -> FreeSwing:
 def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:
     """Check numbers of peaks, one for all axes or one for each.
 
-    Raises ConfigError below four, and for an axis that is none of those swung about.
+    Raises ConfigError below four, and for an axis that no swing is about.
     """
     axes = list(axes)
     if isinstance(peaks, Mapping):

@@ -69,7 +69,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     candidates = [base, full, *(_refit(base, time, angle, terms) for terms in promising)]
     physical = [fit for fit in candidates if _acceptable(fit)]
     if not physical:
-        # Damping too weak to be told from none comes out negative half of the time.
+        # Damping too weak to be distinguished from none comes out negative half of the time.
         physical = [fit for fit in [_refit(base, time, angle, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
@@ -129,17 +129,17 @@ def _inflation(series: Array, fit: OutputError) -> float:
     return correlation_inflation(series, longest=_samples_a_period(fit))
 
 
-def _deviations(fit: OutputError) -> Array:
-    """Return one standard deviation per Jacobian column, inflated by each estimate's own correlation.
+def _standard_uncertainties(fit: OutputError) -> Array:
+    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's own correlation.
 
     An estimate is a weighted sum of residuals; how far these weighted residuals are correlated along the
-    record says how much less they average out than white noise would.
+    record determine how much less they average out than white noise would.
     """
     inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian, hermitian=True, rcond=1e-14)
     influence = fit.jacobian @ inverse * fit.residual_rad[:, None]
-    freedom = len(fit.residual_rad) / max(len(fit.residual_rad) - fit.jacobian.shape[1], 1)
+    per_degree_of_freedom = len(fit.residual_rad) / max(len(fit.residual_rad) - fit.jacobian.shape[1], 1)
     inflations = np.array([_inflation(column, fit) for column in influence.T])
-    return np.asarray(np.sqrt(np.einsum("ij,ij->j", influence, influence) * freedom * inflations))
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", influence, influence) * per_degree_of_freedom * inflations))
 
 
 def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
@@ -175,10 +175,10 @@ def _terms(fit: OutputError) -> tuple[str, ...]:
 def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
-    deviations = _deviations(fit)
-    deviations[0] = math.hypot(deviations[0], _spread_of_choices(ranked), _step_error(swing, fit))
+    std = _standard_uncertainties(fit)
+    std[0] = math.hypot(std[0], _spread_of_choices(ranked), _step_error(swing, fit))
     per_coefficient = np.zeros(len(fit.free))
-    per_coefficient[np.flatnonzero(fit.free)] = deviations[:-2]
+    per_coefficient[np.flatnonzero(fit.free)] = std[:-2]
     drift, drift_std = _drift(swing, fit)
     frequency, frequency_std = fit.coefficients.natural_frequency_squared_s2, per_coefficient[0]
     if abs(drift) > 3 * drift_std:
@@ -191,7 +191,7 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingF
         terms=terms,
         coefficients=fit.coefficients,
         std=Coefficients(*map(float, per_coefficient)),
-        start_std=(float(deviations[-2]), float(deviations[-1])),
+        start_std=(float(std[-2]), float(std[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
         split_bic=split_bic,
         quality=quality,
@@ -209,7 +209,7 @@ def _drift(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
         _, trajectory = first_guess(time[part], angle[part], start_s=start, step_s=step)
         half = fit_output_error(time[part], angle[part], coefficients=fit.coefficients, trajectory=trajectory, terms=())
         values.append(half.coefficients.natural_frequency_squared_s2)
-        variances.append(_deviations(half)[0] ** 2)
+        variances.append(_standard_uncertainties(half)[0] ** 2)
     frequency = fit.coefficients.natural_frequency_squared_s2
     return float((values[1] - values[0]) / frequency), float(math.sqrt(sum(variances)) / frequency)
 

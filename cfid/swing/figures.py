@@ -1,4 +1,4 @@
-"""A free swing and what was fitted to it, drawn: cfid's own fit, and the thesis' ways beside it."""
+"""A free swing and what was fitted to it, drawn: cfid's own fit, and the fits of the thesis."""
 
 import math
 from typing import Any

@@ -1,6 +1,6 @@
 """From an encoder record to the free swing in it: rest, release, peaks, window. Fits nothing.
 
-Section 2.4.4 of the thesis with its hand work replaced: rest is read from the end of the record instead of
+Section 2.4.4 of the thesis with its manual work replaced: rest is read from the end of the record instead of
 its twentieth sample, the release is where the hand lets go instead of the highest sample, and the peaks on
 the release's side are found, the release counting as the first (as in table 2.3).
 """
@@ -88,7 +88,7 @@ def find_swing(
     kept = (time >= (from_s or 0.0)) & (time <= (math.inf if to_s is None else to_s))
     if np.count_nonzero(kept) < 16:
         raise DataError(
-            f"only {np.count_nonzero(kept)} samples lie in the window asked for; the record lasts {time[-1]:.3g} s."
+            f"only {np.count_nonzero(kept)} samples lie in the window requested; the record lasts {time[-1]:.3g} s."
         )
     first = int(np.flatnonzero(kept)[0])
     rest = _rest(angle_rad[kept])
@@ -137,7 +137,7 @@ def _let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> _Begin:
 
 
 def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:
-    """Begin at the sample asked for; the first peak is the first that the window does not cut."""
+    """Begin at the sample requested; the first peak is the first that the window does not cut."""
     start = next((i for i, half in enumerate(halves) if half.extreme > first), 0)
     return _Begin(first, first, _peak(time, angle, halves[start]), _same_side(halves, start))
 
@@ -228,7 +228,7 @@ def _peaks(
     return times, angles, findings
 
 
-def _usable(peak_angle: Array, asked: int | None, smallest: float) -> tuple[int, tuple[Finding, ...]]:
+def _usable(peak_angle: Array, requested: int | None, smallest: float) -> tuple[int, tuple[Finding, ...]]:
     found = len(peak_angle)
     if found < FEWEST_PEAKS:
         raise DataError(
@@ -236,9 +236,9 @@ def _usable(peak_angle: Array, asked: int | None, smallest: float) -> tuple[int,
             f"fit needs {FEWEST_PEAKS}. Release higher and let it swing until it stops; look at it with `cfid show`; "
             "check the angle's unit and the counts per turn."
         )
-    if asked is None:
+    if requested is None:
         return max(FEWEST_PEAKS, int(np.count_nonzero(np.abs(peak_angle) >= smallest))), ()
-    if asked > found:
-        text = f"{asked} peaks were requested; only {found} are at least 1 degree high."
+    if requested > found:
+        text = f"{requested} peaks were requested; only {found} are at least 1 degree high."
         return found, (note("swing-fewer-peaks", text, "swing.peaks_used"),)
-    return asked, ()
+    return requested, ()

@@ -1,4 +1,4 @@
-"""One swing's fit: quantities, findings, and how they are told and drawn."""
+"""One swing's fit: quantities, findings, lines and figures."""
 
 import math
 from collections.abc import Callable, Mapping

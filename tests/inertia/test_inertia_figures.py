@@ -35,7 +35,7 @@ def _fit(axes: list[str], *, std: float = 4e-3, scatter: float = 0.0) -> Inertia
     return fit_inertia(AxisInertias(swings, body, Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)))
 
 
-def test_the_parts_of_a_bar_add_up_to_the_entrys_deviation(look: Look) -> None:
+def test_the_parts_of_a_bar_add_up_to_the_entrys_standard_uncertainty(look: Look) -> None:
     fit = _fit(list(THESIS))
     page = look(inertia_figures.budget_figure(fit, axes=list(THESIS)))
     tops = np.zeros(6)
@@ -76,14 +76,14 @@ def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> 
     assert page.overlapping() == []
 
 
-def test_swings_that_contradict_each_other_are_said_in_red(look: Look) -> None:
+def test_swings_that_contradict_each_other_are_marked_in_red(look: Look) -> None:
     axes = [axis for axis in THESIS for _ in range(3)]
     fit = _fit(axes, std=1e-3, scatter=0.05)
     assert [finding.code for finding in fit.findings] == ["inertia-swings-contradict"]
     assert "Rejected" in look(inertia_figures.budget_figure(fit, axes=axes)).red()
 
 
-def test_inputs_without_deviations_make_an_empty_budget() -> None:
+def test_inputs_without_uncertainties_make_an_empty_budget() -> None:
     fit = _fit(list(THESIS))
     nothing = {name: 0.0 * part for name, part in fit.budget.items()}
     certain = InertiaFit(**{**vars(fit), "budget": nothing, "std_kg_m2": 0.0 * fit.std_kg_m2})

@@ -156,7 +156,7 @@ def test_five_axes_and_six_in_a_plane_are_refused() -> None:
             fit_inertia(AxisInertias(swings_of(body), body, SITE))
 
 
-def test_a_swing_that_contradicts_the_others_is_said_and_widens_the_deviations() -> None:
+def test_a_swing_that_contradicts_the_others_is_rejected_and_widens_the_uncertainties() -> None:
     names = {**AXES, "xy2": (1, -1, 0), "xz2": (1, 0, -1), "yz2": (0, 1, -1)}
     body = body_with({name: mount_along(direction) for name, direction in names.items()})
     swings = swings_of(body, std=1e-4)
@@ -182,7 +182,7 @@ def test_repeated_swings_share_their_mounts_error() -> None:
     assert np.all(four.budget["swing fits"] < 0.55 * first.budget["swing fits"])
 
 
-def test_the_budget_adds_up_to_the_deviation() -> None:
+def test_the_budget_adds_up_to_the_standard_uncertainty() -> None:
     fit = fit_inertia(AxisInertias(known(MORE_PEAKS, std=1e-8), thesis_body(), SITE))
     total = np.sqrt(sum(share**2 for share in fit.budget.values()))
 
@@ -218,7 +218,7 @@ def test_the_empty_fixture_is_taken_off_at_the_common_axis() -> None:
     assert fit_inertia(AxisInertias(loaded, body, SITE)).matrix_kg_m2 != pytest.approx(TRUTH, rel=1e-3)
 
 
-def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_and_said() -> None:
+def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_with_a_warning() -> None:
     sheet = 1e-6 * np.array([[10.0, 0, 0], [0, 10.0, 0], [0, 0, 21.0]])  # zz above xx + yy: no body
     body = body_with({name: mount_along(direction, direction_std_deg=0.5) for name, direction in AXES.items()})
     fit = fit_inertia(AxisInertias(swings_of(body, sheet, std=1e-3), body, SITE))

@@ -54,7 +54,7 @@ def test_the_ten_degree_rule_stops_at_the_last_peak_of_ten_degrees() -> None:
     assert heights[found.peaks_used - 1] >= 10 > heights[found.peaks_used]
 
 
-def test_more_peaks_than_there_are_is_said() -> None:
+def test_more_peaks_than_there_are_is_noted() -> None:
     found = find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
 
     assert found.peaks_used == len(found.peak_time_s)
@@ -108,6 +108,6 @@ def test_three_peaks_are_too_few() -> None:
         find_swing(time_s[:3000], angle[:3000])
 
 
-def test_a_window_without_samples_is_said() -> None:
+def test_a_window_without_samples_is_refused() -> None:
     with pytest.raises(DataError, match="lie in the window"):
         find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=100.0)

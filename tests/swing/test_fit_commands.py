@@ -74,7 +74,7 @@ def test_six_recordings_give_the_simulated_matrix(
     assert max(np.array(matrix["std"]).ravel()) < 2e-7
 
 
-def test_the_thesis_matrix_comes_out_without_a_rig_and_it_is_said_whose_numbers_were_taken(cfid: Cfid) -> None:
+def test_the_thesis_matrix_comes_out_without_a_rig_with_a_note_about_its_geometry(cfid: Cfid) -> None:
     result = found(cfid("fit", "inertia", *(f"{axis}={value}" for axis, value in C_1_4.items()), "--json"))
     matrix = 1e6 * np.array(result["parameters"]["inertia.matrix_kg_m2"]["value"])
 
@@ -87,7 +87,7 @@ def test_the_thesis_matrix_comes_out_without_a_rig_and_it_is_said_whose_numbers_
     assert any("sign" in warning for warning in sentences(result))
 
 
-def test_numbers_with_a_deviation_and_files_mix(cfid: Cfid, files: Path) -> None:
+def test_numbers_with_a_standard_uncertainty_and_files_mix(cfid: Cfid, files: Path) -> None:
     words = [*swings(files, *AXES[1:]), "x=3.11e-05:4e-08", "--geometry", files / "geometry.toml", "--json"]
     result = found(cfid("fit", "inertia", *words))
 
@@ -134,7 +134,7 @@ def test_a_swing_with_mass_and_distance_gives_inertia_and_damping(cfid: Cfid, fi
     }
 
 
-def test_the_thesis_method_gives_a_larger_inertia_and_says_why(cfid: Cfid, files: Path) -> None:
+def test_the_thesis_method_gives_too_large_an_inertia_with_the_reason(cfid: Cfid, files: Path) -> None:
     words = ["fit", "swing", files / "z.csv", "--mass-kg", "0.028", "--distance-m", "0.038163", "--json"]
     ours, theirs = found(cfid(*words)), found(cfid(*words, "--method", "thesis"))
     true = simulated(files / "geometry.toml", "z")
@@ -260,7 +260,7 @@ def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path) 
     assert "standard uncertainties apart (limit 4). Check which axis was swung" in exchanged.stderr
 
 
-def test_the_last_run_of_a_campaign_without_any_is_told(cfid: Cfid, tmp_path: Path) -> None:
+def test_the_last_run_of_a_campaign_without_any_is_refused(cfid: Cfid, tmp_path: Path) -> None:
     assert cfid("new", "mine").returncode == 0
     said = cfid("show", "last", "--campaign", tmp_path / "mine")
 
@@ -269,7 +269,7 @@ def test_the_last_run_of_a_campaign_without_any_is_told(cfid: Cfid, tmp_path: Pa
 
 
 @pytest.mark.parametrize("glob", ["/somewhere/*", "**x"])
-def test_a_glob_that_no_run_can_have_as_its_name_is_told(cfid: Cfid, tmp_path: Path, glob: str) -> None:
+def test_a_glob_that_no_run_can_have_as_its_name_is_refused(cfid: Cfid, tmp_path: Path, glob: str) -> None:
     assert cfid("new", "mine").returncode == 0
     said = cfid("show", glob, "--campaign", tmp_path / "mine")
 

@@ -1,4 +1,4 @@
-"""What the default fit of a swing says of itself: damping, doubts, deviations."""
+"""How the default fit of a swing judges itself: damping, rejections, standard uncertainties."""
 
 import math
 
@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.findings import texts
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
@@ -54,12 +53,12 @@ def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
     assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(MOMENT / INERTIA, rel=2e-4)
 
 
-def test_a_damping_that_cannot_be_told_apart_is_said_to_be_so() -> None:
+def test_damping_terms_that_cannot_be_distinguished_are_noted() -> None:
     # Few peaks and much noise: viscous and quadratic damping look the same.
     fit = fit_swing(find_swing(*recorded(noise_rad=5e-3, viscous_nms_per_rad=1.5e-5, degrees=30), peaks=5))
 
     assert fit.split_bic < 10
-    assert "not identifiable" in fit.findings[0].text
+    assert fit.findings[0].code == "swing-damping-split-unresolved"
 
 
 def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
@@ -69,24 +68,24 @@ def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
     assert abs(fit.output_error.start_speed_rad_per_s) < 0.6
 
 
-def test_a_second_motion_on_top_is_not_believed() -> None:
+def test_a_second_motion_on_top_is_rejected() -> None:
     time_s = recorded(viscous_nms_per_rad=1.5e-5)[0]
     arm = 0.012 * np.sin(2 * math.pi * 7.3 * time_s)
     fit = fit_swing(find_swing(*recorded(viscous_nms_per_rad=1.5e-5, extra=arm)))
 
     assert not fit.accepted
-    assert "within a period the motion differs" in fit.quality.findings[0].text
+    assert [finding.code for finding in fit.quality.findings] == ["swing-waveform-distorted"]
 
 
-def test_a_pendulum_whose_frequency_drifts_is_not_believed() -> None:
+def test_a_pendulum_whose_frequency_drifts_is_rejected() -> None:
     time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
     slowed = time_s * (1 + 0.004 * np.maximum(time_s - 2.0, 0))
     fit = fit_swing(find_swing(slowed, angle))
 
-    assert any("first half of the window to the second" in doubt for doubt in texts(fit.findings, "rejection"))
+    assert "swing-frequency-drift" in {finding.code for finding in fit.findings}
 
 
-def test_correlated_noise_widens_the_deviation_and_white_noise_does_not() -> None:
+def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
     time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
     rng = np.random.default_rng(7)
     white = rng.normal(0, 1e-3, len(time_s))

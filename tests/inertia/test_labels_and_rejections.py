@@ -1,4 +1,4 @@
-"""Labels keep bodies apart, doubts stop every method, and nothing is kept of a command that failed."""
+"""Labels keep bodies apart, rejections hold for every method, and a command that failed keeps nothing."""
 
 import json
 import shutil
