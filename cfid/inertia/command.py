@@ -1,13 +1,15 @@
 """`cfid fit inertia`, `cfid fit testbody`: swings to the inertia matrix, and the test body against its drawing."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.inputs import open_workplace
+from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.options import (
     Delivery,
     GravityMps2,
@@ -22,6 +24,9 @@ from cfid.console.options import (
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
+
+if TYPE_CHECKING:
+    from cfid.records.result import Result
 
 
 @flat
@@ -45,23 +50,11 @@ def inertia(
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
     """
     from cfid.inertia import result
-    from cfid.swing import arguments, data
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    matches = labelled("swing", "crazyflie", data.FIXTURE)
-    words = chosen(runs, workplace.campaign, suits=matches, wanted="swings of the vehicle")
-    found = result.fit(
-        arguments.read_swings(words, reading.reading(), workplace),
-        rig=None if workplace.borrowed else workplace.rig,
-        mass_kg=optional_positive(mass_kg, "--mass-kg"),
-        gravity_mps2=gravity_mps2,
-        peaks=arguments.parse_peaks(window.peaks),
-        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
-        method=method,
-        plan=plan,
-    )
-    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
-    deliver(replace(found, folder=folder), delivery, workplace.campaign)
+    mass_kg = optional_positive(mass_kg, "--mass-kg")
+    fit = partial(result.fit, mass_kg=mass_kg, gravity_mps2=gravity_mps2, method=method, plan=plan)
+    _fit_swings(fit, runs, body="crazyflie", window=window, reading=reading, workplace=workplace, delivery=delivery)
 
 
 @flat
@@ -83,19 +76,32 @@ def testbody(
     Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
     """
     from cfid.inertia import testbody_result
-    from cfid.swing import arguments, data
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    matches = labelled("swing", "testbody", data.FIXTURE)
-    words = chosen(runs, workplace.campaign, suits=matches, wanted="swings of the test body")
-    found = testbody_result.fit_testbody(
+    mass_kg = optional_positive(mass_kg, "--mass-kg")
+    fit = partial(testbody_result.fit_testbody, mass_kg=mass_kg, gravity_mps2=gravity_mps2, method=method)
+    _fit_swings(fit, runs, body="testbody", window=window, reading=reading, workplace=workplace, delivery=delivery)
+
+
+def _fit_swings(
+    fit: Callable[..., "Result"],
+    runs: Sequence[str] | None,
+    *,
+    body: str,
+    window: WindowOptions,
+    reading: ReadingOptions,
+    workplace: Workplace,
+    delivery: Delivery,
+) -> None:
+    from cfid.swing import arguments, data
+
+    wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
+    words = chosen(runs, workplace.campaign, suits=labelled("swing", body, data.FIXTURE), wanted=wanted)
+    found = fit(
         arguments.read_swings(words, reading.reading(), workplace),
         rig=None if workplace.borrowed else workplace.rig,
-        mass_kg=optional_positive(mass_kg, "--mass-kg"),
-        gravity_mps2=gravity_mps2,
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
-        method=method,
     )
     folder = workplace.figures_beside([Path(source.path) for source in found.sources])
     deliver(replace(found, folder=folder), delivery, workplace.campaign)

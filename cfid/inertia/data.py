@@ -21,53 +21,19 @@ Peaks = int | Mapping[str, int] | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasuredSwing:
-    """A swing, or a known axis inertia, with its figures of quality and what was found about it."""
-
-    mounted: MountedSwing
-    quality: dict[str, Any]
-    findings: tuple[Finding, ...] = ()
-
-    @property
-    def line(self) -> str:
-        """What a person reads of it."""
-        quality, axis = self.quality, self.mounted.axis
-        if self.mounted.known:
-            return f"{axis}: {self.mounted.value:.7g} kg m^2, as given"
-        rejected = any(finding.severity == "rejection" for finding in self.findings)
-        frequency = "rejected" if rejected else f"W {self.mounted.value:.7g} 1/s^2"
-        line = f"{axis}: {frequency}, {quality['peaks_used']} peaks"
-        if "damping_terms" not in quality:
-            return f"{line}, damped cosine"
-        return f"{line}, waveform off by {100 * quality['distortion']:.2g} %, drift {100 * quality['drift']:+.2g} %"
-
-
-@dataclass(frozen=True, kw_only=True)
 class MeasuredSwings:
-    """All swings of a body and of the empty fixture, and the recordings that they come from."""
+    """All swings of a body, that of the empty fixture apart, with figures of quality and findings, by mount."""
 
-    swings: tuple[MeasuredSwing, ...]
+    mounted: tuple[MountedSwing, ...]
+    fixture: MountedSwing | None
+    quality: tuple[dict[str, Any], ...]
+    found: tuple[tuple[str, Finding], ...]
     records: tuple[AngleRecord, ...]
-
-    @property
-    def mounted(self) -> list[MountedSwing]:
-        """The swings of the body."""
-        return [swing.mounted for swing in self.swings if swing.mounted.axis != FIXTURE]
-
-    @property
-    def fixture(self) -> MountedSwing | None:
-        """The swing of the empty fixture."""
-        return next((swing.mounted for swing in self.swings if swing.mounted.axis == FIXTURE), None)
-
-    @property
-    def quality(self) -> list[dict[str, Any]]:
-        """Each swing's figures of quality."""
-        return [swing.quality for swing in self.swings]
 
     @property
     def lines(self) -> tuple[str, ...]:
         """What a person reads of each swing."""
-        return tuple(swing.line for swing in self.swings)
+        return tuple(_line(quality) for quality in self.quality)
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -84,9 +50,8 @@ class MeasuredSwings:
         return (
             *(warning("recording", text) for record in self.records for text in record.notes),
             *(
-                replace(finding, text=f"{name}: {finding.text}", quantities=resting_on(name))
-                for name, swing in ((swing.mounted.axis, swing) for swing in self.swings)
-                for finding in swing.findings
+                replace(finding, text=f"{mount}: {finding.text}", quantities=resting_on(mount))
+                for mount, finding in self.found
             ),
         )
 
@@ -107,18 +72,27 @@ def measure(
     if mounts.count(FIXTURE) > 1:
         raise ConfigError("more than one swing of the empty fixture: give one.")
     check_peaks(peaks, mounts)
-    measured = []
+    mounted, quality, found = [], [], []
     for mount, swing in zip(mounts, swings, strict=True):
         if isinstance(swing, KnownInertia):
-            measured.append(_known(swing))
+            mounted.append(MountedSwing(axis=mount, value=swing.value_kg_m2, std=swing.std_kg_m2, known=True))
+            quality.append({"axis": mount, "known_kg_m2": swing.value_kg_m2})
             continue
         free = swing_in(swing, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)
         try:
-            measured.append((_by_thesis if method == "thesis" else _by_default)(mount, free))
+            value, std, figures, rejections = (_by_thesis if method == "thesis" else _by_default)(free)
         except FitError as error:
             raise FitError(f"{swing.path}: {error}") from None
-    records = tuple(swing for swing in swings if isinstance(swing, AngleRecord))
-    return MeasuredSwings(swings=tuple(measured), records=records)
+        mounted.append(MountedSwing(axis=mount, value=value, std=std))
+        quality.append({"axis": mount, "natural_frequency_squared_s2": value, "std_s2": std, **figures})
+        found += [(mount, finding) for finding in (*free.findings, *rejections)]
+    return MeasuredSwings(
+        mounted=tuple(swing for swing in mounted if swing.axis != FIXTURE),
+        fixture=next((swing for swing in mounted if swing.axis == FIXTURE), None),
+        quality=tuple(quality),
+        found=tuple(found),
+        records=tuple(swing for swing in swings if isinstance(swing, AngleRecord)),
+    )
 
 
 def _mount_of(record: AngleRecord, body: str) -> str:
@@ -133,12 +107,11 @@ def _mount_of(record: AngleRecord, body: str) -> str:
     return label.axis
 
 
-def _known(known: KnownInertia) -> MeasuredSwing:
-    mounted = MountedSwing(axis=known.mount, value=known.value_kg_m2, std=known.std_kg_m2, known=True)
-    return MeasuredSwing(mounted=mounted, quality={"axis": known.mount, "known_kg_m2": known.value_kg_m2})
+def _by_default(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
+    """Return W, its standard uncertainty, figures of quality and rejections.
 
-
-def _by_default(mount: str, swing: FreeSwing) -> MeasuredSwing:
+    Which damping terms explain the decay does not matter for an inertia: that note is left out.
+    """
     fit = fit_swing(swing)
     quality = {
         "accepted": fit.accepted,
@@ -149,22 +122,20 @@ def _by_default(mount: str, swing: FreeSwing) -> MeasuredSwing:
         "drift": fit.quality.drift,
     }
     frequency, std = (found.natural_frequency_squared_s2 for found in (fit.coefficients, fit.std))
-    # Which damping terms explain the decay does not matter for an inertia: that note is left out.
-    return _measured(mount, frequency, std, quality, (*swing.findings, *fit.quality.findings))
+    return frequency, std, quality, fit.quality.findings
 
 
-def _by_thesis(mount: str, swing: FreeSwing) -> MeasuredSwing:
-    cosine = fit_damped_cosine(swing)
+def _by_thesis(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
+    cosine, rejections = fit_damped_cosine(swing), rejections_of(swing)
     frequency, std = (found.natural_frequency_squared_s2 for found in (cosine.frequencies, cosine.std))
-    findings = (*swing.findings, *rejections_of(swing))
-    return _measured(mount, frequency, std, {"peaks_used": swing.peaks_used}, findings)
+    return frequency, std, {"accepted": not rejections, "peaks_used": swing.peaks_used}, rejections
 
 
-def _measured(
-    mount: str, frequency: float, std: float, quality: dict[str, Any], findings: tuple[Finding, ...]
-) -> MeasuredSwing:
-    return MeasuredSwing(
-        mounted=MountedSwing(axis=mount, value=frequency, std=std),
-        quality={"axis": mount, "natural_frequency_squared_s2": frequency, "std_s2": std, **quality},
-        findings=findings,
-    )
+def _line(quality: Mapping[str, Any]) -> str:
+    if "known_kg_m2" in quality:
+        return f"{quality['axis']}: {quality['known_kg_m2']:.7g} kg m^2, as given"
+    frequency = f"W {quality['natural_frequency_squared_s2']:.7g} 1/s^2" if quality["accepted"] else "rejected"
+    line = f"{quality['axis']}: {frequency}, {quality['peaks_used']} peaks"
+    if "damping_terms" not in quality:
+        return f"{line}, damped cosine"
+    return f"{line}, waveform off by {100 * quality['distortion']:.2g} %, drift {100 * quality['drift']:+.2g} %"

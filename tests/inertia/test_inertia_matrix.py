@@ -169,6 +169,9 @@ def test_a_swing_that_contradicts_the_others_is_rejected_and_widens_the_uncertai
     assert fit.degrees_of_freedom == 3
     assert "scatter" in fit.findings[0].text
     assert np.all(fit.std_kg_m2 > 3 * honest.std_kg_m2)
+    # Birge's ratio: what the swings scatter beyond their uncertainties widens those of the entries.
+    assert fit.std_kg_m2 == pytest.approx(np.sqrt(fit.chi_squared / 3) * honest.std_kg_m2, rel=0.05)
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx(fit.std_kg_m2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
 
 def test_repeated_swings_share_their_mounts_error() -> None:
