@@ -43,14 +43,12 @@ def fit(
     records = [angle_record(drop) for drop in drops]
     rig, notes = rig_or_thesis(records, rig)
     gravity_mps2 = gravity_mps2 or rig.site.gravity_mps2
-    if radius_m is not None:
-        notes = ()
-    elif rig.friction is not None:
-        radius_m, radius_std_m = MM * rig.friction.radius_mm, MM * rig.friction.radius_std_mm
+    if radius_m is None:
+        radius_m, radius_std_m = _radius_m(rig)
     else:
-        raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or give the radius.")
-    window = {"from_s": from_s, "to_s": to_s}
-    measured = [_measured(record, radius_m=radius_m, gravity_mps2=gravity_mps2, **window) for record in records]
+        notes = ()
+    setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
+    measured = [_measured(record, **setup) for record in records]
     if method == "thesis":
         found = thesis_friction(measured)
     else:
@@ -86,6 +84,13 @@ def fit(
         drawings=drawings,
         folder=records[0].path.parent if records else Path(),
     )
+
+
+def _radius_m(rig: Rig) -> tuple[float, float]:
+    """Return the radius of the axis and its standard uncertainty."""
+    if rig.friction is None:
+        raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or give the radius.")
+    return MM * rig.friction.radius_mm, MM * rig.friction.radius_std_mm
 
 
 def _measured(record: AngleRecord, **setup: Any) -> Drop:
