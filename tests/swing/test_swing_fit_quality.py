@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.checks import FitQuality
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
 
@@ -83,6 +84,33 @@ def test_a_pendulum_whose_frequency_drifts_is_rejected() -> None:
     fit = fit_swing(find_swing(slowed, angle))
 
     assert "swing-frequency-drift" in {finding.code for finding in fit.findings}
+    # The truth lies between the halves as likely as anywhere else: a rectangle's standard deviation at least.
+    spread = abs(fit.quality.drift) * fit.coefficients.natural_frequency_squared_s2 / math.sqrt(12)
+    assert fit.std.natural_frequency_squared_s2 > spread
+
+
+@pytest.mark.parametrize(
+    ("figures", "codes"),
+    [
+        ({}, []),
+        ({"misfit": 0.021}, ["swing-misfit"]),
+        ({"misfit": math.nan}, ["swing-misfit"]),
+        ({"distortion": 0.0016}, ["swing-waveform-distorted"]),
+        ({"drift": 0.011}, ["swing-frequency-drift"]),
+        ({"drift": -0.011}, ["swing-frequency-drift"]),
+        ({"drift": 0.011, "drift_std": 0.003}, []),
+        (
+            {"misfit": 0.5, "distortion": 0.5, "drift": 0.5},
+            ["swing-misfit", "swing-waveform-distorted", "swing-frequency-drift"],
+        ),
+    ],
+)
+def test_each_limit_has_a_rejection_of_its_own(figures: dict[str, float], codes: list[str]) -> None:
+    within = {"misfit": 0.019, "distortion": 0.0014, "distortion_limit": 0.0015, "drift": -0.0099, "drift_std": 0.0}
+    findings = FitQuality(**(within | figures)).findings
+
+    assert [finding.code for finding in findings] == codes
+    assert {finding.severity for finding in findings} <= {"rejection"}
 
 
 def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
