@@ -126,6 +126,20 @@ def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_n
     assert first.residual_rms_rad == pytest.approx(second.residual_rms_rad, rel=0.1)
 
 
+def test_the_stated_uncertainty_is_the_scatter_over_noise() -> None:
+    time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
+    rng = np.random.default_rng(12)
+    fits = [fit_swing(find_swing(time_s, clean + rng.normal(0, 1e-3, len(time_s)), peaks=6)) for _ in range(24)]
+    values, stated = (
+        np.array([one.natural_frequency_squared_s2 for one in ones])
+        for ones in ([fit.coefficients for fit in fits], [fit.std for fit in fits])
+    )
+
+    # A standard deviation of 24 values is uncertain by 15 %.
+    assert 0.55 < values.std(ddof=1) / stated.mean() < 1.45
+    assert abs(values.mean() - MOMENT / INERTIA) < 3 * stated.mean() / np.sqrt(24)
+
+
 @pytest.mark.parametrize("zero", [-0.4, 0.0, 0.25])
 def test_the_zero_of_the_encoder_does_not_matter(zero: float) -> None:
     time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
