@@ -110,7 +110,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Fit the inertia matrix about the centre of mass to six or more swings about any axes.",
     ),
     "fit testbody": (
-        "cfid.inertia.testbody_command:testbody",
+        "cfid.inertia.command:testbody",
         "Compare the test body's measured inertias with those of its drawing (table 2.5).",
     ),
     "fit thrust": (
