@@ -30,7 +30,8 @@ def commands_page() -> str:
 def _sections(command: Any, name: str, parent: Any) -> Iterator[str]:
     context = command.context_class(command, info_name=name.rpartition(" ")[2], parent=parent)
     yield _section(command, name, context)
-    for word, below in getattr(command, "commands", {}).items():
+    for word in getattr(command, "commands", ()):
+        _, below, _ = command.resolve_command(context, [word])  # imported, not its line in a list
         yield from _sections(below, f"{name} {word}", context)
 
 

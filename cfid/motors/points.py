@@ -58,18 +58,23 @@ class Errors(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known."""
+    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known.
+
+    `windows` (n, N) are the parts of all N windows in each point, in units of their deviations; its rows have length
+    one over those windows that measured either quantity.
+    """
 
     command: Array
     x: Array
     y: Array
+    windows: Array
     x_errors: Errors = Errors(None, None)
     y_errors: Errors = Errors(None, None)
 
     def kept(self, rows: npt.NDArray[np.bool_]) -> "Measured":
         """Return some of the points, `rows` (n,)."""
-        x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[3:])
-        return Measured(self.command[rows], self.x[rows], self.y[rows], x_errors, y_errors)
+        x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[4:])
+        return Measured(self.command[rows], self.x[rows], self.y[rows], self.windows[rows], x_errors, y_errors)
 
     def total_errors(self, *, order: int) -> Errors:
         """Return the errors of y with what those of x amount to on the slope; none where y's are unknown."""
@@ -142,15 +147,28 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Measur
 
     Raises FitError when either was not measured, or never at the same command.
     """
-    for source in (points, command_means(points)):
+    single, of_command = np.eye(len(points.command)), _windows_of_commands(points, name, over)
+    for source, windows in ((points, single), (command_means(points), of_command)):
         x, y = getattr(source, over), getattr(source, name)
         missing = [column for column, value in ((over, x), (name, y)) if value is None]
         if missing:
             raise FitError(f"no column {' and no '.join(missing)}: it was not measured.")
         both = np.isfinite(x) & np.isfinite(y)
         if both.any():
-            return Measured(source.command, x, y, _errors(source, over), _errors(source, name)).kept(both)
+            found = Measured(source.command, x, y, windows, _errors(source, over), _errors(source, name))
+            return found.kept(both)
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
+
+
+def _windows_of_commands(points: MotorPoints, *names: str) -> Array:
+    """Return the parts of all windows in each command's means of quantities, one after the other (commands, N)."""
+    total = np.zeros((len(np.unique(points.command)), len(points.command)))
+    for name in names:
+        value: Array | None = getattr(points, name)
+        if value is not None:
+            there = (np.unique(points.command)[:, np.newaxis] == points.command) & np.isfinite(value)
+            total += there / np.sqrt(np.maximum(there.sum(axis=1, keepdims=True), 1))
+    return total
 
 
 def weighable(std: Array | None) -> Array | None:

@@ -36,13 +36,18 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def write_toml(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a TOML file whole. Raises OSError.
+    """Write a TOML file whole. Raises OSError."""
+    write_whole(path, toml_bytes(content))
+
+
+def toml_bytes(content: Mapping[str, Any]) -> bytes:
+    """Return a TOML file's bytes.
 
     A file name that is no UTF-8 keeps a question mark for each odd byte, so that the file stays readable.
     """
     import tomli_w
 
-    write_whole(path, tomli_w.dumps(content).encode("utf-8", "replace"))
+    return tomli_w.dumps(content).encode("utf-8", "replace")
 
 
 @contextlib.contextmanager

@@ -45,9 +45,6 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
     A file name that is no UTF-8 keeps a question mark for each odd byte, so that the fit stays readable.
     Raises ConfigError when the folder cannot be written.
     """
-    content = json.dumps(
-        {"format": FORMAT} | plain(asdict(fit)), indent=1, allow_nan=False, default=_text, ensure_ascii=False
-    )
     stem = f"{fit.section.found:%Y-%m-%d_%H%M%S}_{fit.name}"
     try:
         folder.mkdir(exist_ok=True)
@@ -55,10 +52,23 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
             number = 1
             while (path := folder / f"{stem}{f'-{number}' if number > 1 else ''}.json").exists():
                 number += 1
-            write_whole(path, content.encode("utf-8", "replace"))
+            write_whole(path, _as_json(fit))
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
     return path
+
+
+def rewritten(path: Path) -> bytes | None:
+    """Return a fit's file in the format of today, None where it has it. Raises DataError when it cannot be read."""
+    fit = _read(path)
+    content = _as_json(fit)
+    return None if f'"format": {FORMAT}'.encode() in path.read_bytes()[:40] else content
+
+
+def _as_json(fit: Fit) -> bytes:
+    content = {"format": FORMAT} | plain(asdict(fit))
+    text = json.dumps(content, indent=1, allow_nan=False, default=_text, ensure_ascii=False)
+    return text.encode("utf-8", "replace")
 
 
 def list_fits(folder: Path) -> list[Fit | DataError]:

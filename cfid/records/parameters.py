@@ -13,7 +13,7 @@ from typing import Any
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
-from cfid.records.files import alone_in, first_fault, read_toml, write_toml
+from cfid.records.files import alone_in, first_fault, read_toml, toml_bytes, write_toml
 from cfid.records.shapes import misshapen
 
 FORMAT = 2  # 1, which had no number, knew no covariances, common causes and rejections
@@ -114,6 +114,14 @@ def load_sections(path: Path) -> dict[str, Section]:
     Raises DataError when the file cannot be understood.
     """
     return _sections(path, _load(path))
+
+
+def rewritten(path: Path) -> bytes | None:
+    """Return the file in the format of today, None where it has it or is not there. Raises DataError."""
+    if not path.exists() or read_toml(path, DataError).get(_FORMAT_KEY) == FORMAT:
+        return None
+    sections = _sections(path, _load(path))
+    return toml_bytes({_FORMAT_KEY: FORMAT} | {name: _table(section) for name, section in sorted(sections.items())})
 
 
 def store_section(path: Path, name: str, section: Section) -> None:

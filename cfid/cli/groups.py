@@ -1,0 +1,45 @@
+"""Groups of commands that are listed by the table, and imported one by one when they are asked for."""
+
+from importlib import import_module
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command, get_group
+
+from cfid.cli.table import COMMANDS
+
+
+class LazyGroup(TyperGroup):
+    """The commands below a path, "" or "fit": lists show the table's lines, calling one imports its module."""
+
+    def __init__(self, *, name: str | None = None, **settings: Any) -> None:
+        """Take the name as the path of the table whose commands are listed; typer knows the settings."""
+        super().__init__(name=name, **settings)
+        self.commands = {word: TyperCommand(word, help=COMMANDS[path][1]) for word, path in _below(name or "").items()}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """Return the command's word, the command itself, no longer its line alone, and the words that follow."""
+        word, _, rest = super().resolve_command(ctx, args)
+        return word, None if word is None else _imported(_below(self.name or "")[word]), rest
+
+
+def _below(path: str) -> dict[str, str]:
+    """Return the paths of the commands of a group by their last words."""
+    above_and_word = ((each.rpartition(" "), each) for each in COMMANDS)
+    return {word: each for (above, _, word), each in above_and_word if above == path}
+
+
+def _imported(path: str) -> Any:
+    where, line = COMMANDS[path]
+    if where is None:
+        return get_group(typer.Typer(cls=LazyGroup, name=path, help=line, no_args_is_help=True))
+    module, _, function = where.partition(":")
+    command = getattr(import_module(module), function)
+    if _below(path):
+        group = typer.Typer(cls=LazyGroup, name=path)
+        group.callback(invoke_without_command=True)(command)
+        return get_group(group)
+    alone = typer.Typer(add_completion=False)
+    alone.command(path.rpartition(" ")[2])(command)
+    return get_command(alone)

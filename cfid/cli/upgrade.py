@@ -1,0 +1,27 @@
+"""`cfid upgrade`: a campaign of an older version in the formats of this one."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cfid.console.campaign import here
+
+
+def upgrade_campaign(
+    folder: Annotated[Path | None, typer.Argument(metavar="[DIR]", help="The campaign; default: here.")] = None,
+) -> None:
+    """Rewrite a campaign's parameters.toml and fits in this version's formats; the old files stay in before-upgrade.
+
+    Example: [bold]cfid upgrade my-crazyflie[/bold]
+    """
+    from cfid.records.upgrade import KEPT_IN, upgrade
+
+    campaign = here(folder)
+    changed = upgrade(campaign)
+    for path in changed:
+        typer.echo(path)
+    if changed:
+        typer.echo(f"{len(changed)} rewritten; as they were: {campaign.folder / KEPT_IN}")
+    else:
+        typer.echo("nothing to do: every file has the format of this version.")
