@@ -14,12 +14,12 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
+from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, Tachometer, WindStand
 from cfid.records.files import first_fault, read_toml
 
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
 
-Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Vector = tuple[Number, Number, Number]
 BodyAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 MM = 1e-3
@@ -32,7 +32,6 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-Positive = Annotated[Number, Field(gt=0)]
 Spread = Annotated[Number, Field(ge=0)]
 SpreadVector = tuple[Spread, Spread, Spread]
 
@@ -211,11 +210,19 @@ class Rig(_Table):
     vehicle: Vehicle
     site: Site = Site()
     encoder: Encoder = Encoder()
+    loadcell: LoadCellMount = LoadCellMount()
+    tachometer: Tachometer = Tachometer()
+    wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
     mounts: dict[str, Mount] = {}
     fixture: Fixture | None = None
     testbody: TestBody | None = None
+
+    @property
+    def facts(self) -> RigFacts:
+        """How things are mounted, as each run notes it."""
+        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
 
 
 class Campaign(BaseModel):

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from cfid.errors import DataError
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import alone_in, first_fault, read_toml, write_toml
 
 RUN_FILE = "run.toml"
@@ -61,6 +62,7 @@ class RunHeader(_Section):
     simulated: bool = False
     excluded: str = ""  # the reason why no fit takes it unless it is named
     label: Label = Label()
+    rig: RigFacts = NONE_STATED  # as rig.toml stated them then
     asked: dict[str, Any] = {}
     devices: dict[str, DeviceRecord] = {}
 
@@ -147,4 +149,7 @@ def write_header(folder: Path, header: RunHeader) -> None:
     """Write run.toml whole. Raises OSError."""
     content = header.model_dump(mode="json", exclude_none=True)
     content["started"] = header.started
+    content.pop("rig")
+    if header.rig.stated:
+        content["rig"] = header.rig.stated
     write_toml(folder / RUN_FILE, content)

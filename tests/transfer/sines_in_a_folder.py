@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from cfid.cli.main import main
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.loadcell import LoadCellTruth
@@ -106,7 +107,7 @@ def write_crossings(path: Path, run: SimulatedSine, *, stamped: bool = True) -> 
     pd.DataFrame(columns).to_csv(path, index=False, float_format="%.6f")
 
 
-def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None) -> Run:
+def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, facts: RigFacts = NONE_STATED) -> Run:
     """Write a run folder as `cfid log sine` does."""
     cell = DeviceRecord(file="loadcell.csv", columns=(*CELL, "status"))
     cell = cell.model_copy(update={"counts_per_n": 1e6, "counts_per_nm": 1e6})
@@ -123,6 +124,7 @@ def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None) ->
         },
         started=datetime.fromtimestamp(run.time_s[0], UTC),
         cfid_version="0",
+        facts=facts,
         asked=asked if series is None else {**asked, "series": series},
     )
     columns = (run.report_command, run.report_sample, run.report_vehicle_us, np.arange(len(run.report_host_s)))

@@ -112,6 +112,7 @@ def of_run(
     run = run_at(path)
     if run is None:
         raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
+    stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(run, stand, reading, scale, listening)
     if holds(run, READINGS) and "rpm" in run.header.devices[READINGS].columns:
@@ -231,9 +232,10 @@ def _of_readings(run: "Run", stand: StandOptions) -> Evidence:
     from cfid.records.tables.vehicle import READINGS, read_rows
 
     rows = read_rows(run, READINGS)
-    speed = rotor_speed_rad_s(rows.columns["rpm"], markers=stand.markers)
+    speed, notes = stand.divided(rotor_speed_rad_s(rows.columns["rpm"], markers=1))
     return Evidence(
         points=MotorPoints(command=rows.columns["command"], speed_rad_s=speed),
+        warnings=tuple(f"{run.folder.name}: {note}" for note in notes),
         sources=(rows.source,),
         paths=(run.folder,),
     )

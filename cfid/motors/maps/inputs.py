@@ -36,7 +36,8 @@ def read_evidence(
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
-            parts.append(of_file(at, Path(file), stand, reading, scale, method=method, listening=listening))
+            here = stand.where(workplace.facts)
+            parts.append(of_file(at, Path(file), here, reading, scale, method=method, listening=listening))
         else:
             parts.append(of_run(find_recording(word, workplace), stand, reading, scale, listening=listening))
     if not parts:
