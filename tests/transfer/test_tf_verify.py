@@ -48,7 +48,7 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     parameters = content["parameters"]
 
     assert content["accepted"]
-    assert not sentences(content)
+    assert {one["code"] for one in content["findings"]} <= {"fact-assumed"}
     key = f"tf.verify.{left_out}"
     late = parameters[f"{key}.late_s"]
     assert late["value"] == pytest.approx(0, abs=4 * late["std"] + 5e-4)
@@ -59,7 +59,7 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     assert "tf verify" in load_sections(campaign / "parameters.toml")
 
 
-def test_a_run_that_was_used_verifies_nothing_and_that_is_said(tf: Here, campaign: Path) -> None:
+def test_a_run_that_was_used_verifies_nothing_and_is_warned_of(tf: Here, campaign: Path) -> None:
     assert tf("identify", "--no-figures").returncode == 0
     said = tf("verify", name_of(campaign, 10))
 
@@ -89,7 +89,7 @@ def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, r
     assert {key.split(".")[2] for key in good["parameters"]} == {"crossings_10", "crossings_12", "crossings_20"}
     assert not shifted["accepted"]
     assert not wrong["accepted"]
-    assert "the measured sine differs from the simulated one by" in sentences(shifted)[0]
+    assert any("the measured sine differs from the simulated one by" in text for text in sentences(shifted))
 
 
 def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_path: Path) -> None:
@@ -108,18 +108,18 @@ def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_
         assert content["parameters"][f"tf.verify.crossings_{l}.late_s"]["value"] == pytest.approx(0, abs=1e-3)
 
 
-def test_what_cannot_be_verified_is_said(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+def test_what_cannot_be_verified_is_refused(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     index = write_index(tmp_path, {"": runs[4:5]}, cells=1)
-    refused(tf("verify", "--index", index), 2, "no campaign here that knows a transfer function", "--numerator")
+    refused(tf("verify", "--index", index), 2, "no campaign here that has a transfer function", "--numerator")
     refused(tf("verify", "--numerator", "1", "--denominator", "1"), 2, "nothing to verify with")
     refused(tf("verify", "--index", index, "--numerator", "1"), 2, "--numerator and --denominator belong together")
     wrong = ("verify", "--index", index, "--denominator", "2,-1")
-    refused(tf(*wrong, "--numerator", "1"), 2, "should begin with its leading 1.")
+    refused(tf(*wrong, "--numerator", "1"), 2, "denominator 2,-1: should begin with its leading 1.")
     refused(tf(*wrong, "--numerator", "a"), 2, "--numerator a: should be numbers with commas between")
     refused(tf(*wrong, "--numerator", "nan"), 2, "--numerator nan: should be numbers with commas between")
     known = ("verify", "--index", index, "--numerator", "0,6e-8")
-    refused(tf(*known[:4], "0,0", "--denominator", "1,-0.97"), 2, "--numerator 0,0: nothing is left of any command")
-    refused(tf(*known, "--denominator", "1,-1.5"), 2, "--denominator 1,-1.5: never settles")
+    refused(tf(*known[:4], "0,0", "--denominator", "1,-0.97"), 2, "numerator 0,0: gives no thrust at any command")
+    refused(tf(*known, "--denominator", "1,-1.5"), 2, "denominator 1,-1.5: never settles")
     for delay_s in ("nan", "1e9", "-1e9"):
         refused(tf(*known, "--denominator", "1,-0.97", "--delay-s", delay_s), 2, "should be from -10 to 10 s.")
     (tmp_path / RIG_FILE).write_text(new_rig_text())
