@@ -87,6 +87,7 @@ def test_the_clocks_offset_and_skew_scatter_as_stated(tmp_path: Path) -> None:
         offsets.append((offset.value - ZERO_S - least_s) / offset.std)
         skews.append((skew.value - (RATE - 1)) / skew.std)
 
+    assert abs(np.mean(offsets)) < 0.5
     assert 0.7 < np.std(offsets) < 1.4
     assert 0.7 < np.std(skews) < 1.4
 

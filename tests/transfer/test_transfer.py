@@ -173,6 +173,36 @@ def test_a_model_that_ignores_the_delay_is_rejected() -> None:
     assert fit.misfit > 0.05
 
 
+@pytest.mark.parametrize(("misfit", "described"), [(0.029, True), (0.031, False)])
+def test_a_misfit_beyond_noise_is_accepted_up_to_3_percent(misfit: float, described: bool) -> None:
+    fit = replace(fit_transfer([measured((3, 8))]), chi_squared=1e4, misfit=misfit)
+
+    assert fit.described == described
+    assert fit.accepted == described
+
+
+def test_an_error_that_all_runs_share_is_in_the_delays_uncertainty_as_is_the_mean_latenesss() -> None:
+    found = measured(log_spaced(17, 100))
+    late = [replace(response, shared_s={"offset": 5e-3}) for response in found.responses]
+    fit = fit_transfer([replace(found, responses=tuple(late), mean_lateness_std_s=3e-3)])
+    delay = fit.delays["first"]
+
+    assert delay.after_quickest_std_s == pytest.approx(5e-3, rel=0.01)
+    assert delay.std_s == pytest.approx(math.hypot(delay.after_quickest_std_s, 3e-3))
+
+
+def test_corrected_aic_is_that_of_its_formula() -> None:
+    fit = fit_transfer([measured((3, 8))])
+    two, five = (
+        replace(fit, chi_squared=own, degrees_of_freedom=12 - free, covariance=np.eye(free))
+        for own, free in ((20.0, 2), (6.0, 5))
+    )
+    # n = 12 and k parameters: chi-squared + 2 k + 2 k (k + 1)/(n - k - 1), in units of the best chi-squared if above 1.
+    best = 20.0 + 4 + 12 / 9, 6.0 + 10 + 60 / 6
+
+    assert corrected_aic({"first": two, "second": five}) == pytest.approx({"first": 0, "second": best[1] - best[0]})
+
+
 def test_a_gain_within_its_noise_is_rejected() -> None:
     fit = fit_transfer([measured(log_spaced(17, 100))])
     gain_n = fit.dynamics.static_gain_n

@@ -43,6 +43,14 @@ def test_runs_give_a_transfer_function_and_folders_the_same(runs: list[Run]) -> 
     assert set(result.figures()) == {"tf_bode", "tf_step", "tf_run_bench"}
 
 
+def test_the_covariance_of_the_numbers_has_their_uncertainties_on_its_diagonal(runs: list[Run]) -> None:
+    result = transfer.fit(runs)
+    (covariance,) = result.covariances
+    stated = [std for key in covariance.of for std in np.atleast_1d(result.quantities[key].std).tolist()]
+
+    assert np.sqrt(np.diag(covariance.matrix)) == pytest.approx(stated)
+
+
 def test_a_result_is_verified_against_a_run_that_was_left_out(runs: list[Run]) -> None:
     *used, left_out = [runs[0], runs[1], runs[3], runs[4], runs[2]]
     verified = transfer.verify([left_out], transfer.fit(used))
