@@ -18,12 +18,13 @@ from tests.campaigns import Cfid
 
 RATE = 84 / 85
 ZERO_S = 1.75e9 - 100 / RATE  # the host's time when the vehicle's clock was zero
-LEAST_S = 0.0285
+MEAN_S, JITTER_S = 0.0285, 0.011  # one way
+LEAST_S = MEAN_S - JITTER_S
 
 
 def ping_run(folder: Path, *, count: int = 400, seed: int = 0, stamped: bool = True) -> Run:
     """Write a run of pings like those of table 3.2."""
-    radio = RadioTruth(latency_s=LEAST_S, jitter_s=0.011)
+    radio = RadioTruth(latency_s=MEAN_S, jitter_s=JITTER_S)
     rng = np.random.default_rng(seed)
     there, back = Direction(radio, rng), Direction(radio, rng)
     sent_s = 1.75e9 + 20 * seed + 0.1 * np.arange(count)
@@ -87,9 +88,15 @@ def test_the_clocks_offset_and_skew_scatter_as_stated(tmp_path: Path) -> None:
         offsets.append((offset.value - ZERO_S - least_s) / offset.std)
         skews.append((skew.value - (RATE - 1)) / skew.std)
 
-    assert abs(np.mean(offsets)) < 0.5
     assert 0.7 < np.std(offsets) < 1.4
     assert 0.7 < np.std(skews) < 1.4
+
+
+def test_the_offset_is_within_a_millisecond_of_the_truth_where_both_ways_are_alike(tmp_path: Path) -> None:
+    offset = latency.fit([ping_run(tmp_path, count=3000)]).quantities["latency.clock_offset_s"]
+
+    assert offset.std < 1e-3
+    assert offset.value == pytest.approx(ZERO_S, abs=1e-3 + 3 * offset.std, rel=0)
 
 
 def test_several_runs_are_taken_together_with_the_clock_of_the_last_that_has_stamps(tmp_path: Path) -> None:

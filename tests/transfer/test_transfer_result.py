@@ -151,7 +151,7 @@ def test_a_gain_more_than_a_tenth_off_the_thrust_maps_slope_is_warned_of(ratio: 
     ours = GainAndLag(ratio * 2e-6, 0.07)
     beside = Comparison(2e-6, 30000, None)
 
-    assert bool(beside.findings(ours)) == warned
+    assert [f"{100 * (ratio - 1):+.0f} % off" in one.text for one in beside.findings(ours)] == [True] * warned
     assert beside.quality(ours)["static_gain_off_slope"] == pytest.approx(ratio - 1)
 
 
