@@ -11,7 +11,7 @@ from cfid.console.lists import comma_list
 from cfid.console.messages import note
 from cfid.console.options import flat, positive
 from cfid.errors import ConfigError, DeviceError
-from cfid.wire.app import LARGEST_COMMAND
+from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -173,7 +173,7 @@ async def _serve(
 
 
 def _commands(text: str) -> tuple[int, int, int, int]:
-    commands = comma_list(text, "--spin", int, least=0, most=LARGEST_COMMAND, example="28000,0,28000,0")
+    commands = comma_list(text, "--spin", int, least=0, most=FULL_COMMAND, example="28000,0,28000,0")
     if len(commands) != 4:
         raise ConfigError(f"--spin {text}: expected four motor commands, as 28000,0,28000,0.")
     one, two, three, four = commands

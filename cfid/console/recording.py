@@ -38,7 +38,7 @@ class KeepOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ResumeOptions:
-    """`--resume [RUN]`: which interrupted run is to be completed."""
+    """`--resume`, with a RUN or without: which interrupted run is to be completed."""
 
     resume: Annotated[
         bool, typer.Option("--resume", help="Do what an interrupted run lacks: RUN's, else the last one's.")

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from cfid.errors import FitError
+from cfid.units import COVERAGE_95
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
-_COVERED = 1.96
 _AT_ONCE = 2  # fits, which is as many as a small computer has processors
 
 # The longest first, so that no processor waits for it at the end.
@@ -136,13 +136,12 @@ def compared(
     sections: "Iterable[Section]", truth: Mapping[str, float]
 ) -> Iterator[tuple[str, float, float, float | None]]:
     """Return name, truth, estimate and deviation of every number whose truth is known."""
-    from cfid.records.parameters import scalars
-
     found = {
-        name: (value, std)
+        number.name: (number.value, number.std)
         for section in sections
         for key, parameter in section.parameters.items()
-        for name, value, std in scalars(key, parameter)
+        for number in parameter.numbers(key)
+        if number.value is not None
     }
     for name, true in truth.items():
         if name in found:
@@ -151,4 +150,4 @@ def compared(
 
 def covers(true: float, value: float, std: float | None) -> bool:
     """Return whether the 95 % interval of an estimate holds the truth."""
-    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)
+    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=COVERAGE_95 * std)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.estimate.voltage_cubic import IDLE, cubic_fault
 from cfid.inertia.consistency import is_consistent
-from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND
+from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 

@@ -27,13 +27,13 @@ from cfid.drawing.style import (
 )
 from cfid.inertia.estimation import InertiaFit
 from cfid.inertia.testbody import Comparison
+from cfid.quantities.values import ENTRIES
+from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
 
 _MICRO = 1e6
-_MM = 1e-3
 _WRITTEN = 8  # places across a page that leave room for a number each
-_ENTRIES = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
 # One colour and one hatch for each group of inputs, so that two budgets can be laid side by side.
 _GROUPS = {
     "mass": ("#0072B2", ""),
@@ -117,23 +117,23 @@ def _draw_differences(panel: Axes, comparisons: Sequence[Comparison]) -> None:
 
 def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
     """Draw one bar for each entry, as high as its deviation, and return the legend's entries."""
-    place = np.arange(len(_ENTRIES))
-    deviation = _MICRO * np.array([fit.std_kg_m2[i, j] for _, i, j in _ENTRIES])
-    bottom = np.zeros(len(_ENTRIES))
+    place = np.arange(len(ENTRIES))
+    deviation = _MICRO * np.array([fit.std_kg_m2[i, j] for i, j in ENTRIES.values()])
+    bottom = np.zeros(len(ENTRIES))
     key: list[Artist] = []  # from the top of the bars downwards
     for group, contribution in fit.budget.items():
-        squares = np.array([(_MICRO * contribution[i, j]) ** 2 for _, i, j in _ENTRIES])
+        squares = np.array([(_MICRO * contribution[i, j]) ** 2 for i, j in ENTRIES.values()])
         part = np.divide(squares, deviation, out=np.zeros_like(squares), where=deviation > 0)
         colour, hatch = _GROUPS.get(group, (MUTED, ""))
         how: dict[str, Any] = {"fc": colour, "hatch": hatch, "ec": "white", "lw": 0.6}
         panel.bar(place, part, 0.62, bottom=bottom, **how)
         key.insert(0, Patch(label=group, **how))
         bottom += part
-    for x, ((_, i, j), height) in enumerate(zip(_ENTRIES, deviation, strict=True)):
+    for x, ((i, j), height) in enumerate(zip(ENTRIES.values(), deviation, strict=True)):
         share = 100 * height / (_MICRO * abs(fit.matrix_kg_m2[i, j]))
         _write_above(panel, x, height, f"{height:#.2g}" if i != j else f"{height:#.2g} ({share:#.2g} %)")
-    panel.set_xticks(place, [f"I$_\\mathrm{{{name}}}$" for name, *_ in _ENTRIES])
-    panel.set_xlim(-0.65, len(_ENTRIES) - 0.35)
+    panel.set_xticks(place, [f"I$_\\mathrm{{{name}}}$" for name in ENTRIES])
+    panel.set_xlim(-0.65, len(ENTRIES) - 0.35)
     panel.grid(visible=False, axis="x")
     # A margin alone would be swallowed: a part of no height sticks to the top.
     panel.set_ylim(0, 1.18 * max(deviation.max(), 1e-9))
@@ -175,11 +175,11 @@ def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequenc
 
 def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, letter: str) -> list[Artist]:
     """Draw dI_G/dr = I_G / r - m r against the distance r for each mount, and return the legend's entries."""
-    current, best = fit.distance_m / _MM, fit.best_distance_m / _MM
+    current, best = fit.distance_m / MM, fit.best_distance_m / MM
     mass = float(np.median((fit.about_axis_kg_m2 - fit.about_centre_kg_m2) / fit.distance_m**2))
     reach = np.concatenate([current, best[best > 0]])
     distance = np.linspace(0.8 * reach.min(), 1.12 * reach.max(), 200)
-    per_mm = _MICRO * _MM
+    per_mm = _MICRO * MM
     name_panel(
         panel, f"({letter}) what a millimetre of mounting distance costs",
         x="distance from axis to centre of mass (mm)", y="dI$_\\mathrm{G}$/dr (10⁻⁶ kg m² per mm)",
@@ -190,7 +190,7 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
         own = np.array([name == axis for name in axes])
         how: dict[str, Any] = {"color": SERIES[i % len(SERIES)], "ls": DASHES[i % len(DASHES)]}
         inertia = float(fit.about_centre_kg_m2[own].mean())
-        panel.plot(distance, per_mm * (inertia / (_MM * distance) - mass * _MM * distance), lw=1.1, **how)
+        panel.plot(distance, per_mm * (inertia / (MM * distance) - mass * MM * distance), lw=1.1, **how)
         panel.plot(current[own], per_mm * fit.sensitivity_kg_m[own], "o", ms=5.5, color=how["color"])
         panel.plot(best[own].mean(), 0.0, "D", ms=5, mfc="white", color=how["color"])
         label = f"{axis}: {current[own].mean():.1f} → {best[own].mean():.1f} mm"

@@ -10,11 +10,10 @@ from scipy.linalg import block_diag
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_polynomial
+from cfid.units import FULL_COMMAND as FULL_COMMAND  # noqa: PLC0414, maps.result takes it from here
+from cfid.units import RPM
 
 Array = npt.NDArray[np.float64]
-
-DEAD_COMMAND = 1000  # up to here a motor stands (thesis, section 3.3.2)
-FULL_COMMAND = 65535
 
 _STD_OF = {"thrust_n": "thrust_std_n", "torque_nm": "torque_std_nm", "speed_rad_s": "speed_std_rad_s"}
 _SHARED_OF = {"thrust_n": "thrust_shared_n", "torque_nm": "torque_shared_nm"}
@@ -89,7 +88,7 @@ class Measured(NamedTuple):
 
 def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike) -> Array:
     """Return the rotor's speed of a tachometer's turns a minute, which counts each marker (eq. 3.2: two)."""
-    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (2 * math.pi / 60 / np.asarray(markers)))
+    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (RPM / np.asarray(markers)))
 
 
 def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:

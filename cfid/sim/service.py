@@ -8,7 +8,7 @@ from twisted.internet.defer import Deferred, gatherResults
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import MM, Rig
+from cfid.records.campaign import Rig
 from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie
@@ -35,6 +35,7 @@ from cfid.sim.radio import Radio
 from cfid.sim.rig import draw_truth, pendulum
 from cfid.sim.stepping import Array
 from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted
+from cfid.units import MM
 from cfid.wire.app import Ports as AppPorts
 
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average

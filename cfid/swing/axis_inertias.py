@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.propagation import Input
-from cfid.records.campaign import MM, Fixture, Mount, TestBody
+from cfid.records.campaign import Fixture, Mount, TestBody
 from cfid.swing.bodies import axis_distance, from_cuboids
+from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
 

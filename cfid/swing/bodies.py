@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.records.campaign import MM, Cuboid, Vector
+from cfid.records.campaign import Cuboid, Vector
+from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
 

@@ -31,11 +31,11 @@ from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import TERMS, sample
 from cfid.swing.motion import fitted_motion
 from cfid.swing.thesis import DampedCosine, FlexibleFunction
+from cfid.units import COVERAGE_95
 
 Array = npt.NDArray[np.float64]
 
 _LAG_PERIODS = 3
-_WHITE = 1.96  # deviations that 95 % of the autocorrelations of white noise lie within
 _VERDICT = "describes the record"
 _TIME = "time (s)"
 _DEGREES = "angle (°)"
@@ -162,7 +162,7 @@ def _draw_autocorrelation(axes: Axes, swing: FreeSwing, fit: SwingFit) -> None:
     correlation = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * count)) ** 2)[: len(lags)]
     correlation /= correlation[0] or 1.0
     name_panel(axes, "(d) autocorrelation of (c)", x="lag (periods)", y="correlation (-)")
-    white = _WHITE / math.sqrt(count)
+    white = COVERAGE_95 / math.sqrt(count)  # 95 % of the autocorrelations of white noise lie within
     axes.axhspan(-white, white, color=MUTED, alpha=0.3, lw=0, label="white noise, 95 %")
     draw_line(axes, lags / a_period, correlation, color=INK, lw=0.8)
     axes.set_ylim(min(-0.3, 1.1 * correlation.min()), 1.05)

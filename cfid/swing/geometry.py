@@ -21,8 +21,8 @@ def vehicle(workplace: Workplace, mass_kg: float | None) -> "SwungBody":
     """
     import numpy as np
 
-    from cfid.records.campaign import MM
     from cfid.swing.axis_inertias import SwungBody
+    from cfid.units import MM
 
     given = workplace.rig.vehicle
     return SwungBody(

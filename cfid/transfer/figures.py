@@ -33,11 +33,11 @@ from cfid.transfer.panels import COMMAND, FREQUENCY, Points, draw_played, draw_p
 from cfid.transfer.sines.alignment import SineRun
 from cfid.transfer.thesis import ThesisFit
 from cfid.transfer.verification import Verification
+from cfid.units import COVERAGE_95
 
 Array = npt.NDArray[np.float64]
 
 _MICRO = 1e6
-_INTERVAL = 1.96  # standard uncertainties in half of a 95 % interval
 _CURVE = 300
 _LAGS = 6.0  # that a step is drawn for
 _SMALL = 1e-6
@@ -127,7 +127,7 @@ def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     name_panel(axes, "thrust after a step", x="time since the step (ms)", y="thrust over command (µN)")
     time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s
     force, std = fit.dynamics.step_response(time_s), _step_std(fit, time_s)
-    low, high = force - _INTERVAL * std, force + _INTERVAL * std
+    low, high = force - COVERAGE_95 * std, force + COVERAGE_95 * std
     axes.fill_between(1e3 * time_s, _MICRO * low, _MICRO * high, color=MODEL, alpha=0.3, lw=0, label="95 % interval")
     axes.plot(1e3 * time_s, _MICRO * force, color=MODEL, label="model")
     axes.axvline(1e3 * fit.time_constant_s, color=MUTED, lw=0.8, ls=":", label="time constant")
@@ -172,7 +172,7 @@ def _points(fit: TransferFit) -> list[Points]:
         value = np.array([own.value for own in series.responses])
         turned = value * np.exp(1j * omega * fit.delays[series.name].after_quickest_s)
         std = np.array([own.polar_std for own in series.responses])
-        found.append(Points(series.name, omega, turned, value, _INTERVAL * std))
+        found.append(Points(series.name, omega, turned, value, COVERAGE_95 * std))
     return found
 
 

@@ -11,7 +11,7 @@ from cfid.console.inputs import Workplace, find_recording
 from cfid.console.options import YawDeg, finite, positive
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError
-from cfid.wire.app import LARGEST_COMMAND
+from cfid.units import FULL_COMMAND, MM
 
 if TYPE_CHECKING:
     from cfid.records.tables.wrench import WrenchReading
@@ -52,7 +52,7 @@ class SineInputs:
     ] = None
     yaw_deg: YawDeg = None
     offset: Annotated[
-        float, typer.Option(min=0, max=LARGEST_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
     ] = 30000.0
 
     def read(self, words: Sequence[str] | None, reading: "WrenchReading", workplace: Workplace) -> "SineSet":
@@ -66,7 +66,7 @@ class SineInputs:
             [find_recording(word, workplace) for word in self._chosen(words, workplace)],
             index=self.index,
             channel=self.channel,
-            arm_m=None if self.arm_mm is None else 1e-3 * positive(self.arm_mm, "--arm-mm"),
+            arm_m=None if self.arm_mm is None else MM * positive(self.arm_mm, "--arm-mm"),
             yaw_deg=None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg"),
             facts=workplace.facts,
             middle=self.offset,

@@ -114,7 +114,8 @@ def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(cam
         wind=WindStand(azimuth_deg=-60.0),
     )
     mounted = WindTruth(angle_deg=77.9, speed_mps=3.6, azimuth_deg=-60.0, yaw_deg=10.0)
-    usual, own = [], []
+    usual: list[str] = []
+    own: list[str] = []
     for into, stated, wind in ((own, facts, mounted), (usual, NONE_STATED, WINDS[3])):
         into += [blown(campaign, WINDS[0], facts=stated).folder.name, blown(campaign, wind, facts=stated).folder.name]
     found, assumed = read(campaign, *own), read(campaign, *usual)

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from cfid.inertia import figures as inertia_figures
 from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.inertia.testbody import Comparison
-from cfid.records.campaign import MM, thesis_rig
+from cfid.records.campaign import thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.units import MM
 
 Look = Callable[[Figure], Any]
 THESIS = {"x": 3.119770, "y": 3.128159, "z": 7.004148, "xy": 4.940333, "xz": 4.600706, "yz": 4.713093}  # table 2.3

@@ -9,9 +9,10 @@ import pytest
 from cfid.errors import FitError
 from cfid.inertia.consistency import is_consistent, nearest_consistent
 from cfid.inertia.estimation import fit_inertia, icosahedron_axes, matrix_rows, off_diagonal_gain
-from cfid.records.campaign import MM, Fixture, Mount, thesis_rig
+from cfid.records.campaign import Fixture, Mount, thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.bodies import axis_distance, axis_inertia
+from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
 

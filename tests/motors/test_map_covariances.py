@@ -98,7 +98,7 @@ def told(points: MotorPoints) -> tuple[Array, Array]:
     """Return the numbers looked at (5,) of one staircase, and the covariance (5, 5) that is stated of them."""
     assert points.thrust_n is not None
     thrust, over_speed = fit_thrust(points, order=3, robust=False), fit_thrust_of_speed(points, robust=False)
-    most = maximum_thrust(thrust)
+    most = maximum_thrust(thrust, gravity_mps2=9.81)
     voltage = compare_thrust(
         command=points.command,
         vbat_v=np.full(len(COMMAND), 4.0),
@@ -186,5 +186,7 @@ def test_a_joint_covariance_is_that_of_a_distribution() -> None:
         assert one.thrust_n is not None
         voltage = compare_thrust(command=COMMAND, vbat_v=np.full(len(COMMAND), 4.0), thrust_n=one.thrust_n, folds=2)
         thrust, over_speed = fit_thrust(one), fit_thrust_of_speed(one)
-        (block,) = covariances(thrust, most=maximum_thrust(thrust), voltage=voltage, over_speed=over_speed)
+        (block,) = covariances(
+            thrust, most=maximum_thrust(thrust, gravity_mps2=9.81), voltage=voltage, over_speed=over_speed
+        )
         assert np.linalg.eigvalsh(correlations(np.array(block.matrix)))[0] > -1e-9

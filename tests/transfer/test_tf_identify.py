@@ -11,7 +11,7 @@ import pytest
 
 from cfid.cli.main import main
 from cfid.records.campaign import RIG_FILE, new_rig_text
-from cfid.records.facts import LoadCellMount, RigFacts
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.campaigns import sentences
@@ -219,7 +219,7 @@ def test_facts_that_nobody_stated_are_those_of_version_0_1_and_noted_once(
 ) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text().replace("yaw_deg = -45.0", "yaw_deg = 30.0"))
     for run in first[1:]:
-        write_run(tmp_path, run)
+        write_run(tmp_path, run, facts=NONE_STATED)
     content = found(tf)
 
     assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)

@@ -232,7 +232,7 @@ def _found(campaign: "Campaign", *, simulated: bool) -> tuple[Mapping[str, Any],
     from cfid.drag.wind.campaign_plan import missing_runs
 
     done = recorded(_runs(campaign, simulated=simulated))
-    left = {"value": len(missing_runs(done)), "std": None, "unit": ""}
+    left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
     return {"wind.missing_runs": left}, missing_lines(done)
 
 

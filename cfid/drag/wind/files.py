@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cfid.errors import DataError
 from cfid.records.tables.index import IndexRow, read_index
+from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
     from cfid.drag.experiments import DragExperiments
@@ -17,8 +18,6 @@ INDEX_MAY_HAVE = ("azimuth_deg", "azimuth_rad", "from_s", "to_s")
 TABLE_COLUMNS = (
     "command", "angle_deg", "vx_mps", "vy_mps", "vz_mps", "speed_sum_rad_s", "fx_n", "fy_n", "fz_n",
 )  # fmt: skip
-
-_LARGEST_COMMAND = 65535
 
 
 class WindRow(NamedTuple):
@@ -80,7 +79,7 @@ def read_reduced(path: Path) -> "tuple[DragExperiments, Source, tuple[str, ...]]
 def _row(row: IndexRow) -> WindRow:
     return WindRow(
         where=f"{row.path.name}:{row.line}",
-        command=row.whole("command", 0, _LARGEST_COMMAND),
+        command=row.whole("command", 0, FULL_COMMAND),
         angle_deg=_maybe(row, "angle_deg"),
         min_mps=row.number("wind_min_mps"),
         max_mps=row.number("wind_max_mps"),

@@ -20,13 +20,13 @@ import numpy.typing as npt
 
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.records.frames import rotation_about_z
+from cfid.units import ROTORS
 
 Array = npt.NDArray[np.float64]
 
 AZIMUTH_DEG = math.degrees(0.4967)  # C.3.1, from figure 4.9
 YAW_DEG = 45.0  # C.3.1, prepare_data
 MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
-ROTORS = 4
 
 
 class WindSpeed(NamedTuple):

@@ -14,6 +14,7 @@ from cfid.drag.wind.plan import WindSetting
 from cfid.errors import CfidError, FitError
 from cfid.motors.vibration.data import Ear, RotorOptions
 from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.units import DEAD_COMMAND, RPM
 
 if TYPE_CHECKING:
     from cfid.drag.wind.mean_forces import MeanForce
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
 HEARD = "without a tachometer reading: the rotors' speed is heard in the vibration."
 
-_STANDING_UP_TO = 1000  # the command up to which rotors stand (section 3.3.2)
-_RAD_S_TO_RPM = 9.549296585513721  # 60/(2 pi)
 _LISTENED_S = 3.0  # of a window: enough to tell a speed to a thousandth
 _HEARD_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others
 _HEARD_ANY_FROM_HZ = 3300.0  # the same at 5000 rad/s
@@ -73,7 +72,7 @@ def _reduce_row(row: WindRow, how: Recordings) -> Reduced:
     name = f"{row.where} {row.loadcell.name}"
     notes = [note.removeprefix(f"{record.path.name}: ") for note in record.notes]
     mean, shown = MeanForce(np.zeros(3), np.zeros(3), (0.0, 0.0)), 0.0
-    if row.command > _STANDING_UP_TO:
+    if row.command > DEAD_COMMAND:
         mean = _averaged(row, record, how)
         notes += [mean.note] if mean.note else []
         if not row.tach_rpm and row.max_mps > 0:
@@ -108,7 +107,7 @@ def shown_rpm(
         raise FitError(f"{name}: {_UNHEARD}: {error} Give the reading.") from None
     if not heard.believed:
         raise FitError(f"{name}: {_UNHEARD}: {' '.join(heard.doubts)} Give the reading.")
-    return _RAD_S_TO_RPM * (facts.tachometer.markers or MARKERS) * heard.speed_rad_per_s
+    return (facts.tachometer.markers or MARKERS) * heard.speed_rad_per_s / RPM
 
 
 def _turning(rate_hz: float) -> str | None:

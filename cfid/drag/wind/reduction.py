@@ -20,8 +20,8 @@ from cfid.drag.wind.frames import (
 )
 from cfid.drag.wind.swaps import Filed, swap_doubts
 from cfid.errors import DataError
-from cfid.motors.points import DEAD_COMMAND
 from cfid.records.frames import turn_about_z
+from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
 

@@ -9,12 +9,11 @@ from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.errors import CfidError, DataError
 from cfid.motors.maps.evidence import Evidence, Reduced, StandOptions, drift_of, line_of
 from cfid.motors.vibration.data import RotorOptions, heard_speeds, told_speeds
+from cfid.units import MOTORS
 
 if TYPE_CHECKING:
     from cfid.estimate.staircase import Point, Staircase
     from cfid.records.run import Run
-
-_M = (1, 2, 3, 4)
 
 
 def of_file(
@@ -251,7 +250,7 @@ def _of_speeds(run: "Run") -> Evidence:
 
     rows, (log, commands) = read_rows(run, VEHICLE_LOG), read_commands(run)
     told = told_speeds_rad_s(rows)
-    ran = [motor for motor in _M if commands[:, motor - 1].any()]
+    ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
     if not ran or not all(motor in told for motor in ran):
         raise DataError(f"{run.folder}: the vehicle's log has no speeds: an RPM deck or brushless motors tell them.")
     try:

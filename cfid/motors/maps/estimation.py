@@ -9,7 +9,8 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
 from cfid.motors.maps.checks import check_speed, check_thrust, listed, missing_commands, speed_doubts
-from cfid.motors.points import DEAD_COMMAND, Array, Measured, MotorPoints, measured
+from cfid.motors.points import Array, Measured, MotorPoints, measured
+from cfid.units import DEAD_COMMAND
 
 Method = Literal["default", "thesis"]
 Order = int | Literal["auto"]

@@ -57,7 +57,7 @@ def inverse_parameters(inverse: "InverseMap", most: "MaximumThrust") -> "dict[st
         "round_trip_n": inverse.round_trip_n,
     }
     return {
-        "motor.command_of_thrust": Parameter(value=[root], unit="rising root of a cmd^2 + b cmd + c = thrust"),
+        "motor.command_of_thrust": Parameter(value=[root], unit="as named"),
         "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
         "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
     }

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from cfid.errors import FitError
 from cfid.estimate.monotone_cubic import constrain
 from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
-from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND, Array, weighable
+from cfid.motors.points import Array, weighable
+from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 THRUST_ORDER = 3  # as the firmware compensates the battery
 SPEED_ORDER = 2

@@ -18,6 +18,7 @@ from cfid.latency.clocks import COUNTER_S, ClockLine, Start, clock_line, session
 from cfid.records.frames import turn_about_z
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Matched, Reports, match_reports
+from cfid.units import MOTOR_AZIMUTH_DEG
 
 Array = npt.NDArray[np.float64]
 Channel = Literal["Fz", "Tx", "Ty", "arm"]
@@ -29,7 +30,6 @@ _LARGEST_GAP_S = 0.25
 _APART_S, _NEAR_S = 0.06, 0.035  # between reports that do not, and seldom, wait for each other in the radio
 _FEWEST_USUAL = 12  # reports of a run, for the least to be known
 _LOOP_STD = 1.5e-3  # the firmware warns when its loop is further off than 0.3 %
-_ARMS_DEG = {1: -45.0, 2: -135.0, 3: 135.0, 4: 45.0}  # from forward to the left: front right, back right, ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,10 +107,10 @@ def thrust_of(
     """
     if channel == "Fz":
         return force_n[:, 2]
-    if motor not in _ARMS_DEG:
+    if motor not in MOTOR_AZIMUTH_DEG:
         raise DataError("all motors together make no torque about an arm: use the channel Fz.")
     if channel == "arm":
-        angle, torque_nm = math.radians(_ARMS_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
+        angle, torque_nm = math.radians(MOTOR_AZIMUTH_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
         return np.asarray((math.sin(angle) * torque_nm[:, 0] - math.cos(angle) * torque_nm[:, 1]) / arm_m)
     return np.asarray(torque_nm[:, 0 if channel == "Tx" else 1] / arm_m)
 

@@ -17,7 +17,8 @@ from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, attempt, print_json, rig_of, summary
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.errors import CfidError, ConfigError
-from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S
+from cfid.units import FULL_COMMAND, MOTORS
+from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +65,7 @@ class SineOptions:
     ] = None
     amplitude: Annotated[
         int | None,
-        typer.Option(min=0, max=LARGEST_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
+        typer.Option(min=0, max=FULL_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
     ] = None
     motor: Annotated[
         int | None, typer.Option(min=0, max=4, help="Which motor, 0 for all; default: 1.", rich_help_panel=_SINE)
@@ -182,8 +183,8 @@ def sine(
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
-        motors = (1, 2, 3, 4) if sweep.motor == 0 else (sweep.motor,)
-        commands = (max(MIDDLE - sweep.amplitude, 1), min(MIDDLE + sweep.amplitude, LARGEST_COMMAND))
+        motors = MOTORS if sweep.motor == 0 else (sweep.motor,)
+        commands = (max(MIDDLE - sweep.amplitude, 1), min(MIDDLE + sweep.amplitude, FULL_COMMAND))
         confirm(crazyflie, motors, commands, yes=vehicle.yes)
         runs = []
         for count, own in enumerate(sines):

@@ -18,6 +18,7 @@ from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.plan import Sine
 from cfid.transfer.sines.reports import Reports
+from cfid.units import MM
 from cfid.wire.app import MIDDLE
 
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
@@ -173,7 +174,7 @@ class _Reader:
     def _mount(self, facts: RigFacts) -> tuple[float, float]:
         """Return arm in m and yaw in degrees, with a note where the channel needs one that nobody stated."""
         mount = facts.loadcell
-        arm_m = 1e-3 * (mount.arm_mm or _ARM_MM) if self.arm_m is None else self.arm_m
+        arm_m = MM * (mount.arm_mm or _ARM_MM) if self.arm_m is None else self.arm_m
         yaw_deg = mount.yaw_deg if self.yaw_deg is None else self.yaw_deg
         if self.arm_m is None and mount.arm_mm is None and self.channel != "Fz":
             self._findings.append(note("fact-assumed", assumed(f"an arm of {_ARM_MM:g} mm is", "arm_m"), "tf.*"))

@@ -4,64 +4,56 @@ A value outside of its range is most likely in another unit: the message guesses
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+from cfid.quantities.lookup import find
+from cfid.quantities.quantity import Quantity, Range
+from cfid.quantities.values import coefficient_units, evaluate, is_matrix
+from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
 _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
     "kg": {1e-3: "grams"},
     "m": {1e-3: "millimetres", 1e-2: "centimetres"},
     "s": {1e-3: "milliseconds", 1e-6: "microseconds"},
-    "N": {1e-3: "millinewtons", 9.81e-3: "grams of thrust"},
+    "N": {1e-3: "millinewtons", 1e-3 * USUAL_GRAVITY_MPS2: "grams of thrust"},
+    "rad/s": {RPM: "rpm"},
     "kg m^2": {1e-9: "g mm^2", 1e-7: "g cm^2", 1e-6: "kg mm^2", 1e-3: "g m^2"},
-    "N s^2/rad^2": {(60 / (2 * math.pi)) ** 2: "N/rpm^2"},
-    "m/s^2": {1e-2: "cm/s^2", 9.81: "multiples of g"},
+    "N s^2/rad^2": {RPM**-2: "N/rpm^2"},
+    "m/s^2": {1e-2: "cm/s^2", USUAL_GRAVITY_MPS2: "multiples of g"},
 }
 
 _INERTIA = "inertia.matrix_kg_m2"
 _ROUNDING = 1e-9  # of a matrix' trace
 
 
-@dataclass(frozen=True)
-class Range:
-    """The least and the largest plausible size of a quantity, in its unit, ends included."""
-
-    least: float
-    largest: float
-    unit: str
-
-
-# From a nano quadrocopter of 10 g to one of 1 kg: a Crazyflie 2.0 has 0.028 kg, 0.046 m and 0.15 N a motor.
-RANGES: Mapping[str, Range] = {
-    "mass_kg": Range(0.005, 1.0, "kg"),
-    "arm_m": Range(0.015, 0.3, "m"),
-    "rotor_radius_m": Range(0.005, 0.15, "m"),
-    "rotor_inertia_kg_m2": Range(1e-10, 1e-5, "kg m^2"),
-    _INERTIA: Range(5e-7, 2e-2, "kg m^2"),  # of its diagonal
-    "motor.max_thrust_n": Range(0.01, 10.0, "N"),
-    "motor.thrust_per_speed_squared_n_s2": Range(1e-9, 1e-5, "N s^2/rad^2"),
-    "tf.time_constant_s": Range(1e-3, 1.0, "s"),
-    "gravity_mps2": Range(9.7, 9.9, "m/s^2"),  # on earth: 9.76 on Huascaran, 9.83 at the poles
-}
-
-
 def implausible(key: str, value: Any) -> str:
     """Return what is implausible about a quantity's value as a sentence, with a guess of its unit; "" where nothing.
 
-    Of a matrix the diagonal is judged, and an inertia matrix has to be that of a possible body. Keys without a range
-    pass, and so does what is no number.
+    An inertia matrix has to be that of a possible body too. Keys without a range pass, and so does what is no number.
     """
-    if key not in RANGES:
+    quantity = find(key)
+    if quantity is None or quantity.plausible is None:
         return ""
-    found = RANGES[key]
-    for number in _judged(value):
+    found = quantity.plausible
+    unit = judged_unit(quantity)
+    where = " in its slope" if found.of == "slope" else "" if found.at is None else f" at {found.at:g} {quantity.over}"
+    for number in _judged(quantity, found, value):
         if not found.least <= number <= found.largest:
-            guess = _guess(number, found)
+            guess = _guess(number, found, unit)
             return (
-                f"{key} is implausible, {_shown(number)} {found.unit}{f': {guess}?' if guess else '.'} "
-                f"Expected {found.least:g} to {found.largest:g} {found.unit}."
+                f"{key} is implausible{where}, {_shown(number)} {unit}{f': {guess}?' if guess else '.'} "
+                f"Expected {found.least:g} to {found.largest:g} {unit}."
             )
     return _body_fault(key, value) if key == _INERTIA else ""
+
+
+def judged_unit(quantity: Quantity) -> str:
+    """Return the unit of what a quantity's range judges."""
+    if not quantity.over:
+        return quantity.unit
+    slope = quantity.plausible is not None and quantity.plausible.of == "slope"
+    return coefficient_units(quantity.key, 2)[0] if slope else quantity.of
 
 
 def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
@@ -79,11 +71,24 @@ def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
     )
 
 
-def _judged(value: Any) -> list[float]:
-    if isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
+def _judged(quantity: Quantity, found: Range, value: Any) -> list[float]:
+    if found.of == "diagonal" and is_matrix(value):
         value = [row[i] for i, row in enumerate(value)]
-    numbers = value if isinstance(value, list) else [value]
-    return [number for number in numbers if isinstance(number, int | float)]
+    judged = list(_leaves(value))
+    if found.of == "slope":
+        return judged[-2:-1]
+    known = isinstance(value, list) and len(judged) == len(value)
+    if found.at is not None:
+        return [evaluate(quantity.key, judged, found.at)] if known else []
+    return judged
+
+
+def _leaves(value: Any) -> Iterator[float]:
+    if isinstance(value, list):
+        for part in value:
+            yield from _leaves(part)
+    elif isinstance(value, int | float) and not math.isnan(value):
+        yield value
 
 
 def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
@@ -101,13 +106,14 @@ def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
     )
 
 
-def _guess(number: float, expected: Range) -> str:
+def _guess(number: float, expected: Range, unit: str) -> str:
     """Return the unit in which a number would be nearest to the middle of what is plausible, "" where there is none."""
+    if expected.least <= 0:
+        return ""
     middle = math.sqrt(expected.least * expected.largest)
-    units = _OTHER_UNITS.get(expected.unit, {})
     near = {
-        abs(math.log(number * size / middle)): unit
-        for size, unit in units.items()
+        abs(math.log(number * size / middle)): other
+        for size, other in _OTHER_UNITS.get(unit, {}).items()
         if expected.least <= number * size <= expected.largest
     }
     return near[min(near)] if near else ""
