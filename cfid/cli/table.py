@@ -78,7 +78,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "log ping": (
         "cfid.latency.log_command:ping",
-        "Measure round trips to the vehicle: mean, deviation, least, histogram (table 3.2). No motor turns.",
+        "Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.",
     ),
     "log wind": (
         "cfid.drag.wind.command:wind",
@@ -150,6 +150,6 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "tf latency": (
         "cfid.latency.command:latency",
-        "Tell round trips of pings, and offset and skew of the vehicle's clock where it stamped its answers.",
+        "Report round trips of pings, and the vehicle's clock offset and skew where it stamped its answers.",
     ),
 }
