@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import io
 import os
+import pickle
 import shutil
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +18,7 @@ import pytest
 from cfid.cli.main import main
 from cfid.console.campaign import make_campaign
 from cfid.demo.recordings import write_runs
-from cfid.records.campaign import RIG_FILE, find_campaign, load_rig, new_rig_text
+from cfid.records.campaign import find_campaign, load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
@@ -28,6 +29,8 @@ Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Once = Callable[[str, Callable[[Path], None]], Path]
 
 LONGEST_S = 120.0
+RECORDINGS_SEED = 5
+
 _WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
 
 
@@ -97,17 +100,35 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 
 
 @pytest.fixture(scope="session")
-def files(once: Once) -> Path:
-    """A folder with rig.toml and one CSV of times and counts for every recording of a simulated campaign."""
-    return once("files", _write_files)
+def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The rig.toml of a new campaign, under another name: a file to name, not a campaign to find."""
+    path = tmp_path_factory.mktemp("rig") / "geometry.toml"
+    path.write_text(new_rig_text())
+    return path
 
 
-def _write_files(folder: Path) -> None:
-    (folder / RIG_FILE).write_text(new_rig_text())
-    runs, _ = record_chapter_2(load_rig(folder / RIG_FILE), USUAL_TRUTH, np.random.default_rng(5))
-    for i, run in enumerate(runs):
-        write(folder / f"{name(run, i)}.csv", run)
-    (folder / RIG_FILE).rename(folder / "geometry.toml")  # a file to name, not a campaign to find
+@pytest.fixture(scope="session")
+def recordings(once: Once, rig_file: Path) -> list[SimulatedRun]:
+    """Swings of vehicle and test body, and dropped weights: simulated once for all that takes them as files or runs."""
+
+    def simulate(folder: Path) -> None:
+        runs, _ = record_chapter_2(load_rig(rig_file), USUAL_TRUTH, np.random.default_rng(RECORDINGS_SEED))
+        (folder / "runs.pickle").write_bytes(pickle.dumps(runs))
+
+    kept: list[SimulatedRun] = pickle.loads((once("recordings", simulate) / "runs.pickle").read_bytes())
+    return kept
+
+
+@pytest.fixture(scope="session")
+def files(once: Once, rig_file: Path, recordings: list[SimulatedRun]) -> Path:
+    """A folder with the rig's geometry.toml and one CSV of times and counts for every recording."""
+
+    def make(folder: Path) -> None:
+        shutil.copy(rig_file, folder)
+        for i, run in enumerate(recordings):
+            write(folder / f"{name(run, i)}.csv", run)
+
+    return once("files", make)
 
 
 def name(run: SimulatedRun, number: int) -> str:
@@ -122,16 +143,16 @@ def write(path: Path, run: SimulatedRun) -> None:
 
 
 @pytest.fixture
-def bodies(once: Once, tmp_path: Path) -> Path:
+def bodies(once: Once, recordings: list[SimulatedRun], tmp_path: Path) -> Path:
     """A campaign of its own with swings of vehicle and test body, and dropped weights."""
-    return Path(shutil.copytree(once("bodies", _record_bodies), tmp_path / "bodies"))
 
+    def make(folder: Path) -> None:
+        make_campaign(folder)
+        campaign = find_campaign(folder, start=folder)
+        assert campaign is not None
+        write_runs(campaign, recordings)
 
-def _record_bodies(folder: Path) -> None:
-    make_campaign(folder)
-    campaign = find_campaign(folder, start=folder)
-    assert campaign is not None
-    write_runs(campaign, record_chapter_2(campaign.rig, USUAL_TRUTH, np.random.default_rng(1))[0])
+    return Path(shutil.copytree(once("bodies", make), tmp_path / "bodies"))
 
 
 @pytest.fixture(scope="session")

@@ -12,15 +12,12 @@ from cfid.console.options import flat, positive
 from cfid.console.recording import rig_of, stop_line
 from cfid.console.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError, DeviceError
+from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
     from cfid.records.campaign import CrazyflieLink
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
-
-LARGEST_COMMAND = 65535
-
-_ALL = (1, 2, 3, 4)
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 
@@ -39,7 +36,7 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
     live = LiveLine()
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        confirm(crazyflie, _ALL, [crazyflie.limits.largest_command], yes=vehicle.yes)
+        confirm(crazyflie, MOTORS, [crazyflie.limits.largest_command], yes=vehicle.yes)
         _drive(
             crazyflie,
             live,
@@ -52,7 +49,7 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
 @flat
 def set_motors(
     *,
-    command: Annotated[int, typer.Argument(min=0, max=LARGEST_COMMAND, help="From 0 to 65535.")],
+    command: Annotated[int, typer.Argument(min=0, max=FULL_COMMAND, help=f"From 0 to {FULL_COMMAND}.")],
     motor: Motor = None,
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to run; default: until Ctrl-C.")
@@ -68,7 +65,7 @@ def set_motors(
 
     if for_s is not None:
         positive(for_s, "--for")
-    chosen = motors_of(motor, _ALL)
+    chosen = motors_of(motor, MOTORS)
     _, devices, simulated = rig_of(campaign)
     live = LiveLine()
     with ExitStack() as held:

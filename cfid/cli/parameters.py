@@ -10,6 +10,7 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import note
 from cfid.errors import ConfigError
+from cfid.quantities.lookup import UNITS, unit_of
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -26,24 +27,6 @@ _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _IN_RIG = {
     "mass_kg": ("vehicle", "mass_kg", "mass_std_kg"),
     "gravity_mps2": ("site", "gravity_mps2", "gravity_std_mps2"),
-}
-_UNITS = {
-    "kg_m2": "kg m^2",
-    "rad_per_s": "rad/s",
-    "mps2": "m/s^2",
-    "mps": "m/s",
-    "nm": "N m",
-    "kg": "kg",
-    "mm": "mm",
-    "rad": "rad",
-    "deg": "deg",
-    "ohm": "ohm",
-    "hz": "Hz",
-    "m": "m",
-    "s": "s",
-    "n": "N",
-    "v": "V",
-    "a": "A",
 }
 
 
@@ -83,9 +66,9 @@ def set_by_hand(
         return
     number = _number(value, name)
     _check(name, number, std, force=force)
-    if unit and _unit_of(name) not in ("", unit):
+    if unit and unit_of(name) not in ("", unit):
         raise ConfigError(
-            f"{name} is in {_unit_of(name)}, as its name states, and --unit says {unit}: convert the value, or leave "
+            f"{name} is in {unit_of(name)}, as its name states, and --unit says {unit}: convert the value, or leave "
             "--unit out. Nothing was changed."
         )
     found = here(campaign)
@@ -116,14 +99,14 @@ def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | No
     most_n = latest.parameters[_MOST].value if latest else None
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was noted.")
-    where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit="N(V)")
+    where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit=unit_of(_CUBIC))
     typer.echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
 
 
 def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
     import math
 
-    from cfid.records.plausible import implausible
+    from cfid.quantities.plausible import implausible
 
     if not _NAME.fullmatch(name):
         raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
@@ -167,9 +150,9 @@ def _into_parameters(
     from cfid import __version__
     from cfid.records.parameters import Parameter, Section, change_section
 
-    known = unit or _unit_of(name)
+    known = unit or unit_of(name)
     if not known:
-        units = ", ".join(_UNITS)
+        units = ", ".join(UNITS)
         raise ConfigError(f"'{name}': its unit is not known: end the name with one ({units}), or say --unit.")
 
     def with_it(before: Section | None) -> Section:
@@ -184,13 +167,6 @@ def _into_parameters(
 
     change_section(campaign.parameters_file, BY_HAND, with_it)
     return f"{campaign.parameters_file}, section {BY_HAND}."
-
-
-def _unit_of(name: str) -> str:
-    """Return the unit that a name ends with, "" where it ends with none, or with a part of one as in `_m_per_s`."""
-    suffix = next((suffix for suffix in _UNITS if name.endswith(f"_{suffix}")), "")
-    before = name.removesuffix(f"_{suffix}").rpartition("_")[-1]
-    return "" if not suffix or before in {"per", *_UNITS} else _UNITS[suffix]
 
 
 def _print_json(sections: "dict[str, Section]") -> None:

@@ -15,14 +15,12 @@ def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> No
     from rich.console import Console
     from rich.table import Table
 
-    from cfid.records.parameters import scalars
-
     table = Table(title=title, title_justify="left")
     for heading in ("parameter", "value", "std", "unit"):
         table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")
     for name, parameter in parameters.items():
-        for label, value, std in scalars(name, parameter):
-            table.add_row(label, *value_and_deviation(value, std), parameter.unit)
+        for one in parameter.numbers(name):
+            table.add_row(one.name, *value_and_deviation(one.value, one.std), parameter.unit)
     Console().print(table)
 
 

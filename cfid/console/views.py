@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from cfid.console.inputs import Workplace, find_recording, read_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.errors import DataError
+from cfid.quantities.lookup import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -169,7 +170,7 @@ def _device_view(run: "Run", device: str) -> View:
         notes=notes,
         parameters=_sampling(since_s)
         | {
-            f"mean.{name}": Parameter(value=float(column.mean()))
+            f"mean.{name}": Parameter(value=float(column.mean()), unit=unit_of(f"recording.mean.{name}"))
             for name, column in rows.columns.items()
             if device != SUPERVISOR  # a word of bits has no mean
         },

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from cfid.errors import FitError
+from cfid.units import COVERAGE_95
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
-_COVERED = 1.96
 _AT_ONCE = 2  # fits, which is as many as a small computer has processors
 
 # The longest first, so that no processor waits for it at the end.
@@ -25,19 +25,19 @@ FITS = (
     "fit rotor {thrust[1]}",
     "fit dynamics {thrust[1]}",
     "tf identify",
-    "fit drag --markers 2",
+    "fit drag",
     "fit friction",
-    "fit thrust {thrust[0]} {speed[0]} --markers 2",
+    "fit thrust {thrust[0]} {speed[0]}",
     "fit testbody",
     "fit torque {thrust[0]}",
-    "fit speed {speed[0]} --markers 2",
+    "fit speed {speed[0]}",
     "tf latency {ping[0]}",
 )
 FITS_OVER_WIRES = (
     "fit swing {swing[0]}",
     "fit thrust {thrust[0]}",
     "fit torque {thrust[0]}",
-    "tf identify --yaw-deg 0",  # nobody turned the simulated vehicle on its load cell
+    "tf identify",
     "tf latency {ping[0]}",
 )
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
@@ -136,13 +136,12 @@ def compared(
     sections: "Iterable[Section]", truth: Mapping[str, float]
 ) -> Iterator[tuple[str, float, float, float | None]]:
     """Return name, truth, estimate and deviation of every number whose truth is known."""
-    from cfid.records.parameters import scalars
-
     found = {
-        name: (value, std)
+        number.name: (number.value, number.std)
         for section in sections
         for key, parameter in section.parameters.items()
-        for name, value, std in scalars(key, parameter)
+        for number in parameter.numbers(key)
+        if number.value is not None
     }
     for name, true in truth.items():
         if name in found:
@@ -151,4 +150,4 @@ def compared(
 
 def covers(true: float, value: float, std: float | None) -> bool:
     """Return whether the 95 % interval of an estimate holds the truth."""
-    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=_COVERED * std)
+    return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=COVERAGE_95 * std)

@@ -50,14 +50,19 @@ class MonotoneCubic:
 
 
 def constrain(
-    free: PolynomialFit, *, thrust_n: Array, std_n: Array | None = None, max_thrust_n: float | None = None
+    free: PolynomialFit,
+    *,
+    thrust_n: Array,
+    std_n: Array | None = None,
+    shared_n: Array | None = None,
+    max_thrust_n: float | None = None,
 ) -> MonotoneCubic:
     """Return the cubic that rises over all voltages and fits points best.
 
-    `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages;
-    `std_n` (n,) weighed them; `max_thrust_n` is the largest thrust that the firmware asks for, that of the points where
-    it is not given. On the constraint the covariance is that of 400 unconstrained estimates, drawn from
-    their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
+    `free` is the unconstrained one, by least squares without Huber's loss, of thrusts (n,) over motor voltages; `std_n`
+    (n,) weighed them, of which they share `shared_n` (n, m); `max_thrust_n` is the largest thrust that the firmware
+    asks for, as `cubic_fault` takes it. On the constraint the covariance is that of 400 unconstrained estimates, drawn
+    from their own distribution and constrained alike; it is widened where the points scatter further about the cubic.
 
     A cubic is refused where, at some voltage from the idle thrust up to the largest that was measured, it departs from
     the unconstrained one by more than 1 % of the largest thrust and the points exclude that (one-sided, 1 %).
@@ -66,30 +71,32 @@ def constrain(
     """
     if free.order != 3:
         raise FitError(f"the firmware takes a cubic of motor voltage, and this polynomial has order {free.order}.")
-    most_n = max_thrust_n or float(free.at(free.x.max()))
-    if _inside(free.coefficients[::-1]) and not _fault(free, most_n):
+    if _inside(free.coefficients[::-1]) and not _fault(free, max_thrust_n):
         return MonotoneCubic(fit=free, bound=False, departure=0.0, refusal="")
     for margin in _MARGINS:
-        found = _weighed(free.x, thrust_n, std_n, margin)
-        if not (fault := _fault(found.fit, most_n)):
+        found = _weighed(free.x, thrust_n, std_n, shared_n, margin)
+        if not (fault := _fault(found.fit, max_thrust_n)):
             break
     departure, refusal = _judge(free, found.fit)
     refusal = refusal or (fault and f"no voltage cubic for the firmware: {fault}")
     return MonotoneCubic(fit=found.with_spread(), bound=True, departure=departure, refusal=refusal)
 
 
-def _fault(fit: PolynomialFit, most_n: float) -> str:
-    return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=most_n, fall=_FALL)
+def _fault(fit: PolynomialFit, max_thrust_n: float | None) -> str:
+    return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=max_thrust_n, fall=_FALL)
 
 
-def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, margin: float) -> "_Bound":
+def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array | None, margin: float) -> "_Bound":
     """Return the best cubic of the cone's surface; where it misses points by more than they vary, all count alike."""
-    found = _bound(volts, thrust_n, std_n, margin, missed_n=0.0)
+
+    def bound(missed_n: float) -> _Bound:
+        return _bound(volts, thrust_n, std_n, shared_n, margin, missed_n=missed_n)
+
+    found = bound(0.0)
     if std_n is None or found.excess <= 0:
         return found
     most = 2 * float(np.max(np.abs(found.fit.residual)))
-    missed = brentq(lambda m: _bound(volts, thrust_n, std_n, margin, missed_n=m).excess, 0.0, most, rtol=1e-3)
-    return _bound(volts, thrust_n, std_n, margin, missed_n=float(missed))
+    return bound(float(brentq(lambda missed_n: bound(missed_n).excess, 0.0, most, rtol=1e-3)))
 
 
 class _Bound(NamedTuple):
@@ -110,25 +117,29 @@ class _Bound(NamedTuple):
         about, about_free = (float(np.sum((part.residual / self.std_n) ** 2)) for part in (self.fit, self.free))
         known = self.fit.inflation is not None  # then the deviations say how far points vary
         widened = 1.0 if known or about_free == 0 else about / about_free
-        units = np.outer(self.cone.powers, self.cone.powers)
-        draws = np.random.default_rng(_SEED).multivariate_normal(
-            self.free.coefficients[::-1] * self.cone.powers,
-            widened * self.free.covariance[::-1, ::-1] * units,
-            size=_DRAWS,
-            method="eigh",
-        )
-        moved = np.array([draw if _inside(draw) else self.cone.nearest(draw, refined=False) for draw in draws])
+        free = np.sqrt(widened) * self.free.moved[::-1] * self.cone.powers[:, np.newaxis]
+        sizes, directions = np.linalg.eigh(free @ free.T)
+        factor = directions * np.sqrt(np.maximum(sizes, 0.0))
+        causes = _independent_causes()
+        draws = self.free.coefficients[::-1] * self.cone.powers + causes @ factor.T
+        drawn = np.array([draw if _inside(draw) else self.cone.nearest(draw, refined=False) for draw in draws])
+        follows = drawn.T @ causes / (_DRAWS - 1) @ np.linalg.pinv(factor)  # the unconstrained cubic, on average
+        own = (follows * self.cone.powers / self.cone.powers[:, np.newaxis])[::-1, ::-1]
         return replace(
             self.fit,
-            covariance=(np.cov(moved.T) / units)[::-1, ::-1],
+            covariance=(np.cov(drawn.T) / np.outer(self.cone.powers, self.cone.powers))[::-1, ::-1],
+            moved=np.sqrt(widened) * own @ self.free.moved,
+            by_point=own @ self.free.by_point,
             point_std=np.sqrt(widened) * self.fit.point_std,
         )
 
 
-def _bound(volts: Array, thrust_n: Array, std_n: Array | None, margin: float, *, missed_n: float) -> _Bound:
+def _bound(
+    volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array | None, margin: float, *, missed_n: float
+) -> _Bound:
     """Return the best cubic of the cone's surface, weighed by what points vary by and by what a cubic misses."""
     std = None if std_n is None else np.hypot(std_n, missed_n)
-    free = fit_polynomial(volts, thrust_n, order=3, std=std)
+    free = fit_polynomial(volts, thrust_n, order=3, std=std, shared=shared_n)
     weights = np.ones_like(thrust_n) if std is None else std
     cone = _Cone(volts, weights, margin)
     nearest = cone.nearest(free.coefficients[::-1] * cone.powers)
@@ -186,6 +197,13 @@ class _Cone:
         cosine, sine = np.cos(angle), np.sin(angle)
         margin = max(self._margin, _FLAT_MARGIN if angle < 0 else 1e-6)
         return np.array([0.0, cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3])
+
+
+def _independent_causes() -> Array:
+    """Return normal draws (draws, 4) whose own mean is zero and whose own covariance is the identity."""
+    draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, 4))
+    draws -= draws.mean(axis=0)
+    return np.asarray(draws @ np.linalg.inv(np.linalg.cholesky(np.cov(draws.T))).T)
 
 
 def _inside(lowest_first: Array) -> bool:

@@ -27,18 +27,19 @@ class PolynomialFit:
     """y(x) of `coefficients` (order + 1,) in plain powers of x, highest first; a power left out has a zero.
 
     `covariance` (order + 1, order + 1), nan where neither deviations were stated nor a point is left over; `moved` by
-    its transpose, a column an independent error of the points, is the same, and what two fits to the same points have
-    in common. Per
-    point (n,): `residual` in units of y, `weight` of Huber's loss (1: counts in full), `point_std`, one deviation
-    about the curve. `inflation` is how many times as far as stated the points scatter, never below 1, or None
-    where no deviations were stated. `scale` is what Huber's loss took for one deviation, in units of y, or of the
-    stated deviations; None for plain least squares. `quantile` times a deviation covers 95 %. `aicc` compares
-    orders on the same points.
+    its transpose is the same, but less where a constraint held a fit: a column an independent error, first of each
+    point alone, then of what points share. `by_point` (order + 1, n) is what a unit of each y does to the coefficients.
+    Per point (n,): `residual` in units of y, `weight` of Huber's loss (1: counts in full), `point_std`, one deviation
+    about the curve. `inflation` is how many times as far as stated the points scatter, never below 1, or None where no
+    deviations were stated. `scale` is what Huber's loss took for one deviation, in units of y, or of the stated
+    deviations; None for plain least squares. `quantile` times a deviation covers 95 %. `aicc` compares orders on the
+    same points.
     """
 
     coefficients: Array
     covariance: Array
     moved: Array
+    by_point: Array
     x: Array
     residual: Array
     weight: Array
@@ -58,6 +59,12 @@ class PolynomialFit:
     def std(self) -> Array:
         """One standard deviation of each coefficient (order + 1,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def hat(self) -> Array:
+        """What one deviation of each point does to the curve at all points, in their deviations (n, n)."""
+        powers = np.vander(self.x, self.order + 1)
+        return np.asarray(powers @ self.by_point * self.point_std / self.point_std[:, np.newaxis])
 
     @property
     def residual_norm(self) -> float:
@@ -187,14 +194,16 @@ def _fit(
     places, units = order - np.array(powers), size ** -np.array(powers, dtype=np.float64)
     coefficients, covariance = np.zeros(order + 1), np.zeros((order + 1, order + 1))
     coefficients[places] = solved.solution * units
-    by_point = inverse @ inverse.T @ rows.T  # one deviation of each
+    gain = inverse @ inverse.T @ rows.T  # of one deviation of each
+    by_point = np.zeros((order + 1, len(x)))
+    by_point[places] = gain * units[:, np.newaxis] / given
     moved = np.zeros((order + 1, len(x) + (0 if shared is None or std is None else shared.shape[1])))
     if shared is None or std is None:
-        moved[places] = by_point
+        moved[places] = gain
     else:
         parts = shared / given[:, np.newaxis]
         alone = np.sqrt(np.maximum(1 - np.sum(parts**2, axis=1), 0.0))
-        moved[places] = np.hstack([by_point * alone, by_point @ parts])
+        moved[places] = np.hstack([gain * alone, gain @ parts])
     moved[places] *= math.sqrt(variance) * units[:, np.newaxis]
     covariance[np.ix_(places, places)] = moved[places] @ moved[places].T
     known = std is not None and variance == 1.0
@@ -202,6 +211,7 @@ def _fit(
         coefficients=coefficients,
         covariance=covariance,
         moved=moved,
+        by_point=by_point,
         x=x,
         residual=solved.residual * given,
         weight=solved.weight,

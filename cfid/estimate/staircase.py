@@ -25,12 +25,12 @@ from cfid.estimate.windows import (
     prepared,
     steady_stretch,
 )
+from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
 Window = tuple[float, float]
 
 FZ = 2
-DEAD_UP_TO = 1000  # the command at which rotors may still stand (section 3.3.2)
 
 _DRIFT, _WAVE, _REST_WAVE = 0.05, 0.005, 0.001  # within a window, of a step's height; at rest, of the highest
 _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
@@ -199,7 +199,7 @@ def _reduced(
         height = max(heights[i], _LEAST_HEIGHT * heights.max())
         stretch = Stretch(*window) if window else _steady(record, rests, bounds[i], height=height)
         points.append(_point(record, rests, intervals[i], begun[i - 1], stretch))
-    asked = [point.reason for point in points if (point.command or 0) > DEAD_UP_TO]
+    asked = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
     if asked and all(reason.startswith(_SILENT) for reason in asked):
         raise DataError(f"the motors never turn: {asked[-1]}. Is the vehicle armed, its battery charged?")
     before, after = rests[0], rests[-1] if rests[-1].time_s > bounds[steps[-1]][1] else None
@@ -264,7 +264,7 @@ def _point(record: StandSignals, rests: Sequence[Level], interval: Interval, ons
     std_of_tare = np.linalg.norm(shares, axis=0)
     found = Level(math.nan, *[np.full_like(tare, math.nan)] * 4) if stretch.reason else _averaged(record, stretch)
     mean, std, reason = found.mean - tare, np.hypot(found.std, std_of_tare), stretch.reason
-    if (command or 0) > DEAD_UP_TO and abs(mean[record.thrust]) < _SEEN * std[record.thrust]:
+    if (command or 0) > DEAD_COMMAND and abs(mean[record.thrust]) < _SEEN * std[record.thrust]:
         reason = f"{_SILENT} at command {command}: {mean[record.thrust]:.2g} +- {std[record.thrust]:.2g}"
     return Point(
         command=command,

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from cfid.units import FULL_COMMAND
+
 Array = npt.NDArray[np.float64]
 
-FULL = 65535  # the largest command of a motor, 16 bits
-IDLE = 7000 / FULL  # THRUST_MIN over THRUST_MAX of every map that the firmware ships, and of its tools/system_id
+# THRUST_MIN over THRUST_MAX of every map that the firmware ships, and of its tools/system_id
+IDLE = 7000 / FULL_COMMAND
 FALL = 6.5  # of 65535: by which rounding may let a motor command fall as thrust rises; brushed motors have steps of 256
 
 _EMPTY_V, _CHARGED_V = 3.0, 4.2
@@ -66,7 +68,7 @@ def cubic_fault(lowest_first: Sequence[float], *, max_thrust_n: float | None = N
 
 def _rounding_fault(lowest_first: Sequence[float], least_n: float, most_n: float, fall: float) -> str:
     """Return what single precision makes of the inverse between two thrusts that is no flight, "" where nothing."""
-    share = np.arange(FULL + 1, dtype=np.float32) / np.float32(FULL)
+    share = np.arange(FULL_COMMAND + 1, dtype=np.float32) / np.float32(FULL_COMMAND)
     thrust = (share * np.float32(most_n)).astype(np.float64)
     thrust = thrust[thrust >= np.float32(least_n)]
     volts = firmware_volts(lowest_first, thrust)
@@ -78,11 +80,11 @@ def _rounding_fault(lowest_first: Sequence[float], least_n: float, most_n: float
         )
     if volts.min() < 0:
         return f"{_KEY}: the firmware's inverse gives {volts.min():.4g} V in single precision; expected 0 V or more."
-    fallen = float(np.max(np.maximum.accumulate(volts) - volts)) / _EMPTY_V * FULL
+    fallen = float(np.max(np.maximum.accumulate(volts) - volts)) / _EMPTY_V * FULL_COMMAND
     if fallen > fall:
         return (
-            f"{_KEY}: in the firmware's single precision the motor command falls by {fallen:.1f} of {FULL} as thrust "
-            f"rises (limit {fall:g})."
+            f"{_KEY}: in the firmware's single precision the motor command falls by {fallen:.1f} of {FULL_COMMAND} as "
+            f"thrust rises (limit {fall:g})."
         )
     given = thrust <= np.polyval(lowest_first[::-1], _CHARGED_V)
     apart = np.abs(np.polyval(lowest_first[::-1], volts) - thrust)[given] / (most_n - least_n)

@@ -35,7 +35,12 @@ def export(
     count: Annotated[int | None, typer.Option("--n", min=1, help="How many vehicles (samples). Default: 1000.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of the random numbers (samples). Default: 1.")] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Overwrite a file; export what is rejected, doubtful or implausible.")
+        bool,
+        typer.Option(
+            "--force",
+            help="Overwrite a file; export what is rejected, doubtful or implausible, marked so. A firmware header "
+            "whose thrust over voltage would stop the motors is refused all the same.",
+        ),
     ] = False,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object (list).")] = False,
@@ -48,6 +53,7 @@ def export(
     Example: [bold]cfid export crazyflow[/bold]
     """
     from cfid.export.catalogue import target_named
+    from cfid.export.target import text_of
 
     found = here(campaign)
     known = _known(found)
@@ -67,8 +73,9 @@ def export(
     if count is not None or seed is not None:
         raise ConfigError("--n and --seed go with `cfid export samples`: a file has the measured numbers.")
     wanted, vehicle = target_named(target), known.vehicle
+    text = text_of(wanted, vehicle)  # what no --force writes is refused first
     refuse(wanted, known, force=force)
-    _write(wanted, vehicle, out or str(found.folder / FOLDER / wanted.file_name), force=force)
+    _write(text, out or str(found.folder / FOLDER / wanted.file_name), force=force)
     _warn(wanted, vehicle)
 
 
@@ -119,11 +126,9 @@ def _known(campaign: "Campaign") -> Known:
     return Known(sections, stale, marked(vehicle, sections))
 
 
-def _write(target: "Target", vehicle: "Vehicle", out: str, *, force: bool) -> None:
-    from cfid.export.target import text_of
+def _write(text: str, out: str, *, force: bool) -> None:
     from cfid.records.files import write_whole
 
-    text = text_of(target, vehicle)
     if out == "-":
         typer.echo(text, nl=False)
         return

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from cfid.export.hover import (
-    RPM,
     YAW_SIGNS,
     arm_per_axis_m,
     drag_n_s_per_m,
@@ -19,6 +18,7 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, number, numbers, rows
+from cfid.units import RPM
 
 _DRONE = "cf2x_L250"  # crazyflow knows the drones of its list alone
 

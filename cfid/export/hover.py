@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 from cfid.errors import DataError
 from cfid.export.frame import Matrix, Vector, turned, turned_matrix, turned_spread
-from cfid.export.vehicle import FULL, Vehicle
-
-RPM = 2 * math.pi / 60  # rad/s of one revolution per minute
+from cfid.export.vehicle import Vehicle
+from cfid.units import FULL_COMMAND, MOTOR_AZIMUTH_DEG, ROTOR_TURNS
 
 _CUBIC = 4  # coefficients
 
@@ -18,8 +17,8 @@ _CUBIC = 4  # coefficients
 # moment that a rotor's drag gives the vehicle. m1 is in front on the right and turns counter-clockwise; its air
 # turns the vehicle clockwise.
 _DIAGONAL = math.sqrt(0.5)
-PLACES = ((1, -1), (-1, -1), (-1, 1), (1, 1))
-YAW_SIGNS = (-1, 1, -1, 1)
+PLACES = tuple((1 if abs(at) < 90 else -1, 1 if at > 0 else -1) for at in MOTOR_AZIMUTH_DEG.values())
+YAW_SIGNS = tuple(-turn for turn in ROTOR_TURNS.values())
 
 
 def inertia_kg_m2(vehicle: Vehicle) -> Matrix:
@@ -64,7 +63,7 @@ def hover_command(vehicle: Vehicle) -> float:
     Raises DataError when no command does.
     """
     poly, wanted = vehicle["thrust_of_command"], hover_thrust_n(vehicle)
-    low, high = 0.0, float(FULL)
+    low, high = 0.0, float(FULL_COMMAND)
     if not value_of(poly, low) < wanted < value_of(poly, high):
         raise DataError(
             f"no command hovers {vehicle['mass']:g} kg: a motor gives {value_of(poly, high):.4g} N at most."
@@ -85,7 +84,7 @@ def most_speed_rad_s(vehicle: Vehicle) -> float:
 
     Raises DataError when it is not above zero.
     """
-    return _above_zero(value_of(vehicle["speed_of_command"], FULL), "motor.speed_poly at the full command")
+    return _above_zero(value_of(vehicle["speed_of_command"], FULL_COMMAND), "motor.speed_poly at the full command")
 
 
 def thrust_of_voltage(vehicle: Vehicle) -> Sequence[float]:

@@ -12,15 +12,15 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, number, numbers
+from cfid.quantities.values import ENTRIES
 
-_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 _ORDER = (3, 2, 1, 0)  # motors m4 to m1: by angle, as OmniDrones numbers its rotors
 
 
 def write(vehicle: Vehicle) -> str:
     """Return the file."""
     matrix = inertia_kg_m2(vehicle)
-    entries = "".join(f"  {name}: {number(matrix[i][j])}\n" for name, (i, j) in _ENTRIES.items())
+    entries = "".join(f"  {name}: {number(matrix[i][j])}\n" for name, (i, j) in sorted(ENTRIES.items()))
     places = [rotor_places_m(vehicle)[motor] for motor in _ORDER]
     rotors = {
         "arm_lengths": [math.hypot(ahead, left) for ahead, left, _ in places],

@@ -1,4 +1,4 @@
-"""Whether parameters can be those of a vehicle: a possible body, maps that rise over their range, lags above zero."""
+"""Whether parameters can be those of a vehicle: a possible body, maps that rise and that the firmware can invert."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.voltage_cubic import IDLE
+from cfid.estimate.voltage_cubic import IDLE, cubic_fault
 from cfid.inertia.consistency import is_consistent
-from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND
+from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-FULL_BATTERY_V = 4.2
 _POSITIVE = (
     "mass_kg",
     "arm_m",
@@ -29,7 +28,7 @@ def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DE
     """Return the first reason why parameters, by key, belong to no vehicle, "" where there is none.
 
     `commands` is the range in which the maps of the command were measured; the other maps are looked at where these
-    lead, thrust over motor voltage from the idle thrust up to a full battery.
+    lead. Thrust over motor voltage has to be one that the firmware can invert, see `cubic_fault`.
     """
     for key in _POSITIVE:
         if key in values and not values[key] > 0:
@@ -48,12 +47,9 @@ def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
     """Go on with the maps of thrust and of speed, over the thrusts (m,) that are reached, if any are known."""
     if len(thrust) and "motor.torque_poly" in values and not _rises(values["motor.torque_poly"], thrust):
         return "motor.torque_poly does not rise"
-    volts = np.linspace(0.0, FULL_BATTERY_V, _POINTS)
     cubic = values.get("motor.thrust_voltage_poly")
-    if cubic is not None and len(thrust):
-        running = volts[np.polyval(cubic[::-1], volts) >= IDLE * thrust[-1]]
-        if not len(running) or not _rises(cubic[::-1], running):
-            return "motor.thrust_voltage_poly does not rise"
+    if cubic is not None and cubic_fault(cubic, max_thrust_n=values.get("motor.max_thrust_n")):
+        return "motor.thrust_voltage_poly has no inverse in the firmware"
     square = values.get("motor.thrust_per_speed_squared_n_s2")
     if square is None or not len(thrust):
         return ""

@@ -6,8 +6,8 @@ from dataclasses import replace
 from cfid.errors import DataError
 from cfid.export.target import Target, taken
 from cfid.export.vehicle import SOURCES, Quantity, Stale, Vehicle
+from cfid.quantities.plausible import centre_fault, implausible
 from cfid.records.parameters import Section
-from cfid.records.plausible import centre_fault, implausible
 
 
 def refuse_rejected(target: Target, vehicle: Vehicle, sections: Mapping[str, Section]) -> None:

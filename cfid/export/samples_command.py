@@ -124,7 +124,7 @@ def _vehicle(values: dict[str, Any], known: "Known", targets: "list[Target]") ->
 
 def _commands(known: "Known") -> tuple[float, float]:
     """Return the range of commands that was measured above the dead zone."""
-    from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND
+    from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
     found = known.vehicle.quantities.get("thrust_of_command")
     low, high = (found.commands if found is not None else None) or (DEAD_COMMAND, FULL_COMMAND)

@@ -6,7 +6,6 @@ from cfid.errors import DataError
 from cfid.estimate.voltage_cubic import least_thrust_n
 from cfid.export.crazyflow import rotor_coefficients, rpm_to_thrust, rpm_to_torque
 from cfid.export.hover import (
-    RPM,
     has_lag,
     hover_speed_rad_s,
     hover_thrust_n,
@@ -19,6 +18,7 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import HASH, number, numbers
+from cfid.units import RPM
 
 
 def write(vehicle: Vehicle) -> str:

@@ -7,7 +7,6 @@ from cfid import __version__
 from cfid.errors import DataError
 from cfid.export.frame import is_turned, turned
 from cfid.export.hover import (
-    RPM,
     hover_command,
     hover_speed_rad_s,
     hover_thrust_n,
@@ -15,8 +14,9 @@ from cfid.export.hover import (
     inertia_std_kg_m2,
     value_of,
 )
-from cfid.export.vehicle import FULL, SOURCES, Quantity, Vehicle
+from cfid.export.vehicle import SOURCES, Quantity, Vehicle
 from cfid.export.wording import commented, told
+from cfid.units import FULL_COMMAND, RPM
 
 EXCHANGE_FILE = "vehicle.json"
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
@@ -189,7 +189,8 @@ def _hovering(vehicle: Vehicle) -> Iterator[str]:
     except DataError as error:
         yield f"WARNING: {error}"
         return
-    yield f"By this it hovers at {hover_thrust_n(vehicle):.4g} N of each motor, command {command:.0f} of {FULL}."
+    share = f"command {command:.0f} of {FULL_COMMAND}"
+    yield f"By this it hovers at {hover_thrust_n(vehicle):.4g} N of each motor, {share}."
     measured = vehicle.quantities["thrust_of_command"].commands
     if measured is not None and not measured[0] <= command <= measured[1]:
         yield f"  EXTRAPOLATED: hovering's command {command:.0f}; {measured[0]:.0f} to {measured[1]:.0f} were measured."

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 from cfid.export.hover import (
-    RPM,
     drag_kg_per_rad,
     hover_command,
     inertia_kg_m2,
@@ -15,6 +14,7 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import Vehicle
 from cfid.export.wording import XML, number, numbers
+from cfid.units import FULL_COMMAND, RPM
 
 _NEEDS = ("mass", "inertia", "arm", "thrust_per_speed_squared", "torque_of_thrust", "max_thrust")
 _NOTES = (
@@ -40,7 +40,7 @@ _GYMS_OWN = {
     "dw_coeff_2": 0.16,
     "dw_coeff_3": -0.11,
 }
-_COMMAND_LIMITS = {"pwm_min": 20000.0, "pwm_max": 65535.0}
+_COMMAND_LIMITS = {"pwm_min": 20000.0, "pwm_max": float(FULL_COMMAND)}
 _HULL = '<origin rpy="0 0 0" xyz="0 0 0"/>\n      <geometry>\n        <cylinder radius="0.06" length="0.025"/>'
 
 

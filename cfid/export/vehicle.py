@@ -6,52 +6,49 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cfid.errors import ConfigError
+from cfid.quantities.lookup import registered, unit_of
 from cfid.records.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
+from cfid.units import FULL_COMMAND, MM
 
-FULL = 65535  # the largest command of a motor, 16 bits
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
 Stale = Callable[[Section], Sequence[str]]
 _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Source:
-    """The keys that a quantity may stand under, the first that is there wins, and what gives it."""
+    """The keys that a quantity may stand under, the first that is there wins."""
 
     keys: tuple[str, ...]
-    given_by: str
+
+    @property
+    def given_by(self) -> str:
+        """What a person does to get it."""
+        return registered(self.keys[0]).given_by
 
 
 SOURCES: Mapping[str, Source] = {
-    "mass": Source(keys=("mass_kg",), given_by="rig.toml's vehicle, or `cfid set mass_kg 0.0280`"),
-    "arm": Source(keys=("arm_m",), given_by="`cfid set arm_m 0.046`: from the vehicle's centre to a motor's axis"),
-    "inertia": Source(keys=("inertia.matrix_kg_m2",), given_by="`cfid fit inertia`"),
-    "thrust_of_command": Source(keys=("motor.thrust_poly",), given_by="`cfid fit thrust`"),
-    "thrust_range": Source(keys=("motor.command_of_thrust",), given_by="`cfid fit thrust`"),
-    "max_thrust": Source(keys=("motor.max_thrust_n",), given_by="`cfid fit thrust`"),
-    "thrust_of_voltage": Source(
-        keys=("motor.thrust_voltage_poly",), given_by="`cfid fit thrust` of runs with the battery's voltage"
-    ),
-    "speed_of_command": Source(keys=("motor.speed_poly",), given_by="`cfid fit speed`"),
-    "thrust_per_speed_squared": Source(
-        keys=("motor.thrust_per_speed_squared_n_s2",), given_by="`cfid fit thrust` of runs with rotor speeds"
-    ),
-    "thrust_of_speed": Source(
-        keys=("motor.thrust_speed_poly",), given_by="`cfid fit thrust` of runs with rotor speeds"
-    ),
-    "torque_of_thrust": Source(keys=("motor.torque_poly",), given_by="`cfid fit torque`"),
-    "rising": Source(keys=("dynamics.rising",), given_by="`cfid fit dynamics`"),
-    "falling": Source(keys=("dynamics.falling",), given_by="`cfid fit dynamics`"),
-    "thrust_lag": Source(keys=("tf.time_constant_s",), given_by="`cfid tf identify`"),
-    "delay": Source(keys=("tf.delay_s",), given_by="`cfid tf identify`"),
-    "drag": Source(
-        keys=("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"), given_by="`cfid fit drag`"
-    ),
-    "rotor_inertia": Source(keys=("rotor_inertia_kg_m2",), given_by="`cfid set rotor_inertia_kg_m2 3e-8`"),
-    "rotor_radius": Source(keys=("rotor_radius_m",), given_by="`cfid set rotor_radius_m 0.0231`"),
-}  # fmt: skip
+    "mass": Source(("mass_kg",)),
+    "arm": Source(("arm_m",)),
+    "inertia": Source(("inertia.matrix_kg_m2",)),
+    "thrust_of_command": Source(("motor.thrust_poly",)),
+    "thrust_range": Source(("motor.command_of_thrust",)),
+    "max_thrust": Source(("motor.max_thrust_n",)),
+    "thrust_of_voltage": Source(("motor.thrust_voltage_poly",)),
+    "speed_of_command": Source(("motor.speed_poly",)),
+    "thrust_per_speed_squared": Source(("motor.thrust_per_speed_squared_n_s2",)),
+    "thrust_of_speed": Source(("motor.thrust_speed_poly",)),
+    "torque_of_thrust": Source(("motor.torque_poly",)),
+    "rising": Source(("dynamics.rising",)),
+    "falling": Source(("dynamics.falling",)),
+    "thrust_lag": Source(("tf.time_constant_s",)),
+    "delay": Source(("tf.delay_s",)),
+    "drag": Source(("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")),
+    "rotor_inertia": Source(("rotor_inertia_kg_m2",)),
+    "rotor_radius": Source(("rotor_radius_m",)),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +166,7 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
         key="mass_kg",
         value=own.mass_kg,
         std=own.mass_std_kg or None,
-        unit="kg",
+        unit=unit_of("mass_kg"),
         origin=rig_file,
         caveat=f"As `cfid new` writes it, which is the thesis' vehicle: was yours weighed? ({rig_file})" * unweighed,
     )
@@ -178,16 +175,20 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
 def _gravity(rig: Rig, rig_file: str) -> Quantity:
     site = rig.site
     return Quantity(
-        key="gravity_mps2", value=site.gravity_mps2, std=site.gravity_std_mps2 or None, unit="m/s^2", origin=rig_file
+        key="gravity_mps2",
+        value=site.gravity_mps2,
+        std=site.gravity_std_mps2 or None,
+        unit=unit_of("gravity_mps2"),
+        origin=rig_file,
     )
 
 
 def _centre(rig: Rig, rig_file: str) -> Quantity:
     own = rig.vehicle
-    std = [0.001 * length for length in own.centre_of_mass_std_mm]
+    std = [MM * length for length in own.centre_of_mass_std_mm]
     return Quantity(
         key="centre_of_mass_m",
-        value=[0.001 * length for length in own.centre_of_mass_mm],
+        value=[MM * length for length in own.centre_of_mass_mm],
         std=std if any(std) else None,
         unit="m",
         origin=rig_file,
@@ -242,9 +243,9 @@ def _commands(section: Section) -> tuple[float, float] | None:
 
 def _extrapolated(commands: tuple[float, float] | None) -> str:
     """Return a sentence where the motors were measured well below the full command, else nothing."""
-    if commands is None or commands[1] >= _FAR * FULL:
+    if commands is None or commands[1] >= _FAR * FULL_COMMAND:
         return ""
-    return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL} is the largest that was measured."
+    return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL_COMMAND} is the largest that was measured."
 
 
 def _known(value: Value) -> bool:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import Finding, warning
 from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, find_campaign
-from cfid.records.parameters import Section, Source, Value, load_sections, scalars
+from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.run import Run, list_runs
 
 
@@ -78,15 +78,15 @@ def _numbers(section_name: str, section: Section, recorded: datetime) -> list[Kn
     which = section_name.partition(" ")[2]
     own = f" ({which})" if which else ""
     return [
-        Known(name + own, float(value), _number(std), parameter.unit, recorded, key not in section.rejected)
+        Known(one.name + own, float(one.value), _float(one.std), parameter.unit, recorded, key not in section.rejected)
         for key, parameter in section.parameters.items()
-        for name, value, std in scalars(key, parameter)
-        if isinstance(value, int | float) and not isinstance(value, bool)
+        for one in parameter.numbers(key)
+        if one.value is not None
     ]
 
 
-def _number(value: Value) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
+def _float(std: float | None) -> float | None:
+    return None if std is None else float(std)
 
 
 def _source_finding(folder: Path, source: Source) -> Finding | None:

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from cfid.quantities.values import ENTRIES
+
 Array = npt.NDArray[np.float64]
 
 _LEAST_THICKNESS = 1e-6  # smallest second moment over the trace that the refit may reach
@@ -56,4 +58,4 @@ def _entries(factor: Array, scale: float) -> Array:
     lower[[1, 2, 2], [0, 0, 1]] = factor[3:]
     moments = scale * lower @ lower.T
     matrix = np.trace(moments) * np.eye(3) - moments
-    return np.asarray(matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    return np.asarray(matrix[tuple(zip(*ENTRIES.values(), strict=True))])

@@ -10,11 +10,10 @@ from scipy.linalg import block_diag
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_polynomial
+from cfid.units import FULL_COMMAND as FULL_COMMAND  # noqa: PLC0414, maps.result takes it from here
+from cfid.units import RPM
 
 Array = npt.NDArray[np.float64]
-
-DEAD_COMMAND = 1000  # up to here a motor stands (thesis, section 3.3.2)
-FULL_COMMAND = 65535
 
 _STD_OF = {"thrust_n": "thrust_std_n", "torque_nm": "torque_std_nm", "speed_rad_s": "speed_std_rad_s"}
 _SHARED_OF = {"thrust_n": "thrust_shared_n", "torque_nm": "torque_shared_nm"}
@@ -58,18 +57,23 @@ class Errors(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known."""
+    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known.
+
+    `windows` (n, N) are the parts of all N windows in each point, in units of their deviations; its rows have length
+    one over those windows that measured either quantity.
+    """
 
     command: Array
     x: Array
     y: Array
+    windows: Array
     x_errors: Errors = Errors(None, None)
     y_errors: Errors = Errors(None, None)
 
     def kept(self, rows: npt.NDArray[np.bool_]) -> "Measured":
         """Return some of the points, `rows` (n,)."""
-        x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[3:])
-        return Measured(self.command[rows], self.x[rows], self.y[rows], x_errors, y_errors)
+        x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[4:])
+        return Measured(self.command[rows], self.x[rows], self.y[rows], self.windows[rows], x_errors, y_errors)
 
     def total_errors(self, *, order: int) -> Errors:
         """Return the errors of y with what those of x amount to on the slope; none where y's are unknown."""
@@ -82,9 +86,9 @@ class Measured(NamedTuple):
         return Errors(np.hypot(y_std, slope * x_std), np.hstack(shared) if shared else None)
 
 
-def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: int) -> Array:
+def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike) -> Array:
     """Return the rotor's speed of a tachometer's turns a minute, which counts each marker (eq. 3.2: two)."""
-    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (2 * math.pi / 60 / markers))
+    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (RPM / np.asarray(markers)))
 
 
 def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:
@@ -142,15 +146,28 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Measur
 
     Raises FitError when either was not measured, or never at the same command.
     """
-    for source in (points, command_means(points)):
+    single, of_command = np.eye(len(points.command)), _windows_of_commands(points, name, over)
+    for source, windows in ((points, single), (command_means(points), of_command)):
         x, y = getattr(source, over), getattr(source, name)
         missing = [column for column, value in ((over, x), (name, y)) if value is None]
         if missing:
             raise FitError(f"no column {' and no '.join(missing)}: it was not measured.")
         both = np.isfinite(x) & np.isfinite(y)
         if both.any():
-            return Measured(source.command, x, y, _errors(source, over), _errors(source, name)).kept(both)
+            found = Measured(source.command, x, y, windows, _errors(source, over), _errors(source, name))
+            return found.kept(both)
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
+
+
+def _windows_of_commands(points: MotorPoints, *names: str) -> Array:
+    """Return the parts of all windows in each command's means of quantities, one after the other (commands, N)."""
+    total = np.zeros((len(np.unique(points.command)), len(points.command)))
+    for name in names:
+        value: Array | None = getattr(points, name)
+        if value is not None:
+            there = (np.unique(points.command)[:, np.newaxis] == points.command) & np.isfinite(value)
+            total += there / np.sqrt(np.maximum(there.sum(axis=1, keepdims=True), 1))
+    return total
 
 
 def weighable(std: Array | None) -> Array | None:

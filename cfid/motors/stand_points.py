@@ -7,12 +7,11 @@ import numpy.typing as npt
 
 from cfid.estimate.staircase import FZ, Point
 from cfid.motors.points import MotorPoints
+from cfid.units import ROTOR_TURNS
 
 Array = npt.NDArray[np.float64]
 
 TZ = 5
-
-_TURNS = {1: 1, 2: -1, 3: 1, 4: -1}  # of a Crazyflie's motors, against the clock seen from above
 
 
 def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int = FZ) -> MotorPoints:
@@ -33,7 +32,7 @@ def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int 
     if mean.shape[1] <= TZ:
         return points
     alike = np.array(
-        [abs(sum(_TURNS[motor] for motor in step.motors)) if step.motors else motors or 1 for step in steps]
+        [abs(sum(ROTOR_TURNS[motor] for motor in step.motors)) if step.motors else motors or 1 for step in steps]
     )
     alike = np.where(alike == 0, np.nan, alike)
     torque = {

@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of a symmetric matrix: xx, yy, zz, xy, xz, yz
+from cfid.quantities.values import ENTRIES
+
 _SYMMETRIC = ("inertia.matrix_kg_m2",)
 _ROUNDING = 1e-6  # of the geometric mean of two variances
 
@@ -29,7 +30,7 @@ def numbers_of(key: str, value: Any) -> list[float]:
     A list from its start, a matrix row by row, the inertia matrix as xx, yy, zz, xy, xz, yz.
     """
     if key in _SYMMETRIC:
-        return [value[i][j] for i, j in _ENTRIES]
+        return [value[i][j] for i, j in ENTRIES.values()]
     if isinstance(value, list):
         return [number for part in value for number in numbers_of("", part)]
     return [value]
@@ -38,7 +39,7 @@ def numbers_of(key: str, value: Any) -> list[float]:
 def names_of(key: str, value: Any) -> list[str]:
     """Return a name for each of a parameter's independent numbers."""
     if key in _SYMMETRIC:
-        return [f"{key} {'xyz'[i]}{'xyz'[j]}" for i, j in _ENTRIES]
+        return [f"{key} {entry}" for entry in ENTRIES]
     if not isinstance(value, list):
         return [key]
     return [name for place, part in enumerate(value) for name in names_of(f"{key} [{place}]", part)]

@@ -12,16 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from cfid.errors import ConfigError, DataError
+from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
 from cfid.records.files import alone_in, first_fault, read_toml, toml_bytes, write_toml
-from cfid.records.shapes import misshapen
 
 FORMAT = 2  # 1, which had no number, knew no covariances, common causes and rejections
 _FORMAT_KEY = "format"
 _BY_FORCE = "an older cfid did not accept this fit, and kept it by --force."
-
-_MATRIX = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-_ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
 
 Value = Any  # a number, nested lists of numbers, or a list of rows (dicts): what TOML and JSON share
 
@@ -40,6 +37,10 @@ class Parameter:
     def as_json(self) -> dict[str, Value]:
         """Return plain lists and numbers; what is not finite becomes None."""
         return {"value": plain(self.value), "std": plain(self.std), "unit": self.unit}
+
+    def numbers(self, key: str) -> Iterator[Number]:
+        """Yield its numbers one by one, named by its key, as `cfid.quantities` has them."""
+        return numbers(key, plain(self.value), plain(self.std))
 
 
 @dataclass(frozen=True)
@@ -82,30 +83,6 @@ def plain(value: Any) -> Value:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def scalars(name: str, parameter: Parameter) -> Iterator[tuple[str, Value, Value]]:
-    """Return the numbers of a parameter one by one, named, with their deviations; a list of rows has none.
-
-    A symmetric matrix gives each of its entries once.
-    """
-    value, std = plain(parameter.value), plain(parameter.std)
-    if isinstance(value, list) and value and isinstance(value[0], Mapping):
-        return
-    if not isinstance(value, list):
-        yield name, value, std
-    elif len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
-        entries = _MATRIX if all(value[j][i] == value[i][j] for i, j in _MATRIX.values()) else _ALL_ENTRIES
-        for entry, (i, j) in entries.items():
-            yield f"{name} {entry}", value[i][j], part(part(std, i), j)
-    else:
-        for i, item in enumerate(value):
-            yield f"{name} [{i}]", item, part(std, i)
-
-
-def part(std: Value, place: int) -> Value:
-    """Return a part of a deviation, None where it has none: what was edited may not be shaped as its value."""
-    return std[place] if isinstance(std, list) and place < len(std) else None
 
 
 def load_sections(path: Path) -> dict[str, Section]:
@@ -192,7 +169,7 @@ def bent(section: Section) -> str:
     if section.found.tzinfo is None:
         return "found: should have a time zone"
     for key, parameter in section.parameters.items():
-        if said := misshapen(key, parameter.value, parameter.std):
+        if said := shape_error(key, parameter.value, parameter.std):
             return f"parameters.{key}: {said}"
         if any(number < 0 for number in _numbers(parameter.std)):
             return f"parameters.{key}.std: should not be below zero"

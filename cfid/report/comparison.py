@@ -3,12 +3,18 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from cfid.quantities.lookup import registered, unit_of
+from cfid.quantities.values import coefficient_units, evaluate
 from cfid.records.campaign import BodyFrame
+from cfid.records.covariances import shaped_as
 from cfid.records.parameters import plain
 from cfid.report import published
 from cfid.report.known import Found, Known, axis_of, turned
 from cfid.report.published import Published, PublishedInertia
+from cfid.units import FULL_COMMAND, ROTORS
 
+_INERTIA = "inertia.matrix_kg_m2"
+_TABLE_SCALE = 2**16  # of Bitcraze's tables, whose commands are shares of it
 _HOVERS = 0.01  # of its weight, within which a command carries the vehicle
 
 
@@ -45,8 +51,8 @@ def comparisons(known: Known) -> tuple[Comparison, ...]:
     return (
         _mass(known),
         _inertia(known),
-        _over_command(known, "Thrust of the command", "motor.thrust_poly", "N", published.THRUST_N),
-        _over_command(known, "Rotor speed of the command", "motor.speed_poly", "rad/s", published.SPEED_RAD_S),
+        _over_command(known, "Thrust of the command", "motor.thrust_poly", published.THRUST_N),
+        _over_command(known, "Rotor speed of the command", "motor.speed_poly", published.SPEED_RAD_S),
         _thrust_at_speed(known),
         _thrust_at_voltage(known),
         _torque(known),
@@ -58,11 +64,11 @@ def comparisons(known: Known) -> tuple[Comparison, ...]:
 def _mass(known: Known) -> Comparison:
     vehicle = known.rig.vehicle
     own = (vehicle.mass_kg,), (vehicle.mass_std_kg,)
-    return _compared(known, "Mass", published.MASS_KG, *own, columns=("mass",), unit="kg")
+    return _compared(known, "Mass", published.MASS_KG, *own, columns=("mass",), unit=unit_of("mass_kg"))
 
 
 def _inertia(known: Known) -> Comparison:
-    found = known.find("inertia.matrix_kg_m2")
+    found = known.find(_INERTIA)
     frame = known.rig.vehicle.body_frame
     values: Values = ()
     std: Values = ()
@@ -75,8 +81,8 @@ def _inertia(known: Known) -> Comparison:
         title="Inertia about the centre of mass",
         about="Roll is about the axis that points forward, pitch about the one to the left, yaw about the one up. "
         "Yours and the thesis' matrix are turned there from their own frame. The others stand as they are used.",
-        columns=tuple(turned(_matrix((0.0,) * 6), frame)),
-        unit="kg m^2",
+        columns=tuple(turned(shaped_as(_INERTIA, (0.0,) * 6, None), frame)),
+        unit=unit_of(_INERTIA),
         yours=_yours(known, values, (found,), f"turned from {frame_text(frame)}") if values else None,
         yours_std=std,
         others=others,
@@ -88,103 +94,104 @@ def frame_text(frame: BodyFrame) -> str:
     return f"forward {frame.forward}, left {frame.left}, up {frame.up}"
 
 
-def _matrix(six: Sequence[float]) -> list[list[float]]:
-    xx, yy, zz, xy, xz, yz = six
-    return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-
-
 def _turned_line(one: PublishedInertia) -> Line:
-    values = tuple(turned(_matrix(one.matrix_kg_m2), one.axes).values())
+    values = tuple(turned(shaped_as(_INERTIA, one.matrix_kg_m2, None), one.axes).values())
     frame = "x forward" if one.axes == published.X_FORWARD else f"turned from {frame_text(one.axes)}"
     diagonal = not any(one.matrix_kg_m2[3:])
     return Line(one.who, one.vehicle, values[:3] + (None,) * 3 if diagonal else values, frame, one.source, one.note)
 
 
-def _over_command(known: Known, title: str, key: str, unit: str, others: tuple[Published, ...]) -> Comparison:
+def _over_command(known: Known, title: str, key: str, others: tuple[Published, ...]) -> Comparison:
     found = known.find(key)
     return _compared(
         known,
         title,
         others,
-        _polynomial(found, published.COMMANDS, "cmd"),
+        _polynomial(found, key, published.COMMANDS, "cmd"),
         by=(found,),
-        columns=tuple(f"{100 * command / 65536:.4g} %" for command in published.COMMANDS),
-        unit=unit,
+        columns=tuple(f"{100 * command / _TABLE_SCALE:.4g} %" for command in published.COMMANDS),
+        unit=registered(key).of,
         about="At a share of full scale; one motor. Empty beyond the commands that this campaign measured.",
     )
 
 
-def _polynomial(found: Found | None, at: Sequence[float], column: str) -> Values:
+def _polynomial(found: Found | None, key: str, at: Sequence[float], column: str) -> Values:
     """Return a polynomial's values, None beyond what its section's table was measured at."""
     if found is None:
         return ()
     table = found.section.parameters.get("motor.table")
     measured = [row[column] for row in plain(table.value) if row.get(column)] if table is not None else []
-    coefficients = [float(x) for x in found.parameter.value]
     low, high = (min(measured), max(measured)) if measured else (min(at), max(at))
-    return tuple(_value(coefficients[::-1], x) if low <= x <= high else None for x in at)
-
-
-def _value(lowest_first: Sequence[float], x: float) -> float:
-    return float(sum(c * x**i for i, c in enumerate(lowest_first)))
+    return tuple(evaluate(key, found.parameter.value, x) if low <= x <= high else None for x in at)
 
 
 def _thrust_at_speed(known: Known) -> Comparison:
-    found = known.find("motor.thrust_speed_poly")
+    key = "motor.thrust_speed_poly"
+    found = known.find(key)
     return _compared(
         known,
         "Thrust of the rotor's speed",
         published.THRUST_AT_SPEED_N,
-        _polynomial(found, published.SPEEDS_RAD_S, "speed_rad_s"),
+        _polynomial(found, key, published.SPEEDS_RAD_S, "speed_rad_s"),
         by=(found,),
         columns=tuple(f"{speed:.0f} rad/s" for speed in published.SPEEDS_RAD_S),
-        unit="N",
+        unit=registered(key).of,
         about="One rotor; each form evaluated at the same speeds.",
     )
 
 
 def _thrust_at_voltage(known: Known) -> Comparison:
-    found = known.find("motor.thrust_voltage_poly")
+    key = "motor.thrust_voltage_poly"
+    found = known.find(key)
     return _compared(
         known,
         "Thrust of the motor's voltage",
         published.THRUST_AT_VOLTAGE_N,
-        () if found is None else tuple(_value(found.parameter.value, volts) for volts in published.VOLTS),
+        () if found is None else tuple(evaluate(key, found.parameter.value, volts) for volts in published.VOLTS),
         by=(found,),
         columns=tuple(f"{volts:g} V" for volts in published.VOLTS),
-        unit="N",
+        unit=registered(key).of,
         about="One motor; its voltage is the battery's by the share of the command. A polynomial may be continued here "
         "beyond the voltages that it was measured at.",
     )
 
 
 def _torque(known: Known) -> Comparison:
-    found = known.find("motor.torque_poly")
+    key = "motor.torque_poly"
+    found = known.find(key)
     values: Values = ()
     std: Values = ()
     if found is not None and len(found.parameter.value) == 2:
         values, std = (found.parameter.value[0],), (found.parameter.std[0],) if found.parameter.std else ()
-    about = "The slope of a straight line, N m of torque for N of thrust."
-    others = published.TORQUE_PER_THRUST_M
-    title = "Torque per thrust"
-    return _compared(known, title, others, values, std, by=(found,), columns=("slope",), unit="m", about=about)
+    return _compared(
+        known,
+        "Torque per thrust",
+        published.TORQUE_PER_THRUST_M,
+        values,
+        std,
+        by=(found,),
+        columns=("slope",),
+        unit=coefficient_units(key, 2)[0],
+        about="The slope of a straight line, N m of torque for N of thrust.",
+    )
 
 
 def _dynamics(known: Known) -> Iterator[Comparison]:
     rows = (
-        ("Time constant of motor and rotor", "tf.time_constant_s", "time constant", "s"),
-        ("Static gain of the transfer function", "tf.static_gain_n", "static gain", "N"),
+        ("Time constant of motor and rotor", "tf.time_constant_s", "time constant"),
+        ("Static gain of the transfer function", "tf.static_gain_n", "static gain"),
     )
-    for place, (title, key, column, unit) in enumerate(rows):
+    for place, (title, key, column) in enumerate(rows):
         others = tuple(one._replace(values=one.values[place : place + 1]) for one in published.DYNAMICS)
         others = tuple(one for one in others if one.values[0] is not None)
         found = known.find(key)
         own: tuple[Values, Values] = ((), ()) if found is None else ((found.parameter.value,), (found.parameter.std,))
-        yield _compared(known, title, others, *own, by=(found,), columns=(column,), unit=unit)
+        yield _compared(known, title, others, *own, by=(found,), columns=(column,), unit=unit_of(key))
 
 
 def _drag(known: Known) -> tuple[Comparison, Comparison]:
-    found = known.find("drag.simple_kg_per_rad")
+    key = "drag.simple_kg_per_rad"
+    found = known.find(key)
     frame = known.rig.vehicle.body_frame
     places = [axis_of(name)[0] for name in (frame.forward, frame.left, frame.up)]
     values = () if found is None else tuple(found.parameter.value[i] for i in places)
@@ -200,7 +207,7 @@ def _drag(known: Known) -> tuple[Comparison, Comparison]:
             std,
             by=(found,),
             columns=columns,
-            unit="kg/rad",
+            unit=unit_of(key),
             about="Force along an axis for velocity along it and the sum of the rotors' speeds.",
         ),
         _compared(
@@ -222,13 +229,13 @@ def _hover_speed_sum_rad_s(known: Known) -> float | None:
     thrust, speed = known.find("motor.thrust_poly"), known.find("motor.speed_poly")
     if thrust is None or speed is None:
         return None
-    wanted_n = known.rig.vehicle.mass_kg * known.rig.site.gravity_mps2 / 4
-    commands = range(0, 65536, 16)
-    coefficients = [float(x) for x in thrust.parameter.value][::-1]
-    command = min(commands, key=lambda cmd: abs(_value(coefficients, cmd) - wanted_n))
-    if abs(_value(coefficients, command) - wanted_n) > _HOVERS * wanted_n:
+    wanted_n = known.rig.vehicle.mass_kg * known.rig.site.gravity_mps2 / ROTORS
+    commands = range(0, FULL_COMMAND + 1, 16)
+    lacking_n = {cmd: abs(evaluate("motor.thrust_poly", thrust.parameter.value, cmd) - wanted_n) for cmd in commands}
+    command = min(lacking_n, key=lambda cmd: lacking_n[cmd])
+    if lacking_n[command] > _HOVERS * wanted_n:
         return None
-    return 4 * _value([float(x) for x in speed.parameter.value][::-1], command)
+    return ROTORS * evaluate("motor.speed_poly", speed.parameter.value, command)
 
 
 def _compared(

@@ -6,29 +6,15 @@ from datetime import datetime
 from pathlib import Path
 
 from cfid.findings import Finding, rejection, texts
+from cfid.quantities.table import EXPERIMENTS
 from cfid.records.fits import Fit
 from cfid.records.parameters import Source
 from cfid.records.stale import Stale
-from cfid.report.known import entries
 from cfid.report.measurements import Measurement
 from cfid.report.sheet import Row
 from cfid.report.tables import Table, parameter_tables, quality_tables
 
-_TITLES = {
-    "swing": "Swing",
-    "friction": "Friction of the axis",
-    "inertia": "Inertia matrix",
-    "testbody": "Test body",
-    "thrust": "Command to thrust",
-    "speed": "Command to rotor speed",
-    "torque": "Thrust to torque",
-    "rotor": "Rotor speed from vibration",
-    "dynamics": "Rotor dynamics",
-    "tf": "Transfer function of motor and rotor",
-    "latency": "Latency of the link",
-    "drag": "Drag",
-}
-_KINDS = list(_TITLES)
+_KINDS = list(EXPERIMENTS)
 
 
 @dataclass(frozen=True)
@@ -85,7 +71,8 @@ def experiments(
 def title_of(name: str) -> str:
     """Return what a kind of fit is called: `swing x` is the swing about x."""
     kind, _, rest = name.partition(" ")
-    return f"{_TITLES.get(kind, kind)} {rest}".rstrip()
+    title = EXPERIMENTS[kind].title if kind in EXPERIMENTS else kind
+    return f"{title} {rest}".rstrip()
 
 
 def _place(name: str) -> int:
@@ -113,7 +100,7 @@ def _experiment(
         parameters=tuple(
             Row(f"{key} {entry.place}".rstrip(), entry.value, entry.std, parameter.unit)
             for key, parameter in fit.section.parameters.items()
-            for entry in entries(parameter)
+            for entry in parameter.numbers(key)
         ),
         tables=(*quality_tables(fit.quality), *parameter_tables(fit.section.parameters)),
         lines=fit.lines,

@@ -1,14 +1,11 @@
 """What a campaign knows of its vehicle: the last of each fit, and what rig.toml states."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cfid.records.campaign import BodyFrame, Rig
-from cfid.records.parameters import Parameter, Section, part, plain
-
-_SYMMETRIC = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-_ALL = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
+from cfid.records.parameters import Parameter, Section
 
 
 class Found(NamedTuple):
@@ -18,14 +15,6 @@ class Found(NamedTuple):
     section: Section
     parameter: Parameter
     rejected: bool
-
-
-class Entry(NamedTuple):
-    """One number of a parameter: which of its numbers it is ("" of a scalar), its value and deviation."""
-
-    place: str
-    value: float | None
-    std: float | None
 
 
 @dataclass(frozen=True)
@@ -47,35 +36,7 @@ class Known:
     def numbers(self, key: str) -> list[float | None] | None:
         """Return the numbers of a parameter in their order, a scalar as one, None where there is none."""
         found = self.find(key)
-        return None if found is None else [entry.value for entry in entries(found.parameter)]
-
-
-def entries(parameter: Parameter) -> Iterator[Entry]:
-    """Yield the numbers of a parameter one by one; of a symmetric matrix (3, 3) each once, of rows none."""
-    value, std = plain(parameter.value), plain(parameter.std)
-    if not is_rows(value):
-        yield from _numbers("", value, std)
-
-
-def _numbers(place: str, value: Any, std: Any) -> Iterator[Entry]:
-    if not isinstance(value, list):
-        if _may_be_number(value):
-            yield Entry(place, value, std if _may_be_number(std) else None)
-    elif len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value):
-        for name, (i, j) in (_SYMMETRIC if _is_symmetric(value) else _ALL).items():
-            yield from _numbers(f"{place} {name}".strip(), value[i][j], part(part(std, i), j))
-    else:
-        for i, item in enumerate(value):
-            yield from _numbers(f"{place} {i}".strip(), item, part(std, i))
-
-
-def _may_be_number(value: Any) -> bool:
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
-
-
-def is_rows(value: Any) -> bool:
-    """Return whether a value is a list of rows with named cells."""
-    return isinstance(value, list | tuple) and len(value) > 0 and isinstance(value[0], Mapping)
+        return None if found is None else [number.value for number in found.parameter.numbers(key)]
 
 
 def axis_of(name: str) -> tuple[int, int]:
@@ -95,7 +56,3 @@ def turned(matrix: list[list[float]], frame: BodyFrame) -> dict[str, float]:
         (i, sign_i), (j, sign_j) = axes[first], axes[second]
         result[first if first == second else f"{first}-{second}"] = sign_i * sign_j * matrix[i][j]
     return result
-
-
-def _is_symmetric(value: list[list[float]]) -> bool:
-    return all(value[i][j] == value[j][i] for i, j in _SYMMETRIC.values())

@@ -8,11 +8,8 @@ from datetime import datetime
 import numpy as np
 
 from cfid.estimate.repetition import LEAST_PROBABILITY, repeats
-from cfid.report.known import entries
+from cfid.quantities.lookup import find
 from cfid.report.measurements import Measurement
-
-# How a swing was released, and how many of its peaks were used, is no property of the vehicle.
-_OF_THE_RUN = ("swing.start_", "swing.zero_rad", "swing.peaks_used", "drag.sse_n2")
 
 
 @dataclass(frozen=True)
@@ -89,13 +86,19 @@ def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
     for place, measurement in enumerate(several):
         section = measurement.fit.section
         for key, parameter in section.parameters.items():
-            for entry in () if key.startswith(_OF_THE_RUN) else entries(parameter):
+            for entry in () if _of_the_run(key) else parameter.numbers(key):
                 row = readings.setdefault((f"{key} {entry.place}".rstrip(), parameter.unit), [None] * len(several))
                 if entry.value is not None:
                     row[place] = Reading(entry.value, entry.std, key not in section.rejected and bool(entry.std))
     return tuple(
         compared(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row)
     )
+
+
+def _of_the_run(key: str) -> bool:
+    """Return whether a key is no property of the vehicle, as how a swing was released."""
+    found = find(key)
+    return found is not None and found.of_the_run
 
 
 def _is_repeated(row: Sequence[Reading | None]) -> bool:

@@ -3,16 +3,21 @@
 What is missing is named with the command that gives it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import PurePath
 from typing import NamedTuple
 
+from cfid.quantities.lookup import registered
+from cfid.quantities.quantity import Quantity as Registered
+from cfid.quantities.quantity import Shape
+from cfid.quantities.table import EXPERIMENTS
+from cfid.quantities.values import Number, coefficient_units
 from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.parameters import Section
 from cfid.records.stale import Stale
-from cfid.report.known import Entry, Known, entries
+from cfid.report.known import Known
 
 
 @dataclass(frozen=True)
@@ -65,20 +70,12 @@ class Group:
     quantities: tuple[Quantity, ...]
 
 
-Labels = Callable[[list[Entry], str], list[Row]]
-
-
-class _Part(NamedTuple):
-    key: str
-    labels: Labels
-
-
 class _Wanted(NamedTuple):
-    title: str
-    equation: str
-    parts: tuple[_Part, ...]
-    section: str
-    gives: str
+    """Quantities of one fit under one title, that of the first where none is given."""
+
+    keys: tuple[str, ...]
+    equation: str = ""
+    title: str = ""
 
 
 def sheet(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[Group, ...]:
@@ -86,39 +83,39 @@ def sheet(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[Grou
 
     `stale` tells why a section is no longer current.
     """
-    groups = [("Inertia", _mass(known), _INERTIA), ("Motors: mappings", None, _MAPS)]
-    groups += [("Motors: transfer function", None, _TRANSFER), ("Drag", None, _DRAG)]
-    return tuple(
-        Group(title, (*([first] if first else []), *(_quantity(known, one, commands, stale) for one in wanted)))
-        for title, first, wanted in groups
-    ) + _by_hand(known)
+    groups = {title: tuple(_quantity(known, one, commands, stale) for one in wanted) for title, wanted in _GROUPS}
+    groups["Inertia"] = (_mass(known), *groups["Inertia"])
+    return (*(Group(title, quantities) for title, quantities in groups.items()), *_by_hand(known))
 
 
 def _mass(known: Known) -> Quantity:
     vehicle = known.rig.vehicle
     origin = Origin("as rig.toml states", None, 0, 0, None, ())
-    rows = (Row("m", vehicle.mass_kg, vehicle.mass_std_kg or None, "kg"),)
+    mass = registered("mass_kg")  # which has another key in the report's JSON
+    rows = (Row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit),)
     return Quantity(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
 
 
 def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], stale: Stale) -> Quantity:
     """Return a quantity from what of its parts there is: all come from one fit."""
-    found = [(part, one) for part in wanted.parts if (one := known.find(part.key)) is not None]
-    rows = tuple(row for part, one in found for row in part.labels(list(entries(one.parameter)), one.parameter.unit))
-    keys = tuple(part.key for part in wanted.parts)
+    first = registered(wanted.keys[0])
+    title = wanted.title or first.title[0].upper() + first.title[1:]
+    found = [(registered(key), one) for key in wanted.keys if (one := known.find(key)) is not None]
+    rows = tuple(row for quantity, one in found for row in _rows(quantity, list(one.parameter.numbers(quantity.key))))
     if not rows:
-        return Quantity(keys, wanted.title, wanted.equation, (), None, _why_missing(known, wanted, commands))
-    _, first = found[0]
-    origin = origin_of(first.name, first.section, [part.key for part, _ in found], commands, stale)
-    lacking = [part.key for part in wanted.parts if part not in [there for there, _ in found]]
+        missing = _why_missing(known, first.section, commands)
+        return Quantity(wanted.keys, title, wanted.equation, (), None, missing)
+    _, given = found[0]
+    origin = origin_of(given.name, given.section, [one.key for one, _ in found], commands, stale)
+    lacking = [key for key in wanted.keys if key not in [quantity.key for quantity, _ in found]]
     missing = f"not found: {', '.join(lacking)}" if lacking else ""
-    return Quantity(keys, wanted.title, wanted.equation, rows, origin, missing)
+    return Quantity(wanted.keys, title, wanted.equation, rows, origin, missing)
 
 
-def _why_missing(known: Known, wanted: _Wanted, commands: Mapping[str, str]) -> str:
-    if wanted.section not in known.sections:
-        return f"not measured yet: {wanted.gives}"
-    command = commands.get(wanted.section, f"fit {wanted.section}")
+def _why_missing(known: Known, section: str, commands: Mapping[str, str]) -> str:
+    if section not in known.sections:
+        return f"not measured yet: {EXPERIMENTS[section].measured_by}"
+    command = commands.get(section, f"fit {section}")
     return f"the last `cfid {command}` did not find it: see its experiment"
 
 
@@ -147,121 +144,71 @@ def _by_hand(known: Known) -> tuple[Group, ...]:
         Group(
             "Measured by hand",
             tuple(
-                Quantity((key,), key, "", tuple(Row(key, e.value, e.std, one.unit) for e in entries(one)), origin, "")
+                Quantity(
+                    (key,), key, "", tuple(Row(key, n.value, n.std, one.unit) for n in one.numbers(key)), origin, ""
+                )
                 for key, one in section.parameters.items()
             ),
         ),
     )
 
 
-def _one(symbol: str) -> Labels:
-    return lambda found, unit: [Row(symbol, entry.value, entry.std, unit) for entry in found]
+def _rows(quantity: Registered, found: list[Number]) -> list[Row]:
+    """Return the numbers of a quantity, each with its own symbol and unit."""
+    symbol, unit = quantity.symbol, quantity.unit
+    if quantity.shape is Shape.NUMBER:
+        return [Row(f"{symbol} ({quantity.title})", e.value, e.std, unit) for e in found]
+    places, units = [e.place for e in found], [unit] * len(found)
+    if quantity.shape is Shape.POLYNOMIAL:
+        units = coefficient_units(quantity.key, len(found))
+        places = places if quantity.lowest_first else places[::-1]
+    elif len(found) == 3:  # along the body's axes
+        places = list("xyz")
+    rows = zip(places, found, units, strict=True)
+    return [Row(f"{symbol}_{place}", e.value, e.std, own) for place, e, own in rows if not _is_set(quantity, e)]
 
 
-def _indexed(symbol: str) -> Labels:
-    return lambda found, unit: [Row(f"{symbol}_{entry.place}", entry.value, entry.std, unit) for entry in found]
+def _is_set(quantity: Registered, number: Number) -> bool:
+    """Return whether a number of a transfer function is no unknown: the leading 1, a zero of the form."""
+    leading = quantity.key == "tf.denominator" and number.place == "0"
+    return quantity.over == "z^-1" and (leading or (number.value == 0 and not number.std))
 
 
-def _along(symbol: str) -> Labels:
-    """Three numbers along the body's axes; a model with one number for all has one row."""
-
-    def rows(found: list[Entry], unit: str) -> list[Row]:
-        names = "xyz" if len(found) == 3 else [entry.place for entry in found]
-        return [Row(f"{symbol}_{name}", e.value, e.std, unit) for name, e in zip(names, found, strict=True)]
-
-    return rows
-
-
-def _polynomial(letter: str, y: str, x: str) -> Labels:
-    """Coefficients, highest power first, each with its own unit."""
-
-    def rows(found: list[Entry], unit: str) -> list[Row]:
-        powers = range(len(found) - 1, -1, -1)
-        return [
-            Row(f"{letter}_{power}", e.value, e.std, _over(y, x, power)) for power, e in zip(powers, found, strict=True)
-        ]
-
-    return rows
-
-
-def _over(y: str, x: str, power: int) -> str:
-    if y == "N m" and x == "N":
-        return ("N m", "m", "m/N")[power] if power < 3 else f"N m/N^{power}"
-    return y if power == 0 else f"{y}/{x}" if power == 1 else f"{y}/{x}^{power}"
-
-
-def _delayed(letter: str, first: int) -> Labels:
-    """Coefficients of z^0, z^-1, ...; those that are no unknowns (the leading 1, a zero of the form) are left out."""
-
-    def rows(found: list[Entry], unit: str) -> list[Row]:
-        return [
-            Row(f"{letter}_{i}", e.value, e.std, unit)
-            for i, e in enumerate(found)
-            if i >= first and not (e.value == 0 and not e.std)
-        ]
-
-    return rows
-
-
-_INERTIA = (
-    _Wanted(
-        "Inertia matrix about the centre of mass, body frame",
-        "",
-        (_Part("inertia.matrix_kg_m2", _indexed("I")),),
-        "inertia",
-        "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
-    ),
-)
-_MAPS = (
-    _Wanted(
-        "Input command to thrust, one motor",
-        "f = Σ a_k cmd^k",
-        (_Part("motor.thrust_poly", _polynomial("a", "N", "cmd")),),
-        "thrust",
-        "`cfid log thrust`, then `cfid fit thrust RUN`",
-    ),
-    _Wanted(
-        "Input command to rotor speed",
-        "ω = Σ b_k cmd^k",
-        (_Part("motor.speed_poly", _polynomial("b", "rad/s", "cmd")),),
-        "speed",
-        "`cfid log speed`, then `cfid fit speed RUN`",
-    ),
-    _Wanted(
-        "Thrust to torque, one motor",
-        "τ = Σ c_k f^k",
-        (_Part("motor.torque_poly", _polynomial("c", "N m", "N")),),
-        "torque",
-        "`cfid log thrust`, then `cfid fit torque RUN`",
-    ),
-)
-_TRANSFER = (
-    _Wanted(
-        "Command to thrust, one motor",
-        "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
+_GROUPS = (
+    ("Inertia", (_Wanted(("inertia.matrix_kg_m2",)),)),
+    (
+        "Motors: mappings",
         (
-            _Part("tf.numerator", _delayed("n", 0)),
-            _Part("tf.denominator", _delayed("d", 1)),
-            _Part("tf.sample_time_s", _one("T (sample time)")),
-            _Part("tf.time_constant_s", _one("τ (time constant)")),
-            _Part("tf.static_gain_n", _one("K (static gain, per unit of the command)")),
-            _Part("tf.delay_s", _one("δ (delay of the force behind its stamped command)")),
+            _Wanted(("motor.thrust_poly",), "f = Σ a_k cmd^k"),
+            _Wanted(("motor.speed_poly",), "ω = Σ b_k cmd^k"),
+            _Wanted(("motor.torque_poly",), "τ = Σ c_k f^k"),
         ),
-        "tf",
-        "`cfid log sine`, then `cfid tf identify RUN ...`",
     ),
-)
-_WIND = "`cfid log wind`, then `cfid fit drag RUN ...`"
-_DRAG = (
-    _Wanted("Simple model", "f = diag(K) Σω v", (_Part("drag.simple_kg_per_rad", _along("K")),), "drag", _WIND),
-    _Wanted(
-        "Complex model",
-        "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
-        tuple(_Part(f"drag.complex.k{i}", _along(f"K{i}")) for i in range(1, 7)),
-        "drag",
-        _WIND,
+    (
+        "Motors: transfer function",
+        (
+            _Wanted(
+                tuple(
+                    f"tf.{name}"
+                    for name in (
+                        "numerator", "denominator", "sample_time_s", "time_constant_s", "static_gain_n", "delay_s",
+                    )
+                ),
+                "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
+                "Command to thrust, one motor",
+            ),
+        ),
     ),
-    _Wanted(
-        "Cross-coupling model", "f = K Σω v", (_Part("drag.cross_coupling_kg_per_rad", _indexed("K")),), "drag", _WIND
+    (
+        "Drag",
+        (
+            _Wanted(("drag.simple_kg_per_rad",), "f = diag(K) Σω v"),
+            _Wanted(
+                tuple(f"drag.complex.k{i}" for i in range(1, 7)),
+                "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
+                "Complex model",
+            ),
+            _Wanted(("drag.cross_coupling_kg_per_rad",), "f = K Σω v"),
+        ),
     ),
-)
+)  # fmt: skip

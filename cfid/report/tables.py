@@ -4,19 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from cfid.quantities.lookup import find
+from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
-from cfid.report.known import is_rows
 
-_SYMMETRIC = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _TITLES = {
     "budget_kg_m2": "uncertainty budget: what each input adds to one standard deviation, kg m^2",
     "swings": "swings: window and verdict of each",
     "mounts": "mounts: distances, and where an error in them does not matter",
-    "motor.table": "what was measured at each command",
-    "friction.runs": "windows: speed and coefficient of each weight",
-    "tf.frequency_response": "frequency response",
-    "rotor.windows": "windows: speed heard in each",
-    "dynamics.time_constant_s": "steps: time constant of each",
     "models": "models compared",
 }
 
@@ -46,7 +41,7 @@ def quality_tables(quality: Mapping[str, Any]) -> Iterator[Table]:
             tables.append(_of_rows(name, value))
         elif isinstance(value, Mapping):
             tables += _of_mapping(name, value)
-        elif _is_matrix(value):
+        elif is_matrix(value):
             tables.append(_of_matrices(name, {"": value}))
         elif value is not None and value != []:
             single.append((_words(name), value))
@@ -58,7 +53,7 @@ def quality_tables(quality: Mapping[str, Any]) -> Iterator[Table]:
 def _of_mapping(name: str, content: Mapping[str, Any]) -> list[Table]:
     if not content:
         return []
-    if all(_is_matrix(value) for value in content.values()):
+    if all(is_matrix(value) for value in content.values()):
         return [_of_matrices(name, content)]
     if all(isinstance(value, Mapping) for value in content.values()):
         rows = [{"": key, **_flat(value)} for key, value in content.items()]
@@ -73,8 +68,8 @@ def _of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _of_matrices(name: str, matrices: Mapping[str, Any]) -> Table:
-    cells = tuple((key, *(matrix[i][j] for i, j in _SYMMETRIC.values())) for key, matrix in matrices.items())
-    return Table(_title(name), ("", *_SYMMETRIC), cells)
+    cells = tuple((key, *(matrix[i][j] for i, j in ENTRIES.values())) for key, matrix in matrices.items())
+    return Table(_title(name), ("", *ENTRIES), cells)
 
 
 def _flat(content: Mapping[str, Any], before: str = "") -> dict[str, Any]:
@@ -84,12 +79,9 @@ def _flat(content: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return result
 
 
-def _is_matrix(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
-
-
 def _title(name: str) -> str:
-    return _TITLES.get(name, _words(name))
+    found = find(name)
+    return found.title if found is not None else _TITLES.get(name, _words(name))
 
 
 def _words(name: str) -> str:

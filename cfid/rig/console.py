@@ -9,8 +9,9 @@ from twisted.internet.defer import CancelledError, Deferred
 from cfid.errors import ConfigError
 from cfid.rig.keyboard import DOWN, ESCAPE, UP, Keyboard, edited
 from cfid.rig.motor_commands import MotorCommands
-from cfid.rig.motors import MOTORS, STILL, Four, Limits
+from cfid.rig.motors import STILL, Four, Limits
 from cfid.rig.recorder import Say
+from cfid.units import MOTORS
 
 HELP = (
     "1 3 20000        motors 1 and 3 to 20000         1 20000, 3 15000   each its own\n"

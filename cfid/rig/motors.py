@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
 
 from cfid.errors import ConfigError, DeviceError
+from cfid.units import MOTORS
 from cfid.wire.app import (
     ALL_MOTORS_SINE,
     LARGEST_COMMAND,
@@ -25,7 +26,6 @@ Answer = TypeVar("Answer")
 Four = tuple[int, int, int, int]
 
 STILL: Four = (0, 0, 0, 0)
-MOTORS = (1, 2, 3, 4)
 MAY_BE_RUNNING = "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTERY"
 
 STOPPED = "the motors were stopped: nothing is commanded any more."

@@ -1,8 +1,8 @@
 """The parameters motorPowerSet, which override everything else on the vehicle, cfid's app included."""
 
 from cfid.errors import DeviceError
-from cfid.rig.motors import MOTORS
 from cfid.rig.vehicle import Vehicle
+from cfid.units import MOTORS
 from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, Variable, decode_read_parameter, encode_read_parameter
 
 _WITHIN_S = 0.1

@@ -8,9 +8,10 @@ from twisted.internet.defer import Deferred
 
 from cfid.rig.crossings import Crossings
 from cfid.rig.motor_commands import MotorCommands
-from cfid.rig.motors import MOTORS, STILL, Four
+from cfid.rig.motors import STILL, Four
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import sleep
+from cfid.units import MOTORS
 from cfid.wire.app import SAMPLES_PER_S, SineRequest
 
 Tell = Callable[[str], None]  # where the procedure is, for the live line

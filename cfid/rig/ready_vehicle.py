@@ -18,13 +18,14 @@ from cfid.rig.lock import DeviceLock
 from cfid.rig.log import Device
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands
-from cfid.rig.motors import MOTORS, Firmware, Limits, Motors, SinePlayer, firmware_of
+from cfid.rig.motors import Firmware, Limits, Motors, SinePlayer, firmware_of
 from cfid.rig.pings import Pings
 from cfid.rig.recorder import Instrument
 from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
+from cfid.units import MOTORS
 from cfid.wire.app import Ports
 from cfid.wire.supervisor import VehicleState
 

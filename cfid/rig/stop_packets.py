@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 from cfid.rig.line import Line
-from cfid.rig.motors import MOTORS
+from cfid.units import MOTORS
 from cfid.wire import app
 from cfid.wire.app import PingChannel, Ports, ThrustChannel, ThrustRequest
 from cfid.wire.crtp import BY_NAME_CHANNEL, PARAMETER_PORT, Packet, decode_set_by_name, encode_set_by_name

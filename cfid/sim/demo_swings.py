@@ -5,12 +5,13 @@ from typing import Literal
 
 import numpy as np
 
-from cfid.records.campaign import MM, Rig
+from cfid.records.campaign import Rig
 from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun
 from cfid.sim.encoder import EncoderModel, Recording, record
 from cfid.sim.plants import DroppingWeight, drop
 from cfid.sim.rig import draw_testbody, draw_truth, record_swings
 from cfid.sim.truth_file import AxisTruth, SimTruth
+from cfid.units import MM
 
 WEIGHTS_G = (20.0, 20.0, 30.0, 30.0, 40.0, 40.0, 50.0, 50.0)
 

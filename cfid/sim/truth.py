@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import MM, Cuboid, Mount, Rig
+from cfid.records.campaign import Cuboid, Mount, Rig
 from cfid.sim.stepping import Array
+from cfid.units import MM
 
 FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary so (table 2.3)
 

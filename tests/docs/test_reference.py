@@ -1,6 +1,5 @@
 """The reference says what the program has: commands, keys of rig.toml, keys of parameters."""
 
-import ast
 import importlib.util
 import re
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from cfid.errors import CfidError
+from cfid.quantities.table import QUANTITIES
 from cfid.records.campaign import Mount, Rig
 from tests.places import ROOT
 
@@ -76,37 +76,8 @@ def test_every_exit_code_is_told() -> None:
     assert set(map(int, re.findall(r"^\| (\d+) \|", text, re.MULTILINE))) == codes | {0, 1, 130}
 
 
-def test_every_key_of_a_parameter_is_told() -> None:
+def test_the_tables_of_parameters_are_the_registrys() -> None:
     text = (REFERENCE / "parameters.md").read_text(encoding="utf-8")
-    told = set(re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE))
 
-    for key in _made_keys():
-        pattern = re.sub(r"<\w+>", "#", key)
-        assert any(re.fullmatch(_pattern(pattern), re.sub(r"<\w+>", "x", name)) for name in told), key
-
-
-def _pattern(key: str) -> str:
-    return re.escape(key).replace(r"\#", "#").replace("#", r"[\w.]*")
-
-
-def _made_keys() -> Iterator[str]:
-    """Yield every key that a command writes down as a string: what is filled in is a #."""
-    prefixes = r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|drag)\."
-    for path in (ROOT / "cfid" / "cli").glob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Dict):
-                names = [*node.keys]
-            elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
-                names = [node.targets[0].slice]
-            else:
-                continue
-            yield from (text for name in names if name and re.match(prefixes, text := _text(name)))
-
-
-def _text(node: ast.expr) -> str:
-    if isinstance(node, ast.Constant):
-        return str(node.value)
-    if isinstance(node, ast.JoinedStr):
-        return "".join(part.value if isinstance(part, ast.Constant) else "#" for part in node.values)  # type: ignore[misc]
-    return ""
+    assert text == script("make_quantities").parameters_page(text), "run `python docs/make_quantities.py`"
+    assert all(f"\n| `{quantity.key}` |" in text for quantity in QUANTITIES)

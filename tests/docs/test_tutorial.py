@@ -6,14 +6,20 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from cfid.quantities.lookup import find, unit_of
+from cfid.quantities.plausible import implausible
+from cfid.records.parameters import load_sections
 from tests.places import ROOT
 
 PAGE = ROOT / "docs" / "tutorial" / "first-campaign.md"
 BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+NOTEBOOK = ROOT / "docs" / "how-to" / "python.md"
 MARK = "--- end of a block ---"
 
 
@@ -67,9 +73,14 @@ def _near(shown: str, printed: str, room: float) -> bool:
 
 
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, list[str], str]]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder that the page is run in."""
+    return tmp_path_factory.mktemp("tutorial")
+
+
+@pytest.fixture(scope="module")
+def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
     """Run the page in one shell, as its reader would; return each block, what it shall print, and what it printed."""
-    folder = tmp_path_factory.mktemp("tutorial")
     page = list(steps(PAGE.read_text(encoding="utf-8")))
     script = "set -e\n" + f"\necho '{MARK}'\n".join(block for block, _ in page)
     environment = {
@@ -102,6 +113,34 @@ def test_every_line_that_the_tutorial_shows_is_printed_in_its_order(outputs: lis
         rest = iter(output.splitlines())
         for line in (alike(line, Path("/nowhere")) for line in lines if line != "..."):
             assert any(agrees(line, each) for each in rest), f"{block}\ndoes not print\n{line}\nbut\n{output}"
+
+
+@pytest.mark.usefixtures("outputs")
+def test_all_that_the_tutorials_fits_find_is_as_the_registry_has_it(folder: Path) -> None:
+    files = list(folder.rglob("parameters.toml"))
+    found = [pair for file in files for section in load_sections(file).values() for pair in section.parameters.items()]
+
+    assert len(found) > 40
+    for key, parameter in found:
+        assert find(key) is not None, key
+        assert parameter.unit == unit_of(key), key
+        assert implausible(key, parameter.value) == ""
+
+
+@pytest.mark.usefixtures("outputs")
+def test_the_page_for_notebooks_runs_on_the_tutorials_campaign(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (campaign,) = (path.parent for path in folder.rglob("rig.toml") if list(path.parent.glob("runs/*_sine_*")))
+    monkeypatch.chdir(campaign.parent)
+    blocks = re.findall(r"^```python\n(.*?)^```$", NOTEBOOK.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block.replace('"cfid-demo"', f'"{campaign.name}"'), names)
+
+    kept = load_sections(campaign / "parameters.toml")["inertia"].parameters["inertia.matrix_kg_m2"]
+    assert len(blocks) > 5
+    assert names["result"].accepted
+    assert np.all(np.array(kept.value) == names["matrix"].value)
+    assert (campaign.parent / "swing.csv").exists()
 
 
 def test_numbers_are_compared_to_their_last_digits() -> None:

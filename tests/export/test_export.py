@@ -271,6 +271,18 @@ def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cf
     assert cfid("export", "crazyflow", "--out", "-").returncode == 0  # it takes no such map
 
 
+def test_force_makes_no_header_of_a_voltage_cubic_that_would_stop_the_motors(cfid: Cfid, campaign: Path) -> None:
+    whole, cubic = sections()["thrust"], "motor.thrust_voltage_poly"
+    kept = replace(whole.parameters[cubic], value=[0.0036, 0.0072, 0.0113, -0.00034])
+    forced = replace(whole, parameters={**whole.parameters, cubic: kept}, rejected={cubic: "It folds."})
+    store_section(campaign / "parameters.toml", "thrust", forced)
+    for words in ((), ("--force",)):
+        said = cfid("export", "firmware", "--out", "-", *words)
+        assert (said.returncode, said.stdout) == (4, "")
+        assert "no header: motor.thrust_voltage_poly does not rise over all voltages" in " ".join(said.stderr.split())
+        assert "--force" not in said.stderr
+
+
 def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid: Cfid, campaign: Path) -> None:
     cubic = "motor.thrust_voltage_poly"
     said = cfid("set", cubic, "0.0036,0.0072,0.0113,-0.0003")

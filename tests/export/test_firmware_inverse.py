@@ -15,6 +15,7 @@ import pytest
 from cfid.errors import DataError
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.export.firmware import TARGET
+from cfid.export.possible import impossible
 from cfid.export.target import text_of
 from cfid.motors.maps.voltage import compare_thrust
 from cfid.records.covariances import numbers_of
@@ -159,7 +160,7 @@ def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
     table = read_stand_table(STOCK)
     assert table.thrust_n is not None
     assert table.vbat_v is not None
-    found = compare_thrust(command=table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n / 4)
+    found = compare_thrust(command=table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n)
 
     assert found.refusal == ""
     assert "departs by up to 1.4 %" in found.warnings[-1]
@@ -204,6 +205,34 @@ def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flie
 
     assert found.refusal == ""
     assert_header_flies(inverse, found.lowest_first, most_n)
+
+
+@pytest.mark.parametrize("seed", [40, 126])
+def test_a_fit_that_knows_no_largest_thrust_passes_up_to_that_of_the_firmware(seed: int) -> None:
+    """A header without THRUST_MAX leaves the firmware's default, up to 0.2 N: 2.8 and 4 times these motors' thrust."""
+    rng = np.random.default_rng(seed)
+    command = np.repeat(np.arange(4000.0, 65000.0, 4000.0), 2)
+    volts = command / 65535 * (4.0 - 0.4 * command / 65535 - 0.02 * rng.random(len(command)))
+    scale = rng.uniform(0.2, 1.5)
+    shape = [1.0, *rng.uniform(0.5, 1.5, 2), rng.uniform(0.3, 2)] * np.array([0.00077, 0.0158, 0.00558, 0.00066])
+    thrust = scale * np.polyval(shape[::-1], volts)
+    measured = thrust + 10 ** rng.uniform(-5, -3) * rng.standard_normal(len(command))
+    found = compare_thrust(command=command, vbat_v=volts / command * 65535, thrust_n=measured, folds=2)
+
+    assert found.refusal == ""
+    assert cubic_fault(found.lowest_first.tolist()) == ""
+
+
+def test_every_cubic_that_is_drawn_and_delivered_flies(inverse: Inverse) -> None:
+    rng = np.random.default_rng(1)
+    draws = np.array([5.8e-4, 0.0155, 5.68e-3, 6.94e-4]) * (1 + 3e-3 * rng.standard_normal((40, 4)))
+    given = [
+        row for row in draws if not impossible({"motor.thrust_voltage_poly": row.tolist(), "motor.max_thrust_n": 0.16})
+    ]
+
+    assert 5 < len(given) < 35
+    for cubic in given:
+        assert_header_flies(inverse, cubic, 0.16)
 
 
 @pytest.mark.slow

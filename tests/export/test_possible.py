@@ -39,6 +39,8 @@ def test_the_thesis_vehicle_is_possible() -> None:
         ("motor.torque_poly", [-0.006, 0.001]),
         ("motor.thrust_speed_poly", [-1e-8, 2e-5, 0.0]),
         ("motor.thrust_voltage_poly", [0.0, 0.0, 0.02, -0.0035]),  # falls from 3.8 V on
+        ("motor.thrust_voltage_poly", [0.0, 0.01, 0.012, 0.002]),  # is flat at -2 V alone: c2^2 > 3 c1 c3
+        ("motor.thrust_voltage_poly", [9.1322e-4, 0.0157323, 0.00557237, 0.000662268]),  # single precision falls
         ("dynamics.rising", [-20.0, 0.002]),
         ("dynamics.falling", [1.0, -0.001]),
     ],

@@ -3,15 +3,23 @@
 import json
 import subprocess
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cfid.console.inputs import open_workplace
+from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
+from cfid.motors.maps.evidence import StandOptions
+from cfid.motors.maps.inputs import read_evidence
 from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import load_sections
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from tests.campaigns import sentences
@@ -171,6 +179,43 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
     assert "--markers" in doubted.stderr
 
 
+def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_where_nobody_stated_them(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text().replace("markers = 2", "markers = 4"))
+    table, stand = tmp_path / "rpm.csv", tmp_path / "stand.csv"
+    table.write_text("cmd,rpm_1\n10000,20000\n20000,40000\n")
+    stand.write_text("cmd,thrust_n,rpm_mean\n10000,0.01,20000\n20000,0.02,40000\n")
+    with create_run(
+        tmp_path / "runs",
+        kind="speed",
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))},
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        facts=RigFacts(tachometer=Tachometer(markers=2)),
+    ) as run:
+        run.append("readings", ([0.0, 1.0], [10000, 20000], [20000.0, 40000.0]))
+
+    def told(*words: object, **options: Any) -> tuple[float, list[str]]:
+        rig = RigOptions() if options.pop("borrowed", False) else RigOptions(campaign=tmp_path)
+        evidence = read_evidence(
+            [str(word) for word in words], StandOptions(**options), ReadingOptions(), LoadCellOptions(),
+            open_workplace(rig), kind="speed", method="default",
+        )  # fmt: skip
+        assert evidence.points.speed_rad_s is not None
+        divided_by = round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)
+        return divided_by, [said for said in evidence.warnings if "assumed" in said]
+
+    assert told(run.folder) == (2, [])
+    assert told(run.folder, markers=1) == (1, [])
+    assert told(table=table) == (4, [])
+    assert told(table=stand) == (1, [])
+    markers, (said,) = told(table=table, borrowed=True)
+    assert markers == 1
+    assert said.startswith("rpm.csv: 1 marker of the tachometer is assumed, as in version 0.1")
+
+
 def test_a_table_gives_eq_3_3_back(cfid: Cfid, tmp_path: Path) -> None:
     commands = np.arange(0, 64001, 2000)
     thrust = np.polyval([2.130295e-11, 1.032633e-6, 5.484560e-4], commands)
@@ -324,6 +369,10 @@ def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid,
     assert "negative throughout" in said.stderr
     turned = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures", "--flip-fz")
     assert turned.returncode == 0, turned.stderr
+    noted = write_run(campaign, record, steps=STEPS[:6], facts=RigFacts(loadcell=LoadCellMount(flip_fz=True)))
+    words = ("fit", "thrust", str(noted.folder), "--campaign", str(campaign), "--no-figures")
+    assert cfid(*words).returncode == 0
+    assert cfid(*words, "--no-flip-fz").returncode == 5
 
 
 def test_motors_that_never_ran_are_told(cfid: Cfid, campaign: Path) -> None:

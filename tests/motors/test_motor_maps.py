@@ -299,17 +299,19 @@ def test_an_order_without_a_closed_inverse_is_refused_with_the_next_step() -> No
 
 
 def test_the_maximum_is_that_of_full_command_and_carries_what_section_3_3_1_says() -> None:
-    found = maximum_thrust(fit_thrust(noisy(4)))
+    found = maximum_thrust(fit_thrust(noisy(4)), gravity_mps2=9.81)
 
     assert abs(found.thrust_n - np.polyval(EQ_3_3, 65535)) < 4 * found.std_n
     assert found.measured_command == 64000
     assert found.hover_mass_kg == pytest.approx(4 * found.thrust_n / 9.81)
     assert found.warnings == ()
-    assert f"{1e3 * hover_mass_kg(thrust_n=0.15):.2f}" == "61.16"
+    assert f"{1e3 * hover_mass_kg(thrust_n=0.15, gravity_mps2=9.81):.2f}" == "61.16"
 
 
 def test_a_maximum_far_from_what_was_measured_is_called_extrapolated() -> None:
-    assert "extrapolated: 40000" in maximum_thrust(fit_thrust(made(np.arange(0.0, 40001.0, 2000.0)))).warnings[0]
+    thrust = fit_thrust(made(np.arange(0.0, 40001.0, 2000.0)))
+
+    assert "extrapolated: 40000" in maximum_thrust(thrust, gravity_mps2=9.81).warnings[0]
 
 
 # Scales

@@ -83,7 +83,7 @@ def test_the_2015_table_makes_a_map_that_is_believed_and_a_mass_that_hovers() ->
     assert thrust.left_out == (0,)
     assert inverse.round_trip_command < 0.1
     assert inverse.command_range[1] == 65535
-    assert 0.060 < maximum_thrust(thrust).hover_mass_kg < 0.065  # 57.9 g at 93.75 %
+    assert 0.060 < maximum_thrust(thrust, gravity_mps2=9.81).hover_mass_kg < 0.065  # 57.9 g at 93.75 %
 
 
 @needs_old

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.parameters import Parameter, Section, Source, load_sections, plain, scalars, store_section
+from cfid.records.parameters import Parameter, Section, Source, load_sections, plain, store_section
 
 FOUND = datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC)
 
@@ -306,7 +306,7 @@ def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_an
     with pytest.raises(DataError, match="its deviation should be shaped alike"):
         load_sections(file)
 
-    named = list(scalars("a", Parameter(value=[1.0, 2.0], std=0.5)))
+    named = [(one.name, one.value, one.std) for one in Parameter(value=[1.0, 2.0], std=0.5).numbers("a")]
     assert named == [("a [0]", 1.0, None), ("a [1]", 2.0, None)]
 
 

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import MM, Mount, Rig, TestBody, Vehicle, find_campaign, load_rig, new_rig_text, thesis_rig
+from cfid.records.campaign import Mount, Rig, TestBody, Vehicle, find_campaign, load_rig, new_rig_text, thesis_rig
+from cfid.units import MM
 
 # The distances that the thesis' appendix C.1.7 calculates, to the micrometre.
 DISTANCES_MM = {"x": 22.855, "y": 22.855, "z": 38.163, "xy": 33.784, "xz": 28.267, "yz": 28.267}

@@ -2,7 +2,8 @@
 
 import pytest
 
-from cfid.rig.motors import MOTORS, Limits
+from cfid.rig.motors import Limits
+from cfid.units import MOTORS
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,14 @@ import numpy.typing as npt
 import pytest
 
 from cfid.inertia.estimation import InertiaFit, fit_inertia
-from cfid.records.campaign import MM, Rig, load_rig, new_rig_text
+from cfid.records.campaign import Rig, load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import swing
 from cfid.sim.rig import Friction, Truth, draw_release, draw_truth, pendulum
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing
+from cfid.units import MM
 from cfid.wire.rls import decode_words
 
 Array = npt.NDArray[np.float64]

@@ -1,9 +1,9 @@
-"""Wind on a vehicle that is held still: conventions of frames and signs, and what the operator's readings say.
+"""Wind on a vehicle that is held still: conventions of frames and signs, and what the operator's readings mean.
 
 Stated once, for all of drag:
 
 - The body frame has x forward, y left, z up (along the thrust). The load cell is turned about z against it:
-  F_body = Rz(+yaw) F_sensor; the thesis' yaw is 45 degrees.
+  F_body = Rz(+yaw) F_sensor; the thesis' yaw in wind is 45 degrees (see `turn_about_z`).
 - v is the velocity of the vehicle relative to the air, in the body frame: against the wind it is held in. Wind from
   straight above (angle 0) is a climb, so v_z > 0.
 - An angle is that of the wind generator to the vertical, an azimuth that of its place about z:
@@ -18,28 +18,27 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.motors.points import rotor_speed_rad_s
+from cfid.records.frames import rotation_about_z
 
 Array = npt.NDArray[np.float64]
 
-AZIMUTH_RAD = 0.4967  # C.3.1, from figure 4.9
-YAW_RAD = math.pi / 4  # C.3.1, prepare_data
+AZIMUTH_DEG = math.degrees(0.4967)  # C.3.1, from figure 4.9
+YAW_DEG = 45.0  # C.3.1, prepare_data
 MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
-ROTORS = 4
 
 
 class WindSpeed(NamedTuple):
-    """The wind speed where the vehicle is, and one standard deviation of it, each (n,)."""
+    """The wind speed where the vehicle is, and its standard uncertainty, each (n,)."""
 
     mean_mps: Array
     std_mps: Array
 
 
 def wind_speed(*, min_mps: npt.ArrayLike, max_mps: npt.ArrayLike) -> WindSpeed:
-    """Return what the lowest and the highest reading (n,) around the vehicle say of the wind at the vehicle.
+    """Return the wind at the vehicle by the lowest and the highest reading (n,) around it.
 
-    Their middle, as in section 4.4.3; the wind may be anything between, so its deviation is that of a uniform
-    distribution. A single reading, given twice, has deviation 0: it says nothing of the spread.
+    Their middle, as in section 4.4.3; the wind may be anything between, so its standard uncertainty is that of a
+    uniform distribution. A single reading, given twice, has 0: it does not show the spread.
     """
     low, high = np.asarray(min_mps, dtype=np.float64), np.asarray(max_mps, dtype=np.float64)
     return WindSpeed(np.asarray((low + high) / 2), np.asarray((high - low) / math.sqrt(12)))
@@ -54,21 +53,6 @@ def velocity_in_air(*, speed_mps: npt.ArrayLike, angle_rad: npt.ArrayLike, azimu
     return np.stack([lateral * np.cos(azimuth), -lateral * np.sin(azimuth), speed * np.cos(angle)], axis=-1)
 
 
-def body_from_sensor(vector: Array, *, yaw_rad: float) -> Array:
-    """Turn vectors (..., 3) from the load cell's frame to the body frame, by Rz(+yaw) (C.3.1, prepare_data)."""
-    return np.asarray(vector @ _turn(yaw_rad).T)
-
-
-def body_std_from_sensor(std: Array, *, yaw_rad: float) -> Array:
-    """Return the deviations (..., 3) on the body's axes of independent ones on the load cell's axes."""
-    return np.asarray(np.sqrt(std**2 @ (_turn(yaw_rad) ** 2).T))
-
-
-def speed_sum_rad_s(shown_rpm: npt.ArrayLike, *, markers: int = MARKERS, rotors: int = ROTORS) -> Array:
-    """Return the sum of the rotors' speeds of what a tachometer shows (n,) at one, all turning alike (C.3.1)."""
-    return rotors * rotor_speed_rad_s(shown_rpm, markers=markers)
-
-
-def _turn(yaw_rad: float) -> Array:
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+def std_turned_about_z(std: Array, *, yaw_deg: float) -> Array:
+    """Return the standard uncertainties (..., 3) on the body's axes of independent ones on the load cell's axes."""
+    return np.asarray(np.sqrt(std**2 @ (rotation_about_z(yaw_deg) ** 2).T))

@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_power
-from cfid.motors.points import DEAD_COMMAND, Array
+from cfid.motors.points import Array
+from cfid.units import DEAD_COMMAND
 
 THESIS_SPEED = (0.04076521, 380.8359)  # rad/s of a command, eq. 3.4, second series
 USUAL_SQUARE_N_S2 = 2.0e-8  # thrust per speed squared of 45 mm propellers: 1.8e-8 to 2.2e-8 in all public data

@@ -16,6 +16,7 @@ from cfid.motors.vibration.data import RotorOptions
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import Order
+    from cfid.motors.maps.inverse import MaximumThrust
 
 Words = Annotated[
     list[str] | None,
@@ -80,26 +81,25 @@ def thrust(
         )
     most = maximum_thrust(mapped, gravity_mps2=gravity)
     parameters, lines = told.map_parameters(mapped), [told.polynomial_line(mapped), *told.aicc_line(mapped)]
-    covariances, rejected = told.map_covariances(mapped), {}
+    rejected: dict[str, str] = {}
     warnings = [*mapped.warnings, *most.warnings]
+    given: MaximumThrust | None = None
     try:
         inverse = invert(mapped)
         parameters |= told.inverse_parameters(inverse, most)
-        covariances = told.map_covariances(mapped, most)
         lines += told.inverse_line(inverse, most)
+        given = most
         warnings += inverse.warnings
     except FitError as error:
         warnings.append(str(error))
-    voltage = by_voltage(found, warnings, max_thrust_n=most.thrust_n)
+    voltage = by_voltage(found, warnings, max_thrust_n=given.thrust_n if given else None)
     if voltage is not None:
         parameters |= told.voltage_parameters(voltage)
-        covariances += told.voltage_covariances(voltage)
         rejected = dict.fromkeys(told.voltage_parameters(voltage), voltage.refusal) if voltage.refusal else {}
         lines.append(voltage.sentence)
     over_speed = by_speed(found, method, warnings, robust=fit.robust)
     if over_speed is not None:
         parameters |= told.speed_parameters(over_speed)
-        covariances += told.speed_covariances(over_speed)
     verification = verified(verify, mapped, stand, workplace)
     if verification is not None:
         lines += told.verification_lines(verification)
@@ -108,7 +108,7 @@ def thrust(
         mapped,
         found,
         parameters={**parameters, **told.table_parameter(found.points)},
-        covariances=covariances,
+        covariances=told.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
         rejected=rejected,
         lines=lines,
         warnings=warnings,
@@ -167,7 +167,7 @@ def speed(
         mapped,
         found,
         parameters={**parameters, **told.table_parameter(found.points)},
-        covariances=told.map_covariances(mapped) + (told.speed_covariances(over_speed) if over_speed else ()),
+        covariances=told.covariances(mapped, over_speed=over_speed),
         lines=lines,
         warnings=warnings,
         workplace=workplace,
@@ -208,7 +208,7 @@ def torque(
         mapped,
         found,
         parameters=parameters,
-        covariances=told.map_covariances(mapped),
+        covariances=told.covariances(mapped),
         lines=lines,
         warnings=list(mapped.warnings),
         workplace=workplace,

@@ -9,12 +9,11 @@ from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.errors import CfidError, DataError
 from cfid.motors.maps.evidence import Evidence, Reduced, StandOptions, drift_of, line_of
 from cfid.motors.vibration.data import RotorOptions, heard_speeds, told_speeds
+from cfid.units import MOTORS
 
 if TYPE_CHECKING:
     from cfid.estimate.staircase import Point, Staircase
     from cfid.records.run import Run
-
-_M = (1, 2, 3, 4)
 
 
 def of_file(
@@ -112,6 +111,7 @@ def of_run(
     run = run_at(path)
     if run is None:
         raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
+    stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(run, stand, reading, scale, listening)
     if holds(run, READINGS) and "rpm" in run.header.devices[READINGS].columns:
@@ -231,9 +231,10 @@ def _of_readings(run: "Run", stand: StandOptions) -> Evidence:
     from cfid.records.tables.vehicle import READINGS, read_rows
 
     rows = read_rows(run, READINGS)
-    speed = rotor_speed_rad_s(rows.columns["rpm"], markers=stand.markers)
+    speed, notes = stand.divided(rotor_speed_rad_s(rows.columns["rpm"], markers=1))
     return Evidence(
         points=MotorPoints(command=rows.columns["command"], speed_rad_s=speed),
+        warnings=tuple(f"{run.folder.name}: {note}" for note in notes),
         sources=(rows.source,),
         paths=(run.folder,),
     )
@@ -249,7 +250,7 @@ def _of_speeds(run: "Run") -> Evidence:
 
     rows, (log, commands) = read_rows(run, VEHICLE_LOG), read_commands(run)
     told = told_speeds_rad_s(rows)
-    ran = [motor for motor in _M if commands[:, motor - 1].any()]
+    ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
     if not ran or not all(motor in told for motor in ran):
         raise DataError(f"{run.folder}: the vehicle's log has no speeds: an RPM deck or brushless motors tell them.")
     try:

@@ -9,7 +9,8 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
 from cfid.motors.maps.checks import check_speed, check_thrust, listed, missing_commands, speed_doubts
-from cfid.motors.points import DEAD_COMMAND, Array, Measured, MotorPoints, measured
+from cfid.motors.points import Array, Measured, MotorPoints, measured
+from cfid.units import DEAD_COMMAND
 
 Method = Literal["default", "thesis"]
 Order = int | Literal["auto"]
@@ -25,8 +26,9 @@ _DROPPED = 2000  # the command that C.2.3 leaves out
 class MotorMap:
     """A polynomial `fit` to y over x (n,), which were measured at `command` (n,); SI units, one motor.
 
-    `left_out` are commands whose points were not used. `aicc` is the corrected AIC of each order that was
-    tried, empty where the order was given. `doubts` say why the polynomial does not describe the points.
+    `windows` (n, N) are those of `Measured`. `left_out` are commands whose points were not used. `aicc` is the
+    corrected AIC of each order that was tried, empty where the order was given. `doubts` say why the polynomial does
+    not describe the points.
     """
 
     quantity: Literal["thrust", "speed", "torque"]
@@ -35,6 +37,7 @@ class MotorMap:
     command: Array
     x: Array
     y: Array
+    windows: Array
     left_out: tuple[float, ...]
     aicc: Mapping[int, float]
     warnings: tuple[str, ...]
@@ -45,14 +48,15 @@ class MotorMap:
 class SpeedThrustMap:
     """Thrust of speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
 
-    `difference_n` is the largest between the two at the speeds measured. `square_suffices` says that the corrected AIC
-    does not ask for more than k.
+    `windows` (n, N) are those of `Measured`. `difference_n` is the largest between the two at the speeds measured.
+    `square_suffices` says that the corrected AIC does not ask for more than k.
     """
 
     square: PolynomialFit
     quadratic: PolynomialFit
     speed_rad_s: Array
     thrust_n: Array
+    windows: Array
     difference_n: float
     square_suffices: bool
     warnings: tuple[str, ...]
@@ -166,6 +170,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
         quadratic=quadratic,
         speed_rad_s=speed,
         thrust_n=thrust,
+        windows=found.windows,
         difference_n=difference,
         square_suffices=suffices,
         warnings=() if suffices else (said,),
@@ -215,6 +220,7 @@ def _map(
         command=used.command,
         x=used.x,
         y=used.y,
+        windows=used.windows,
         left_out=tuple(np.setdiff1d(measured.command, used.command).tolist()),
         aicc=aicc,
         warnings=(*warnings, *gaps, *said, *_scatter(fit, used.command)),
@@ -233,7 +239,7 @@ def _as_the_thesis(measured: Measured) -> tuple[Measured, tuple[str, ...]]:
     """Leave out command 2000 and put a zero at command 0, as C.2.3 does."""
     kept = measured.kept((measured.command != _DROPPED) & (measured.command != 0))
     command, x, y = (np.concatenate([[0.0], column]) for column in (kept.command, kept.x, kept.y))
-    used = Measured(command, x, y)
+    used = Measured(command, x, y, np.vstack([np.zeros(kept.windows.shape[1]), kept.windows]))
     # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
     return used, (f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero.",)
 

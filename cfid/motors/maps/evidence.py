@@ -1,13 +1,16 @@
 """Steady points of one motor and where they come from, with the options that say what files cannot."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid.errors import ConfigError
+from cfid.console.facts import assumed
+from cfid.console.lists import span
+from cfid.console.options import FlipFz, Markers
+from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 
 if TYPE_CHECKING:
     from cfid.estimate.staircase import Staircase
@@ -29,29 +32,30 @@ class StandOptions:
         int | None,
         typer.Option(min=1, max=4, help="How many motors ran in files; a run knows it.", rich_help_panel=_INPUT),
     ] = None
-    markers: Annotated[
-        int, typer.Option(min=1, help="Reflective markers on the propeller.", rich_help_panel=_INPUT)
-    ] = 1
+    markers: Markers = None
     window: Annotated[
         str | None,
         typer.Option(metavar="FROM:TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
     ] = None
-    flip_fz: Annotated[
-        bool, typer.Option("--flip-fz", help="Fz counts downwards: change its sign.", rich_help_panel=_INPUT)
-    ] = False
+    flip_fz: FlipFz = None
 
     @property
     def window_s(self) -> tuple[float, float] | None:
         """The window by hand. Raises ConfigError for one that makes no sense."""
         if self.window is None:
             return None
-        try:
-            from_s, to_s = (float(word) for word in self.window.split(":"))
-        except ValueError:
-            raise ConfigError(f"--window {self.window}: should be FROM:TO in seconds, as 4:8.") from None
-        if not 0 <= from_s < to_s < float("inf"):
-            raise ConfigError(f"--window {self.window}: should begin at 0 or later and end after its begin.")
-        return from_s, to_s
+        return span(self.window, "--window", unit="seconds", example="4:8")
+
+    def where(self, facts: RigFacts) -> "StandOptions":
+        """Return these options with the facts of a rig that they do not state."""
+        given = RigFacts(loadcell=LoadCellMount(flip_fz=self.flip_fz), tachometer=Tachometer(markers=self.markers))
+        known = given.over(facts)
+        return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz)
+
+    def divided(self, shown: Any) -> tuple[Any, tuple[str, ...]]:
+        """Return speeds (n,) of those that a tachometer shows, with a note where nobody stated its markers."""
+        notes = (assumed("1 marker of the tachometer is", "--markers"),) if self.markers is None else ()
+        return shown / (self.markers or 1), notes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -45,7 +45,7 @@ from cfid.motors.panels import (
     staircase_levels,
     unused_steps,
 )
-from cfid.motors.points import FULL_COMMAND
+from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, StandOptions, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import RotorOptions
+from cfid.units import FULL_COMMAND
 
 
 def read_evidence(
@@ -36,7 +37,8 @@ def read_evidence(
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
-            parts.append(of_file(at, Path(file), stand, reading, scale, method=method, listening=listening))
+            here = stand.where(workplace.facts)
+            parts.append(of_file(at, Path(file), here, reading, scale, method=method, listening=listening))
         else:
             parts.append(of_run(find_recording(word, workplace), stand, reading, scale, listening=listening))
     if not parts:
@@ -55,6 +57,6 @@ def _meant(words: Sequence[str], tables: Sequence[Evidence], workplace: Workplac
 
 
 def _command(text: str, word: str) -> int:
-    if not text.isdecimal() or int(text) > 65535:
-        raise ConfigError(f"'{word}': '{text}' is no command from 0 to 65535: write COMMAND=FILE.")
+    if not text.isdecimal() or int(text) > FULL_COMMAND:
+        raise ConfigError(f"'{word}': '{text}' is no command from 0 to {FULL_COMMAND}: write COMMAND=FILE.")
     return int(text)

@@ -8,10 +8,8 @@ import numpy.typing as npt
 from cfid.errors import FitError
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.motors.maps.estimation import MotorMap
-from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND, Array
-
-MOTORS = 4
-GRAVITY_MPS2 = 9.81  # as section 3.3.1 takes it
+from cfid.motors.points import Array
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, ROTORS
 
 _FAR = 0.95  # of the full command: where less was measured, the maximum is extrapolated
 _NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
@@ -81,7 +79,7 @@ def invert(thrust_map: MotorMap) -> InverseMap:
     )
 
 
-def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float = GRAVITY_MPS2) -> MaximumThrust:
+def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrust:
     """Return the thrust at full command and the mass that four motors hover with (section 3.3.1)."""
     fit = thrust_map.fit
     thrust, std = float(fit.at(FULL_COMMAND)), float(fit.std_at(FULL_COMMAND)[0])
@@ -99,9 +97,9 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float = GRAVITY_MPS2) 
     )
 
 
-def hover_mass_kg(*, thrust_n: float, gravity_mps2: float = GRAVITY_MPS2) -> float:
+def hover_mass_kg(*, thrust_n: float, gravity_mps2: float) -> float:
     """Return the mass that four motors of this thrust keep in hover: 0.15 N make 61.16 g (section 3.3.1)."""
-    return MOTORS * thrust_n / gravity_mps2
+    return ROTORS * thrust_n / gravity_mps2
 
 
 def _rising(fit: PolynomialFit) -> tuple[float, float]:

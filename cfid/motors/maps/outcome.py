@@ -37,7 +37,7 @@ def noted_first(found: Evidence) -> Iterator[None]:
         raise
 
 
-def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float) -> "VoltageComparison | None":
+def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float | None) -> "VoltageComparison | None":
     """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
     import numpy as np
 
@@ -53,6 +53,7 @@ def by_voltage(found: Evidence, warnings: list[str], *, max_thrust_n: float) -> 
             vbat_v=found.vbat_v,
             thrust_n=points.thrust_n,
             std_n=points.thrust_std_n,
+            shared_n=points.thrust_shared_n,
             max_thrust_n=max_thrust_n,
         )
     except FitError as error:

@@ -1,20 +1,29 @@
 """Motor maps as `cfid fit thrust`, `speed` and `torque` tell them: parameters of the contract, lines, doubts."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
+    from cfid.estimate.shared_points import PointFit
     from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
     from cfid.motors.maps.inverse import InverseMap, MaximumThrust
     from cfid.motors.maps.scales import Verification
     from cfid.motors.maps.voltage import VoltageComparison
-    from cfid.motors.points import MotorPoints
+    from cfid.motors.points import Array, MotorPoints
     from cfid.records.covariances import Covariance
     from cfid.records.parameters import Parameter
 
 _UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
 _MOST_NAMES = 2
 _Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
+
+
+class _Part(NamedTuple):
+    """A fit, the parameters that it gives, and how their numbers follow from its coefficients."""
+
+    fit: "PointFit"
+    values: "dict[str, Any]"
+    outward: "Array"
 
 
 def map_parameters(found: "MotorMap") -> "dict[str, Parameter]":
@@ -48,18 +57,51 @@ def inverse_parameters(inverse: "InverseMap", most: "MaximumThrust") -> "dict[st
         "round_trip_n": inverse.round_trip_n,
     }
     return {
-        "motor.command_of_thrust": Parameter(value=[root], unit="rising root of a cmd^2 + b cmd + c = thrust"),
+        "motor.command_of_thrust": Parameter(value=[root], unit="as named"),
         "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
         "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
     }
 
 
-def map_covariances(found: "MotorMap", most: "MaximumThrust | None" = None) -> "tuple[Covariance, ...]":
-    """Return the covariance of a map's coefficients, and of what is calculated from them: the most a motor gives."""
+def covariances(
+    found: "MotorMap",
+    *,
+    most: "MaximumThrust | None" = None,
+    voltage: "VoltageComparison | None" = None,
+    over_speed: "SpeedThrustMap | None" = None,
+) -> "tuple[Covariance, ...]":
+    """Return the covariance of maps that came from the same points, and of what is calculated from them.
+
+    A voltage cubic that was rejected stands alone, so that it can go without the others.
+    """
+    together = [_of_map(found, most), *(_of_speed(over_speed) if over_speed else ())]
+    cubic = [_of_voltage(voltage)] if voltage else []
+    if voltage is not None and voltage.refusal:
+        return (*_joint(together), *_joint(cubic))
+    return _joint([*together, *cubic])
+
+
+def _joint(parts: "Sequence[_Part]") -> "tuple[Covariance, ...]":
+    """Return the covariance of what several fits give, of those whose own is known."""
+    import numpy as np
+    from scipy.linalg import block_diag
+
+    from cfid.estimate.shared_points import joint_covariance
+    from cfid.records.covariances import covariance_between
+
+    known = [part for part in parts if np.isfinite(part.fit.fit.covariance).all()]
+    if not known:
+        return ()
+    outward = block_diag(*(part.outward for part in known))
+    values = {key: value for part in known for key, value in part.values.items()}
+    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T)
+
+
+def _of_map(found: "MotorMap", most: "MaximumThrust | None") -> _Part:
     import numpy as np
 
+    from cfid.estimate.shared_points import PointFit
     from cfid.motors.points import FULL_COMMAND
-    from cfid.records.covariances import covariance_between
 
     values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
     outward = np.eye(found.fit.order + 1)
@@ -67,29 +109,29 @@ def map_covariances(found: "MotorMap", most: "MaximumThrust | None" = None) -> "
         full = np.vander([float(FULL_COMMAND)], found.fit.order + 1)
         outward = np.vstack([outward, full, full * most.hover_mass_kg / most.thrust_n])
         values |= {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
-    return covariance_between(values, outward @ found.fit.covariance @ outward.T)
+    return _Part(PointFit(found.fit, found.windows), values, outward)
 
 
-def speed_covariances(found: "SpeedThrustMap") -> "tuple[Covariance, ...]":
-    """Return the covariance of both forms of thrust over speed, which came from the same points."""
+def _of_voltage(found: "VoltageComparison") -> _Part:
     import numpy as np
 
-    from cfid.records.covariances import covariance_between
-
-    moved = np.vstack([found.square.moved[:1], found.quadratic.moved])
-    values = {
-        "motor.thrust_per_speed_squared_n_s2": found.k_n_s2,
-        "motor.thrust_speed_poly": found.quadratic.coefficients.tolist(),
-    }
-    return covariance_between(values, moved @ moved.T)
-
-
-def voltage_covariances(found: "VoltageComparison") -> "tuple[Covariance, ...]":
-    """Return the covariance of thrust over motor voltage, lowest power first."""
-    from cfid.records.covariances import covariance_between
+    from cfid.estimate.shared_points import PointFit
 
     values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
-    return covariance_between(values, found.by_voltage.covariance[::-1, ::-1])
+    fit = PointFit(found.by_voltage, np.eye(len(found.used))[found.used])
+    return _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
+
+
+def _of_speed(found: "SpeedThrustMap") -> tuple[_Part, _Part]:
+    import numpy as np
+
+    from cfid.estimate.shared_points import PointFit
+
+    square, quadratic = (PointFit(fit, found.windows) for fit in (found.square, found.quadratic))
+    return (
+        _Part(square, {"motor.thrust_per_speed_squared_n_s2": found.k_n_s2}, np.eye(3)[:1]),
+        _Part(quadratic, {"motor.thrust_speed_poly": found.quadratic.coefficients.tolist()}, np.eye(3)),
+    )
 
 
 def speed_parameters(found: "SpeedThrustMap") -> "dict[str, Parameter]":

@@ -7,7 +7,8 @@ import numpy as np
 
 from cfid.errors import FitError
 from cfid.motors.maps.estimation import MotorMap
-from cfid.motors.points import DEAD_COMMAND, Array
+from cfid.motors.points import Array
+from cfid.units import DEAD_COMMAND
 
 
 @dataclass(frozen=True, kw_only=True)

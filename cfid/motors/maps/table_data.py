@@ -23,7 +23,13 @@ def of_table(path: Path, stand: StandOptions, reading: ReadingOptions, workplace
         rate_hz=reading.rate_hz,
         skip_lines=reading.skip_lines,
     )
+    stand = stand.where(workplace.facts) if _is_tachometers(table) else replace(stand, markers=stand.markers or 1)
     return _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
+
+
+def _is_tachometers(table: "StandTable") -> bool:
+    """Return whether speeds were read off a tachometer, which counts markers; a thrust stand knows its rotors."""
+    return table.speeds == "series"
 
 
 def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
@@ -36,12 +42,14 @@ def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
     points = per_motor(
         MotorPoints(command=table.command, thrust_n=table.thrust_n, torque_nm=table.torque_nm), motors=share
     )
-    speeds, vbat = table.speeds_rad_s, table.vbat_v
+    speeds, vbat, notes = table.speeds_rad_s, table.vbat_v, table.notes
     if speeds is not None:
         one_speed = table.square_mean_speed_rad_s
         assert one_speed is not None
         series = list(speeds.T) if table.speeds == "series" else [one_speed]
-        sets = [MotorPoints(command=table.command, speed_rad_s=one / stand.markers) for one in series]
+        divided = [stand.divided(one) for one in series]
+        sets = [MotorPoints(command=table.command, speed_rad_s=one) for one, _ in divided]
+        notes = (*notes, *(f"{table.path.name}: {note}" for note in divided[0][1]))
         if table.thrust_n is None:
             points = joined(*sets)
         elif len(sets) == 1:
@@ -50,7 +58,7 @@ def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
             points = joined(points, *sets)
     if vbat is not None:
         vbat = np.resize(vbat, len(points.command)) if len(points.command) % len(vbat) == 0 else None
-    return Evidence(points=points, vbat_v=vbat, warnings=table.notes, sources=(table.source,), paths=(table.path,))
+    return Evidence(points=points, vbat_v=vbat, warnings=notes, sources=(table.source,), paths=(table.path,))
 
 
 def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
@@ -80,14 +88,16 @@ def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
         None if column is None else mean_beside(settled, table.time_s, column)
         for column in (table.square_mean_speed_rad_s, table.vbat_v)
     )
+    speed, notes = (None, ()) if shown is None else stand.divided(shown)
     points = per_motor(points_of(settled, thrust=0), motors=1 if table.motors is not None else stand.motors or 1)
     unsettled = [point for point in found.points if not point.settled]
     return Evidence(
-        points=replace(points, speed_rad_s=None if shown is None else shown / stand.markers),
+        points=replace(points, speed_rad_s=speed),
         vbat_v=volts,
         lines=tuple(line_of(point, table.path.name) for point in found.points),
         warnings=(
             *table.notes,
+            *(f"{table.path.name}: {note}" for note in notes),
             *found.warnings,
             *(f"{table.path.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
         ),

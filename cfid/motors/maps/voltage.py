@@ -12,7 +12,8 @@ import numpy.typing as npt
 from cfid.errors import FitError
 from cfid.estimate.monotone_cubic import constrain
 from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
-from cfid.motors.points import DEAD_COMMAND, FULL_COMMAND, Array, weighable
+from cfid.motors.points import Array, weighable
+from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 THRUST_ORDER = 3  # as the firmware compensates the battery
 SPEED_ORDER = 2
@@ -24,8 +25,9 @@ _TELLING = 1.05  # ratio of prediction errors from which one form is the better 
 class VoltageComparison:
     """Polynomials of equal order over motor voltage and over command, judged on commands they have not seen.
 
-    `command`, `motor_volts` and `value` (n,) are the points used. `voltage_rms` and `command_rms` are the errors of
-    prediction, in the value's unit, of the points at `judged` commands, each form by plain least squares.
+    `command`, `motor_volts` and `value` (n,) are the points that `used` (N,) marks of all. `voltage_rms` and
+    `command_rms` are the errors of prediction, in the value's unit, of the points at `judged` commands, each form by
+    plain least squares.
 
     Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; `refusal` says why the
     points contradict every such cubic, and `by_voltage` is the plain one then.
@@ -36,6 +38,7 @@ class VoltageComparison:
     command: Array
     motor_volts: Array
     value: Array
+    used: npt.NDArray[np.bool_]
     voltage_rms: float
     command_rms: float
     judged: int
@@ -80,6 +83,7 @@ def compare_thrust(
     vbat_v: Array,
     thrust_n: Array,
     std_n: Array | None = None,
+    shared_n: Array | None = None,
     folds: int | None = None,
     max_thrust_n: float | None = None,
 ) -> VoltageComparison:
@@ -90,9 +94,17 @@ def compare_thrust(
 
     Raises FitError when there are too few commands, or when thrust does not rise with the voltage.
     """
-    found = compare(command=command, vbat_v=vbat_v, value=thrust_n, order=THRUST_ORDER, std=std_n, folds=folds)
-    std = _used(std_n, command=command, vbat_v=vbat_v, value=thrust_n)
-    rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std, max_thrust_n=max_thrust_n)
+    found = compare(
+        command=command,
+        vbat_v=vbat_v,
+        value=thrust_n,
+        order=THRUST_ORDER,
+        std=std_n,
+        shared=shared_n,
+        folds=folds,
+    )
+    std, shared = _used(found.used, std_n, shared_n)
+    rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std, shared_n=shared, max_thrust_n=max_thrust_n)
     if rising.refusal:
         return replace(found, refusal=rising.refusal)
     said = (
@@ -116,25 +128,28 @@ def compare(
     value: Array,
     order: int,
     std: Array | None = None,
+    shared: Array | None = None,
     folds: int | None = None,
 ) -> VoltageComparison:
     """Fit both forms to points (n,) above the dead zone, and let each predict the commands left out of it.
 
     A command is left out with all its points, else a point would be predicted from its twin at the same voltage:
     one command after another, or `folds` groups of them in turn. The lowest and the highest stay in, as a cubic
-    is not made to be prolonged. `std` (n,) weighs the points; the errors of prediction are not weighted.
+    is not made to be prolonged. `std` (n,) weighs the points, and `shared` (n, m) are the parts
+    of it that points have in common, as in `fit_polynomial`; the errors of prediction are not weighted.
 
     Raises FitError when there are too few commands.
     """
-    std = _used(std, command=command, vbat_v=vbat_v, value=value)
-    used = _usable(command=command, vbat_v=vbat_v, value=value)
+    used = np.asarray((command > DEAD_COMMAND) & np.isfinite(vbat_v) & np.isfinite(value))
+    std, shared = _used(used, std, shared)
     command, value = command[used], value[used]
     volts = motor_volts(command=command, vbat_v=vbat_v[used])
     inner = np.unique(command)[1:-1]
     if len(inner) <= order:
         raise FitError(
             f"{len(np.unique(command))} commands above {DEAD_COMMAND} are too few to judge forms of order {order} on "
-            f"commands they have not seen: {order + 3} are needed."
+            f"commands they have not seen: {order + 3} are needed. Steps that never settled do not "
+            "count: hold each longer."
         )
     groups = [inner[i :: folds or len(inner)] for i in range(min(folds or len(inner), len(inner)))]
     errors = [
@@ -143,11 +158,12 @@ def compare(
     ]
     voltage_rms, command_rms = (float(np.sqrt(np.mean(error**2))) for error in errors)
     return VoltageComparison(
-        by_voltage=fit_polynomial(volts, value, order=order, std=std),
-        by_command=fit_polynomial(command, value, order=order, std=std),
+        by_voltage=fit_polynomial(volts, value, order=order, std=std, shared=shared),
+        by_command=fit_polynomial(command, value, order=order, std=std, shared=shared),
         command=command,
         motor_volts=volts,
         value=value,
+        used=used,
         voltage_rms=voltage_rms,
         command_rms=command_rms,
         judged=len(inner),
@@ -155,13 +171,9 @@ def compare(
     )
 
 
-def _usable(*, command: Array, vbat_v: Array, value: Array) -> npt.NDArray[np.bool_]:
-    return np.asarray((command > DEAD_COMMAND) & np.isfinite(vbat_v) & np.isfinite(value))
-
-
-def _used(std: Array | None, *, command: Array, vbat_v: Array, value: Array) -> Array | None:
-    """Return the deviations of the points that are used, made fit for weights; None where none are known."""
-    return None if std is None else weighable(std[_usable(command=command, vbat_v=vbat_v, value=value)])
+def _used(used: npt.NDArray[np.bool_], std: Array | None, shared: Array | None) -> tuple[Array | None, Array | None]:
+    """Return deviations of the points used, made fit for weights, and what they share; None where none are known."""
+    return None if std is None else weighable(std[used]), None if shared is None else shared[used]
 
 
 def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int, std: Array | None) -> Array:

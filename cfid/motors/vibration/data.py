@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cfid.console.lists import span
 from cfid.console.messages import note
-from cfid.errors import ConfigError, DataError
+from cfid.console.options import positive
+from cfid.errors import DataError
 
 if TYPE_CHECKING:
     from cfid.estimate.staircase import Point
@@ -39,13 +41,8 @@ class RotorOptions:
         """The speeds to look for. Raises ConfigError for what is no range."""
         if self.expect is None:
             return None
-        try:
-            low, high = (float(word) for word in self.expect.split(":"))
-        except ValueError:
-            raise ConfigError(f"--expect {self.expect}: should be FROM:TO in rad/s, as 400:3500.") from None
-        if not 0 < low < high < float("inf"):
-            raise ConfigError(f"--expect {self.expect}: should rise from above zero.")
-        return low, high
+        low, high = span(self.expect, "--expect", unit="rad/s", example="400:3500")
+        return positive(low, "--expect"), high
 
 
 def quiet_channels(record: "WrenchRecord") -> Any:

@@ -3,7 +3,6 @@
 Knows heads and units. Whether a motor had settled, and how many markers its propeller carries, is asked elsewhere.
 """
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,20 +16,17 @@ from cfid.errors import DataError
 from cfid.records.parameters import Source
 from cfid.records.tables.table import Array, Table, open_table
 from cfid.records.tables.times import CUT_LINE, times_of
+from cfid.units import FULL_COMMAND, ROTORS, RPM, USUAL_GRAVITY_MPS2
 
 Speeds = Literal["motor", "series", "rotors", "mean"]
 
 STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
-GRAVITY_MPS2 = 9.81
-STAND_MOTORS = 4  # whose sum the stand measures
 HEADS = (
     "cmd, command or pwm (0 to 65535), pwm_percent; thrust_n (of what ran), weight[g], thrust[g], thrust_total_g, "
     "thrust[N] (of four motors); torque_nm; grams (scales); speed_rad_s, rpm_1, rpm_2, ... (series of one rotor), "
     "rpm1 to rpm4 (four rotors), rpm_mean; vbat_v, vbat[V], voltage_V; t"
 )
 
-_RAD_S = 2 * math.pi / 60
-_FULL_COMMAND = 65535.0
 _HELD_ROWS = 5  # of one command, on average: from there on a table is a record over time
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 
@@ -95,7 +91,7 @@ class _Column(NamedTuple):
 _KNOWN = (
     _Head("command", r"cmd|command"),
     _Head("command", r"pwm", kind="pwm"),
-    _Head("command", r"pwm_percent|pwm\[%\]", _FULL_COMMAND / 100, "percent"),
+    _Head("command", r"pwm_percent|pwm\[%\]", FULL_COMMAND / 100, "percent"),
     _Head("thrust_n", r"thrust_n"),
     _Head("thrust_n", r"thrust\[n\]", kind="total"),
     _Head("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
@@ -103,9 +99,9 @@ _KNOWN = (
     _Head("vbat_v", r"vbat_v|vbat\[v\]|voltage_v"),
     _Head("grams", r"grams"),
     _Head("speeds_rad_s", r"speed_rad_s", kind="motor"),
-    _Head("speeds_rad_s", r"rpm_[1-9]\d*", _RAD_S, "series"),
-    _Head("speeds_rad_s", r"rpm[1-4]", _RAD_S, "rotors"),
-    _Head("speeds_rad_s", r"rpm_mean", _RAD_S, "mean"),
+    _Head("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
+    _Head("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),
+    _Head("speeds_rad_s", r"rpm_mean", RPM, "mean"),
     _Head("time_s", r"t|time|t_s|time_s|time\[s\]"),
 )
 _SEVERAL = ("series", "rotors")
@@ -120,7 +116,7 @@ _STEMS = {
 
 
 def read_stand_table(
-    path: Path, *, gravity_mps2: float = GRAVITY_MPS2, rate_hz: float | None = None, skip_lines: int = 0
+    path: Path, *, gravity_mps2: float = USUAL_GRAVITY_MPS2, rate_hz: float | None = None, skip_lines: int = 0
 ) -> StandTable:
     """Read a table whose head names quantities and units, in any order; columns of other names are left and noted.
 
@@ -141,7 +137,7 @@ def read_stand_table(
         columns={name: column.names for name, column in found.items()},
         command=found["command"].value[:, 0],
         thrust_n=None if thrust is None else _one_motors(thrust, gravity_mps2),
-        motors=STAND_MOTORS if total else None,
+        motors=ROTORS if total else None,
         torque_nm=_single(found, "torque_nm"),
         vbat_v=_single(found, "vbat_v"),
         grams=_single(found, "grams"),
@@ -196,7 +192,7 @@ def _check(table: Table, found: Mapping[str, _Column]) -> None:
     command = found["command"]
     percent = command.head.kind == "percent"
     _refuse(table, command, command.raw < 0, "a command is zero or more.")
-    most = 100.0 if percent else _FULL_COMMAND
+    most = 100.0 if percent else FULL_COMMAND
     _refuse(table, command, command.raw > most, f"it ends at {most:g}{' per cent' if percent else ''}.")
     if command.head.kind == "pwm" and 0 < command.raw.max() <= 100:
         raise DataError(f"{table.path}: no pwm above 100: is it per cent? Then call the column pwm_percent.")
@@ -219,7 +215,7 @@ def _one_motors(thrust: _Column, gravity_mps2: float) -> Array:
     value = thrust.value[:, 0]
     if thrust.head.kind == "total in grams":
         value = value * gravity_mps2
-    return value / STAND_MOTORS if thrust.head.kind else value
+    return value / ROTORS if thrust.head.kind else value
 
 
 def _single(found: Mapping[str, _Column], quantity: str) -> Array | None:
@@ -247,7 +243,7 @@ def _total_note(thrust: _Column | None, gravity_mps2: float) -> tuple[str, ...]:
     if thrust is None or not thrust.head.kind:
         return ()
     by = f" and grams by {gravity_mps2:g} m/s^2" if thrust.head.kind == "total in grams" else ""
-    return (f"'{thrust.names[0]}' is taken as the thrust of {STAND_MOTORS} motors: divided by {STAND_MOTORS}{by}.",)
+    return (f"'{thrust.names[0]}' is taken as the thrust of {ROTORS} motors: divided by {ROTORS}{by}.",)
 
 
 def _unused_note(table: Table, found: Mapping[str, _Column]) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ Times stay in seconds since the Unix epoch, as every file of a run has them; `be
 them to a record that counts from its first sample.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +14,11 @@ from cfid.errors import DataError
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.table import Array, open_table
+from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
 
 _MOTORS = ("m1", "m2", "m3", "m4")
-_RAD_S_OF_RPM = 2 * math.pi / 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +60,8 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
 
 def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
     """Return the speeds (n,) in rad/s that an RPM deck or brushless motors told, by motor; none where none did."""
-    named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in (1, 2, 3, 4)}
-    return {
-        motor: _RAD_S_OF_RPM * rows.columns[name]
-        for motor, names in named.items()
-        for name in names
-        if name in rows.columns
-    }
+    named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in MOTORS}
+    return {motor: RPM * rows.columns[name] for motor, names in named.items() for name in names if name in rows.columns}
 
 
 def begin_s(path: Path) -> float:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-COVERED = 1.96  # standard deviations either side of a normal distribution's 95 %
+from cfid.units import COVERAGE_95
 
 _DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
 _MOST_DECIMALS = 12
@@ -30,7 +30,7 @@ def printed(value: float | None, std: float | None, power: int) -> Printed:
         return Printed(plain_number(value * scale, _DIGITS), "", "", "")
     decimals = min(max(1 - math.floor(math.log10(std * scale)), 0), _MOST_DECIMALS)
     value, std = value * scale, std * scale
-    low, high = value - COVERED * std, value + COVERED * std
+    low, high = value - COVERAGE_95 * std, value + COVERAGE_95 * std
     texts = [_minus(f"{x:.{decimals}f}") for x in (value, std, low, high)]
     return Printed(*texts)
 

@@ -1,0 +1,75 @@
+"""Covariances between polynomials that were fitted to the same points.
+
+Each coefficient is a weighted sum of the points. Two fits therefore covary as far as the errors of their points do:
+thrust over command and thrust over voltage have the thrust's error in common, thrust over command and thrust over
+speed may not. The residuals tell which (seemingly unrelated regressions [Zel]).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.polynomials import PolynomialFit
+
+Array = npt.NDArray[np.float64]
+
+_FEWEST = 3.0  # degrees of freedom that two fits have in common: fewer say nothing of a correlation
+
+
+class PointFit(NamedTuple):
+    """A fit, and the parts of all N windows in each of its points (n, N), in units of their deviations."""
+
+    fit: PolynomialFit
+    windows: Array
+
+
+def joint_covariance(fits: Sequence[PointFit]) -> Array:
+    """Return the covariance (p, p) of the coefficients of several fits, one fit after the other.
+
+    Within a fit it is the fit's own. Between two it takes the correlation of their points' errors from the residuals,
+    none where too few points are in both, and what points share (a tare) as it is: these causes have to be the same
+    ones in the same order, in all fits that have any. Windows that the first fit does not use connect no others.
+    """
+    known = np.any(fits[0].windows, axis=0)
+    alone = [one.fit.moved[:, : len(one.fit.x)] @ (one.windows * known) for one in fits]
+    shared = [one.fit.moved[:, len(one.fit.x) :] for one in fits]
+    correlation = _correlations([PointFit(one.fit, one.windows * known) for one in fits])
+    blocks = []
+    for i, one in enumerate(fits):
+        row = []
+        for j in range(len(fits)):
+            causes = min(shared[i].shape[1], shared[j].shape[1])
+            between = correlation[i, j] * alone[i] @ alone[j].T + shared[i][:, :causes] @ shared[j][:, :causes].T
+            row.append(one.fit.covariance if i == j else between)
+        blocks.append(row)
+    return np.block(blocks)
+
+
+def _correlations(fits: Sequence[PointFit]) -> Array:
+    """Return the correlations (k, k) of the errors of the fits' points, the nearest that can be."""
+    found = np.eye(len(fits))
+    for i, one in enumerate(fits):
+        for j, other in enumerate(fits[:i]):
+            found[i, j] = found[j, i] = _correlation(one, other)
+    sizes, directions = np.linalg.eigh(found)
+    possible = directions * np.maximum(sizes, 0.0) @ directions.T
+    unit = np.sqrt(np.diag(possible))
+    return np.asarray(possible / np.outer(unit, unit))
+
+
+def _correlation(one: PointFit, other: PointFit) -> float:
+    """Return the correlation of the errors of two fits' points, 0 where it is not known.
+
+    The residuals r = M e of a fit have fewer degrees of freedom than errors e. Where these correlate by rho W, their
+    product r1' W r2 is rho trace(W' M1 W M2') on average.
+    """
+    overlap = one.windows @ other.windows.T
+    left, right = (np.eye(len(each.fit.x)) - each.fit.hat for each in (one, other))
+    freedom = float(np.sum((left @ overlap) * (overlap @ right)))
+    first, second = (each.fit.weight * each.fit.residual / each.fit.point_std for each in (one, other))
+    size = float(np.sqrt(first @ first / max(one.fit.freedom, 1) * (second @ second) / max(other.fit.freedom, 1)))
+    if not (freedom >= _FEWEST and size > 0):  # nan neither
+        return 0.0
+    return float(np.clip(first @ overlap @ second / freedom / size, -1.0, 1.0))

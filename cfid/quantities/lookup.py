@@ -1,0 +1,63 @@
+"""The row of the registry that a key belongs to, and the unit of whatever has a name."""
+
+import re
+from functools import cache
+
+from cfid.quantities.quantity import Quantity
+from cfid.quantities.table import QUANTITIES
+
+UNITS = {  # by how a name ends
+    "kg_m2": "kg m^2",
+    "rad_per_s": "rad/s",
+    "mps2": "m/s^2",
+    "mps": "m/s",
+    "nm": "N m",
+    "kg": "kg",
+    "mm": "mm",
+    "rad": "rad",
+    "deg": "deg",
+    "ohm": "ohm",
+    "hz": "Hz",
+    "m": "m",
+    "s": "s",
+    "n": "N",
+    "v": "V",
+    "a": "A",
+}
+
+
+@cache
+def find(key: str) -> Quantity | None:
+    """Return the quantity of a key, None of one that the registry has not, as a name noted by hand."""
+    return _BY_KEY.get(key) or next((found for pattern, found in _PATTERNS if pattern.fullmatch(key)), None)
+
+
+def registered(key: str) -> Quantity:
+    """Return the quantity of a key that the registry has; KeyError of another one is a mistake in the program."""
+    found = find(key)
+    if found is None:
+        raise KeyError(key)
+    return found
+
+
+def unit_of(key: str) -> str:
+    """Return the unit of a key: the registry's, else what a name ends with; "" where neither says one."""
+    found = find(key)
+    return found.unit if found is not None and found.unit else _at_the_end_of(key)
+
+
+def _at_the_end_of(name: str) -> str:
+    """Return the unit that a name ends with, "" where it ends with none, or with a part of one as in `_m_per_s`."""
+    suffix = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")
+    before = name.removesuffix(f"_{suffix}").rpartition("_")[-1]
+    return "" if not suffix or before in {"per", *UNITS} else UNITS[suffix]
+
+
+def _pattern(key: str) -> re.Pattern[str]:
+    """Return what matches a key, `<name>` any name, and `[...]` what may be missing."""
+    words = re.split(r"<\w+>", key)
+    return re.compile(".+".join(re.escape(word) for word in words).replace(r"\[", "(?:").replace(r"\]", ")?"))
+
+
+_BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
+_PATTERNS = [(_pattern(quantity.key), quantity) for quantity in QUANTITIES if "<" in quantity.key]

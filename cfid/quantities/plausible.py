@@ -1,0 +1,123 @@
+"""Which values a Crazyflie-sized vehicle can have.
+
+A value outside of its range is most likely in another unit: the message guesses which.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from cfid.quantities.lookup import find
+from cfid.quantities.quantity import Quantity, Range
+from cfid.quantities.values import coefficient_units, evaluate, is_matrix
+from cfid.units import RPM, USUAL_GRAVITY_MPS2
+
+_OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
+    "kg": {1e-3: "grams"},
+    "m": {1e-3: "millimetres", 1e-2: "centimetres"},
+    "s": {1e-3: "milliseconds", 1e-6: "microseconds"},
+    "N": {1e-3: "millinewtons", 1e-3 * USUAL_GRAVITY_MPS2: "grams of thrust"},
+    "rad/s": {RPM: "rpm"},
+    "kg m^2": {1e-9: "g mm^2", 1e-7: "g cm^2", 1e-6: "kg mm^2", 1e-3: "g m^2"},
+    "N s^2/rad^2": {RPM**-2: "N/rpm^2"},
+    "m/s^2": {1e-2: "cm/s^2", USUAL_GRAVITY_MPS2: "multiples of g"},
+}
+
+_INERTIA = "inertia.matrix_kg_m2"
+_ROUNDING = 1e-9  # of a matrix' trace
+
+
+def implausible(key: str, value: Any) -> str:
+    """Return what is implausible about a quantity's value as a sentence, with a guess of its unit; "" where nothing.
+
+    An inertia matrix has to be that of a possible body too. Keys without a range pass, and so does what is no number.
+    """
+    quantity = find(key)
+    if quantity is None or quantity.plausible is None:
+        return ""
+    found = quantity.plausible
+    unit = judged_unit(quantity)
+    where = " in its slope" if found.of == "slope" else "" if found.at is None else f" at {found.at:g} {quantity.over}"
+    for number in _judged(quantity, found, value):
+        if not found.least <= number <= found.largest:
+            guess = _guess(number, found, unit)
+            return (
+                f"{key} is implausible{where}, {_shown(number)} {unit}{f': {guess}?' if guess else '.'} "
+                f"Expected {found.least:g} to {found.largest:g} {unit}."
+            )
+    return _body_fault(key, value) if key == _INERTIA else ""
+
+
+def judged_unit(quantity: Quantity) -> str:
+    """Return the unit of what a quantity's range judges."""
+    if not quantity.over:
+        return quantity.unit
+    slope = quantity.plausible is not None and quantity.plausible.of == "slope"
+    return coefficient_units(quantity.key, 2)[0] if slope else quantity.of
+
+
+def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
+    """Return why a vehicle with its centre of mass (3,) there cannot hover, "" where it can; x and y count.
+
+    The rotors stand in a square, a diagonal arm from the middle, and push upwards only.
+    """
+    side = arm_m / math.sqrt(2)
+    if all(abs(length) < side for length in centre_m[:2]):
+        return ""
+    x, y = (1e3 * length for length in centre_m[:2])
+    return (
+        f"centre_of_mass_mm is implausible, x = {x:.1f} mm and y = {y:.1f} mm: beyond the rotors. Expected within "
+        f"{1e3 * side:.1f} mm of the middle, with an arm of {1e3 * arm_m:.1f} mm."
+    )
+
+
+def _judged(quantity: Quantity, found: Range, value: Any) -> list[float]:
+    if found.of == "diagonal" and is_matrix(value):
+        value = [row[i] for i, row in enumerate(value)]
+    judged = list(_leaves(value))
+    if found.of == "slope":
+        return judged[-2:-1]
+    known = isinstance(value, list) and len(judged) == len(value)
+    if found.at is not None:
+        return [evaluate(quantity.key, judged, found.at)] if known else []
+    return judged
+
+
+def _leaves(value: Any) -> Iterator[float]:
+    if isinstance(value, list):
+        for part in value:
+            yield from _leaves(part)
+    elif isinstance(value, int | float) and not math.isnan(value):
+        yield value
+
+
+def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
+    """Return why an inertia matrix (3, 3) is that of no body: its second moments have to be positive definite [WKS]."""
+    trace = sum(matrix[i][i] for i in range(3))
+    if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in ((0, 1), (0, 2), (1, 2))):
+        return f"{key} is that of no body: it is not symmetric."
+    (a, b, c), (_, d, e), (_, _, f) = ([(i == j) - 2 * matrix[i][j] / trace for j in range(3)] for i in range(3))
+    if min(a, a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) > 0:
+        return ""
+    diagonal = ", ".join(f"{matrix[i][i]:.3g}" for i in range(3))
+    return (
+        f"{key} is that of no body (diagonal {diagonal} kg m^2): each principal moment has to be below the sum of the "
+        "other two."
+    )
+
+
+def _guess(number: float, expected: Range, unit: str) -> str:
+    """Return the unit in which a number would be nearest to the middle of what is plausible, "" where there is none."""
+    if expected.least <= 0:
+        return ""
+    middle = math.sqrt(expected.least * expected.largest)
+    near = {
+        abs(math.log(number * size / middle)): other
+        for size, other in _OTHER_UNITS.get(unit, {}).items()
+        if expected.least <= number * size <= expected.largest
+    }
+    return near[min(near)] if near else ""
+
+
+def _shown(number: float) -> str:
+    return f"{number:.1f}" if 1 <= abs(number) < 1000 else f"{number:.3g}"

@@ -1,0 +1,236 @@
+"""The registry: every quantity that cfid finds, takes or tells, by experiment in the order of the thesis' chapters.
+
+Plausible is what a quadrocopter from 10 g to 1 kg can have: a Crazyflie 2.0 has 0.028 kg, 0.046 m and 0.15 N a motor.
+"""
+
+from dataclasses import replace
+
+from cfid.quantities.quantity import Experiment, Quantity, Range, Shape
+from cfid.units import FULL_COMMAND
+
+EXPERIMENTS = {
+    "swing": Experiment("Swing"),
+    "friction": Experiment("Friction of the axis"),
+    "inertia": Experiment(
+        "Inertia matrix",
+        "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
+    ),
+    "testbody": Experiment("Test body"),
+    "thrust": Experiment("Command to thrust", "`cfid log thrust`, then `cfid fit thrust RUN`"),
+    "speed": Experiment("Command to rotor speed", "`cfid log speed`, then `cfid fit speed RUN`"),
+    "torque": Experiment("Thrust to torque", "`cfid log thrust`, then `cfid fit torque RUN`"),
+    "rotor": Experiment("Rotor speed from vibration"),
+    "dynamics": Experiment("Rotor dynamics"),
+    "tf": Experiment("Transfer function of motor and rotor", "`cfid log sine`, then `cfid tf identify RUN ...`"),
+    "latency": Experiment("Latency of the link"),
+    "drag": Experiment("Drag", "`cfid log wind`, then `cfid fit drag RUN ...`"),
+}
+
+_INERTIA = Range(1e-6, 2e-2, "10 g on an axis 10 mm away to 1 kg on one 140 mm away")
+_BODY = Range(1e-7, 1e-2, "blocks of a few grams to a few hundred; the thesis' has 1.6e-5")
+_VISCOUS = Range(0, 1e-3, "the thesis found 1e-6; far above it nothing swings or turns on")
+_COULOMB = Range(0, 1e-2, "40 g on a radius of 2 mm turn against less than 8e-4")
+_SPINNING = Range(0, 1000, "time constants above 1 ms, at any speed")
+_LATE = Range(-0.5, 0.5, "a radio takes 3 to 20 ms; stamps may be late themselves")
+_LAG = Range(1e-3, 1, "the thesis found 0.065 to 0.078")
+_ROUND_TRIP = Range(1e-4, 1, "the thesis found 2 to 20 ms")
+_DRAG = Range(-1e-4, 1e-7, "the thesis found -9e-7; above zero, beyond noise, air would drive the vehicle")
+_CROSS_DRAG = Range(-1e-4, 1e-4, "as the simple model, of either sign beside the diagonal")
+_PARASITIC = Range(-1e-2, 1e-3, "a plate of 0.1 m has 6e-3; above zero air would drive the vehicle")
+
+
+def _given(section: str, given_by: str, *rows: Quantity) -> tuple[Quantity, ...]:
+    return tuple(replace(row, section=section, given_by=row.given_by or given_by) for row in rows)
+
+
+_SWING = _given(
+    "swing", "`cfid fit swing`",
+    Quantity("swing.natural_frequency_squared_s2", "1/s^2", "W", "natural frequency squared, m g r / I",
+             plausible=Range(20, 3000, "pendulums of 0.7 to 9 Hz")),
+    Quantity("swing.axis_inertia_kg_m2", "kg m^2", "I_a", "inertia about the mounting axis", plausible=_INERTIA),
+    Quantity("swing.viscous_nms_per_rad", "N m s/rad", "c", "damping that goes with speed", plausible=_VISCOUS),
+    Quantity("swing.coulomb_nm", "N m", "M_c", "dry friction", plausible=_COULOMB),
+    Quantity("swing.quadratic_nms2_per_rad2", "N m s^2/rad^2", "q", "damping that goes with the square of speed",
+             plausible=Range(0, 1e-3, "air around a body as large as a palm: 1e-7")),
+    Quantity("swing.start_angle_rad", "rad", "φ_0", "angle at the release", of_the_run=True,
+             plausible=Range(-3.15, 3.15, "a swing over the top is refused")),
+    Quantity("swing.start_speed_rad_per_s", "rad/s", "φ'_0", "speed at the release", of_the_run=True,
+             plausible=Range(-110, 110, "2 √W at most, or it goes over the top")),
+    Quantity("swing.zero_rad", "rad", "φ_z", "angle where it hangs at rest", of_the_run=True),
+    Quantity("swing.peaks_used", "1", "n", "peaks used, the release being the first", of_the_run=True),
+)  # fmt: skip
+
+_FRICTION = _given(
+    "friction", "`cfid fit friction`",
+    Quantity("friction.viscous_nms_per_rad", "N m s/rad", "c", "viscous friction of the axis, all weights together",
+             plausible=_VISCOUS),
+    Quantity("friction.coulomb_nm", "N m", "M_c", "Coulomb friction of the axis", plausible=_COULOMB),
+    Quantity("friction.setup_inertia_kg_m2", "kg m^2", "I_s", "inertia of what turns, without the weight",
+             plausible=Range(1e-9, 1e-3, "an axle of grams")),
+    Quantity("friction.runs", "as named", "", "windows: speed and coefficient of each weight", Shape.ROWS),
+)  # fmt: skip
+
+_MATRICES = _given(
+    "inertia", "`cfid fit inertia`",
+    Quantity("inertia.matrix_kg_m2", "kg m^2", "I", "inertia matrix about the centre of mass, body frame",
+             Shape.MATRIX, Range(5e-7, 2e-2, "10 g to 1 kg; its second moments are positive definite", "diagonal")),
+    Quantity("inertia.axis_kg_m2.<axis>", "kg m^2", "I_a", "inertia about the mounting axis", plausible=_INERTIA),
+    Quantity("inertia.centre_kg_m2.<axis>", "kg m^2", "I_G", "inertia about the parallel axis through the centre of "
+             "mass", plausible=Range(5e-7, 2e-2, "as the matrix' diagonal")),
+) + _given(
+    "testbody", "`cfid fit testbody`",
+    Quantity("testbody.calculated_kg_m2.<axis>", "kg m^2", "I_G", "inertia from the drawing", plausible=_BODY),
+    Quantity("testbody.measured_kg_m2.<axis>", "kg m^2", "I_G", "inertia from the swings", plausible=_BODY),
+    Quantity("testbody.error.<axis>", "1", "e", "how far they lie apart, over the calculated one",
+             plausible=Range(-1, 1, "beyond, another body swung")),
+)  # fmt: skip
+
+_OF_SPEEDS = "`cfid fit thrust` of runs with rotor speeds"
+_MAPS = _given(
+    "thrust", "`cfid fit thrust`",
+    Quantity("motor.thrust_poly", "N(cmd)", "a", "input command to thrust, one motor", Shape.POLYNOMIAL,
+             Range(0.01, 10, "thrust of one motor", at=FULL_COMMAND), of="N", over="cmd"),
+    Quantity("motor.command_of_thrust", "as named", "", "command of a thrust: rising root of a cmd^2 + b cmd + c = "
+             "thrust, with its range", Shape.ROWS, columns=("thrust_min_n",)),
+    Quantity("motor.max_thrust_n", "N", "f_max", "thrust of one motor at full command",
+             plausible=Range(0.01, 10, "10 g that hovers to 1 kg that climbs")),
+    Quantity("motor.hover_mass_kg", "kg", "m_hover", "mass that four motors hold at full command",
+             plausible=Range(0.004, 4.1, "four times the largest thrust over g")),
+    Quantity("motor.thrust_voltage_poly", "N(V)", "v", "motor voltage to thrust, one motor", Shape.POLYNOMIAL,
+             Range(0.005, 10, "a Crazyflie has 0.1 N", at=3.0), of="N", over="V", lowest_first=True,
+             given_by="`cfid fit thrust` of runs with the battery's voltage"),
+    Quantity("motor.thrust_per_speed_squared_n_s2", "N s^2/rad^2", "k", "thrust over rotor speed squared",
+             plausible=Range(1e-9, 1e-5, "propellers of 45 mm have 2e-8"), given_by=_OF_SPEEDS),
+    Quantity("motor.thrust_speed_poly", "N(rad/s)", "s", "rotor speed to thrust, full quadratic", Shape.POLYNOMIAL,
+             Range(0.001, 40, "k of 1e-9 to 1e-5", at=2000.0), count=3, of="N", over="rad/s", given_by=_OF_SPEEDS),
+    Quantity("motor.table", "as named", "", "what was measured at each command", Shape.ROWS, columns=("cmd",),
+             given_by="`cfid fit thrust`, `speed` or `torque`"),
+) + _given(
+    "speed", "`cfid fit speed`",
+    Quantity("motor.speed_poly", "rad/s(cmd)", "b", "input command to rotor speed", Shape.POLYNOMIAL,
+             Range(300, 10000, "the thesis found 3050", at=FULL_COMMAND), of="rad/s", over="cmd"),
+) + _given(
+    "torque", "`cfid fit torque`",
+    Quantity("motor.torque_poly", "Nm(N)", "c", "thrust to torque, one motor", Shape.POLYNOMIAL,
+             Range(1e-3, 0.1, "published ones have 0.005 to 0.034", "slope"), of="N m", over="N"),
+)  # fmt: skip
+
+_ROTORS = _given(
+    "rotor", "`cfid fit rotor`",
+    Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
+             Range(200, 5000, "slower ones stand, faster ones no propeller survives")),
+    Quantity("rotor.windows", "as named", "", "windows: speed heard in each", Shape.ROWS),
+) + _given(
+    "dynamics", "`cfid fit dynamics`",
+    Quantity("dynamics.rising", "1/s, 1/rad", "k_r", "rotor model, spinning up: linear and quadratic", Shape.LIST,
+             _SPINNING, count=2),
+    Quantity("dynamics.falling", "1/s, 1/rad", "k_f", "rotor model, spinning down: linear and quadratic", Shape.LIST,
+             _SPINNING, count=2),
+    Quantity("dynamics.time_constant_s", "s", "τ", "steps: time constant of each", Shape.ROWS),
+)  # fmt: skip
+
+
+def _transfer(key: str, symbol: str, of: str) -> tuple[Quantity, ...]:
+    """Return what one transfer function has, under the beginning of its keys."""
+    return (
+        Quantity(f"{key}.numerator", "N", f"n{symbol}", f"numerator{of}, per unit of the command", Shape.POLYNOMIAL,
+                 of="N", over="z^-1", lowest_first=True),
+        Quantity(f"{key}.denominator", "1", f"d{symbol}", f"denominator{of}, with its leading 1", Shape.POLYNOMIAL,
+                 of="1", over="z^-1", lowest_first=True),
+        Quantity(f"{key}.time_constant_s", "s", f"τ{symbol}", f"time constant{of}", plausible=_LAG),
+        Quantity(f"{key}.static_gain_n", "N", f"K{symbol}", f"static gain{of}, per unit of the command",
+                 plausible=Range(1e-8, 1e-3, "the thesis found 2.4e-6, the slope of its thrust map")),
+        Quantity(f"{key}.delay_s", "s", f"δ{symbol}", f"delay{of} of the force behind its stamped command",
+                 plausible=_LATE),
+        Quantity(f"{key}.delay_after_quickest_s", "s", f"δ_q{symbol}", f"the same delay{of} behind the quickest stamps",
+                 plausible=_LATE),
+    )  # fmt: skip
+
+
+_TRANSFER = _given(
+    "tf", "`cfid tf identify`",
+    *_transfer("tf", "", ""),
+    Quantity("tf.sample_time_s", "s", "T", "sample time", plausible=Range(1e-4, 0.1, "0.002 on a Crazyflie")),
+    Quantity("tf.lags_s", "s", "τ_i", "both lags of `--shape second`", Shape.LIST, Range(1e-4, 1, "as the time "
+             "constant"), count=2),
+    Quantity("tf.lead_s", "s", "τ_0", "lead of `--shape zero`", plausible=Range(-1, 1, "as the time constant")),
+    *_transfer("tf.series.<series>", "_i", " of one series"),
+    Quantity("tf.frequency_response", "N", "H", "frequency response", Shape.ROWS),
+) + _given(
+    "tf verify", "`cfid tf verify`",
+    Quantity("tf.verify.<name>.fit_percent", "%", "F", "how much of a run's motion the simulation explains",
+             plausible=Range(-1000, 100, "all of it at most")),
+    Quantity("tf.verify.<name>.residual_rms_n", "N", "e", "what is left of the force",
+             plausible=Range(0, 10, "as the largest thrust")),
+    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated", plausible=_LATE),
+    Quantity("tf.verify.<name>.gain_ratio", "1", "g", "how much larger than simulated",
+             plausible=Range(0, 10, "beyond, another motor ran")),
+)  # fmt: skip
+
+_LATENCY = _given(
+    "latency", "`cfid log ping` or `cfid tf latency`",
+    Quantity("latency.rtt_mean_s", "s", "t_r", "mean round trip", plausible=_ROUND_TRIP),
+    Quantity("latency.rtt_std_s", "s", "σ_r", "how far single round trips scatter",
+             plausible=Range(0, 1, "as the round trip")),
+    Quantity("latency.rtt_min_s", "s", "t_min", "least round trip", plausible=_ROUND_TRIP),
+    Quantity("latency.clock_offset_s", "s", "t_0", "this computer's time when the vehicle's clock was zero",
+             plausible=Range(1e9, 4e9, "Unix time of 2001 to 2096")),
+    Quantity("latency.clock_skew", "1", "s", "how much faster the vehicle's clock runs",
+             plausible=Range(-0.05, 0.05, "modules of 2015 lose one in 85")),
+)  # fmt: skip
+
+_TERMS = (
+    ("kg/rad", "sum of speeds and velocity"), ("kg/m", "velocity squared"), ("N s^2/rad^2", "sum of speeds squared"),
+    ("kg/s", "velocity"), ("N s/rad", "sum of speeds"), ("N", "one, a constant"),
+)  # fmt: skip
+_DRAGS = _given(
+    "drag", "`cfid fit drag`",
+    Quantity("drag.simple_kg_per_rad", "kg/rad", "K", "simple model", Shape.LIST, _DRAG, count=3),
+    Quantity("drag.cross_coupling_kg_per_rad", "kg/rad", "K", "cross-coupling model", Shape.MATRIX, _CROSS_DRAG),
+    *(Quantity(f"drag.complex.k{i}", unit, f"K{i}", f"complex model: times {what}", Shape.LIST, count=3)
+      for i, (unit, what) in enumerate(_TERMS, 1)),
+    *(Quantity(f"drag.complex.normalised.k{i}", "", f"K{i}_n", f"the same, term {i} as equation 4.10 normalises it",
+               Shape.LIST, count=3) for i in range(1, 7)),
+    Quantity("drag.sse_n2.<model>", "N^2", "SSE", "squared errors of a model: simple, cross, complex", of_the_run=True),
+    Quantity("drag.groups", "as named", "", "coefficients of the simple model by group, of `--grouping`", Shape.ROWS),
+    Quantity("drag.intercepts_n.<model>", "as named", "", "constant force of each wind, of `--intercepts`", Shape.ROWS),
+    Quantity("drag.parasitic_kg_per_m.<model>", "kg/m", "k_p", "drag of the body, of `--parasitic`", Shape.LIST,
+             _PARASITIC, count=3),
+) + _given(
+    "", "`cfid log wind`",
+    Quantity("wind.missing_runs", "1", "", "runs of the thesis' plan that the campaign lacks"),
+)  # fmt: skip
+
+_STATED = _given(
+    "", "",
+    Quantity("mass_kg", "kg", "m", "mass", plausible=Range(0.005, 1, "10 g to 1 kg, with room below"),
+             given_by="rig.toml's vehicle, or `cfid set mass_kg 0.0280`"),
+    Quantity("gravity_mps2", "m/s^2", "g", "local acceleration of free fall",
+             plausible=Range(9.7, 9.9, "on earth: 9.76 on Huascaran, 9.83 at the poles"),
+             given_by="rig.toml's site, or `cfid set gravity_mps2 9.81`"),
+) + _given(
+    "set", "",
+    Quantity("arm_m", "m", "l", "vehicle's centre to a motor's axis", plausible=Range(0.015, 0.3, "a Crazyflie has "
+             "0.046"), given_by="`cfid set arm_m 0.046`: from the vehicle's centre to a motor's axis"),
+    Quantity("rotor_inertia_kg_m2", "kg m^2", "I_r", "inertia of rotor and propeller about their axis",
+             plausible=Range(1e-10, 1e-5, "a Crazyflie has 3e-8"), given_by="`cfid set rotor_inertia_kg_m2 3e-8`"),
+    Quantity("rotor_radius_m", "m", "R", "radius of a propeller", plausible=Range(0.005, 0.15, "a Crazyflie has "
+             "0.0231"), given_by="`cfid set rotor_radius_m 0.0231`"),
+)  # fmt: skip
+
+_SHOWN = _given(
+    "", "`cfid show`",
+    Quantity("recording.[<device>.]samples", "1", "", "samples", of_the_run=True),
+    Quantity("recording.[<device>.]duration_s", "s", "", "duration", of_the_run=True),
+    Quantity("recording.[<device>.]median_interval_s", "s", "", "median interval of samples", of_the_run=True),
+    Quantity("recording.[<device>.]longest_interval_s", "s", "", "longest interval of samples", of_the_run=True),
+    Quantity("recording.[<device>.]range_rad", "rad", "", "range of the angle", of_the_run=True),
+    Quantity("recording.[<device>.]mean_n", "N", "", "mean force", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]std_n", "N", "", "how far forces scatter", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]mean_nm", "N m", "", "mean torque", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]std_nm", "N m", "", "how far torques scatter", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]mean.<column>", "", "", "mean of a column, its unit as the column's name ends",
+             of_the_run=True),
+)  # fmt: skip
+
+QUANTITIES = (*_SWING, *_FRICTION, *_MATRICES, *_MAPS, *_ROTORS, *_TRANSFER, *_LATENCY, *_DRAGS, *_STATED, *_SHOWN)

@@ -1,0 +1,144 @@
+"""The numbers of a quantity's value, one by one: how they are named, and whether a file has them in the right shape.
+
+Values are plain: numbers, nested lists of them, or lists of rows (mappings); what is unknown is None or nan.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cfid.quantities.lookup import find, registered
+from cfid.quantities.quantity import Quantity, Shape
+
+ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}  # of a symmetric matrix
+ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
+
+_NUMBER = 0  # stands for any number in a form
+
+
+class Number(NamedTuple):
+    """One number of a quantity: which of its numbers it is ("" of a single one, "xy", "0"), its value and deviation."""
+
+    key: str
+    place: str
+    value: float | None
+    std: float | None
+
+    @property
+    def name(self) -> str:
+        """The key with the place: `motor.thrust_poly [0]`, `inertia.matrix_kg_m2 xy`."""
+        return " ".join([self.key, *(f"[{word}]" if word.isdecimal() else word for word in self.place.split())])
+
+
+def numbers(key: str, value: Any, std: Any) -> Iterator[Number]:
+    """Yield the numbers of a value one by one; of a symmetric matrix (3, 3) each once, of rows none.
+
+    A deviation that is not shaped as its value, as somebody may have edited it, has none of the numbers missing.
+    """
+    if not is_rows(value):
+        yield from _numbers(key, "", value, std)
+
+
+def is_rows(value: Any) -> bool:
+    """Return whether a value is a list of rows with named cells."""
+    return isinstance(value, list | tuple) and len(value) > 0 and isinstance(value[0], Mapping)
+
+
+def is_matrix(value: Any) -> bool:
+    """Return whether a value is three rows of three."""
+    return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
+
+
+def evaluate(key: str, value: Sequence[float], x: float) -> float:
+    """Return a polynomial of the registry with coefficients (n,) at x, in the order that its key has them."""
+    lowest_first = value if _polynomial(key).lowest_first else value[::-1]
+    return float(sum(c * x**i for i, c in enumerate(lowest_first)))
+
+
+def coefficient_units(key: str, count: int) -> list[str]:
+    """Return the units of a polynomial's coefficients (count,), in the order that its key has them."""
+    found = _polynomial(key)
+    units = [_over(found.of, found.over, power) for power in range(count)]
+    return units if found.lowest_first else units[::-1]
+
+
+def shape_error(key: str, value: Any, std: Any) -> str:
+    """Return what is wrong with a value as a file gave it, "" where nothing is; a deviation may be None.
+
+    Keys that the registry has not may have any shape.
+    """
+    found = find(key)
+    if found is None:
+        return ""
+    if is_rows(value):
+        return _rows_error(found, value)
+    try:
+        form, spread = _form(value), None if std is None else _form(std)
+    except TypeError:
+        return "should be made of numbers"
+    if not _suits(form, found):
+        many = found.shape in (Shape.LIST, Shape.POLYNOMIAL) and found.count
+        return f"should be a list of {found.count} numbers" if many else f"should be {found.shape}"
+    return "" if spread in (None, form) else "and its deviation should be shaped alike"
+
+
+def _numbers(key: str, place: str, value: Any, std: Any) -> Iterator[Number]:
+    if not isinstance(value, list):
+        if _may_be_number(value):
+            yield Number(key, place, value, std if _may_be_number(std) else None)
+    elif is_matrix(value):
+        entries = ENTRIES if all(value[j][i] == value[i][j] for i, j in ENTRIES.values()) else ALL_ENTRIES
+        for name, (i, j) in entries.items():
+            yield from _numbers(key, f"{place} {name}".strip(), value[i][j], _part(_part(std, i), j))
+    else:
+        for i, item in enumerate(value):
+            yield from _numbers(key, f"{place} {i}".strip(), item, _part(std, i))
+
+
+def _part(std: Any, place: int) -> Any:
+    return std[place] if isinstance(std, list) and place < len(std) else None
+
+
+def _polynomial(key: str) -> Quantity:
+    found = registered(key)
+    if found.shape is not Shape.POLYNOMIAL:
+        raise KeyError(f"{key} is no polynomial")
+    return found
+
+
+def _over(of: str, over: str, power: int) -> str:
+    if of == "N m" and over == "N":
+        return ("N m", "m", "m/N")[power] if power < 3 else f"N m/N^{power}"
+    if power == 0 or over == "z^-1":  # which has no unit
+        return of
+    return f"{of}/{over}" if power == 1 else f"{of}/{over}^{power}"
+
+
+def _suits(form: Any, found: Quantity) -> bool:
+    if found.shape is Shape.NUMBER:
+        return bool(form == _NUMBER)
+    if found.shape is Shape.MATRIX:
+        return bool(form == [[_NUMBER] * 3] * 3)
+    if not isinstance(form, list):
+        return found.shape is Shape.NUMBER_OR_LIST
+    if found.shape is Shape.ROWS:
+        return not form and not found.columns
+    return form == [_NUMBER] * (found.count or len(form)) and (bool(form) or found.shape is not Shape.POLYNOMIAL)
+
+
+def _rows_error(found: Quantity, rows: Sequence[Any]) -> str:
+    if found.shape is not Shape.ROWS or not all(isinstance(row, Mapping) for row in rows):
+        return "should be made of numbers"
+    lacking = [name for name in found.columns if not all(_may_be_number(row.get(name, "")) for row in rows)]
+    return f"should have a number {lacking[0]} in each row" if lacking else ""
+
+
+def _form(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_form(item) for item in value]
+    if not _may_be_number(value):
+        raise TypeError
+    return _NUMBER
+
+
+def _may_be_number(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))

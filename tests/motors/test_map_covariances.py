@@ -1,0 +1,192 @@
+"""Maps of the same windows covary: what many simulated staircases scatter by is what each of them states."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed
+from cfid.motors.maps.inverse import maximum_thrust
+from cfid.motors.maps.result import covariances
+from cfid.motors.maps.voltage import compare_thrust
+from cfid.motors.points import MotorPoints
+from cfid.records.covariances import Covariance
+
+Array = npt.NDArray[np.float64]
+Staircase = Callable[[np.random.Generator], MotorPoints]
+
+COMMAND = np.concatenate([np.arange(4000.0, 65000.0, 4000.0), np.arange(64000.0, 3000.0, -4000.0)])
+VOLTS = COMMAND / 65535 * 4.0
+THRUST_N = 2.1e-3 + 1.3e-2 * VOLTS + 3e-3 * VOLTS**2 + 1.5e-3 * VOLTS**3
+SPEED_RAD_S = np.sqrt(THRUST_N / 2e-8)
+THRUST_STD_N = 5e-5 + 1e-3 * THRUST_N
+TARE_STD_N = 2e-4
+SPEED_STD_RAD_S = 1.0
+STAIRCASES = 400
+
+LOOKED_AT = {  # numbers of one map each: what its coefficients, in the order of parameters.toml, are multiplied by
+    "motor.thrust_poly": [40000.0**3, 40000.0**2, 40000.0, 1.0],
+    "motor.max_thrust_n": [1.0],
+    "motor.thrust_voltage_poly": [1.0, 2.5, 2.5**2, 2.5**3],
+    "motor.thrust_per_speed_squared_n_s2": [1.0],
+    "motor.thrust_speed_poly": [2500.0**2, 2500.0, 1.0],
+}
+
+
+def tares(count: int) -> Array:
+    """Return the parts of the rests between steps in the tare of each step: half of both neighbours."""
+    shares = np.zeros((count, count + 1))
+    for step in range(count):
+        shares[step, step : step + 2] = TARE_STD_N / 2
+    return shares
+
+
+def stated(rng: np.random.Generator) -> MotorPoints:
+    """Return a staircase whose windows know their noise, and two neighbours the rest between them."""
+    shared = tares(len(COMMAND))
+    noise = THRUST_STD_N * rng.standard_normal(len(COMMAND)) + shared @ rng.standard_normal(shared.shape[1])
+    return MotorPoints(
+        command=COMMAND,
+        thrust_n=THRUST_N + noise,
+        thrust_std_n=np.hypot(THRUST_STD_N, np.linalg.norm(shared, axis=1)),
+        thrust_shared_n=shared,
+        speed_rad_s=SPEED_RAD_S + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND)),
+        speed_std_rad_s=np.full(len(COMMAND), SPEED_STD_RAD_S),
+    )
+
+
+def unstated(rng: np.random.Generator) -> MotorPoints:
+    """Return a table without deviations: only the points' scatter tells them."""
+    return MotorPoints(
+        command=COMMAND,
+        thrust_n=THRUST_N + 1e-4 * rng.standard_normal(len(COMMAND)),
+        speed_rad_s=SPEED_RAD_S + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND)),
+    )
+
+
+def gusty(rng: np.random.Generator) -> MotorPoints:
+    """Return a staircase whose thrusts vary between windows by twice as much as within them."""
+    points = stated(rng)
+    assert points.thrust_n is not None
+    return replace(points, thrust_n=points.thrust_n + 2 * THRUST_STD_N * rng.standard_normal(len(COMMAND)))
+
+
+def all_but_square(rng: np.random.Generator) -> MotorPoints:
+    """Return a staircase whose thrust the firmware's constraint holds in every second fit."""
+    points = stated(rng)
+    assert points.thrust_n is not None
+    assert points.speed_rad_s is not None
+    more_n = 2.4e-3 * VOLTS**2 - 4.4e-4 * VOLTS**3
+    faster = np.sqrt(1 + more_n / THRUST_N)
+    return replace(points, thrust_n=points.thrust_n + more_n, speed_rad_s=points.speed_rad_s * faster)
+
+
+def looked_at(block: Covariance) -> Array:
+    """Return what makes the numbers looked at of those of a covariance."""
+    count = {**{key: len(powers) for key, powers in LOOKED_AT.items()}, "motor.hover_mass_kg": 1}
+    return np.array(
+        [
+            np.concatenate([LOOKED_AT[one] if one == key else np.zeros(count[key]) for key in block.of])
+            for one in LOOKED_AT
+        ]
+    )
+
+
+def told(points: MotorPoints) -> tuple[Array, Array]:
+    """Return the numbers looked at (5,) of one staircase, and the covariance (5, 5) that is stated of them."""
+    assert points.thrust_n is not None
+    thrust, over_speed = fit_thrust(points, order=3, robust=False), fit_thrust_of_speed(points, robust=False)
+    most = maximum_thrust(thrust, gravity_mps2=9.81)
+    voltage = compare_thrust(
+        command=points.command,
+        vbat_v=np.full(len(COMMAND), 4.0),
+        thrust_n=points.thrust_n,
+        std_n=points.thrust_std_n,
+        shared_n=points.thrust_shared_n,
+        folds=2,
+    )
+    (block,) = covariances(thrust, most=most, voltage=voltage, over_speed=over_speed)
+    outward = looked_at(block)
+    found = {
+        "motor.thrust_poly": thrust.fit.coefficients,
+        "motor.max_thrust_n": [most.thrust_n],
+        "motor.hover_mass_kg": [most.hover_mass_kg],
+        "motor.thrust_voltage_poly": voltage.lowest_first,
+        "motor.thrust_per_speed_squared_n_s2": [over_speed.k_n_s2],
+        "motor.thrust_speed_poly": over_speed.quadratic.coefficients,
+    }
+    return outward @ np.concatenate([found[key] for key in block.of]), outward @ np.array(block.matrix) @ outward.T
+
+
+def correlations(covariance: Array) -> Array:
+    std = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(std, std))
+
+
+@pytest.mark.parametrize(
+    ("staircase", "count"), [(stated, STAIRCASES), (unstated, STAIRCASES), (gusty, STAIRCASES), (all_but_square, 150)]
+)
+def test_many_staircases_scatter_as_each_of_them_states(staircase: Staircase, count: int) -> None:
+    rng = np.random.default_rng(1)
+    numbers, each = map(np.array, zip(*(told(staircase(rng)) for _ in range(count)), strict=True))
+    scatter, mean = np.cov(numbers.T), each.mean(axis=0)
+    print(
+        np.round(correlations(scatter), 2), np.round(correlations(mean), 2), np.sqrt(np.diag(mean) / np.diag(scatter))
+    )
+
+    assert np.sqrt(np.diag(mean)) == pytest.approx(np.sqrt(np.diag(scatter)), rel=0.15)
+    assert correlations(mean) == pytest.approx(correlations(scatter), abs=0.15)
+
+
+def apart(points: MotorPoints) -> MotorPoints:
+    """Return thrusts and speeds as those of two runs, one after the other."""
+    blank = np.full(len(COMMAND), np.nan)
+    assert points.thrust_n is not None
+    assert points.speed_rad_s is not None
+    return MotorPoints(
+        command=np.tile(COMMAND, 2),
+        thrust_n=np.append(points.thrust_n, blank),
+        speed_rad_s=np.append(blank, points.speed_rad_s),
+    )
+
+
+def brushless(rng: np.random.Generator) -> MotorPoints:
+    """Return a table of a motor whose speed is a line of the command."""
+    speed = 380 + 0.0408 * COMMAND
+    noise = 1e-4 * rng.standard_normal(len(COMMAND))
+    read = speed + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND))
+    return MotorPoints(command=COMMAND, thrust_n=2e-8 * speed**2 + noise, speed_rad_s=read)
+
+
+@pytest.mark.parametrize("points", [brushless, lambda rng: apart(brushless(rng))], ids=["one run", "two runs"])
+def test_speed_over_command_and_thrust_over_speed_covary_by_the_speeds_error(points: Staircase) -> None:
+    rng = np.random.default_rng(2)
+    level, square, correlation = [], [], []
+    for _ in range(STAIRCASES):
+        one = points(rng)
+        speed, over_speed = fit_speed(one, robust=False), fit_thrust_of_speed(one, robust=False)
+        (block,) = covariances(speed, over_speed=over_speed)
+        outward = np.zeros((2, 6))
+        outward[0, :2], outward[1, 2] = [40000.0, 1.0], 1.0
+        level.append(float(speed.fit.at(40000.0)))
+        square.append(over_speed.k_n_s2)
+        correlation.append(correlations(outward @ np.array(block.matrix) @ outward.T)[0, 1])
+
+    scatter = np.corrcoef(level, square)[0, 1]
+    print(f"correlation {np.mean(correlation):.2f}, of the fits {scatter:.2f}")
+    assert scatter < -0.1
+    assert np.mean(correlation) == pytest.approx(scatter, abs=0.1)
+
+
+def test_a_joint_covariance_is_that_of_a_distribution() -> None:
+    for seed in range(20):
+        one = stated(np.random.default_rng(seed))
+        assert one.thrust_n is not None
+        voltage = compare_thrust(command=COMMAND, vbat_v=np.full(len(COMMAND), 4.0), thrust_n=one.thrust_n, folds=2)
+        thrust, over_speed = fit_thrust(one), fit_thrust_of_speed(one)
+        (block,) = covariances(
+            thrust, most=maximum_thrust(thrust, gravity_mps2=9.81), voltage=voltage, over_speed=over_speed
+        )
+        assert np.linalg.eigvalsh(correlations(np.array(block.matrix)))[0] > -1e-9

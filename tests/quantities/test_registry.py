@@ -1,0 +1,172 @@
+"""The registry of quantities: one row a key, and what is read from it."""
+
+import ast
+import re
+from collections.abc import Iterator
+
+import pytest
+
+from cfid.quantities.lookup import find, registered, unit_of
+from cfid.quantities.quantity import Shape
+from cfid.quantities.table import EXPERIMENTS, QUANTITIES
+from cfid.quantities.values import coefficient_units, evaluate, numbers, shape_error
+from tests.places import ROOT
+
+SYMMETRIC = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]
+
+
+def test_a_key_has_one_row() -> None:
+    keys = [quantity.key for quantity in QUANTITIES]
+
+    assert len(set(keys)) == len(keys)
+    assert {quantity.section for quantity in QUANTITIES} == {*EXPERIMENTS, "", "set", "tf verify"}
+    assert all(quantity.given_by and quantity.title for quantity in QUANTITIES)
+
+
+@pytest.mark.parametrize(
+    ("key", "row"),
+    [
+        ("tf.delay_s", "tf.delay_s"),
+        ("tf.series.2026-11-21 a.delay_s", "tf.series.<series>.delay_s"),
+        ("tf.series.a.delay_after_quickest_s", "tf.series.<series>.delay_after_quickest_s"),
+        ("inertia.axis_kg_m2.roll", "inertia.axis_kg_m2.<axis>"),
+        ("drag.complex.normalised.k6", "drag.complex.normalised.k6"),
+        ("recording.samples", "recording.[<device>.]samples"),
+        ("recording.loadcell.samples", "recording.[<device>.]samples"),
+        ("recording.commands.mean.vbat_v", "recording.[<device>.]mean.<column>"),
+    ],
+)
+def test_a_key_finds_its_row(key: str, row: str) -> None:
+    assert registered(key).key == row
+
+
+@pytest.mark.parametrize("key", ["", "thing", "tf.delay", "inertia.axis_kg_m2", "inertia.axis_kg_m2.", "tf.series.s"])
+def test_another_key_has_no_row(key: str) -> None:
+    assert find(key) is None
+
+
+def test_a_name_ends_with_the_unit_that_the_registry_has() -> None:
+    told = {quantity.key: unit_of(f"noted {quantity.key}") for quantity in QUANTITIES}  # by its end alone
+    known = {key: unit for key, unit in told.items() if unit}
+
+    assert len(known) > 30
+    assert known == {key: registered(key).unit for key in known}
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("motor.torque_poly", "Nm(N)"),
+        ("wall_mm", "mm"),
+        ("wind_mps", "m/s"),
+        ("turn_rad_per_s", "rad/s"),
+        ("wind_m_per_s", ""),
+        ("thing", ""),
+        ("recording.commands.mean.vbat_v", "V"),
+        ("drag.complex.normalised.k1", ""),
+    ],
+)
+def test_a_unit_is_the_registrys_or_what_a_name_ends_with(key: str, unit: str) -> None:
+    assert unit_of(key) == unit
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("tf.numerator", [1.0], ""),
+        ("tf.numerator", [], "should be a list of coefficients"),
+        ("motor.thrust_speed_poly", [1.0, 2.0], "should be a list of 3 numbers"),
+        ("drag.complex.k1", 1.0, "should be a list of 3 numbers"),
+        ("rotor.speed_rad_s", 1.0, ""),
+        ("rotor.speed_rad_s", [1.0, None], ""),
+        ("rotor.speed_rad_s", [[1.0]], "should be a number or a list of numbers"),
+        ("friction.runs", [], ""),
+        ("motor.table", [], "should be a list of rows"),
+        ("motor.table", [{"cmd": 1}, 2], "should be made of numbers"),
+        ("inertia.axis_kg_m2.roll", True, "should be made of numbers"),
+        ("inertia.axis_kg_m2.roll", [1.0], "should be a number"),
+        ("noted_by_hand", {"any": "thing"}, ""),
+    ],
+)
+def test_a_value_has_the_shape_of_its_key(key: str, value: object, said: str) -> None:
+    assert shape_error(key, value, None) == said
+
+
+def test_a_deviation_is_shaped_as_its_value() -> None:
+    assert shape_error("tf.lags_s", [1.0, 2.0], [0.1, None]) == ""
+    assert shape_error("tf.lags_s", [1.0, 2.0], 0.1) == "and its deviation should be shaped alike"
+
+
+def named(key: str, value: object, std: object = None) -> list[tuple[str, float | None, float | None]]:
+    return [(one.name, one.value, one.std) for one in numbers(key, value, std)]
+
+
+def test_numbers_come_one_by_one_and_those_of_a_symmetric_matrix_once() -> None:
+    assert named("a_m", 1.0, 0.1) == [("a_m", 1.0, 0.1)]
+    assert named("a_m", [1.0, None], [0.1, 0.2]) == [("a_m [0]", 1.0, 0.1), ("a_m [1]", None, 0.2)]
+    assert [one.place for one in numbers("a_m", SYMMETRIC, None)] == ["xx", "yy", "zz", "xy", "xz", "yz"]
+    assert [value for _, value, _ in named("a_m", SYMMETRIC)] == [1, 2, 3, 4, 5, 6]
+    askew = [[1.0, 2.0, 3.0], *SYMMETRIC[1:]]
+    assert [name for name, _, _ in named("a_m", askew, askew)][:4] == ["a_m xx", "a_m xy", "a_m xz", "a_m yx"]
+    assert [value for _, value, _ in named("a_m", askew)] == [std for _, _, std in named("a_m", askew, askew)]
+    assert named("a_m", [[1.0], [2.0]]) == [("a_m [0] [0]", 1.0, None), ("a_m [1] [0]", 2.0, None)]
+    assert named("a_m", [{"m": 1.0}]) == named("a_m", "text") == []
+
+
+def test_a_polynomial_knows_its_order() -> None:
+    assert evaluate("motor.thrust_poly", [1.0, 2.0, 3.0], 10.0) == 123.0
+    assert evaluate("motor.thrust_voltage_poly", [1.0, 2.0, 3.0, 0.0], 10.0) == 321.0
+    assert coefficient_units("motor.thrust_poly", 3) == ["N/cmd^2", "N/cmd", "N"]
+    assert coefficient_units("motor.thrust_voltage_poly", 4) == ["N", "N/V", "N/V^2", "N/V^3"]
+    assert coefficient_units("motor.torque_poly", 4) == ["N m/N^3", "m/N", "m", "N m"]
+    assert coefficient_units("tf.numerator", 2) == ["N", "N"]
+    assert all(one.of and one.over for one in QUANTITIES if one.shape is Shape.POLYNOMIAL)
+
+
+def test_every_key_and_unit_that_a_result_writes_is_the_registrys() -> None:
+    written = list(_written())
+
+    assert len(written) > 40
+    for key, unit, file in written:
+        rows = [one for one in QUANTITIES if re.fullmatch(key, re.sub(r"\[|\]", "", re.sub(r"<\w+>", "x", one.key)))]
+        assert rows, f"{file}: {key}"
+        assert unit is None or unit in {one.unit for one in rows}, f"{file}: {key}: {unit}"
+
+
+def _written() -> Iterator[tuple[str, str | None, str]]:
+    """Yield a pattern of each key that the code gives to a parameter, with its unit where that is a word."""
+    prefix = re.compile(r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|drag|wind)\\\.")
+    for path in sorted((ROOT / "cfid").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for key, value in _pairs(node):
+                if prefix.match(text := _text(key)) and _is_parameter(value):
+                    yield text, _unit(value), path.name
+
+
+def _pairs(node: ast.AST) -> Iterator[tuple[ast.expr, ast.expr]]:
+    if isinstance(node, ast.Dict):
+        yield from ((key, value) for key, value in zip(node.keys, node.values, strict=True) if key)
+    elif isinstance(node, ast.DictComp):
+        yield node.key, node.value
+    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
+        yield node.targets[0].slice, node.value
+
+
+def _text(node: ast.expr) -> str:
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    return "".join(re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".*" for part in parts)
+
+
+def _is_parameter(node: ast.expr) -> bool:
+    if isinstance(node, ast.Dict):
+        return any(isinstance(key, ast.Constant) and key.value == "unit" for key in node.keys)
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Parameter"
+
+
+def _unit(node: ast.expr) -> str | None:
+    if isinstance(node, ast.Dict):
+        keys = [key.value if isinstance(key, ast.Constant) else None for key in node.keys]
+        found = node.values[keys.index("unit")]
+    else:
+        found = next((word.value for word in node.keywords if word.arg == "unit"), node)  # type: ignore[attr-defined]
+    return str(found.value) if isinstance(found, ast.Constant) else None

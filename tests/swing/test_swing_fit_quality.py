@@ -1,0 +1,169 @@
+"""How the default fit of a swing judges itself: damping, rejections, standard uncertainties."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.checks import FitQuality
+from cfid.swing.estimation import fit_swing
+from cfid.swing.free_swing import FreeSwing, find_swing
+
+Array = npt.NDArray[np.float64]
+
+INERTIA, MOMENT = 3.1e-5, 6.28e-3
+
+
+def recorded(
+    *, noise_rad: float = 5e-4, extra: Array | float = 0.0, degrees: float = 50, **damping: float
+) -> tuple[Array, Array]:
+    pendulum = Pendulum(axis_inertia_kg_m2=INERTIA, gravity_moment_nm=MOMENT, **damping)
+    motion = swing([pendulum], [HandRelease(angle_rad=math.radians(degrees))], duration_s=9.0, step_s=1e-3)
+    noise = np.random.default_rng(4).normal(0, noise_rad, len(motion.time_s))
+    return motion.time_s, motion.angle_rad[:, 0] + noise + extra
+
+
+def found(**kinds: float) -> FreeSwing:
+    return find_swing(*recorded(**kinds))
+
+
+@pytest.mark.parametrize(
+    ("damping", "expected"),
+    [
+        ({"viscous_nms_per_rad": 2.5e-5}, ("viscous",)),
+        ({"coulomb_nm": 1e-4}, ("coulomb",)),
+        ({"viscous_nms_per_rad": 1.5e-5, "coulomb_nm": 6e-5}, ("viscous", "coulomb")),
+    ],
+)
+def test_the_damping_that_acted_is_the_damping_that_is_chosen(
+    damping: dict[str, float], expected: tuple[str, ...]
+) -> None:
+    fit = fit_swing(found(**damping))
+
+    assert fit.terms == expected
+    assert min(fit.coefficients[1:4]) >= 0
+    assert fit.accepted
+
+
+def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
+    swing_found = found(viscous_nms_per_rad=1.2e-5, coulomb_nm=3e-5, quadratic_nms2_per_rad2=1e-7)
+    fit = fit_swing(swing_found)
+
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(MOMENT / INERTIA, rel=2e-4)
+
+
+def test_damping_terms_that_cannot_be_distinguished_are_noted() -> None:
+    # Few peaks and much noise: viscous and quadratic damping look the same.
+    fit = fit_swing(find_swing(*recorded(noise_rad=5e-3, viscous_nms_per_rad=1.5e-5, degrees=30), peaks=5))
+
+    assert fit.split_bic < 10
+    assert fit.findings[0].code == "swing-damping-split-unresolved"
+
+
+def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
+    fit = fit_swing(found(viscous_nms_per_rad=1.5e-5))
+
+    assert fit.output_error.start_angle_rad == pytest.approx(math.radians(50), rel=0.02)
+    assert abs(fit.output_error.start_speed_rad_per_s) < 0.6
+
+
+def test_a_second_motion_on_top_is_rejected() -> None:
+    time_s = recorded(viscous_nms_per_rad=1.5e-5)[0]
+    arm = 0.012 * np.sin(2 * math.pi * 7.3 * time_s)
+    fit = fit_swing(find_swing(*recorded(viscous_nms_per_rad=1.5e-5, extra=arm)))
+
+    assert not fit.accepted
+    assert [finding.code for finding in fit.quality.findings] == ["swing-waveform-distorted"]
+
+
+def test_a_pendulum_whose_frequency_drifts_is_rejected() -> None:
+    time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
+    slowed = time_s * (1 + 0.004 * np.maximum(time_s - 2.0, 0))
+    fit = fit_swing(find_swing(slowed, angle))
+
+    assert "swing-frequency-drift" in {finding.code for finding in fit.findings}
+    # The truth lies between the halves as likely as anywhere else: a rectangle's standard deviation at least.
+    spread = abs(fit.quality.drift) * fit.coefficients.natural_frequency_squared_s2 / math.sqrt(12)
+    assert fit.std.natural_frequency_squared_s2 > spread
+
+
+@pytest.mark.parametrize(
+    ("figures", "codes"),
+    [
+        ({}, []),
+        ({"misfit": 0.021}, ["swing-misfit"]),
+        ({"misfit": math.nan}, ["swing-misfit"]),
+        ({"distortion": 0.0016}, ["swing-waveform-distorted"]),
+        ({"drift": 0.011}, ["swing-frequency-drift"]),
+        ({"drift": -0.011}, ["swing-frequency-drift"]),
+        ({"drift": 0.011, "drift_std": 0.003}, []),
+        (
+            {"misfit": 0.5, "distortion": 0.5, "drift": 0.5},
+            ["swing-misfit", "swing-waveform-distorted", "swing-frequency-drift"],
+        ),
+    ],
+)
+def test_each_limit_has_a_rejection_of_its_own(figures: dict[str, float], codes: list[str]) -> None:
+    within = {"misfit": 0.019, "distortion": 0.0014, "distortion_limit": 0.0015, "drift": -0.0099, "drift_std": 0.0}
+    findings = FitQuality(**(within | figures)).findings
+
+    assert [finding.code for finding in findings] == codes
+    assert {finding.severity for finding in findings} <= {"rejection"}
+
+
+def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
+    time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
+    rng = np.random.default_rng(7)
+    white = rng.normal(0, 1e-3, len(time_s))
+    kernel = np.ones(40) / math.sqrt(40)  # same variance, each value shared by forty neighbours
+    correlated = np.convolve(rng.normal(0, 1e-3, len(time_s) + 39), kernel, mode="valid")
+    first, second = (fit_swing(find_swing(time_s, clean + noise)) for noise in (white, correlated))
+
+    ratio = second.std.natural_frequency_squared_s2 / first.std.natural_frequency_squared_s2
+    assert 4 < ratio < 9  # sqrt(40) = 6.3
+    assert first.residual_rms_rad == pytest.approx(second.residual_rms_rad, rel=0.1)
+
+
+def test_the_stated_uncertainty_is_the_scatter_over_noise() -> None:
+    time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
+    rng = np.random.default_rng(12)
+    fits = [fit_swing(find_swing(time_s, clean + rng.normal(0, 1e-3, len(time_s)), peaks=6)) for _ in range(24)]
+    values, stated = (
+        np.array([one.natural_frequency_squared_s2 for one in ones])
+        for ones in ([fit.coefficients for fit in fits], [fit.std for fit in fits])
+    )
+
+    # A standard deviation of 24 values is uncertain by 15 %.
+    assert 0.55 < values.std(ddof=1) / stated.mean() < 1.45
+    assert abs(values.mean() - MOMENT / INERTIA) < 3 * stated.mean() / np.sqrt(24)
+
+
+@pytest.mark.parametrize("zero", [-0.4, 0.0, 0.25])
+def test_the_zero_of_the_encoder_does_not_matter(zero: float) -> None:
+    time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
+    here, there = (fit_swing(find_swing(time_s, angle + shift)) for shift in (0.0, zero))
+
+    assert there.coefficients.natural_frequency_squared_s2 == pytest.approx(
+        here.coefficients.natural_frequency_squared_s2, rel=1e-9
+    )
+
+
+def test_a_clock_twice_as_fast_makes_a_frequency_squared_four_times_as_high() -> None:
+    time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
+    slow, fast = (fit_swing(find_swing(time_s / speed, angle)) for speed in (1.0, 2.0))
+
+    assert fast.coefficients.natural_frequency_squared_s2 == pytest.approx(
+        4 * slow.coefficients.natural_frequency_squared_s2, rel=1e-5
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_swing_without_friction_is_fitted_without_damping_or_with_next_to_none(seed: int) -> None:
+    time_s, angle = recorded(noise_rad=0.0, degrees=30)
+    noise = np.random.default_rng(seed).normal(0, 2e-3, len(time_s))
+    fit = fit_swing(find_swing(time_s, angle + noise, peaks=10))
+
+    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(MOMENT / INERTIA, rel=2e-4)
+    assert 0 <= fit.coefficients.viscous_per_s < 1e-3
