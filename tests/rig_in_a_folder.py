@@ -40,7 +40,8 @@ LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
 ENCODER_HZ = 100
 LONGEST_S = 120.0  # that anything may take, on a busy computer
 
-_SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: )")
+# A port begins a line of its own where a second fault follows the first.
+_SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
 
 Act = TypeVar("Act")
 Array = npt.NDArray[np.float64]

@@ -120,13 +120,13 @@ def test_a_silence_that_ends_is_a_gap_with_its_losses(lab: Lab) -> None:
     lab.encoder_suffers()
     log.wait_for_rows(FIRST)
     said = log.ask_to_end()
-    (gap,) = lab.facts("encoder")["gaps"]
-    gap_s = gap["to_s"] - gap["from_s"]
+    gaps = lab.facts("encoder")["gaps"]  # one, or more where the computer was busy
+    gaps_s = [gap["to_s"] - gap["from_s"] for gap in gaps]
 
     assert said.code == 0
-    assert gap["reason"] == "no position came"
-    assert gap_s > 0.25
-    assert lab.run().header.devices["encoder"].lost == pytest.approx(gap_s * ENCODER_HZ, abs=3)
+    assert {gap["reason"] for gap in gaps} == {"no position came"}
+    assert min(gaps_s) > 0.25
+    assert lab.run().header.devices["encoder"].lost == pytest.approx(sum(gaps_s) * ENCODER_HZ, abs=3 * len(gaps))
     check_rows(lab)
 
 
@@ -174,11 +174,10 @@ def test_a_plug_pulled_and_put_back_is_a_gap(lab: Lab) -> None:
     log.wait_until_said("the encoder is back after")
     log.wait_for_rows(FIRST)
     said = log.ask_to_end()
-    (gap,) = lab.facts("encoder")["gaps"]
+    (gap,) = (gap for gap in lab.facts("encoder")["gaps"] if gap["reason"] == "unplugged")
     times = rows_of(lab)["t"]
 
     assert said.code == 0
-    assert gap["reason"] == "unplugged"
     assert ((times <= gap["from_s"]).sum() >= FIRST) & ((times >= gap["to_s"]).sum() >= FIRST)
     check_rows(lab)
 
@@ -195,7 +194,7 @@ def test_a_plug_that_is_pulled_twice_is_two_gaps(lab: Lab) -> None:
     said = log.ask_to_end()
 
     assert said.code == 0
-    assert len(lab.facts("encoder")["gaps"]) == 2
+    assert [gap["reason"] for gap in lab.facts("encoder")["gaps"]].count("unplugged") == 2
     check_rows(lab)
 
 
