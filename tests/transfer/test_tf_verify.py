@@ -167,9 +167,9 @@ def ping_run(folder: Path, *, count: int = 400, seed: int = 0, stamped: bool = T
     rng = np.random.default_rng(seed)
     there, back = Direction(radio, rng), Direction(radio, rng)
     sent_s = 1.75e9 + 1000 * seed + 0.1 * np.arange(count)
-    heard_s = np.array([there.arrival_s(time_s) or 0.0 for time_s in sent_s])
-    arrived_s = np.array([back.arrival_s(time_s) or 0.0 for time_s in heard_s])
-    device_us = np.floor(((heard_s - 1.75e9) * 84 / 85 + 100) * 1e6).astype(np.int64) % 2**32
+    received_s = np.array([there.arrival_s(time_s) or 0.0 for time_s in sent_s])
+    arrived_s = np.array([back.arrival_s(time_s) or 0.0 for time_s in received_s])
+    device_us = np.floor(((received_s - 1.75e9) * 84 / 85 + 100) * 1e6).astype(np.int64) % 2**32
     columns = ("t", "rtt_s", *(("vehicle_us",) if stamped else ()))
     writer = create_run(
         folder / "runs",

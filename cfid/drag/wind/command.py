@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cfid.records.run import Run
     from cfid.rig.log import Plan
     from cfid.rig.loop import Loop
-    from cfid.rig.procedures import Staircase
+    from cfid.rig.procedures import StaircasePlan
 
 _WIND, _COMMANDS = "Wind", "Commands"
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
@@ -95,14 +95,14 @@ class SweepOptions:
         bool, typer.Option("--dry-run", help="Say what would be done, how long it takes, and what is missing.")
     ] = False
 
-    def stairs(self) -> "Staircase":
+    def stairs(self) -> "StaircasePlan":
         """Return the commands as a staircase of all motors. Raises ConfigError for what is none."""
-        from cfid.rig.procedures import Staircase
+        from cfid.rig.procedures import StaircasePlan
 
         steps = comma_list(self.commands, "--commands", int, least=0, most=LARGEST_COMMAND, example="0,10000")
         if not any(steps):
             raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
-        return Staircase(
+        return StaircasePlan(
             steps=steps,
             motors=_ALL_MOTORS,
             hold_s=positive(self.hold, "--hold"),
@@ -159,7 +159,7 @@ def _speeds(text: str) -> tuple[float, float]:
     return low, high
 
 
-def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, Staircase]":
+def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
     """Return wind and staircase: as asked, or those of an interrupted run without what it has."""
     from cfid.motors.resume import missing
     from cfid.records.run import read_run
@@ -172,7 +172,7 @@ def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "
 
 def _plan(
     setting: WindSetting,
-    wanted: "Staircase",
+    wanted: "StaircasePlan",
     campaign: "Campaign",
     live: LiveLine,
     *,
@@ -194,9 +194,9 @@ def _plan(
     )
 
 
-def _procedure(wanted: "Staircase", live: LiveLine, *, asks: bool) -> Any:
+def _procedure(wanted: "StaircasePlan", live: LiveLine, *, asks: bool) -> Any:
     """Return what is done: climb, or, with a tachometer, rest for the tare and ask at each command that turns."""
-    from cfid.rig.procedures import climb, read_at_steps
+    from cfid.rig.procedures import read_at_steps, run_staircase
     from cfid.rig.questions import Questions
     from cfid.rig.recorder import sleep
 
@@ -215,10 +215,12 @@ def _procedure(wanted: "Staircase", live: LiveLine, *, asks: bool) -> Any:
         finally:
             questions.close()
 
-    return read if asks else lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task)
+    return read if asks else lambda there, loop: run_staircase(wanted, there["commands"], loop=loop, tell=live.task)
 
 
-def _announce(setting: WindSetting, wanted: "Staircase", campaign: "Campaign", *, simulated: bool, asks: bool) -> None:
+def _announce(
+    setting: WindSetting, wanted: "StaircasePlan", campaign: "Campaign", *, simulated: bool, asks: bool
+) -> None:
     typer.echo(setting.sentence)
     announce(wanted)
     if asks:
