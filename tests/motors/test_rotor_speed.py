@@ -9,7 +9,7 @@ import pytest
 from cfid.errors import FitError
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
 from cfid.motors.vibration.lines import spectrum
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.rotors import Rotors, RotorTruth
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +28,7 @@ def window(
     rotors, command = Rotors(truth or RotorTruth(), rng), np.array(commands)
     rotors.advance(np.array([0.0]), command)
     time_s = 5 + np.arange(round(seconds * HZ)) / HZ
-    counts, _ = LoadCell(LoadCellTruth(), rng).read(time_s, rotors.advance(time_s, command))
+    counts, _ = SimulatedLoadCell(LoadCellTruth(), rng).read(time_s, rotors.advance(time_s, command))
     return time_s, counts / LoadCellTruth().counts_per_unit, rotors.speed_rad_per_s
 
 
