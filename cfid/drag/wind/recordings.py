@@ -10,7 +10,8 @@ from cfid.console.options import positive
 from cfid.drag.wind.files import WindRow
 from cfid.drag.wind.plan import WindSetting
 from cfid.errors import CfidError, FitError
-from cfid.motors.vibration.data import Ear, RotorOptions
+from cfid.findings import texts
+from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.units import DEAD_COMMAND, RPM
 
 if TYPE_CHECKING:
@@ -95,19 +96,20 @@ def shown_rpm(
         raise FitError(f"{name}: {_UNHEARD}, sampled at {rate_hz:.0f} Hz: 2000 are needed. Give the reading.")
     begin_s, end_s = mean.window_s
     try:
-        heard = Ear(record, RotorOptions(expect=_turning(rate_hz))).hear(
+        heard = VibrationRecord(record, Rotors(expected_rad_per_s=_turning(rate_hz))).speed_in(
             begin_s, min(begin_s + _LISTENED_S, end_s), rotors=1
         )
     except CfidError as error:
         raise FitError(f"{name}: {_UNHEARD}: {error} Give the reading.") from None
-    if not heard.believed:
-        raise FitError(f"{name}: {_UNHEARD}: {' '.join(heard.doubts)} Give the reading.")
+    if not heard.accepted:
+        reasons = " ".join(texts(heard.findings, "rejection"))
+        raise FitError(f"{name}: {_UNHEARD}: {reasons} Give the reading.")
     return how.markers * heard.speed_rad_per_s / RPM
 
 
-def _turning(rate_hz: float) -> str | None:
+def _turning(rate_hz: float) -> tuple[float, float] | None:
     """Return how fast rotors may turn, where blade pass of faster ones would fold back; None where it does not."""
-    return f"{_SLOWEST_RAD_S:g}:{_USUAL_RAD_S:g}" if rate_hz < _HEARD_ANY_FROM_HZ else None
+    return (_SLOWEST_RAD_S, _USUAL_RAD_S) if rate_hz < _HEARD_ANY_FROM_HZ else None
 
 
 def wind_run(mean: "MeanForce", shown: float, *, name: str, command: int, place: WindRow | WindSetting) -> "WindRun":

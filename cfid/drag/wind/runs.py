@@ -92,9 +92,7 @@ def _settled(run: "Run", record: "WrenchRecord", began_s: float) -> "tuple[tuple
         settled = found.steady()
     except CfidError as error:
         raise type(error)(f"{run.folder}: {error}") from None
-    unsettled = [point for point in found.points if not point.settled]
-    left_out = [f"command {point.command}: {point.reason}; it is left out." for point in unsettled]
-    return settled, [f"{record.name}: {said}" for said in (*found.warnings, *left_out)], rows.source
+    return settled, [f"{record.name}: {finding.text}" for finding in found.findings], rows.source
 
 
 def _typed(readings: "Rows | None", began_s: float, point: "Point") -> float | None:

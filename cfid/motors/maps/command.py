@@ -9,10 +9,11 @@ import typer
 from cfid.console.inputs import open_workplace
 from cfid.console.options import Delivery, GravityMps2, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
 from cfid.errors import ConfigError, FitError
+from cfid.findings import rejection
 from cfid.motors.maps.evidence import StandOptions
 from cfid.motors.maps.inputs import read_evidence
 from cfid.motors.maps.outcome import by_speed, by_voltage, deliver_map, noted_first, verified
-from cfid.motors.vibration.data import RotorOptions
+from cfid.motors.vibration.command import RotorOptions
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import Order
@@ -80,38 +81,35 @@ def thrust(
             found.points, method=method, order=order, robust=fit.robust, expected=found.expected or None
         )
     most = maximum_thrust(mapped, gravity_mps2=gravity)
-    parameters, lines = told.map_parameters(mapped), [told.polynomial_line(mapped), *told.aicc_line(mapped)]
-    rejected: dict[str, str] = {}
-    warnings = [*mapped.warnings, *most.warnings]
+    parameters, lines = told.map_parameters(mapped), told.map_lines(mapped)
+    findings = [*most.findings]
     given: MaximumThrust | None = None
     try:
         inverse = invert(mapped)
         parameters |= told.inverse_parameters(inverse, most)
-        lines += told.inverse_line(inverse, most)
+        lines += [] if told.is_rejected(mapped) else told.inverse_lines(inverse, most)
         given = most
-        warnings += inverse.warnings
+        findings += inverse.findings
     except FitError as error:
-        warnings.append(str(error))
-    voltage = by_voltage(found, warnings, max_thrust_n=given.thrust_n if given else None)
+        findings.append(rejection("inverse-not-given", str(error), "motor.command_of_thrust"))
+    voltage, about_voltage = by_voltage(found, max_thrust_n=given.thrust_n if given else None)
     if voltage is not None:
         parameters |= told.voltage_parameters(voltage)
-        rejected = dict.fromkeys(told.voltage_parameters(voltage), voltage.refusal) if voltage.refusal else {}
-        lines.append(voltage.sentence)
-    over_speed = by_speed(found, method, warnings, robust=fit.robust)
+    over_speed, about_speed = by_speed(found, method, robust=fit.robust)
     if over_speed is not None:
         parameters |= told.speed_parameters(over_speed)
-    verification = verified(verify, mapped, stand, workplace)
+    verification, about_scales = verified(verify, mapped, stand, workplace)
     if verification is not None:
         lines += told.verification_lines(verification)
     deliver_map(
         "fit thrust",
         mapped,
         found,
+        wanted="motor.thrust_poly",
         parameters={**parameters, **told.table_parameter(found.points)},
         covariances=told.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
-        rejected=rejected,
         lines=lines,
-        warnings=warnings,
+        findings=(*findings, *about_voltage, *about_speed, *about_scales),
         workplace=workplace,
         delivery=delivery,
         verification=verification,
@@ -133,7 +131,7 @@ def speed(
     runs: Words = None,
     stand: StandOptions,
     fit: MapOptions,
-    listening: RotorOptions,
+    vibration: RotorOptions,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
@@ -142,34 +140,31 @@ def speed(
 ) -> None:
     """Fit one rotor's speed over command; a tachometer's readings are divided by --markers.
 
-    Where none was there, the speed is heard in the load cell's vibration.
+    Without one, the speed is estimated from the load cell's vibration.
 
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
     from cfid.motors.maps import result as told
     from cfid.motors.maps.estimation import fit_speed
 
-    _ = listening.expected_rad_s  # what is no range is told before any file is read
+    rotors = vibration.rotors_known()
     workplace = open_workplace(rig)
-    found = read_evidence(
-        runs or [], stand, reading, scale, workplace, kind="speed", method=method, listening=listening
-    )
+    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="speed", method=method, rotors=rotors)
     with noted_first(found):
         mapped = fit_speed(
             found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
         )
-    warnings = list(mapped.warnings)
-    over_speed = by_speed(found, method, warnings, robust=fit.robust)
+    over_speed, about_speed = by_speed(found, method, robust=fit.robust)
     parameters = told.map_parameters(mapped) | (told.speed_parameters(over_speed) if over_speed else {})
-    lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
     deliver_map(
         "fit speed",
         mapped,
         found,
+        wanted="motor.speed_poly",
         parameters={**parameters, **told.table_parameter(found.points)},
         covariances=told.covariances(mapped, over_speed=over_speed),
-        lines=lines,
-        warnings=warnings,
+        lines=told.map_lines(mapped),
+        findings=about_speed,
         workplace=workplace,
         delivery=delivery,
         over_speed=over_speed,
@@ -201,16 +196,16 @@ def torque(
         mapped = fit_torque(
             found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
         )
-    lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
     parameters = {**told.map_parameters(mapped), **told.table_parameter(found.points)}
     deliver_map(
         "fit torque",
         mapped,
         found,
+        wanted="motor.torque_poly",
         parameters=parameters,
         covariances=told.covariances(mapped),
-        lines=lines,
-        warnings=list(mapped.warnings),
+        lines=told.map_lines(mapped),
+        findings=(),
         workplace=workplace,
         delivery=delivery,
     )

@@ -1,13 +1,14 @@
 """Steady points of one motor and where they come from, with the options that say what files cannot."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cfid.errors import ConfigError
+from cfid.findings import Finding, note, warning
 
 if TYPE_CHECKING:
     from cfid.estimate.staircase import Staircase
@@ -72,7 +73,7 @@ class Evidence:
     points: "MotorPoints"
     vbat_v: Any = None
     lines: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     sources: "tuple[Source, ...]" = ()
     reduced: tuple[Reduced, ...] = ()
     paths: tuple[Path, ...] = ()
@@ -94,21 +95,31 @@ def together(parts: Sequence[Evidence]) -> Evidence:
         vbat_v=volts,
         **{
             name: tuple(item for part in parts for item in getattr(part, name))
-            for name in ("lines", "warnings", "sources", "reduced", "paths", "expected")
+            for name in ("lines", "findings", "sources", "reduced", "paths", "expected")
         },
     )
 
 
 def line_of(point: Any, name: str) -> str:
-    """Say where a step was averaged, or why it was not."""
+    """Return where a step was averaged, or why it was not."""
     window = f"{point.begin_s:7.2f} to {point.end_s:7.2f} s"
-    said = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
-    return f"{name}: command {point.command}: {window}, {said}"
+    how = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
+    return f"{name}: command {point.command}: {window}, {how}"
 
 
-def drift_of(found: "Staircase", name: str) -> list[str]:
-    """Say how far the load cell moved between the rests."""
+def recording(notes: Iterable[str]) -> tuple[Finding, ...]:
+    """Return what a reader noted of a recording."""
+    return tuple(warning("recording", text) for text in notes)
+
+
+def staircase_findings(found: "Staircase", name: str) -> tuple[Finding, ...]:
+    """Return what is found about the means of a staircase, and how far the load cell drifted."""
+    return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
+
+
+def _drift(found: "Staircase") -> list[Finding]:
     if found.tare_after is None:
         return []
     moved = found.tare_after.mean[2] - found.tare_before.mean[2] if len(found.tare_before.mean) > 2 else 0.0
-    return [f"{name}: Fz at rest moved by {1e3 * moved:.3g} mN; the tare follows it."] if abs(moved) > 1e-3 else []
+    text = f"Fz without load moved by {1e3 * moved:.3g} mN; the tare follows it."
+    return [note("baseline-moved", text)] if abs(moved) > 1e-3 else []

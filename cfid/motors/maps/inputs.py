@@ -10,7 +10,7 @@ from cfid.errors import ConfigError, FitError
 from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, StandOptions, together
 from cfid.motors.maps.table_data import of_table
-from cfid.motors.vibration.data import RotorOptions
+from cfid.motors.vibration.data import Rotors
 from cfid.units import FULL_COMMAND
 
 
@@ -23,9 +23,10 @@ def read_evidence(
     *,
     kind: str,
     method: str,
-    listening: RotorOptions | None = None,
+    rotors: Rotors | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and --table, and put all their points together; `listening` hears speeds nobody told.
+    """Read COMMAND=FILE, RUN and --table, and put all their points together; `rotors` are looked for in
+    vibration where nobody reported their speeds.
 
     Without any of them the campaign's complete runs of a `kind` are taken.
 
@@ -37,15 +38,15 @@ def read_evidence(
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
-            parts.append(of_file(at, Path(file), stand, reading, scale, method=method, listening=listening))
+            parts.append(of_file(at, Path(file), stand, scale.reading(reading), method=method, rotors=rotors))
         else:
-            parts.append(of_run(find_recording(word, workplace), stand, reading, scale, listening=listening))
+            parts.append(of_run(find_recording(word, workplace), stand, scale.reading(reading), rotors=rotors))
     if not parts:
         raise ConfigError(
             "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."
         )
     if not any(len(part.points.command) for part in parts):
-        raise FitError(" ".join(["no step settles.", *(part.warnings[-1] for part in parts if part.warnings)]))
+        raise FitError(" ".join(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
     return together(parts)
 
 

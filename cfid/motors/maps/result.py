@@ -1,7 +1,10 @@
-"""Motor maps as `cfid fit thrust`, `speed` and `torque` tell them: parameters of the contract, lines, doubts."""
+"""Motor maps as `cfid fit thrust`, `speed` and `torque` give them: quantities, covariances, lines, figures of merit."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cfid.findings import Finding
 
 if TYPE_CHECKING:
     from cfid.estimate.shared_points import PointFit
@@ -76,7 +79,7 @@ def covariances(
     """
     together = [_of_map(found, most), *(_of_speed(over_speed) if over_speed else ())]
     cubic = [_of_voltage(voltage)] if voltage else []
-    if voltage is not None and voltage.refusal:
+    if voltage is not None and voltage.rejected:
         return (*_joint(together), *_joint(cubic))
     return _joint([*together, *cubic])
 
@@ -158,8 +161,17 @@ def voltage_parameters(found: "VoltageComparison") -> "dict[str, Parameter]":
     }
 
 
-def polynomial_line(found: "MotorMap") -> str:
-    """Return a map as the thesis writes it, with the norm of its residuals."""
+def is_rejected(found: "MotorMap") -> bool:
+    """Return whether the polynomial does not describe the points."""
+    return any(finding.severity == "rejection" for finding in found.findings)
+
+
+def map_lines(found: "MotorMap") -> list[str]:
+    """Return a map as the thesis writes it and how its order was chosen; nothing of one that was rejected."""
+    return [] if is_rejected(found) else [_polynomial_line(found), *_aicc_line(found)]
+
+
+def _polynomial_line(found: "MotorMap") -> str:
     over = "thrust" if found.quantity == "torque" else "cmd"
     powers = range(found.fit.order, -1, -1)
     terms = [
@@ -170,16 +182,15 @@ def polynomial_line(found: "MotorMap") -> str:
     return f"{found.quantity} = {' '.join(terms)} ({norm}, {len(found.x)} points)"
 
 
-def aicc_line(found: "MotorMap") -> list[str]:
-    """Return how the order was chosen, nothing where it was given."""
+def _aicc_line(found: "MotorMap") -> list[str]:
     if not found.aicc:
         return []
     least = min(found.aicc.values())
-    told = ", ".join(f"order {order}: {value - least:+.1f}" for order, value in found.aicc.items())
-    return [f"corrected AIC above the best: {told}"]
+    orders = ", ".join(f"order {order}: {value - least:+.1f}" for order, value in found.aicc.items())
+    return [f"corrected AIC above the best: {orders}"]
 
 
-def inverse_line(inverse: "InverseMap", most: "MaximumThrust") -> list[str]:
+def inverse_lines(inverse: "InverseMap", most: "MaximumThrust") -> list[str]:
     """Return range and round trip of the inverse, and what can hover."""
     low, high = inverse.thrust_range_n
     return [
@@ -214,13 +225,13 @@ def joined_quality(found: "MotorMap", **more: Any) -> dict[str, Any]:
     }
 
 
-def unique(sentences: Sequence[str]) -> tuple[str, ...]:
-    """Return sentences, each once, in their order; what is the same of several files, for all of them at once."""
-    files: dict[str, list[str]] = {}
-    for sentence in dict.fromkeys(sentences):
-        name, colon, said = sentence.partition(": ")
-        files.setdefault(said if colon else sentence, []).append(name if colon else "")
-    return tuple(f"{_names(names)}{said}" for said, names in files.items())
+def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings, each once, in their order; what is the same of several files, for all of them at once."""
+    files: dict[Finding, list[str]] = {}
+    for finding in dict.fromkeys(findings):
+        name, colon, text = finding.text.partition(": ")
+        files.setdefault(replace(finding, text=text if colon else finding.text), []).append(name if colon else "")
+    return tuple(replace(finding, text=f"{_names(names)}{finding.text}") for finding, names in files.items())
 
 
 def _names(names: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from cfid.console.inputs import Workplace
 from cfid.console.options import ReadingOptions
 from cfid.errors import CfidError, DataError
-from cfid.motors.maps.evidence import Evidence, Reduced, StandOptions, line_of
+from cfid.motors.maps.evidence import Evidence, Reduced, StandOptions, line_of, recording, staircase_findings
 
 if TYPE_CHECKING:
     from cfid.records.tables.stand import StandTable
@@ -50,7 +50,9 @@ def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
             points = joined(points, *sets)
     if vbat is not None:
         vbat = np.resize(vbat, len(points.command)) if len(points.command) % len(vbat) == 0 else None
-    return Evidence(points=points, vbat_v=vbat, warnings=table.notes, sources=(table.source,), paths=(table.path,))
+    return Evidence(
+        points=points, vbat_v=vbat, findings=recording(table.notes), sources=(table.source,), paths=(table.path,)
+    )
 
 
 def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
@@ -81,16 +83,11 @@ def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
         for column in (table.square_mean_speed_rad_s, table.vbat_v)
     )
     points = per_motor(points_of(settled, thrust=0), motors=1 if table.motors is not None else stand.motors or 1)
-    unsettled = [point for point in found.points if not point.settled]
     return Evidence(
         points=replace(points, speed_rad_s=None if shown is None else shown / stand.markers),
         vbat_v=volts,
         lines=tuple(line_of(point, table.path.name) for point in found.points),
-        warnings=(
-            *table.notes,
-            *found.warnings,
-            *(f"{table.path.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
-        ),
+        findings=(*recording(table.notes), *staircase_findings(found, table.path.name)),
         sources=(table.source,),
         reduced=(
             Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found, thrust=0),

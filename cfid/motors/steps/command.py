@@ -1,5 +1,7 @@
 """`cfid fit dynamics`: how fast rotors follow their commands, from steps."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -10,7 +12,7 @@ from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
 from cfid.errors import CfidError, ConfigError, DataError, FitError
-from cfid.findings import rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.vibration.data import quiet_channels
 from cfid.records.covariances import covariance_between
 from cfid.records.result import Result
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
     from cfid.records.parameters import Parameter, Source
 
 _NO_LAG = "no step is described by a first-order lag."
-_BLUR_S, _STEP_S = 0.1, 0.02  # of a speed heard in vibration
-_SURE = 0.02  # of a speed: where it is heard worse, within a step, it is left out
+_BLUR_S, _STEP_S = 0.1, 0.02  # of a speed from vibration
+_SURE = 0.02  # of a speed: where its standard uncertainty is larger, within a step, it is left out
 
 
 class Course(NamedTuple):
@@ -34,7 +36,7 @@ class Course(NamedTuple):
     command_time_s: Any
     command: Any
     blur_s: float
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
     sources: "tuple[Source, ...]"
 
 
@@ -42,7 +44,8 @@ class Course(NamedTuple):
 def dynamics(
     *,
     runs: Annotated[
-        list[str] | None, typer.Argument(metavar="RUN ...", help="Runs with steps: speeds told, or heard in vibration.")
+        list[str] | None,
+        typer.Argument(metavar="RUN ...", help="Runs with steps: speeds reported, or in the vibration."),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
     rig: RigOptions,
@@ -70,11 +73,11 @@ def dynamics(
         lags, model = fit_steps(**values), fit_rotor_model(**values)
     except CfidError as error:
         raise type(error)(f"{course.path}: {error}") from None
-    _tell(course._replace(notes=(*course.notes, *missed)), lags, model, workplace, delivery)
+    _tell(course._replace(findings=(*course.findings, *missed)), lags, model, workplace, delivery)
 
 
-def _steps(course: Course) -> "tuple[tuple[CommandStep, ...], list[str]]":
-    """Return the steps that the speeds show, and sentences on the others."""
+def _steps(course: Course) -> "tuple[tuple[CommandStep, ...], list[Finding]]":
+    """Return the steps that the speeds show, and a finding on the others."""
     import numpy as np
 
     from cfid.motors.steps.estimation import command_steps, followed
@@ -86,7 +89,12 @@ def _steps(course: Course) -> "tuple[tuple[CommandStep, ...], list[str]]":
     if steps and not seen:
         raise FitError(f"of {len(steps)} steps none shows speeds enough to follow it: hold each command longer.")
     missed = len(steps) - len(seen)
-    return seen, [f"{missed} of {len(steps)} steps show too few speeds to be followed."] if missed else []
+    text = f"{missed} of {len(steps)} steps show too few speeds to be followed."
+    return seen, [warning("steps-left-out", text, "dynamics.*")] if missed else []
+
+
+def _recording(notes: Iterable[str]) -> tuple[Finding, ...]:
+    return tuple(warning("recording", text) for text in notes)
 
 
 def _of_table(path: Path, reading: ReadingOptions) -> Course:
@@ -96,11 +104,14 @@ def _of_table(path: Path, reading: ReadingOptions) -> Course:
     speed = table.square_mean_speed_rad_s
     if table.time_s is None or speed is None:
         raise DataError(f"{path}: no speeds over time: steps cannot be followed.")
-    return Course(path.stem, path, table.time_s, speed, table.time_s, table.command, 0.0, table.notes, (table.source,))
+    return Course(
+        path.stem, path, table.time_s, speed, table.time_s, table.command, 0.0, _recording(table.notes),
+        (table.source,),
+    )  # fmt: skip
 
 
 def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Course:
-    """Take the speeds that the vehicle told, else hear them in the load cell's vibration."""
+    """Take the speeds that the vehicle reported, else those in the load cell's vibration."""
     import numpy as np
 
     from cfid.records.tables.times import run_at
@@ -140,11 +151,11 @@ def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, sca
     )
     sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
     speed = np.where(sure, ridge.speed_rad_per_s, np.nan)
-    said = "no speed is told by this vehicle: it is heard in the load cell's vibration, and not at rest."
+    text = "this vehicle reports no speed: it is estimated from the load cell's vibration, and not of standing rotors."
     began_s = begin_s(run.device_file(LOADCELL))
     return Course(
         run.folder.name, run.folder, ridge.time_s, speed, log.time_s - began_s, command, _BLUR_S,
-        (*record.notes, said), (record.source, log.source),
+        (*_recording(record.notes), note("speed-from-vibration", text, "dynamics.*")), (record.source, log.source),
     )  # fmt: skip
 
 
@@ -157,7 +168,7 @@ def _tell(
         drawn = dynamics_figure(course.time_s, course.speed_rad_s, lags, model, title=course.name)
         return {f"fit_dynamics_{course.name}": drawn}
 
-    doubted = [lag for lag in lags if not lag.believed]
+    rejected = [lag for lag in lags if not lag.accepted]
     deliver(
         Result(
             command="fit dynamics",
@@ -166,20 +177,22 @@ def _tell(
             covariances=covariance_between(
                 {"dynamics.rising": list(model.rising), "dynamics.falling": list(model.falling)}, model.covariance
             ),
-            quality={"steps": len(lags), "not_believed": len(doubted), "explained": model.explained, "rms": model.rms},
+            quality={"steps": len(lags), "rejected": len(rejected), "explained": model.explained, "rms": model.rms},
+            wanted=("dynamics.*",),
             findings=(
-                *(warning("recording", text) for text in course.notes),
-                *(warning("step-rejected", f"{_step(lag)}: {' '.join(lag.doubts)}") for lag in doubted),
+                *course.findings,
                 *(
-                    rejection("dynamics-rejected", text, "dynamics.*")
-                    for text in (model.doubts if len(doubted) < len(lags) else (_NO_LAG,))
+                    replace(one, severity="warning", text=f"{_step(lag)}: {one.text}")  # of its row alone
+                    for lag in rejected
+                    for one in lag.findings
                 ),
+                *(model.findings if len(rejected) < len(lags) else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
             ),
             sources=course.sources,
             lines=tuple(
                 f"{_step(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms{_delay(lag)}"
                 for lag in lags
-                if lag.believed
+                if lag.accepted
             ),
             drawings=drawings,
             folder=workplace.figures_beside([course.path]),
@@ -208,7 +221,7 @@ def _parameters(lags: "tuple[StepFit, ...]", model: "RotorModel") -> "dict[str, 
             "time_constant_s": lag.time_constant_s,
             "std_s": lag.time_constant_std_s,
             "delay_s": None if isnan(lag.delay_std_s) else lag.delay_s,
-            "believed": lag.believed,
+            "accepted": lag.accepted,
         }
         for lag in lags
     ]
