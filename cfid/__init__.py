@@ -1,3 +1,39 @@
-"""cfid measures the physical parameters of a Crazyflie quadrocopter and says how sure they are."""
+"""cfid measures the physical parameters of a Crazyflie quadrocopter and says how sure they are.
+
+campaign = cfid.open_campaign("cfid-demo")
+result = cfid.swing.fit(campaign.run("last swing"))
+"""
+
+from typing import TYPE_CHECKING
+
+from cfid.lazy import attached
+
+if TYPE_CHECKING:
+    from cfid import drag, friction, inertia, latency, motors, swing, transfer
+    from cfid.records.campaign import open_campaign
+    from cfid.records.run import read_run
+    from cfid.records.tables.any_kind import read_table
 
 __version__ = "0.2.0"
+__all__ = [
+    "drag",
+    "friction",
+    "inertia",
+    "latency",
+    "motors",
+    "open_campaign",
+    "read_run",
+    "read_table",
+    "swing",
+    "transfer",
+]
+
+__getattr__, __dir__ = attached(
+    __name__,
+    {
+        "open_campaign": "records.campaign",
+        "read_run": "records.run",
+        "read_table": "records.tables.any_kind",
+        **dict.fromkeys(("drag", "friction", "inertia", "latency", "motors", "swing", "transfer"), ""),
+    },
+)

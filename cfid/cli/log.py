@@ -106,7 +106,12 @@ def loadcell(
         setting = setting.model_copy(update={"rate_hz": rate_hz})
     kept = _label(label, campaign)
     plan = Plan(
-        runs_folder=campaign.runs_folder, kind="loadcell", label=kept, for_s=lasting.seconds, simulated=simulated
+        runs_folder=campaign.runs_folder,
+        kind="loadcell",
+        label=kept,
+        for_s=lasting.seconds,
+        simulated=simulated,
+        facts=campaign.rig.facts,
     )
     if lasting.dry_run:
         rehearse("the load cell", campaign.runs_folder, lasting.seconds)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.lists import comma_list
 from cfid.console.messages import note
 from cfid.console.options import flat, positive
 from cfid.errors import ConfigError, DeviceError
@@ -172,10 +173,8 @@ async def _serve(
 
 
 def _commands(text: str) -> tuple[int, int, int, int]:
-    try:
-        one, two, three, four = (int(word) for word in text.split(","))
-    except ValueError:
-        one = two = three = four = -1
-    if not all(0 <= command <= FULL_COMMAND for command in (one, two, three, four)):
-        raise ConfigError(f"--spin {text}: expected four motor commands from 0 to {FULL_COMMAND}, as 28000,0,28000,0.")
+    commands = comma_list(text, "--spin", int, least=0, most=FULL_COMMAND, example="28000,0,28000,0")
+    if len(commands) != 4:
+        raise ConfigError(f"--spin {text}: expected four motor commands, as 28000,0,28000,0.")
+    one, two, three, four = commands
     return one, two, three, four

@@ -135,6 +135,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.drag.command:drag",
         "Fit the simple, the cross-coupling and the complex model of drag, and judge which of them is asked for.",
     ),
+    "fit tf": (
+        "cfid.transfer.command:identify",
+        "Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).",
+    ),
     "tf": (None, "Find and check the transfer function of motor and rotor."),
     "tf identify": (
         "cfid.transfer.command:identify",

@@ -32,9 +32,6 @@ def here(folder: Path | None) -> "Campaign":
 
     Raises ConfigError when there is none.
     """
-    from cfid.records.campaign import RIG_FILE, find_campaign
+    from cfid.records.campaign import open_campaign
 
-    found = find_campaign(folder, start=Path.cwd())
-    if found is None:
-        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
-    return found
+    return open_campaign(folder)

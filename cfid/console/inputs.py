@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cfid.console.options import RigOptions, positive
 from cfid.console.selection import LAST, RUN_FILE, is_glob
 from cfid.errors import ConfigError
+from cfid.records.facts import NONE_STATED, RigFacts
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign, Rig
@@ -29,6 +30,11 @@ class Workplace:
     def notes(self) -> tuple[str, ...]:
         """What is to be said when the rig's numbers are used."""
         return (NO_RIG,) if self.borrowed else ()
+
+    @property
+    def facts(self) -> RigFacts:
+        """How things are mounted as rig.toml states it; a borrowed rig states nothing."""
+        return NONE_STATED if self.borrowed else self.rig.facts
 
     def figures_beside(self, files: Sequence[Path]) -> Path:
         """Return where figures of several recordings go: into the campaign, else beside the first file."""

@@ -28,6 +28,30 @@ MassKg = Annotated[
 GravityMps2 = Annotated[
     float | None, typer.Option(help="Local gravity; its deviation stays rig.toml's.", rich_help_panel=_RIG)
 ]
+YawDeg = Annotated[
+    float | None,
+    typer.Option(
+        help="How far left of the vehicle's nose the load cell's x axis lies, seen from above; default: the run's, "
+        "else rig.toml's.",
+        rich_help_panel="What was measured",
+    ),
+]
+Markers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Reflective markers that a tachometer counts in a turn; default: the run's, else rig.toml's.",
+        rich_help_panel="What was measured",
+    ),
+]
+FlipFz = Annotated[
+    bool | None,
+    typer.Option(
+        "--flip-fz/--no-flip-fz",
+        help="Fz counts downwards: change its sign; default: the run's, else rig.toml's.",
+        rich_help_panel="What was measured",
+    ),
+]
 Swings = Annotated[
     list[str] | None,
     typer.Argument(

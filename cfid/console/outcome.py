@@ -26,7 +26,7 @@ def deliver(result: "Result", delivery: Delivery, campaign: "Campaign | None") -
     drawn = _draw(given, delivery)
     kept = result.accepted or delivery.force
     if campaign is not None and given.quantities and kept:
-        _keep(given, result, campaign, drawn)
+        campaign.keep(result, figures=drawn, force=delivery.force)
     if delivery.json:
         typer.echo(_as_json(given, accepted=result.accepted))
     else:
@@ -53,43 +53,6 @@ def _as_json(result: "Result", *, accepted: bool) -> str:
         "version": __version__,
     }
     return json.dumps(plain(content), indent=2, allow_nan=False)
-
-
-def _keep(given: "Result", result: "Result", campaign: "Campaign", drawn: Sequence[Path]) -> None:
-    from datetime import UTC, datetime
-
-    from cfid.records.fits import Fit, keep_fit
-    from cfid.records.parameters import Section, Source, plain, store_section
-
-    section = Section(
-        method=given.method,
-        found=datetime.now(UTC).replace(microsecond=0),
-        cfid_version=__version__,
-        accepted=result.accepted,
-        sources=tuple(Source(_path_in(campaign, source.path), source.sha256) for source in given.sources),
-        parameters=given.quantities,
-        covariance=given.covariances,
-        common=given.common,
-        rejected=result.rejected,
-    )
-    name = given.section or given.command.removeprefix("fit ")
-    fit = Fit(
-        name=name,
-        command=given.command,
-        section=section,
-        quality=plain(given.quality),
-        findings=given.findings,
-        lines=given.lines,
-        figures=tuple(_path_in(campaign, str(path)) for path in drawn),
-    )
-    store_section(campaign.parameters_file, name, section)
-    keep_fit(campaign.fits_folder, fit)
-
-
-def _path_in(campaign: "Campaign", path: str) -> str:
-    """Return a path that holds wherever one stands: from the campaign's folder on if it lies there."""
-    here, folder = Path(path).resolve(), campaign.folder.resolve()
-    return str(here.relative_to(folder) if here.is_relative_to(folder) else here)
 
 
 def _draw(result: "Result", delivery: Delivery) -> Sequence[Path]:

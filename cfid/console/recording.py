@@ -12,6 +12,7 @@ from cfid import __version__
 from cfid.console.live import LiveLine
 from cfid.console.messages import note
 from cfid.console.options import positive
+from cfid.console.selection import LAST
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import rejection
 
@@ -33,6 +34,25 @@ class KeepOptions:
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None
     plot: Annotated[bool, typer.Option("--plot", help="Write the figure too.", rich_help_panel=OUTPUT)] = False
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=OUTPUT)] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResumeOptions:
+    """`--resume`, with a RUN or without: which interrupted run is to be completed."""
+
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Do what an interrupted run lacks: RUN's, else the last one's.")
+    ] = False
+    run: Annotated[
+        Path | None, typer.Argument(metavar="RUN", help="After --resume: the run's name or folder, or last.")
+    ] = None
+
+    @property
+    def word(self) -> Path | None:
+        """The run that is resumed, `last` where none is named, None where none is. Raises ConfigError."""
+        if self.run is not None and not self.resume:
+            raise ConfigError(f"{self.run}: a run is named to resume it: write --resume {self.run}.")
+        return (self.run or Path(LAST)) if self.resume else None
 
 
 @dataclass(frozen=True, kw_only=True)

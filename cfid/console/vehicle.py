@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cfid.console.lists import comma_list
 from cfid.console.messages import note
 from cfid.console.recording import refuse_mixture
 from cfid.errors import ConfigError
@@ -31,10 +32,7 @@ def motors_of(words: Sequence[str] | None, usual: Sequence[int]) -> tuple[int, .
     """Return the motors that `--motor` names, each once and in order. Raises ConfigError for anything else."""
     if not words:
         return tuple(usual)
-    named = [part.strip() for word in words for part in word.split(",")]
-    if not all(part in ("1", "2", "3", "4") for part in named):
-        raise ConfigError(f"--motor {','.join(named)}: motors are 1 to 4, with commas between, as 1,3.")
-    return tuple(sorted({int(part) for part in named}))
+    return tuple(sorted(set(comma_list(words, "--motor", int, least=1, most=4, example="1,3"))))
 
 
 _FIRMWARE = {

@@ -25,19 +25,19 @@ FITS = (
     "fit rotor {thrust[1]}",
     "fit dynamics {thrust[1]}",
     "tf identify",
-    "fit drag --markers 2",
+    "fit drag",
     "fit friction",
-    "fit thrust {thrust[0]} {speed[0]} --markers 2",
+    "fit thrust {thrust[0]} {speed[0]}",
     "fit testbody",
     "fit torque {thrust[0]}",
-    "fit speed {speed[0]} --markers 2",
+    "fit speed {speed[0]}",
     "tf latency {ping[0]}",
 )
 FITS_OVER_WIRES = (
     "fit swing {swing[0]}",
     "fit thrust {thrust[0]}",
     "fit torque {thrust[0]}",
-    "tf identify --yaw-deg 0",  # nobody turned the simulated vehicle on its load cell
+    "tf identify",
     "tf latency {ping[0]}",
 )
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")

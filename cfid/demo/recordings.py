@@ -50,6 +50,7 @@ def _write(campaign: "Campaign", run: "SimulatedRun", started: datetime) -> "Pat
         started=started,
         cfid_version=__version__,
         simulated=True,
+        facts=campaign.rig.facts,
         asked=run.asked,
     ) as writer:
         for name, device in run.devices.items():

@@ -69,7 +69,7 @@ def drag(
 ) -> None:
     """Fit the simple, the cross-coupling and the complex model of drag, and judge which of them is asked for.
 
-    Example: [bold]cfid fit drag --index wind.csv --azimuth-rad 0.4967 --yaw-deg 45[/bold]
+    Example: [bold]cfid fit drag --index wind.csv --azimuth-deg 28.46 --yaw-deg 45[/bold]
     """
     from cfid.drag.selection import fit_models
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import Workplace, find_recording
-from cfid.console.options import LoadCellOptions, Method, ReadingOptions, finite
+from cfid.console.options import FlipFz, LoadCellOptions, Markers, Method, ReadingOptions, YawDeg, finite
 from cfid.console.selection import chosen, labelled
 from cfid.drag.wind.files import WindRow, read_reduced, read_wind_index
-from cfid.drag.wind.plan import KIND
+from cfid.drag.wind.plan import KIND, AzimuthRad, azimuth
 from cfid.drag.wind.recordings import Recordings, Reduced, reduce_rows
 from cfid.drag.wind.runs import reduce_run, sagged
 from cfid.errors import ConfigError, DataError
+from cfid.records.facts import LoadCellMount, RigFacts, Tachometer, WindStand
 
 if TYPE_CHECKING:
     from cfid.drag.experiments import DragExperiments
@@ -37,7 +38,7 @@ class WindInputs:
         Path | None,
         typer.Option(
             help="CSV file, a row a run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; may have "
-            "azimuth_rad, from_s, to_s. Paths are relative to it; wind 0 makes references.",
+            "azimuth_deg, from_s, to_s. Paths are relative to it; wind 0 makes references.",
             rich_help_panel=_INPUT,
         ),
     ] = None
@@ -49,20 +50,29 @@ class WindInputs:
             rich_help_panel=_INPUT,
         ),
     ] = None
-    azimuth_rad: Annotated[
-        float, typer.Option(help="Wind generator about z, where its run does not say.", rich_help_panel=_INPUT)
-    ] = 0.4967
-    yaw_deg: Annotated[
-        float,
+    azimuth_deg: Annotated[
+        float | None,
         typer.Option(
-            help="How far left of the vehicle's x axis the load cell's x axis lies: -45 where the vehicle is turned "
-            "left by 45.",
+            help="Of the wind generator, right of the nose, where a run does not state its own; default: rig.toml's.",
             rich_help_panel=_INPUT,
         ),
-    ] = 45.0
-    markers: Annotated[
-        int, typer.Option(min=1, help="Reflective markers that the tachometer counted.", rich_help_panel=_INPUT)
-    ] = 2
+    ] = None
+    azimuth_rad: AzimuthRad = None
+    yaw_deg: YawDeg = None
+    markers: Markers = None
+    flip_fz: FlipFz = None
+
+    @property
+    def given(self) -> RigFacts:
+        """The facts that options state. Raises ConfigError for what cannot be."""
+        return RigFacts(
+            loadcell=LoadCellMount(flip_fz=self.flip_fz),
+            tachometer=Tachometer(markers=self.markers),
+            wind=WindStand(
+                azimuth_deg=azimuth(self.azimuth_deg, self.azimuth_rad),
+                yaw_deg=None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg"),
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,14 +103,14 @@ def read_wind_evidence(
         return _of_table(inputs.table, words, inputs.index)
     if inputs.index is None:
         words = _runs(words, workplace)
-    how = Recordings(reading=scale.reading(reading), method=method, markers=inputs.markers)
+    how = Recordings(reading=scale.reading(reading), method=method, given=inputs.given, rig=workplace.facts)
     rows, sources, notes = ([], [], ()) if inputs.index is None else _rows(inputs.index)
     parts = reduce_rows(rows, how)
     paths = [find_recording(word, workplace) for word in words]
     parts += [reduce_run(path, how) for path in paths]
     _check_once(parts)
     sources += [source for part in parts for source in part.sources]
-    found = _reduced(parts, inputs, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
+    found = _reduced(parts, sources=sources, paths=[inputs.index, *paths] if inputs.index else paths)
     return replace(found, warnings=(*notes, *found.warnings))
 
 
@@ -123,19 +133,10 @@ def _of_table(table: Path, words: Sequence[str], index: Path | None) -> WindEvid
     return WindEvidence(experiments=experiments, warnings=notes, sources=(source,), paths=(table,))
 
 
-def _reduced(
-    parts: Sequence[Reduced], inputs: WindInputs, *, sources: "Sequence[Source]", paths: Sequence[Path]
-) -> WindEvidence:
-    import math
-
+def _reduced(parts: Sequence[Reduced], *, sources: "Sequence[Source]", paths: Sequence[Path]) -> WindEvidence:
     from cfid.drag.wind.reduction import reduce_runs
 
-    found = reduce_runs(
-        [run for part in parts for run in part.runs],
-        azimuth_rad=finite(inputs.azimuth_rad, "--azimuth-rad"),
-        yaw_rad=math.radians(finite(inputs.yaw_deg, "--yaw-deg")),
-        markers=inputs.markers,
-    )
+    found = reduce_runs([run for part in parts for run in part.runs])
     return WindEvidence(
         experiments=found.experiments,
         doubts=found.doubts,

@@ -2,14 +2,13 @@
 
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, record, rig_of
+from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError
 
@@ -57,10 +56,6 @@ class StairOptions:
         return Staircase(steps=steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
 
 
-Resume = Annotated[
-    Path | None,
-    typer.Option(metavar="RUN", help="Do what an interrupted run lacks; a name, or last.", rich_help_panel=_STAIRS),
-]
 Note = Annotated[str | None, typer.Option(help="A note, kept with the run.")]
 
 
@@ -71,14 +66,14 @@ def thrust(
     motor: Motor = None,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
-    resume: Resume = None,
+    resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
 ) -> None:
     """Record load cell, commands and battery while the motors climb a staircase; Ctrl-C stops them.
 
-    Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1 --motor 3[/bold]
+    Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
     from cfid.motors.resume import interrupted, missing
     from cfid.records.run import Label
@@ -87,8 +82,8 @@ def thrust(
 
     campaign, devices, simulated = rig_of(keep.campaign)
     wanted = stairs.stairs(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
-    if resume is not None:
-        wanted = missing(interrupted(resume, campaign, kind="thrust"), kind="thrust")
+    if resume.word is not None:
+        wanted = missing(interrupted(resume.word, campaign, kind="thrust"), kind="thrust")
     if stairs.dry_run:
         announce(wanted)
         return
@@ -104,6 +99,7 @@ def thrust(
             kind="thrust",
             label=Label(note=note),
             procedure=lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task),
+            facts=campaign.rig.facts,
             asked=wanted.asked,
             simulated=simulated,
         )

@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunStaircase:
-    """A reduced record of a load cell; `run` is its run, None for a bare file, and `began_s` the Unix time of its zero."""
+    """A reduced record of a load cell; `run` is None for a bare file, `began_s` the Unix time of its first sample."""
 
     record: WrenchRecord
     reduced: Staircase

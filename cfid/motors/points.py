@@ -86,9 +86,9 @@ class Measured(NamedTuple):
         return Errors(np.hypot(y_std, slope * x_std), np.hstack(shared) if shared else None)
 
 
-def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: int) -> Array:
+def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike) -> Array:
     """Return the rotor's speed of a tachometer's turns a minute, which counts each marker (eq. 3.2: two)."""
-    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (RPM / markers))
+    return np.asarray(np.asarray(shown_rpm, dtype=np.float64) * (RPM / np.asarray(markers)))
 
 
 def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:

@@ -9,10 +9,10 @@ import typer
 
 from cfid.console.live import LiveLine
 from cfid.console.options import flat
-from cfid.console.recording import KeepOptions, record, rig_of
+from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
 from cfid.errors import ConfigError
-from cfid.motors.command import Note, Resume, StairOptions, announce
+from cfid.motors.command import Note, StairOptions, announce
 
 if TYPE_CHECKING:
     from cfid.rig.log import Device
@@ -40,7 +40,7 @@ def speed(
     motor: Motor = None,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
-    resume: Resume = None,
+    resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
@@ -67,7 +67,7 @@ def speed(
         wanted,
         stairs,
         instrument,
-        resume=resume,
+        resume=resume.word,
         vehicle=vehicle,
         keep=keep,
         note=note,
@@ -88,13 +88,13 @@ def scales(
     motor: Motor = None,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
-    resume: Resume = None,
+    resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
     """Record what scales show while motors climb a staircase (figure 3.9); Ctrl-C stops them.
 
-    Example: [bold]cfid log scales --motor 1 --motor 3[/bold]
+    Example: [bold]cfid log scales --motor 1,3[/bold]
     """
     wanted = stairs.stairs(motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S)
 
@@ -109,7 +109,7 @@ def scales(
         wanted,
         stairs,
         instrument,
-        resume=resume,
+        resume=resume.word,
         vehicle=vehicle,
         keep=keep,
         note=note,
@@ -155,6 +155,7 @@ def _climb(
             kind=kind,
             label=Label(note=note),
             procedure=_procedure(wanted, question, live),
+            facts=campaign.rig.facts,
             asked=wanted.asked,
             simulated=simulated,
         )

@@ -6,22 +6,34 @@ Lengths stand in millimetres and angles in degrees, as a calliper and a protract
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from fnmatch import fnmatchcase
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cfid.errors import ConfigError
+from cfid import __version__
+from cfid.errors import ConfigError, FitError
+from cfid.findings import texts
+from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, Tachometer, WindStand
 from cfid.records.files import first_fault, read_toml
+from cfid.records.fits import Fit, keep_fit
+from cfid.records.parameters import Section, Source, load_sections, plain, store_section
+from cfid.records.result import Result
+from cfid.records.run import Run, list_runs
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 from cfid.units import MM as MM  # noqa: PLC0414, friction.command takes it from here
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
+LAST = "last"
 
-Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Vector = tuple[Number, Number, Number]
 BodyAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
@@ -33,7 +45,6 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-Positive = Annotated[Number, Field(gt=0)]
 Spread = Annotated[Number, Field(ge=0)]
 SpreadVector = tuple[Spread, Spread, Spread]
 
@@ -212,11 +223,19 @@ class Rig(_Table):
     vehicle: Vehicle
     site: Site = Site()
     encoder: Encoder = Encoder()
+    loadcell: LoadCellMount = LoadCellMount()
+    tachometer: Tachometer = Tachometer()
+    wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
     mounts: dict[str, Mount] = {}
     fixture: Fixture | None = None
     testbody: TestBody | None = None
+
+    @property
+    def facts(self) -> RigFacts:
+        """How things are mounted, as each run notes it."""
+        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
 
 
 class Campaign(BaseModel):
@@ -241,6 +260,88 @@ class Campaign(BaseModel):
     def fits_folder(self) -> Path:
         """Where each fit stays as it was delivered."""
         return self.folder / "fits"
+
+    def runs(self, *, kind: str | None = None, complete: bool = True) -> list[Run]:
+        """Return the runs that can be read, the oldest first: of a kind, and complete ones that were not excluded."""
+        found = (run for run in list_runs(self.runs_folder) if isinstance(run, Run))
+        return [
+            run
+            for run in found
+            if kind in (None, run.header.kind)
+            and (not complete or (run.header.state == "complete" and not run.header.excluded))
+        ]
+
+    def run(self, name: str) -> Run:
+        """Return a run by its name, by a pattern that one name matches, as `last`, or as `last KIND`.
+
+        `last` takes complete runs that were not excluded. Raises ConfigError where none is meant, or several are.
+        """
+        word, _, kind = name.partition(" ")
+        if word == LAST:
+            named = self.runs(kind=kind or None)[-1:]
+        else:
+            named = [run for run in self.runs(complete=False) if fnmatchcase(run.folder.name, name)]
+        if len(named) != 1:
+            raise ConfigError(f"{name}: {len(named) or 'no'} runs are called so, one is wanted ({self.runs_folder}).")
+        return named[0]
+
+    def sections(self) -> dict[str, Section]:
+        """Return what parameters.toml has, by fit. Raises DataError when it cannot be understood."""
+        return load_sections(self.parameters_file)
+
+    def quantities(self) -> "DataFrame":
+        """Return a row for every number that was found: quantity, value, std, unit, section, accepted, found.
+
+        Raises DataError when parameters.toml cannot be understood.
+        """
+        from pandas import DataFrame  # not for every command that opens a campaign
+
+        rows = [
+            (one.name, one.value, one.std, parameter.unit, name, key not in section.rejected, section.found)
+            for name, section in self.sections().items()
+            for key, parameter in section.parameters.items()
+            for one in parameter.numbers(key)
+        ]
+        return DataFrame(rows, columns=["quantity", "value", "std", "unit", "section", "accepted", "found"])
+
+    def keep(self, result: Result, *, figures: Sequence[Path] = (), force: bool = False) -> Path:
+        """Keep a result in parameters.toml and fits/, and return the path of the latter.
+
+        What was rejected is kept by `force` alone, and marked. Raises FitError when something was rejected that the
+        analysis is for and `force` does not ask for it; ConfigError when a file cannot be written.
+        """
+        if not (result.accepted or force):
+            raise FitError(
+                f"rejected: {' '.join(texts(result.findings, 'rejection'))} {self.parameters_file} is as it was."
+            )
+        given = result if force else result.without_rejected()
+        section = Section(
+            method=given.method,
+            found=datetime.now(UTC).replace(microsecond=0),
+            cfid_version=__version__,
+            accepted=result.accepted,
+            sources=tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources),
+            parameters=given.quantities,
+            covariance=given.covariances,
+            common=given.common,
+            rejected=result.rejected,
+        )
+        fit = Fit(
+            name=given.section or given.command.removeprefix("fit "),
+            command=given.command,
+            section=section,
+            quality=plain(given.quality),
+            findings=given.findings,
+            lines=given.lines,
+            figures=tuple(self._path_in(str(path)) for path in figures),
+        )
+        store_section(self.parameters_file, fit.name, section)
+        return keep_fit(self.fits_folder, fit)
+
+    def _path_in(self, path: str) -> str:
+        """Return a path that holds wherever one stands: from the campaign's folder on if it lies there."""
+        there, folder = Path(path).resolve(), self.folder.resolve()
+        return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
 
 
 def load_rig(path: Path) -> Rig:
@@ -270,6 +371,17 @@ def thesis_rig() -> Rig:
 
 def _preset(name: str) -> str:
     return (resources.files("cfid.records.presets") / name).read_text(encoding="utf-8")
+
+
+def open_campaign(folder: str | Path | None = None) -> Campaign:
+    """Open the campaign in a folder, else the nearest one at or above the current folder.
+
+    Raises ConfigError when there is none.
+    """
+    found = find_campaign(None if folder is None else Path(folder), start=Path.cwd())
+    if found is None:
+        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
+    return found
 
 
 def find_campaign(folder: Path | None, *, start: Path) -> Campaign | None:

@@ -7,12 +7,16 @@ written is `run_writer`'s.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from cfid.errors import DataError
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import alone_in, first_fault, read_toml, write_toml
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 RUN_FILE = "run.toml"
 FORMAT = 1
@@ -61,6 +65,7 @@ class RunHeader(_Section):
     simulated: bool = False
     excluded: str = ""  # the reason why no fit takes it unless it is named
     label: Label = Label()
+    rig: RigFacts = NONE_STATED  # as rig.toml stated them then
     asked: dict[str, Any] = {}
     devices: dict[str, DeviceRecord] = {}
 
@@ -76,6 +81,15 @@ class Run:
     def cut(self) -> bool:
         """Whether the recording ended without being closed."""
         return self.header.state == "recording"
+
+    def frame(self, device: str) -> "DataFrame":
+        """Return a device's rows in SI units over `t`, in seconds from the first row of the run.
+
+        Raises DataError when the run has no such device, or its file cannot be understood.
+        """
+        from cfid.records.tables.frames import frame  # the readers of tables know runs
+
+        return frame(self, device)
 
     def device_file(self, device: str) -> Path:
         """Return the path of a device's CSV file.
@@ -147,4 +161,7 @@ def write_header(folder: Path, header: RunHeader) -> None:
     """Write run.toml whole. Raises OSError."""
     content = header.model_dump(mode="json", exclude_none=True)
     content["started"] = header.started
+    content.pop("rig")
+    if header.rig.stated:
+        content["rig"] = header.rig.stated
     write_toml(folder / RUN_FILE, content)

@@ -10,6 +10,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
 from cfid.errors import ConfigError, DataError
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import alone_in
 from cfid.records.row_file import RowFile
 from cfid.records.run import RUN_FILE, DeviceRecord, Label, Run, RunHeader, State, noted, read_run, write_header
@@ -131,6 +132,7 @@ def create_run(
     started: datetime,
     cfid_version: str,
     simulated: bool = False,
+    facts: RigFacts = NONE_STATED,
     asked: Mapping[str, Any] = MappingProxyType({}),
 ) -> RunWriter:
     """Make a new run folder named after its start, kind and label, and open its files.
@@ -145,6 +147,7 @@ def create_run(
         cfid_version=cfid_version,
         simulated=simulated,
         label=label,
+        rig=facts,
         asked=dict(asked),
         devices=dict(devices),
     )

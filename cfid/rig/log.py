@@ -12,6 +12,7 @@ from twisted.internet.defer import Deferred
 from cfid import __version__
 from cfid.errors import DeviceError
 from cfid.records.campaign import EncoderPort, LoadCellBox
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.rig import box as loadcell_box
@@ -46,7 +47,7 @@ class Plan:
     """What is to be recorded, where to and for how long; None is until the operator ends it.
 
     With a `procedure` the run lasts as long as that takes, and one that is ended before is interrupted.
-    `asked` goes into run.toml as it is.
+    `facts` of the rig and what was `asked` go into run.toml as they are.
     """
 
     runs_folder: Path
@@ -54,6 +55,7 @@ class Plan:
     label: Label
     for_s: float | None = None
     procedure: Procedure | None = None
+    facts: RigFacts = NONE_STATED
     asked: Mapping[str, Any] = field(default_factory=dict)
     simulated: bool = False
 
@@ -211,6 +213,7 @@ async def _recorded(
         started=datetime.now(UTC),
         cfid_version=__version__,
         simulated=plan.simulated,
+        facts=plan.facts,
         asked=plan.asked,
     ) as run:
         begun(run.folder)

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.campaign import Number, Positive, Spread
+from cfid.records.campaign import Spread
+from cfid.records.facts import Number, Positive
 from cfid.sim.rotors import NOMINAL_V
 
 _SECONDS_AN_HOUR = 3600

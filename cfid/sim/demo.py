@@ -10,7 +10,7 @@ from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.demo_wind import record_chapter_4
 from cfid.sim.sine_bench import LATE_RADIO, Bench
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth_file import SimTruth, as_mounted
 from cfid.wire.app import MIDDLE
 
 DEMO_TRUTH = SimTruth(radio=LATE_RADIO)
@@ -18,6 +18,7 @@ DEMO_TRUTH = SimTruth(radio=LATE_RADIO)
 
 def simulate_demo(rig: Rig, truth: SimTruth, *, seed: int) -> tuple[dict[str, float], list[SimulatedRun]]:
     """Record everything; return also the true values, by the names that the parameters' numbers have."""
+    truth = as_mounted(truth, rig)
     of_swings, of_motors, of_wind = np.random.default_rng(seed).spawn(3)
     runs, testbody = record_chapter_2(rig, truth, of_swings)
     runs += record_chapter_3(truth, of_motors)

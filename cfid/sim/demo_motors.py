@@ -23,7 +23,6 @@ SAMPLES, AMPLITUDE = 4000, 20000
 PINGS = 300
 
 _HOLD_S, _REST_S = 2.5, 1.0
-_MARKERS = 2
 _TACHOMETER = 4e-4  # relative, as a UT372's maker states it
 _PING_EVERY_S = 0.1
 _TIMES_A_LOG = 10  # ticks of the stand in 100 ms: the battery is logged ten times a second
@@ -99,7 +98,7 @@ def _of_stand(stand: StandRecord, truth: SimTruth, rate_hz: float) -> dict[str, 
 def shown_rpm(commands: Array, truth: SimTruth, rng: np.random.Generator) -> Array:
     """Return what a tachometer shows of rotors at commands (n,): each marker that passes counts."""
     speed = truth.rotors.steady_rad_per_s(commands, volts=truth.rotors.nominal_v)
-    return np.round(_MARKERS * speed * 60 / math.tau * (1 + _TACHOMETER * rng.standard_normal(len(speed))))
+    return np.round(truth.rotors.markers * speed * 60 / math.tau * (1 + _TACHOMETER * rng.standard_normal(len(speed))))
 
 
 def _speeds(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:

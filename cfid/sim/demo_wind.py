@@ -35,7 +35,7 @@ def _in_wind(
         "fan_v": fan_v,
         "wind_min_mps": round(float(low), 3),
         "wind_max_mps": round(float(high), 3),
-        "azimuth_rad": truth.wind.azimuth_rad,
+        "azimuth_deg": truth.wind.azimuth_deg,
     }
     return _record(truth, truth.wind.model_copy(update=acts), asked, rng)
 

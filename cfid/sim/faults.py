@@ -104,12 +104,12 @@ def within(now_s: float, after_s: float | None, for_s: float | None) -> bool:
 
 
 def parse_faults(words: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults, CrazyflieFaults]:
-    """Read words like `loadcell.drop_every=100` or `encoder.split=true`.
+    """Read words like `loadcell.drop_every=100` or `encoder.split=true`, or several of them with commas between.
 
     Raises ConfigError that names the unknown fault and lists those there are, or names the value.
     """
     values: dict[str, str] = {}
-    for word in words:
+    for word in ",".join(words).split(",") if words else ():
         name, _, value = word.partition("=")
         if name not in _known():
             raise ConfigError(f"{word}: there is no fault '{name}'. There are: {', '.join(_known())}.")

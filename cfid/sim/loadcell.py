@@ -4,7 +4,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.campaign import Number, Positive, Spread
+from cfid.records.campaign import Spread
+from cfid.records.facts import Number, Positive
 from cfid.sim.stepping import Array
 
 SATURATED = 0x80020000  # bit 31, any error, and bit 17
@@ -19,6 +20,8 @@ class LoadCellTruth(BaseModel):
     """A cell like ATI's Mini40 SI-20-1. Six numbers are Fx, Fy, Fz in N and Tx, Ty, Tz in Nm.
 
     `bias` is what it shows unloaded, `drift_per_s` how that grows, `noise_std` one standard deviation of a sample.
+    Its x axis lies `yaw_deg` left of that of the vehicle on it: rotors turn their wrenches by that. With `flip_fz`
+    Fz and Tz count downwards.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -29,6 +32,8 @@ class LoadCellTruth(BaseModel):
     ranges: SixPositive = (20.0, 20.0, 60.0, 1.0, 1.0, 1.0)
     counts_per_n: Positive = 1e6
     counts_per_nm: Positive = 1e6
+    yaw_deg: Number = -45.0
+    flip_fz: bool = False
 
     @property
     def counts_per_unit(self) -> Array:
@@ -44,7 +49,7 @@ class LoadCell:
         self.truth = truth
         self.software_bias = np.zeros(6, np.int64)
         self._rng = rng
-        self._scale = truth.counts_per_unit
+        self._scale = truth.counts_per_unit * (np.array([1, 1, -1, 1, 1, -1]) if truth.flip_fz else 1)
         self._unloaded = np.array(truth.bias)
         self._drift_per_s, self._noise_std, self._ranges = map(
             np.array, (truth.drift_per_s, truth.noise_std, truth.ranges)

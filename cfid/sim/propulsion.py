@@ -41,11 +41,12 @@ class Propulsion:
         begin_s: float,
         commands: Four = STILL,
         drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0),
+        yaw_deg: float = 0.0,
     ) -> None:
         """Let all rotors stand."""
         self.battery = Battery(battery)
         self._truth = rotors
-        self._rotors = Rotors(rotors, rng, drag_ns_per_rad=drag_ns_per_rad)
+        self._rotors = Rotors(rotors, rng, drag_ns_per_rad=drag_ns_per_rad, yaw_deg=yaw_deg)
         self._rotors.advance(np.array([begin_s]), np.zeros(4))
         self._commands = commands
         self._speed = np.zeros(4)

@@ -6,7 +6,8 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cfid.records.campaign import Number, Spread
+from cfid.records.campaign import Spread
+from cfid.records.facts import Number
 
 _REMEMBERED = 100_000  # pings
 

@@ -4,12 +4,14 @@ Speed is first order, thrust and torque follow it at once; air that is set in mo
 """
 
 import math
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.campaign import Number, Positive, Spread
+from cfid.records.campaign import Spread
+from cfid.records.facts import Number, Positive
 from cfid.sim.stepping import Array
 
 Six = tuple[Number, Number, Number, Number, Number, Number]
@@ -29,7 +31,7 @@ class RotorTruth(BaseModel):
     with `time_constant_s`; below it stands. That holds at `nominal_v`: the command chops the supply voltage, so
     half the voltage does to it what half the command does. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
     torque `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice
-    that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust.
+    that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust. A tachometer counts `markers` a turn.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -42,6 +44,7 @@ class RotorTruth(BaseModel):
     torque_m: Positive = 0.006
     time_constant_s: Positive = 0.06
     arm_m: Positive = 0.046
+    markers: Annotated[int, Field(ge=1)] = 2
     unbalance: Six = Field(default=(0.6, 0.6, 0.3, 0.006, 0.006, 0.002))
     blade_pass: Six = Field(default=(0.2, 0.2, 1.2, 0.004, 0.004, 0.003))
 
@@ -71,16 +74,22 @@ BRUSHLESS = {
 class Rotors:
     """Four rotors that keep their speed and angle from one call to the next.
 
-    In wind each rad/s of their speeds' sum adds `drag_ns_per_rad` (3,) to the force.
+    In wind each rad/s of their speeds' sum adds `drag_ns_per_rad` (3,) to the force, in the load cell's frame, whose x
+    axis lies `yaw_deg` left of the vehicle's.
     """
 
     def __init__(
-        self, truth: RotorTruth, rng: np.random.Generator, *, drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        truth: RotorTruth,
+        rng: np.random.Generator,
+        *,
+        drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0),
+        yaw_deg: float = 0.0,
     ) -> None:
         """Let all rotors stand; how each vibrates differs by 20 % and in its phase."""
         self._truth = truth
         self._drag = np.append(drag_ns_per_rad, np.zeros(3))
-        self._mixer = _mixer(truth, rng)
+        self._mixer = _mixer(truth, rng) @ _into_the_cell(yaw_deg)
         self._speed = np.zeros(4)
         self._angle = np.zeros(4)
         self._last_s: float | None = None
@@ -113,6 +122,15 @@ class Rotors:
         cos, sin = np.cos(angle), np.sin(angle)
         waves = (thrust, thrust * cos, thrust * sin, thrust * (cos**2 - sin**2), thrust * (2 * sin * cos))
         return np.asarray(np.hstack(waves) @ self._mixer + speed.sum(axis=1, keepdims=True) * self._drag)
+
+
+def _into_the_cell(yaw_deg: float) -> Array:
+    """Return what turns wrenches (n, 6) of the vehicle's frame, from the right, into a cell's that lies left of it."""
+    cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    turn = np.eye(6)
+    for first in (0, 3):
+        turn[first : first + 2, first : first + 2] = [[cos, -sin], [sin, cos]]
+    return turn
 
 
 def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:

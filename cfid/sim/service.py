@@ -34,7 +34,7 @@ from cfid.sim.pty import PtyPort
 from cfid.sim.radio import Radio
 from cfid.sim.rig import draw_truth, pendulum
 from cfid.sim.stepping import Array
-from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth
+from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted
 from cfid.units import MM
 from cfid.wire.app import Ports as AppPorts
 
@@ -81,6 +81,7 @@ class SimulatedRig:
         ports: Ports = ANY_FREE,
     ) -> None:
         """Draw the rig and integrate what its axis will do; open nothing yet, though faults' times begin here."""
+        truth = as_mounted(truth, rig)
         plant_rng, motor_rng, cell_rng, fault_rng, radio_rng = np.random.default_rng(seed).spawn(5)
         self._address = address
         self.axis = _axis(rig, truth, axis, weight_g, rng=plant_rng)
@@ -97,6 +98,7 @@ class SimulatedRig:
             begin_s=opened_s,
             commands=commands,
             drag_ns_per_rad=truth.wind.drag_ns_per_rad,
+            yaw_deg=truth.wind.yaw_deg if truth.wind.speed_mps else truth.loadcell.yaw_deg,
         )
         link = rig.devices.crazyflie
         app_ports = AppPorts(link.thrust_port, link.sine_port, link.ping_port)

@@ -27,9 +27,7 @@ _REST_S = 1.2  # before and after each run
 _BEGIN_S = 1.75e9  # on the host's clock
 _WRAPS_US = 1 << 32
 _IDLE_RAD_PER_S, _RAD_PER_S_PER_COMMAND = 381.0, 0.0408  # eq. 3.4
-# Where a newton of each motor acts, turned left by 45 degrees: motor 1 along x of the load cell, then -y, -x, y.
-_PLACES = {1: (1, 0), 2: (0, -1), 3: (-1, 0), 4: (0, 1)}
-_TURN = np.array([[1, -1], [1, 1]]) / math.sqrt(2)
+_PLACES_DEG = {1: -45.0, 2: -135.0, 3: 135.0, 4: 45.0}  # of the motors, to the left of the vehicle's x axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +93,7 @@ class _Played(NamedTuple):
     since_s: Array
     sample_s: float
     motor: int
+    yaw_deg: float  # of the load cell's x axis, to the left of the vehicle's
 
 
 def simulate_sines(
@@ -120,7 +119,8 @@ def simulate_sines(
         came = np.array([time_s is not None for time_s in arrived])
         tick = math.ceil((start_s - _REST_S) * bench.rate_hz)
         time_s = (tick + np.arange(int((each_s - 0.1) * bench.rate_hz))) / bench.rate_hz
-        wrench = _wrench(truth, _Played(commands, time_s - start_s, sample_s, bench.motor), rng)
+        played = _Played(commands, time_s - start_s, sample_s, bench.motor, bench.loadcell.yaw_deg)
+        wrench = _wrench(truth, played, rng)
         runs.append(
             SimulatedSine(
                 periods=l,
@@ -154,7 +154,8 @@ def _wrench(truth: LinearTruth | RotorTruth, played: _Played, rng: np.random.Gen
     """Return the wrench (n, 6) in N and Nm at the load cell's times."""
     if isinstance(truth, RotorTruth):
         return _of_rotors(truth, played, rng)
-    x, y = _PLACES[played.motor]
+    place = math.radians(_PLACES_DEG[played.motor] - played.yaw_deg)
+    x, y = math.cos(place), math.sin(place)
     thrust_n = truth.static_gain_n * _lagging(played, truth.time_constant_s, early_s=truth.early_s)
     thrust_n += _vibration(truth, played, rng)
     none = np.zeros_like(thrust_n)
@@ -187,12 +188,9 @@ def _vibration(truth: LinearTruth, played: _Played, rng: np.random.Generator) ->
 
 
 def _of_rotors(truth: RotorTruth, played: _Played, rng: np.random.Generator) -> Array:
-    """Let one of four rotors follow the commands, on a load cell that it is mounted on turned by 45 degrees."""
-    rotors = Rotors(truth, rng)
-    wrench = np.vstack([rotors.advance(time_s, commands)[:-1] for time_s, commands in _holds(played)])
-    for pair in (slice(0, 2), slice(3, 5)):
-        wrench[:, pair] = wrench[:, pair] @ _TURN.T
-    return wrench
+    """Let one of four rotors follow the commands."""
+    rotors = Rotors(truth, rng, yaw_deg=played.yaw_deg)
+    return np.vstack([rotors.advance(time_s, commands)[:-1] for time_s, commands in _holds(played)])
 
 
 def _holds(played: _Played) -> Iterator[tuple[Array, Array]]:

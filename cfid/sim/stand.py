@@ -68,7 +68,14 @@ def simulate_stand(
     A spike is one sample with any values within the load cell's ranges and a healthy status.
     """
     for_rotors, for_cell, for_spikes = rng.spawn(3)
-    propulsion = Propulsion(rotors, battery, rng=for_rotors, begin_s=0.0, drag_ns_per_rad=wind.drag_ns_per_rad)
+    propulsion = Propulsion(
+        rotors,
+        battery,
+        rng=for_rotors,
+        begin_s=0.0,
+        drag_ns_per_rad=wind.drag_ns_per_rad,
+        yaw_deg=wind.yaw_deg if wind.speed_mps else loadcell.yaw_deg,
+    )
     on_body = np.append(wind.body_n, np.zeros(3))
     cell = LoadCell(loadcell, for_cell)
     time_s = np.arange(math.floor(duration_s * rate_hz)) / rate_hz

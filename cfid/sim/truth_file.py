@@ -7,7 +7,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import Positive, Spread, Vector
+from cfid.records.campaign import MM, Rig, Spread, Vector
+from cfid.records.facts import Positive
 from cfid.records.files import first_fault, read_toml
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
@@ -82,6 +83,22 @@ USUAL_TRUTH = SimTruth()
 def usual_truth(platform: Platform) -> SimTruth:
     """Return the truth of a rig with such a vehicle."""
     return SimTruth.model_validate({"crazyflie": {"platform": platform}})
+
+
+def as_mounted(truth: SimTruth, rig: Rig) -> SimTruth:
+    """Return a truth that is mounted as rig.toml states, wherever the truth itself was not given a value."""
+    facts, arm_mm = rig.facts, rig.loadcell.arm_mm
+    mounted: dict[str, dict[str, Any]] = {
+        "loadcell": {"yaw_deg": facts.loadcell.yaw_deg, "flip_fz": facts.loadcell.flip_fz},
+        "rotors": {"arm_m": None if arm_mm is None else MM * arm_mm, "markers": facts.tachometer.markers},
+        "wind": {"azimuth_deg": facts.wind.azimuth_deg, "yaw_deg": facts.yaw_in_wind_deg},
+    }
+    parts = {}
+    for name, stated in mounted.items():
+        part = getattr(truth, name)
+        new = {key: value for key, value in stated.items() if value is not None and key not in part.model_fields_set}
+        parts[name] = part.model_copy(update=new)
+    return truth.model_copy(update=parts)
 
 
 def load_truth(path: Path, *, platform: Platform | None = None) -> SimTruth:

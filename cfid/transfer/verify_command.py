@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cfid.console.inputs import Workplace, open_workplace
+from cfid.console.lists import comma_list
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
 from cfid.errors import ConfigError, DataError
@@ -124,8 +125,8 @@ def _function(options: FunctionOptions, workplace: Workplace) -> Function:
         return _of_campaign(options, workplace)
     if options.numerator is None or options.denominator is None:
         raise ConfigError("--numerator and --denominator belong together: give both, or none for the campaign's.")
-    over = _coefficients(options.numerator, "--numerator")
-    under = _coefficients(options.denominator, "--denominator")
+    over = comma_list(options.numerator, "--numerator", float, example="1,-0.97")
+    under = comma_list(options.denominator, "--denominator", float, example="1,-0.97")
     if under[0] != 1:
         raise ConfigError(f"--denominator {options.denominator}: should begin with its leading 1.")
     if not any(over):
@@ -171,15 +172,6 @@ def _of_campaign(options: FunctionOptions, workplace: Workplace) -> Function:
         after_quickest_s=quickest.value if by_hand is None and quickest is not None else None,
         used=frozenset(source.sha256 for source in section.sources),
     )
-
-
-def _coefficients(text: str, option: str) -> list[float]:
-    from cfid.records.tables.text import is_finite
-
-    words = [word.strip() for word in text.split(",")]
-    if not all(map(is_finite, words)):
-        raise ConfigError(f"{option} {text}: should be numbers with commas between, as 1,-0.97.")
-    return [float(word) for word in words]
 
 
 def _outcome(

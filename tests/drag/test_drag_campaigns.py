@@ -1,5 +1,6 @@
 """The thesis' wind campaign: its 112 runs, its table of experiments, and what the tests of drag share of it."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -64,7 +65,7 @@ def as_typed(runs: Sequence[TunnelRun]) -> list[WindRun]:
             shown_rpm=run.shown_rpm,
             force_n=run.force_n,
             force_std_n=run.force_std_n,
-            azimuth_rad=run.azimuth_rad,
+            azimuth_deg=math.degrees(run.azimuth_rad),
         )
         for i, run in enumerate(runs)
     ]

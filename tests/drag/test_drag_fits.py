@@ -361,10 +361,10 @@ def test_a_table_beside_runs_and_nothing_at_all_are_usage_errors(nowhere: Workpl
 
 def test_a_column_that_nobody_reads_is_told(nowhere: Workplace, tunnel: WindFolder) -> None:
     for row in tunnel.rows:
-        row["azimuth_deg"] = "90"
-    said = read(nowhere, index=tunnel.write(head=(*HEAD, "azimuth_deg"))).warnings
+        row["azimut"] = "90"
+    said = read(nowhere, index=tunnel.write(head=(*HEAD, "azimut"))).warnings
 
-    assert said[0] == "wind.csv: not used: column azimuth_deg; it may have azimuth_rad, from_s, to_s."
+    assert said[0] == "wind.csv: not used: column azimut; it may have azimuth_deg, azimuth_rad, from_s, to_s."
     assert not any("not used: column" in each for each in read(nowhere, index=tunnel.write()).warnings)
 
 
@@ -372,8 +372,24 @@ def test_a_direction_that_is_no_number_is_a_usage_error(nowhere: Workplace, tunn
     index = tunnel.write()
     with pytest.raises(ConfigError, match="--azimuth-rad nan: has to be a number"):
         read(nowhere, index=index, azimuth_rad=math.nan)
+    with pytest.raises(ConfigError, match="--azimuth-deg and --azimuth-rad are the same: give one of them"):
+        read(nowhere, index=index, azimuth_rad=0.4967, azimuth_deg=28.46)
     with pytest.raises(ConfigError, match="--yaw-deg inf: has to be a number"):
         read(nowhere, index=index, yaw_deg=math.inf)
+
+
+def test_an_azimuth_is_the_same_in_degrees_and_in_radians(nowhere: Workplace, tunnel: WindFolder) -> None:
+    index = tunnel.write()
+    in_deg, in_rad = read(nowhere, index=index, azimuth_deg=60), read(nowhere, index=index, azimuth_rad=math.pi / 3)
+    with_column = tunnel.rows[0].keys() | {"azimuth_deg"}
+    for row in tunnel.rows:
+        row["azimuth_deg"] = "60" if row["azimuth_rad"] else ""
+    of_rows = read(nowhere, index=tunnel.write(head=sorted(with_column - {"azimuth_rad"})), azimuth_deg=10)
+
+    for other in (in_rad, of_rows):
+        np.testing.assert_allclose(in_deg.experiments.velocity_mps, other.experiments.velocity_mps, rtol=1e-12)
+    x, y, _ = in_deg.experiments.velocity_mps[-1]
+    assert math.degrees(math.atan2(-y, x)) == pytest.approx(60)
 
 
 @pytest.mark.parametrize(("yaw_deg", "told"), [(-45.0, "8[78] degrees right"), (135.0, "9[23] degrees left")])

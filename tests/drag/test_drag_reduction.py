@@ -82,16 +82,19 @@ def test_several_references_at_a_command_are_averaged_and_then_known_better(runs
     np.testing.assert_allclose(after.reference_std_n[rows] * math.sqrt(2), before.reference_std_n[rows])
 
 
-def test_a_run_may_have_an_azimuth_and_a_campaign_a_yaw_of_its_own() -> None:
+def test_a_run_may_have_an_azimuth_a_yaw_and_markers_of_its_own() -> None:
     runs = exact_runs(SIMPLE_AIR)
     usual = reduce_runs(runs).experiments
-    own = reduce_runs([replace(run, azimuth_rad=None) for run in runs], azimuth_rad=0.9, yaw_rad=0.2).experiments
+    last = replace(runs[-1], azimuth_deg=50.0, yaw_deg=10.0, markers=1)
+    own = reduce_runs([*runs[:-1], last]).experiments
 
     lateral = usual.velocity_mps[-1, :2], own.velocity_mps[-1, :2]
-    assert [math.atan2(-y, x) for x, y in lateral] == pytest.approx([0.4967, 0.9])
+    assert [math.atan2(-y, x) for x, y in lateral] == pytest.approx([0.4967, math.radians(50)])
     force = usual.force_n[-1], own.force_n[-1]
-    angles = [math.atan2(y, x) for x, y, _ in force]
-    assert angles[0] - angles[1] == pytest.approx(math.pi / 4 - 0.2)
+    angles = [math.degrees(math.atan2(y, x)) for x, y, _ in force]
+    assert angles[0] - angles[1] == pytest.approx(45 - 10)
+    assert own.speed_sum_rad_s[-1] == pytest.approx(2 * usual.speed_sum_rad_s[-1])
+    np.testing.assert_array_equal(own.force_n[:-1], usual.force_n[:-1])
 
 
 def test_one_reading_of_a_wind_takes_the_spread_of_the_others() -> None:
@@ -225,7 +228,7 @@ def test_a_reference_that_was_exchanged_with_a_run_in_wind_is_named(air: Air) ->
 
 
 def test_a_load_cell_that_is_turned_otherwise_contradicts_the_wind(runs: list[WindRun]) -> None:
-    doubts = reduce_runs(runs, yaw_rad=-math.pi / 4).doubts
+    doubts = reduce_runs([replace(run, yaw_deg=-45.0) for run in runs]).doubts
 
     assert sum("at 48.4 degrees" in doubt or "at 77.9 degrees" in doubt for doubt in doubts) == 10
 

@@ -1,5 +1,6 @@
 """Drag from runs of `cfid log wind`, as their files tell it."""
 
+import math
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from cfid.drag.selection import DragChoices, fit_models
 from cfid.drag.wind.plan import WindSetting
 from cfid.errors import DataError, FitError
 from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
@@ -42,7 +44,14 @@ def shown_rpm(command: int) -> float:
 
 
 def blown(
-    folder: Path, wind: WindTruth, *, volts: float = 3.7, typed: int = 2, rate_hz: float = 1000.0, seed: int = 3
+    folder: Path,
+    wind: WindTruth,
+    *,
+    volts: float = 3.7,
+    typed: int = 2,
+    rate_hz: float = 1000.0,
+    seed: int = 3,
+    facts: RigFacts = NONE_STATED,
 ) -> Run:
     """Write what `cfid log wind` records in a wind that was read within 2 %."""
     record = climbed(COMMANDS, motors=(1, 2, 3, 4), battery=BatteryTruth(volts=volts), rate_hz=rate_hz, seed=seed)
@@ -58,6 +67,7 @@ def blown(
         devices=DEVICES,
         started=datetime(2026, 11, 21, 8, int(10 * wind.speed_mps), tzinfo=UTC),
         cfid_version="0",
+        facts=facts,
         asked={"steps": COMMANDS, "motors": (1, 2, 3, 4), "hold_s": 2.0, "rest_s": 1.0, **setting.asked},
     )
     number, ms = np.arange(1, len(speed_sum) + 1), np.rint(1e3 * record.tick_s).astype(np.int64)
@@ -95,6 +105,34 @@ def test_all_runs_of_a_campaign_give_the_coefficients_that_act(campaign: Path) -
     assert np.all(np.abs(result.simple_kg_per_rad - true) < 3 * result.simple_std_kg_per_rad)
     assert np.all(result.simple_std_kg_per_rad < 0.1 * np.abs(true))
     assert not any("battery" in warning for warning in found.warnings)
+
+
+def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(campaign: Path) -> None:
+    facts = RigFacts(
+        loadcell=LoadCellMount(yaw_deg=10.0, flip_fz=True),
+        tachometer=Tachometer(markers=4),
+        wind=WindStand(azimuth_deg=-60.0),
+    )
+    mounted = WindTruth(angle_deg=77.9, speed_mps=3.6, azimuth_deg=-60.0, yaw_deg=10.0)
+    usual: list[str] = []
+    own: list[str] = []
+    for into, stated, wind in ((own, facts, mounted), (usual, NONE_STATED, WINDS[3])):
+        into += [blown(campaign, WINDS[0], facts=stated).folder.name, blown(campaign, wind, facts=stated).folder.name]
+    found, assumed = read(campaign, *own), read(campaign, *usual)
+
+    velocity, force = (np.mean(each, axis=0) for each in (found.experiments.velocity_mps, found.experiments.force_n))
+    assert math.degrees(math.atan2(-velocity[1], velocity[0])) == pytest.approx(-60)
+    assert -force[:2] @ velocity[:2] / np.linalg.norm(force[:2]) / np.linalg.norm(velocity[:2]) > 0.98
+    assert found.experiments.speed_sum_rad_s * 2 == pytest.approx(assumed.experiments.speed_sum_rad_s)
+    assert force[2] > 0 > assumed.experiments.force_n[:, 2].mean()
+    assert not any("assumed" in warning for warning in found.warnings)
+    told = [warning for warning in assumed.warnings if "assumed" in warning]
+    assert len(told) == 3
+    assert any(
+        "2 recordings: a yaw of 45 degrees on the load cell is assumed, as in version 0.1" in said for said in told
+    )
+    assert any("an azimuth of 28.46 degrees is assumed" in said for said in told)
+    assert any("2 markers of the tachometer are assumed" in said for said in told)
 
 
 def test_a_reading_that_was_not_typed_is_heard(campaign: Path) -> None:

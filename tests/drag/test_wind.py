@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from cfid.drag.wind.frames import body_from_sensor, body_std_from_sensor, speed_sum_rad_s, velocity_in_air, wind_speed
+from cfid.drag.wind.frames import speed_sum_rad_s, std_turned_about_z, velocity_in_air, wind_speed
+from cfid.records.frames import turn_about_z
 
 
 def test_wind_from_above_is_a_climb() -> None:
@@ -28,21 +29,12 @@ def test_the_angle_is_that_to_the_vertical_and_the_speed_is_kept() -> None:
     np.testing.assert_allclose(velocity[:, 2], speeds * np.cos(angles))
 
 
-def test_the_body_frame_is_the_load_cells_turned_left_by_the_yaw() -> None:
-    diagonal = math.sqrt(0.5)
-    forward, left, up = body_from_sensor(np.eye(3), yaw_rad=math.pi / 4)
-
-    assert tuple(forward) == pytest.approx((diagonal, diagonal, 0))
-    assert tuple(left) == pytest.approx((-diagonal, diagonal, 0))
-    assert tuple(up) == (0, 0, 1)
-
-
 def test_deviations_turn_as_those_of_independent_axes() -> None:
     rng = np.random.default_rng(5)
     std = np.array([0.3, 1.2, 0.7])
-    drawn = body_from_sensor(std * rng.standard_normal((200_000, 3)), yaw_rad=0.6)
+    drawn = turn_about_z(std * rng.standard_normal((200_000, 3)), yaw_deg=34.4)
 
-    np.testing.assert_allclose(body_std_from_sensor(std, yaw_rad=0.6), drawn.std(axis=0), rtol=0.01)
+    np.testing.assert_allclose(std_turned_about_z(std, yaw_deg=34.4), drawn.std(axis=0), rtol=0.01)
 
 
 def test_wind_is_the_middle_of_its_readings_and_deviates_as_if_it_were_anything_between() -> None:

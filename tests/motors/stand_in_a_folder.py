@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
@@ -48,7 +49,13 @@ def climbed(
 
 
 def write_run(
-    folder: Path, record: StandRecord, *, steps: Sequence[int], told_rpm: Array | None = None, **more: Any
+    folder: Path,
+    record: StandRecord,
+    *,
+    steps: Sequence[int],
+    told_rpm: Array | None = None,
+    facts: RigFacts = NONE_STATED,
+    **more: Any,
 ) -> Run:
     """Write a record as a run of `cfid log thrust` in the campaign `folder`; motors 1 and 3 may have told their rpm."""
     rpm = np.empty((len(record.tick_s), 0)) if told_rpm is None else told_rpm
@@ -67,6 +74,7 @@ def write_run(
         devices=devices,
         started=datetime(2026, 11, 21, tzinfo=UTC),
         cfid_version="0",
+        facts=facts,
         asked={"steps": list(steps), **more},
     )
     counts = np.rint(record.wrench * 1e6).astype(np.int64)

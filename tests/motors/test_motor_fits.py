@@ -3,18 +3,27 @@
 import json
 import subprocess
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cfid.console.inputs import open_workplace
+from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
+from cfid.motors.maps.evidence import StandOptions
+from cfid.motors.maps.inputs import read_evidence
 from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import load_sections
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from tests.campaigns import sentences
+from tests.motors.sentences import remarks
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
 from tests.places import DATA
 
@@ -123,7 +132,9 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     words = ("fit", "thrust", "--table", table, "--order", "4", "--campaign", campaign)
     content = found(cfid, *words)
     cubic = "motor.thrust_voltage_poly"
-    reason = content["quality"]["rejected"][cubic]
+    reason = next(
+        one["text"] for one in content["findings"] if cubic in one["quantities"] and one["severity"] == "rejection"
+    )
 
     assert "departs from the data by" in reason
     assert reason in sentences(content)
@@ -168,7 +179,44 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
     assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
     doubted = cfid("fit", "speed", "--table", str(table), "--no-figures")
     assert doubted.returncode == 5
-    assert "--markers" in doubted.stderr
+    assert "another number of markers" in doubted.stderr
+
+
+def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_where_nobody_stated_them(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text().replace("markers = 2", "markers = 4"))
+    table, stand = tmp_path / "rpm.csv", tmp_path / "stand.csv"
+    table.write_text("cmd,rpm_1\n10000,20000\n20000,40000\n")
+    stand.write_text("cmd,thrust_n,rpm_mean\n10000,0.01,20000\n20000,0.02,40000\n")
+    with create_run(
+        tmp_path / "runs",
+        kind="speed",
+        label=Label(),
+        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))},
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+        facts=RigFacts(tachometer=Tachometer(markers=2)),
+    ) as run:
+        run.append("readings", ([0.0, 1.0], [10000, 20000], [20000.0, 40000.0]))
+
+    def told(*words: object, **options: Any) -> tuple[float, list[str]]:
+        rig = RigOptions() if options.pop("borrowed", False) else RigOptions(campaign=tmp_path)
+        evidence = read_evidence(
+            [str(word) for word in words], StandOptions(**options), ReadingOptions(), LoadCellOptions(),
+            open_workplace(rig), kind="speed", method="default",
+        )  # fmt: skip
+        assert evidence.points.speed_rad_s is not None
+        divided_by = round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)
+        return divided_by, [said for said in remarks(evidence) if "assumed" in said]
+
+    assert told(run.folder) == (2, [])
+    assert told(run.folder, markers=1) == (1, [])
+    assert told(table=table) == (4, [])
+    assert told(table=stand) == (1, [])
+    markers, (said,) = told(table=table, borrowed=True)
+    assert markers == 1
+    assert said.startswith("rpm.csv: 1 marker of the tachometer is assumed, as in version 0.1")
 
 
 def test_a_table_gives_eq_3_3_back(cfid: Cfid, tmp_path: Path) -> None:
@@ -244,7 +292,7 @@ def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: C
         TRUTH.thrust_ns2_per_rad2, rel=0.005
     )
     assert all(row["thrust_n"] and row["speed_rad_s"] for row in parameters["motor.table"]["value"])
-    assert any("heard in the load cell's vibration" in said for said in sentences(content))
+    assert any("estimated from the load cell's vibration" in said for said in sentences(content))
 
 
 def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid, campaign: Path) -> None:
@@ -324,6 +372,10 @@ def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid,
     assert "negative throughout" in said.stderr
     turned = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures", "--flip-fz")
     assert turned.returncode == 0, turned.stderr
+    noted = write_run(campaign, record, steps=STEPS[:6], facts=RigFacts(loadcell=LoadCellMount(flip_fz=True)))
+    words = ("fit", "thrust", str(noted.folder), "--campaign", str(campaign), "--no-figures")
+    assert cfid(*words).returncode == 0
+    assert cfid(*words, "--no-flip-fz").returncode == 5
 
 
 def test_motors_that_never_ran_are_told(cfid: Cfid, campaign: Path) -> None:

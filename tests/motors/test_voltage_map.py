@@ -6,6 +6,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.motors.maps.voltage import compare, compare_speed, compare_thrust, motor_volts
+from tests.motors.sentences import remarks
 
 Array = npt.NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def test_commands_held_once_leave_the_two_forms_on_one_path_and_that_is_said() -
     vbat = sagging(up)
     found = compare_thrust(command=up, vbat_v=vbat, thrust_n=thrust_of(motor_volts(command=up, vbat_v=vbat)))
 
-    assert "every command was held once" in found.warnings[0]
+    assert "every command was held once" in remarks(found)[0]
 
 
 def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:

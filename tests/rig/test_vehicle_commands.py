@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.records.campaign import RIG_FILE
+from cfid.records.campaign import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import State
@@ -272,19 +272,20 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("log sine --l 1,x", "--l 1,x: should be whole numbers with commas between, as 1,2,4."),
-        ("log sine --l 2001", "--l 2001: has to be from 0 to N/2 = 2000."),
-        ("log sine --l 4,4", "--l 4,4: names a frequency twice."),
+        ("log sine --l 1,x", "--periods 1,x: should be whole numbers with commas between, as 1,2,4."),
+        ("log sine --l 2001", "--periods 2001: has to be from 0 to N/2 = 2000."),
+        ("log sine --l 4,4", "--periods 4,4: names a frequency twice."),
         ("log sine --l 4 --amplitude 30001", "--amplitude 30001: above 30000 the sine is clipped; --force allows it."),
-        ("log sine --l 4 --n 0", "Invalid value for '--n'"),
-        ("log sine --l 4 --plan thesis-first", "--l and --plan thesis-first: say one of them."),
-        ("log sine --n 2000 --l 2,1001", "--l 1001: has to be from 0 to N/2 = 1000."),
+        ("log thrust some-run", "some-run: a run is named to resume it: write --resume some-run."),
+        ("log sine --l 4 --n 0", "Invalid value for '--samples'"),
+        ("log sine --l 4 --plan thesis-first", "--periods and --plan thesis-first: say one of them."),
+        ("log sine --n 2000 --l 2,1001", "--periods 1001: has to be from 0 to N/2 = 1000."),
         ("log thrust --from 3000 --to 2000", "--from 3000 --to 2000: there is no command between them."),
         ("log thrust --hold 0", "--hold 0: has to be above zero."),
         ("log thrust --to 70000", "Invalid value for '--to'"),
         ("log speed --port /dev/x", "--port is the UT372's, and --tachometer is typed."),
         ("motors set 70000", "Invalid value for"),
-        ("motors set 1000 --motor 5", "--motor 5: motors are 1 to 4"),
+        ("motors set 1000 --motor 5", "--motor 5: should be whole numbers from 1 to 4 with commas between, as 1,3."),
         ("log ping --interval 0", "--interval 0: has to be above zero."),
     ],
 )
@@ -330,13 +331,14 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0
     first = bench.run()
-    again = bench.start("log", "thrust", "--resume", "last", "--yes")
+    again = bench.start("log", "thrust", "--resume", "--yes")
     assert again.end() == 0, again.err
 
     second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
     assert first.header.state == "interrupted"
     assert second.header.asked["steps"] == [20000, 30000]
     assert second.header.asked["hold_s"] == 0.6
+    assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
     nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
     assert nothing.end() == 2
     assert "lacks nothing" in nothing.err
@@ -375,7 +377,8 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     pilot.send(signal.SIGTERM)
     assert pilot.end() == 0
     assert not any(bench.motors)
-    again = bench.start(*words, "--resume", "--json")
+    stopped = max((bench.folder / "runs").iterdir()).name
+    again = bench.start("log", "sine", "--periods", "5,20,40", "--yes", "--before", 0.2, "--resume", stopped, "--json")
     assert again.end() == 0, again.err
 
     content = json.loads(again.out)

@@ -25,12 +25,12 @@ def test_wind_from_above_presses_on_turning_rotors_along_z_alone() -> None:
 
 
 def test_what_the_load_cell_feels_is_turned_into_its_own_frame() -> None:
-    across = 3 * math.sin(math.radians(48.4))
-    x, y = -9.1785e-7 * across * np.array([math.cos(0.4967), -math.sin(0.4967)])
+    across, azimuth = 3 * math.sin(math.radians(48.4)), math.radians(28.46)
+    x, y = -9.1785e-7 * across * np.array([math.cos(azimuth), -math.sin(azimuth)])
     cos = math.cos(math.pi / 4)
 
     assert WIND.drag_ns_per_rad[:2] == pytest.approx([cos * (x + y), cos * (y - x)])
-    assert WindTruth(speed_mps=3.0, angle_deg=48.4, yaw_rad=0.0).drag_ns_per_rad[:2] == pytest.approx([x, y])
+    assert WindTruth(speed_mps=3.0, angle_deg=48.4, yaw_deg=0.0).drag_ns_per_rad[:2] == pytest.approx([x, y])
 
 
 def test_the_bodys_drag_grows_with_the_square_of_the_wind() -> None:

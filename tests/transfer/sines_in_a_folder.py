@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from cfid.cli.main import main
+from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.loadcell import LoadCellTruth
@@ -20,6 +21,7 @@ GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
 TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)
 CELL = ["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
 USUAL = Bench(rate_hz=500)
+THESIS_MOUNT = RigFacts(loadcell=LoadCellMount(yaw_deg=-45.0, arm_mm=46.0))
 PERIODS = (0, 1, 2, 5, 10, 20, 30, 50, 75, 100)
 
 
@@ -106,7 +108,7 @@ def write_crossings(path: Path, run: SimulatedSine, *, stamped: bool = True) -> 
     pd.DataFrame(columns).to_csv(path, index=False, float_format="%.6f")
 
 
-def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None) -> Run:
+def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, facts: RigFacts = THESIS_MOUNT) -> Run:
     """Write a run folder as `cfid log sine` does."""
     cell = DeviceRecord(file="loadcell.csv", columns=(*CELL, "status"))
     cell = cell.model_copy(update={"counts_per_n": 1e6, "counts_per_nm": 1e6})
@@ -123,6 +125,7 @@ def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None) ->
         },
         started=datetime.fromtimestamp(run.time_s[0], UTC),
         cfid_version="0",
+        facts=facts,
         asked=asked if series is None else {**asked, "series": series},
     )
     columns = (run.report_command, run.report_sample, run.report_vehicle_us, np.arange(len(run.report_host_s)))

@@ -7,6 +7,7 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.sim.crazyflie_modules import PING, SINE
+from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
 from cfid.transfer.sines.alignment import RecordedSine, align, held, thrust_of
@@ -70,6 +71,23 @@ def test_motors_1_and_3_load_ty_and_2_and_4_tx_with_opposite_signs(motor: int, c
     assert mean_n[3 + place] / ARM_M == pytest.approx(sign * mean_n[2], rel=0.1)
     assert abs(mean_n[4 - place]) / ARM_M < 0.1 * mean_n[2]
     assert on_arm == pytest.approx(mean_n[2], rel=0.1)
+
+
+@pytest.mark.parametrize("motor", [1, 2, 3, 4])
+@pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 45.0, -110.0])
+def test_the_arm_finds_a_motors_thrust_whatever_the_yaw_and_not_with_another(motor: int, yaw_deg: float) -> None:
+    cell = LoadCellTruth(noise_std=(0.0,) * 6, drift_per_s=(0.0,) * 6, yaw_deg=yaw_deg)
+    rotors = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
+    bench = Bench(motor=motor, loadcell=cell)
+    run = simulate_sines(rotors, periods=[4], samples=500, rng=np.random.default_rng(1), bench=bench)[0]
+    wrench = (run.counts - run.counts[:500].mean(axis=0))[1300:2000] / 1e6
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    right, wrong = (
+        thrust_of("arm", force, torque, arm_m=ARM_M, motor=motor, yaw_deg=yaw).mean() for yaw in (yaw_deg, yaw_deg + 60)
+    )
+
+    assert right == pytest.approx(force[:, 2].mean(), rel=1e-4)
+    assert wrong == pytest.approx(0.5 * right, rel=1e-3)
 
 
 def test_all_motors_together_make_no_torque_about_an_arm() -> None:

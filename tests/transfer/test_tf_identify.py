@@ -1,5 +1,6 @@
 """`cfid tf identify`: runs and files of sines in, transfer functions with their verdict out."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from cfid.cli.main import main
 from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
 from cfid.sim.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.campaigns import sentences
@@ -169,6 +172,59 @@ def test_runs_of_cfid_are_found_by_no_word_at_all_and_kept_in_the_campaign(
     assert len(section.sources) == 18
     drawn = {path.name for path in (tmp_path / "figures").iterdir()}
     assert drawn == {f"{name}.{kind}" for name in ("tf_bode", "tf_step", "tf_run_bench") for kind in ("png", "svg")}
+
+
+def test_fit_tf_is_the_same_command(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine], capsys: pytest.CaptureFixture[str]
+) -> None:
+    index = write_index(tmp_path, {"": first})
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", "tf", "--index", str(index), "--json"])
+
+    assert not ended.value.code
+    assert json.loads(capsys.readouterr().out)["parameters"] == found(tf, "--index", index)["parameters"]
+
+
+def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says_later(
+    tf: Here, tmp_path: Path
+) -> None:
+    cell = USUAL.loadcell.model_copy(update={"yaw_deg": 30.0})
+    facts = RigFacts(loadcell=LoadCellMount(yaw_deg=30.0, arm_mm=23.0))
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for run in sines(bench=replace(USUAL, loadcell=cell))[1:]:
+        write_run(tmp_path, run, facts=facts)
+    content = found(tf)
+    overridden = found(tf, "--arm-mm", 46)
+
+    assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(2 * GAIN_N, rel=0.01)
+    assert overridden["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert not any("assumed" in warning for warning in content["warnings"])
+
+
+def test_files_have_the_yaw_of_rig_toml_and_an_option_overrides_it(tf: Here, tmp_path: Path) -> None:
+    cell = USUAL.loadcell.model_copy(update={"yaw_deg": 30.0})
+    index = write_index(tmp_path, {"": sines(bench=replace(USUAL, loadcell=cell))})
+    with_option = found(tf, "--index", index, "--yaw-deg", 30)
+    (tmp_path / RIG_FILE).write_text(new_rig_text().replace("yaw_deg = -45.0", "yaw_deg = 30.0"))
+    with_rig = found(tf, "--index", index)
+
+    for content in (with_option, with_rig):
+        assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+
+
+def test_facts_that_nobody_stated_are_those_of_version_0_1_and_noted_once(
+    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text().replace("yaw_deg = -45.0", "yaw_deg = 30.0"))
+    for run in first[1:]:
+        write_run(tmp_path, run, facts=NONE_STATED)
+    content = found(tf)
+
+    assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assumed = [warning for warning in content["warnings"] if "assumed" in warning]
+    assert len(assumed) == 2
+    assert "an arm of 46 mm is assumed, as in version 0.1" in assumed[0]
+    assert "a yaw of -45 degrees on the load cell is assumed" in assumed[1]
 
 
 def test_the_static_gain_is_checked_against_the_thrust_map(

@@ -22,8 +22,7 @@ STILL: dict[str, Any] = {
     "loadcell": {"noise_std": (0.0,) * 6, "drift_per_s": (0.0,) * 6},
 }
 LATE = {"latency_s": 0.028, "jitter_s": 0.016}  # table 3.2: half of a round trip, and its deviation
-# The simulated vehicle stands on its load cell as its body axes do; the thesis turned it.
-IDENTIFY = ("tf", "identify", "--yaw-deg", 0)
+IDENTIFY = ("tf", "identify")
 
 
 def logged(bench: Bench, *words: object, longest_s: float) -> None:
@@ -48,7 +47,7 @@ def test_sines_that_were_logged_are_identified_and_verified(tmp_path: Path) -> N
         content = identified(bench, "--settle-s", 0.4)
         parameters = content["parameters"]
         last = max((tmp_path / RUNS_FOLDER).iterdir()).name
-        verified = bench.start("tf", "verify", last, "--yaw-deg", 0, "--settle-s", 0.4, "--no-figures")
+        verified = bench.start("tf", "verify", last, "--settle-s", 0.4, "--no-figures")
 
         assert parameters["tf.time_constant_s"]["value"] == pytest.approx(TRUTH.time_constant_s, rel=0.02)
         assert parameters["tf.static_gain_n"]["value"] == pytest.approx(SLOPE_N, rel=0.01)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
-from cfid.console.options import finite, flat, positive
-from cfid.console.recording import KeepOptions, record, rig_of
+from cfid.console.options import flat, positive
+from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
-from cfid.drag.wind.plan import KIND, WindSetting, missing_lines, recorded, setting_of
+from cfid.drag.wind.plan import KIND, AzimuthRad, WindSetting, azimuth, missing_lines, recorded, setting_of
 from cfid.errors import ConfigError, DataError
-from cfid.motors.command import LARGEST_COMMAND, Note, Resume, announce
+from cfid.motors.command import LARGEST_COMMAND, Note, announce
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -45,10 +46,11 @@ class WindOptions:
     fan_voltage: Annotated[
         float | None, typer.Option(metavar="V", help="At the generator's fan.", rich_help_panel=_WIND)
     ] = None
-    azimuth_rad: Annotated[
+    azimuth_deg: Annotated[
         float | None,
-        typer.Option(help="Of the generator about z; default: what the fit is told.", rich_help_panel=_WIND),
+        typer.Option(help="Of the generator, right of the vehicle's nose; default: rig.toml's.", rich_help_panel=_WIND),
     ] = None
+    azimuth_rad: AzimuthRad = None
 
     def setting(self) -> WindSetting:
         """Return the wind setting. Raises ConfigError for one that is not complete, or cannot be."""
@@ -61,14 +63,14 @@ class WindOptions:
             raise ConfigError(f"--wind {self.wind}: say --angle DEG too, the wind generator's to the vertical.")
         if not 0 <= self.angle <= _HIGHEST_DEG:
             raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {_HIGHEST_DEG:g} degrees.")
-        if self.azimuth_rad is not None:
-            finite(self.azimuth_rad, "--azimuth-rad")
+        from_deg = azimuth(self.azimuth_deg, self.azimuth_rad)
         fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage")
-        return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_rad=self.azimuth_rad)
+        return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
 
     def refuse(self, resume: Path) -> None:
         """Raise ConfigError where something is said that the run to be resumed says."""
-        if any(value is not None for value in (self.wind, self.angle, self.fan_voltage, self.azimuth_rad)):
+        given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg, self.azimuth_rad)
+        if any(value is not None for value in given):
             raise ConfigError(f"--resume {resume} goes on in the wind that it was recorded in: leave its options out.")
 
 
@@ -97,15 +99,11 @@ class SweepOptions:
         """Return the commands as a staircase of all motors. Raises ConfigError for what is none."""
         from cfid.rig.procedures import Staircase
 
-        words = [word.strip() for word in self.commands.split(",")]
-        if not all(word.isdecimal() and int(word) <= LARGEST_COMMAND for word in words):
-            raise ConfigError(
-                f"--commands {self.commands}: should be commands from 0 to {LARGEST_COMMAND}, as 0,10000."
-            )
-        if not any(map(int, words)):
+        steps = comma_list(self.commands, "--commands", int, least=0, most=LARGEST_COMMAND, example="0,10000")
+        if not any(steps):
             raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
         return Staircase(
-            steps=tuple(map(int, words)),
+            steps=steps,
             motors=_ALL_MOTORS,
             hold_s=positive(self.hold, "--hold"),
             rest_s=positive(self.rest, "--rest"),
@@ -119,7 +117,7 @@ def wind(
     sweep: SweepOptions,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
-    resume: Resume = None,
+    resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
@@ -135,7 +133,7 @@ def wind(
     from cfid.rig.ready_instruments import typed_readings
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    resumed = None if resume is None else interrupted(resume, campaign, kind=KIND)
+    resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
     setting, wanted = _wanted(options, sweep, resumed)
     asks = sweep.tachometer == "typed" and setting.max_mps > 0
     if sweep.dry_run:
@@ -153,12 +151,10 @@ def wind(
 
 
 def _speeds(text: str) -> tuple[float, float]:
-    words = text.split(",")
-    try:
-        low, high = (float(word) for word in (words if len(words) > 1 else 2 * words))
-    except ValueError:
-        low = high = -1.0
-    if not 0 <= low <= high <= _FASTEST_MPS:
+    example = "2.0,3.7, or 0 for references"
+    low, *others = comma_list(text, "--wind", float, least=0, most=_FASTEST_MPS, example=example)
+    high = others[-1] if others else low
+    if len(others) > 1 or low > high:
         raise ConfigError(f"--wind {text}: should be the lowest and the highest speed in m/s, as 2.0,3.7, or 0.")
     return low, high
 
@@ -192,6 +188,7 @@ def _plan(
         kind=KIND,
         label=Label(note=note),
         procedure=_procedure(wanted, live, asks=asks),
+        facts=campaign.rig.facts,
         asked={**wanted.asked, **setting.asked},
         simulated=simulated,
     )

@@ -1,5 +1,6 @@
 """The files of `cfid fit drag`: an index of recordings, a row a run, and a table of forces that are reduced already."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from cfid.records.parameters import Source
 
 INDEX_COLUMNS = ("command", "angle_deg", "wind_min_mps", "wind_max_mps", "tach_rpm", "loadcell")
-INDEX_MAY_HAVE = ("azimuth_rad", "from_s", "to_s")
+INDEX_MAY_HAVE = ("azimuth_deg", "azimuth_rad", "from_s", "to_s")
 TABLE_COLUMNS = (
     "command", "angle_deg", "vx_mps", "vy_mps", "vz_mps", "speed_sum_rad_s", "fx_n", "fy_n", "fz_n",
 )  # fmt: skip
@@ -29,7 +30,7 @@ class WindRow(NamedTuple):
     max_mps: float
     tach_rpm: float | None
     loadcell: Path
-    azimuth_rad: float | None
+    azimuth_deg: float | None
     window_s: tuple[float, float] | None
 
 
@@ -84,13 +85,20 @@ def _row(row: IndexRow) -> WindRow:
         max_mps=row.number("wind_max_mps"),
         tach_rpm=_maybe(row, "tach_rpm"),
         loadcell=row.file("loadcell"),
-        azimuth_rad=_maybe(row, "azimuth_rad"),
+        azimuth_deg=_azimuth_deg(row),
         window_s=_window_s(row),
     )
 
 
 def _maybe(row: IndexRow, column: str) -> float | None:
     return row.number(column) if row.fields.get(column) else None
+
+
+def _azimuth_deg(row: IndexRow) -> float | None:
+    in_deg, in_rad = _maybe(row, "azimuth_deg"), _maybe(row, "azimuth_rad")
+    if in_deg is not None and in_rad is not None:
+        raise row.fault("azimuth_deg and azimuth_rad are the same: fill one of them.")
+    return in_deg if in_rad is None else math.degrees(in_rad)
 
 
 def _window_s(row: IndexRow) -> tuple[float, float] | None:

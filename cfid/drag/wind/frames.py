@@ -3,7 +3,7 @@
 Stated once, for all of drag:
 
 - The body frame has x forward, y left, z up (along the thrust). The load cell is turned about z against it:
-  F_body = Rz(+yaw) F_sensor; the thesis' yaw is 45 degrees.
+  F_body = Rz(+yaw) F_sensor; the thesis' yaw in wind is 45 degrees (see `turn_about_z`).
 - v is the velocity of the vehicle relative to the air, in the body frame: against the wind it is held in. Wind from
   straight above (angle 0) is a climb, so v_z > 0.
 - An angle is that of the wind generator to the vertical, an azimuth that of its place about z:
@@ -19,12 +19,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.motors.points import rotor_speed_rad_s
+from cfid.records.frames import rotation_about_z
 from cfid.units import ROTORS
 
 Array = npt.NDArray[np.float64]
 
-AZIMUTH_RAD = 0.4967  # C.3.1, from figure 4.9
-YAW_RAD = math.pi / 4  # C.3.1, prepare_data
+AZIMUTH_DEG = math.degrees(0.4967)  # C.3.1, from figure 4.9
+YAW_DEG = 45.0  # C.3.1, prepare_data
 MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
 
 
@@ -54,21 +55,11 @@ def velocity_in_air(*, speed_mps: npt.ArrayLike, angle_rad: npt.ArrayLike, azimu
     return np.stack([lateral * np.cos(azimuth), -lateral * np.sin(azimuth), speed * np.cos(angle)], axis=-1)
 
 
-def body_from_sensor(vector: Array, *, yaw_rad: float) -> Array:
-    """Turn vectors (..., 3) from the load cell's frame to the body frame, by Rz(+yaw) (C.3.1, prepare_data)."""
-    return np.asarray(vector @ _turn(yaw_rad).T)
+def std_turned_about_z(std: Array, *, yaw_deg: float) -> Array:
+    """Return the standard uncertainties (..., 3) on the body's axes of independent ones on the load cell's axes."""
+    return np.asarray(np.sqrt(std**2 @ (rotation_about_z(yaw_deg) ** 2).T))
 
 
-def body_std_from_sensor(std: Array, *, yaw_rad: float) -> Array:
-    """Return the deviations (..., 3) on the body's axes of independent ones on the load cell's axes."""
-    return np.asarray(np.sqrt(std**2 @ (_turn(yaw_rad) ** 2).T))
-
-
-def speed_sum_rad_s(shown_rpm: npt.ArrayLike, *, markers: int = MARKERS, rotors: int = ROTORS) -> Array:
+def speed_sum_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike = MARKERS, rotors: int = ROTORS) -> Array:
     """Return the sum of the rotors' speeds of what a tachometer shows (n,) at one, all turning alike (C.3.1)."""
     return rotors * rotor_speed_rad_s(shown_rpm, markers=markers)
-
-
-def _turn(yaw_rad: float) -> Array:
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -1,18 +1,33 @@
 """A run of `cfid log wind`: what was asked of it, and which of the thesis' runs a campaign has already."""
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cfid.errors import DataError
+import typer
+
+from cfid.console.options import finite
+from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.drag.wind.campaign_plan import PlannedRun
     from cfid.records.run import Run
 
 KIND = "wind"
+
+AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="The azimuth in radians, as version 0.1 had it.")]
+
+
+def azimuth(in_deg: float | None, in_rad: float | None) -> float | None:
+    """Return the azimuth in degrees that --azimuth-deg or --azimuth-rad states. Raises ConfigError for both."""
+    if in_deg is not None and in_rad is not None:
+        raise ConfigError("--azimuth-deg and --azimuth-rad are the same: give one of them.")
+    if in_rad is not None:
+        return math.degrees(finite(in_rad, "--azimuth-rad"))
+    return None if in_deg is None else finite(in_deg, "--azimuth-deg")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +38,7 @@ class WindSetting:
     fan_v: float
     min_mps: float
     max_mps: float
-    azimuth_rad: float | None = None
+    azimuth_deg: float | None = None
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -33,7 +48,7 @@ class WindSetting:
             "fan_v": self.fan_v,
             "wind_min_mps": self.min_mps,
             "wind_max_mps": self.max_mps,
-            "azimuth_rad": self.azimuth_rad,
+            "azimuth_deg": self.azimuth_deg,
         }
         return {name: value for name, value in told.items() if value is not None}
 
@@ -58,10 +73,17 @@ def setting_of(run: "Run") -> WindSetting:
             fan_v=float(asked.get("fan_v", 0.0)),
             min_mps=float(asked["wind_min_mps"]),
             max_mps=float(asked["wind_max_mps"]),
-            azimuth_rad=None if asked.get("azimuth_rad") is None else float(asked["azimuth_rad"]),
+            azimuth_deg=_azimuth_deg(asked),
         )
     except (KeyError, TypeError, ValueError):
         raise DataError(f"{run.folder}: is no run of `cfid log wind` that says its wind.") from None
+
+
+def _azimuth_deg(asked: Mapping[str, Any]) -> float | None:
+    """Return the azimuth that a run states; version 0.1 wrote it in radians."""
+    if asked.get("azimuth_rad") is not None:
+        return math.degrees(asked["azimuth_rad"])
+    return None if asked.get("azimuth_deg") is None else float(asked["azimuth_deg"])
 
 
 def recorded(runs: "Sequence[Run]") -> "list[PlannedRun]":

@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from cfid.console.facts import assumed
 from cfid.console.options import positive
 from cfid.drag.wind.files import WindRow
+from cfid.drag.wind.frames import AZIMUTH_DEG, MARKERS, YAW_DEG
 from cfid.drag.wind.plan import WindSetting
 from cfid.errors import CfidError, FitError
 from cfid.findings import texts
 from cfid.motors.vibration.data import Rotors, VibrationRecord
+from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.units import DEAD_COMMAND, RPM
 
 if TYPE_CHECKING:
@@ -33,11 +36,12 @@ _AT_ONCE = 2  # files: while one waits for the disk or is parsed, another is ave
 
 @dataclass(frozen=True, kw_only=True)
 class Recordings:
-    """How recordings are read and averaged, and how many markers the tachometer counted."""
+    """How recordings are read and averaged, and which facts of the rig options state; an index has those of `rig`."""
 
     reading: "WrenchReading"
     method: str
-    markers: int
+    given: RigFacts = NONE_STATED
+    rig: RigFacts = NONE_STATED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +69,7 @@ def _reduce_row(row: WindRow, how: Recordings) -> Reduced:
     from cfid.drag.wind.mean_forces import MeanForce
     from cfid.records.tables.wrench import read_wrench
 
-    record = read_wrench(row.loadcell, how.reading)
+    record, facts = read_wrench(row.loadcell, how.reading), how.given.over(how.rig)
     name = f"{row.where} {row.loadcell.name}"
     notes = [note.removeprefix(f"{record.path.name}: ") for note in record.notes]
     mean, shown = MeanForce(np.zeros(3), np.zeros(3), (0.0, 0.0)), 0.0
@@ -74,13 +78,14 @@ def _reduce_row(row: WindRow, how: Recordings) -> Reduced:
         notes += [mean.note] if mean.note else []
         if not row.tach_rpm and row.max_mps > 0:
             notes.append(HEARD)
-        shown = shown_rpm(row.tach_rpm, record, mean, how, name=name, windy=row.max_mps > 0)
-    run = wind_run(mean, shown, name=name, command=row.command, place=row)
+        shown = shown_rpm(row.tach_rpm, record, mean, facts, name=name, windy=row.max_mps > 0)
+    run = wind_run(mean, shown, facts, name=name, command=row.command, place=row)
+    notes += assumptions(facts, row, typed=bool(row.tach_rpm))
     return Reduced(runs=(run,), notes=tuple(notes), sources=(record.source,))
 
 
 def shown_rpm(
-    typed: float | None, record: "WrenchRecord", mean: "MeanForce", how: Recordings, *, name: str, windy: bool
+    typed: float | None, record: "WrenchRecord", mean: "MeanForce", facts: RigFacts, *, name: str, windy: bool
 ) -> float:
     """Return a tachometer's reading, or what it would show by what is heard; a reference needs none.
 
@@ -104,7 +109,7 @@ def shown_rpm(
     if not heard.accepted:
         reasons = " ".join(texts(heard.findings, "rejection"))
         raise FitError(f"{name}: {_UNHEARD}: {reasons} Give the reading.")
-    return how.markers * heard.speed_rad_per_s / RPM
+    return (facts.tachometer.markers or MARKERS) * heard.speed_rad_per_s / RPM
 
 
 def _turning(rate_hz: float) -> tuple[float, float] | None:
@@ -112,10 +117,26 @@ def _turning(rate_hz: float) -> tuple[float, float] | None:
     return (_SLOWEST_RAD_S, _USUAL_RAD_S) if rate_hz < _HEARD_ANY_FROM_HZ else None
 
 
-def wind_run(mean: "MeanForce", shown: float, *, name: str, command: int, place: WindRow | WindSetting) -> "WindRun":
-    """Return a mean force with what was set and read."""
+def assumptions(facts: RigFacts, place: WindRow | WindSetting, *, typed: bool) -> list[str]:
+    """Return notes on the facts that a run in wind or a reference needs and nobody stated."""
+    windy, notes = place.max_mps > 0, []
+    if facts.yaw_in_wind_deg is None:
+        notes.append(assumed(f"a yaw of {YAW_DEG:g} degrees on the load cell is", "--yaw-deg"))
+    if windy and place.azimuth_deg is None and facts.wind.azimuth_deg is None:
+        notes.append(assumed(f"an azimuth of {AZIMUTH_DEG:.2f} degrees is", "--azimuth-deg"))
+    if windy and typed and facts.tachometer.markers is None:
+        notes.append(assumed(f"{MARKERS} markers of the tachometer are", "--markers"))
+    return notes
+
+
+def wind_run(
+    mean: "MeanForce", shown: float, facts: RigFacts, *, name: str, command: int, place: WindRow | WindSetting
+) -> "WindRun":
+    """Return a mean force with what was set and read, and how vehicle and wind generator stood."""
     from cfid.drag.wind.reduction import WindRun
 
+    azimuth_deg = facts.wind.azimuth_deg if place.azimuth_deg is None else place.azimuth_deg
+    yaw_deg = facts.yaw_in_wind_deg
     return WindRun(
         name=name,
         command=command,
@@ -123,9 +144,11 @@ def wind_run(mean: "MeanForce", shown: float, *, name: str, command: int, place:
         min_mps=place.min_mps,
         max_mps=place.max_mps,
         shown_rpm=shown,
-        force_n=mean.force_n,
+        force_n=mean.force_n * (1, 1, -1 if facts.loadcell.flip_fz else 1),
         force_std_n=mean.std_n,
-        azimuth_rad=place.azimuth_rad,
+        azimuth_deg=AZIMUTH_DEG if azimuth_deg is None else azimuth_deg,
+        yaw_deg=YAW_DEG if yaw_deg is None else yaw_deg,
+        markers=facts.tachometer.markers or MARKERS,
     )
 
 

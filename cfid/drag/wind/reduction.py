@@ -10,17 +10,17 @@ import numpy.typing as npt
 
 from cfid.drag.experiments import UNSTATED_WIND_STD, DragExperiments
 from cfid.drag.wind.frames import (
-    AZIMUTH_RAD,
+    AZIMUTH_DEG,
     MARKERS,
-    YAW_RAD,
-    body_from_sensor,
-    body_std_from_sensor,
+    YAW_DEG,
     speed_sum_rad_s,
+    std_turned_about_z,
     velocity_in_air,
     wind_speed,
 )
 from cfid.drag.wind.swaps import Filed, swap_doubts
 from cfid.errors import DataError
+from cfid.records.frames import turn_about_z
 from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ class WindRun:
     """One run: what the operator set and read, and its mean force (3,) with deviation, in the load cell's frame.
 
     The force is that of a steady stretch less the tare. A reference has wind 0 to 0; its angle does not matter.
-    `azimuth_rad` is asked for where it is not that of the whole campaign.
+    `yaw_deg` turns it into the body frame; the wind came from `azimuth_deg`; the tachometer counted `markers` a turn.
     """
 
     name: str
@@ -45,7 +45,19 @@ class WindRun:
     shown_rpm: float
     force_n: Array
     force_std_n: Array
-    azimuth_rad: float | None = None
+    azimuth_deg: float = AZIMUTH_DEG
+    yaw_deg: float = YAW_DEG
+    markers: int = MARKERS
+
+    @property
+    def force_in_body_n(self) -> Array:
+        """The force (3,) in the body frame."""
+        return turn_about_z(self.force_n, yaw_deg=self.yaw_deg)
+
+    @property
+    def force_std_in_body_n(self) -> Array:
+        """Its standard uncertainty (3,) on the body's axes."""
+        return std_turned_about_z(self.force_std_n, yaw_deg=self.yaw_deg)
 
     @property
     def windy(self) -> bool:
@@ -74,9 +86,7 @@ class _Reference(NamedTuple):
     std_n: Array
 
 
-def reduce_runs(
-    runs: Sequence[WindRun], *, azimuth_rad: float = AZIMUTH_RAD, yaw_rad: float = YAW_RAD, markers: int = MARKERS
-) -> Reduction:
+def reduce_runs(runs: Sequence[WindRun]) -> Reduction:
     """Turn forces into the body frame and subtract the mean of the references at the same command (section 4.4.3).
 
     At the same command whatever the angle: the thesis has one series without wind for all three. Runs with standing
@@ -87,10 +97,10 @@ def reduce_runs(
     _check(runs)
     standing = [run for run in runs if run.windy and run.standing]
     windy = [run for run in runs if run.windy and not run.standing]
-    references = _references([run for run in runs if not run.windy], yaw_rad=yaw_rad)
+    references = _references([run for run in runs if not run.windy])
     _check_angles(runs)
     _check_references(windy, references)
-    experiments, notes = _experiments(windy, references, azimuth_rad=azimuth_rad, yaw_rad=yaw_rad, markers=markers)
+    experiments, notes = _experiments(windy, references)
     if standing:
         notes = (*notes, f"{len(standing)} run(s) in wind with standing rotors hold no drag of rotors: not used.")
     names = tuple(run.name for run in windy)
@@ -100,27 +110,24 @@ def reduce_runs(
 
 
 def _experiments(
-    windy: Sequence[WindRun],
-    references: Mapping[int, _Reference],
-    *,
-    azimuth_rad: float,
-    yaw_rad: float,
-    markers: int,
+    windy: Sequence[WindRun], references: Mapping[int, _Reference]
 ) -> tuple[DragExperiments, tuple[str, ...]]:
     speed = wind_speed(min_mps=[run.min_mps for run in windy], max_mps=[run.max_mps for run in windy])
-    azimuth = [azimuth_rad if run.azimuth_rad is None else run.azimuth_rad for run in windy]
+    azimuth = np.array([run.azimuth_deg for run in windy])
     angle = np.array([run.angle_deg for run in windy], dtype=np.float64)
     settings = np.stack([angle, azimuth, speed.mean_mps, speed.std_mps], axis=1)
     spread, notes = _relative_spread(speed.std_mps / speed.mean_mps)
     thrusts = [references[run.command] for run in windy]
-    own = body_std_from_sensor(np.array([run.force_std_n for run in windy]), yaw_rad=yaw_rad)
+    own = np.array([run.force_std_in_body_n for run in windy])
     known = bool(np.all(own > 0))
     experiments = DragExperiments(
         command=np.array([run.command for run in windy], dtype=np.float64),
         angle_deg=angle,
-        velocity_mps=velocity_in_air(speed_mps=speed.mean_mps, angle_rad=np.radians(angle), azimuth_rad=azimuth),
-        speed_sum_rad_s=speed_sum_rad_s([run.shown_rpm for run in windy], markers=markers),
-        force_n=_in_body(windy, yaw_rad=yaw_rad) - np.array([thrust.force_n for thrust in thrusts]),
+        velocity_mps=velocity_in_air(
+            speed_mps=speed.mean_mps, angle_rad=np.radians(angle), azimuth_rad=np.radians(azimuth)
+        ),
+        speed_sum_rad_s=speed_sum_rad_s([run.shown_rpm for run in windy], markers=[run.markers for run in windy]),
+        force_n=np.array([run.force_in_body_n for run in windy]) - np.array([thrust.force_n for thrust in thrusts]),
         force_std_n=own if known else np.ones_like(own),
         reference_std_n=np.array([thrust.std_n for thrust in thrusts]) if known else np.ones_like(own),
         noise_known=known,
@@ -130,18 +137,14 @@ def _experiments(
     return experiments, notes
 
 
-def _in_body(runs: Sequence[WindRun], *, yaw_rad: float) -> Array:
-    return body_from_sensor(np.array([run.force_n for run in runs]), yaw_rad=yaw_rad)
-
-
-def _references(runs: Sequence[WindRun], *, yaw_rad: float) -> dict[int, _Reference]:
+def _references(runs: Sequence[WindRun]) -> dict[int, _Reference]:
     found = {}
     for command in {run.command for run in runs}:
         there = [run for run in runs if run.command == command]
-        std = body_std_from_sensor(np.array([run.force_std_n for run in there]), yaw_rad=yaw_rad)
+        std = np.array([run.force_std_in_body_n for run in there])
         found[command] = _Reference(
             name=", ".join(run.name for run in there),
-            force_n=_in_body(there, yaw_rad=yaw_rad).mean(axis=0),
+            force_n=np.mean([run.force_in_body_n for run in there], axis=0),
             std_n=np.linalg.norm(std, axis=0) / len(there),
         )
     return found

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.drag.wind.plan import setting_of
-from cfid.drag.wind.recordings import HEARD, Recordings, Reduced, shown_rpm, wind_run
+from cfid.drag.wind.recordings import HEARD, Recordings, Reduced, assumptions, shown_rpm, wind_run
 from cfid.errors import CfidError, DataError, FitError
 
 if TYPE_CHECKING:
@@ -35,16 +35,18 @@ def reduce_run(path: Path, how: Recordings) -> Reduced:
     began_s = begin_s(run.device_file(LOADCELL))
     points, said, source = _settled(run, record, began_s)
     readings = read_rows(run, READINGS) if holds(run, READINGS) else None
+    facts = how.given.over(run.header.rig)
+    said += assumptions(facts, setting, typed=readings is not None)
     windy, runs, kept, unheard = setting.max_mps > 0, [], [], []
     for point in points:
         typed, mean, name = _typed(readings, began_s, point), of_point(point), f"{record.name} command {point.command}"
         try:
-            shown = shown_rpm(typed, record, mean, how, name=name, windy=windy)
+            shown = shown_rpm(typed, record, mean, facts, name=name, windy=windy)
         except FitError as error:
             unheard.append(error)
             continue
         said += [HEARD] if windy and not typed else []
-        runs.append(wind_run(mean, shown, name=name, command=point.command or 0, place=setting))
+        runs.append(wind_run(mean, shown, facts, name=name, command=point.command or 0, place=setting))
         kept.append(point)
     if not runs:
         raise unheard[0]

@@ -1,23 +1,21 @@
 """`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: steady points of the motors to maps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.inputs import open_workplace
+from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, GravityMps2, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
-from cfid.errors import ConfigError, FitError
-from cfid.findings import rejection
-from cfid.motors.maps.evidence import StandOptions
-from cfid.motors.maps.inputs import read_evidence
-from cfid.motors.maps.outcome import by_speed, by_voltage, deliver_map, noted_first, verified
+from cfid.console.outcome import deliver
+from cfid.errors import ConfigError
+from cfid.motors.maps.options import StandOptions
 from cfid.motors.vibration.command import RotorOptions
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import Order
-    from cfid.motors.maps.inverse import MaximumThrust
+    from cfid.records.result import Result
 
 Words = Annotated[
     list[str] | None,
@@ -68,61 +66,20 @@ def thrust(
 
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """
-    from cfid.motors.maps import result as told
-    from cfid.motors.maps.estimation import fit_thrust
-    from cfid.motors.maps.inverse import invert, maximum_thrust
+    from cfid.motors.maps import fit_thrust
+    from cfid.motors.maps.inputs import read_evidence
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    gravity = workplace.rig.site.gravity_mps2
-    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
-    order = fit.chosen(2)
-    with noted_first(found):
-        mapped = fit_thrust(
-            found.points, method=method, order=order, robust=fit.robust, expected=found.expected or None
-        )
-    most = maximum_thrust(mapped, gravity_mps2=gravity)
-    parameters, lines = told.map_parameters(mapped), told.map_lines(mapped)
-    findings = [*most.findings]
-    given: MaximumThrust | None = None
-    try:
-        inverse = invert(mapped)
-        parameters |= told.inverse_parameters(inverse, most)
-        lines += [] if told.is_rejected(mapped) else told.inverse_lines(inverse, most)
-        given = most
-        findings += inverse.findings
-    except FitError as error:
-        findings.append(rejection("inverse-not-given", str(error), "motor.command_of_thrust"))
-    voltage, about_voltage = by_voltage(found, max_thrust_n=given.thrust_n if given else None)
-    if voltage is not None:
-        parameters |= told.voltage_parameters(voltage)
-    over_speed, about_speed = by_speed(found, method, robust=fit.robust)
-    if over_speed is not None:
-        parameters |= told.speed_parameters(over_speed)
-    verification, about_scales = verified(verify, mapped, stand, workplace)
-    if verification is not None:
-        lines += told.verification_lines(verification)
-    deliver_map(
-        "fit thrust",
-        mapped,
-        found,
-        wanted="motor.thrust_poly",
-        parameters={**parameters, **told.table_parameter(found.points)},
-        covariances=told.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
-        lines=lines,
-        findings=(*findings, *about_voltage, *about_speed, *about_scales),
-        workplace=workplace,
-        delivery=delivery,
-        verification=verification,
-        over_speed=over_speed,
-        voltage=voltage,
-        quality={
-            "voltage_rms_n": voltage.voltage_rms if voltage else None,
-            "command_rms_n": voltage.command_rms if voltage else None,
-            "better_form": voltage.better if voltage else None,
-            "verification_rms_n": verification.rms_n if verification else None,
-            "verification_rms_percent": verification.rms_percent if verification else None,
-        },
+    result = fit_thrust(
+        read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method),
+        gravity_mps2=workplace.rig.site.gravity_mps2,
+        order=fit.chosen(2),
+        robust=fit.robust,
+        stand=stand.known(),
+        scales=None if verify is None else find_recording(str(verify), workplace),
+        method=method,
     )
+    _deliver(result, workplace, delivery)
 
 
 @flat
@@ -144,31 +101,18 @@ def speed(
 
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
-    from cfid.motors.maps import result as told
-    from cfid.motors.maps.estimation import fit_speed
+    from cfid.motors.maps import fit_speed
+    from cfid.motors.maps.inputs import read_evidence
 
     rotors = vibration.rotors_known()
     workplace = open_workplace(rig)
-    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="speed", method=method, rotors=rotors)
-    with noted_first(found):
-        mapped = fit_speed(
-            found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
-        )
-    over_speed, about_speed = by_speed(found, method, robust=fit.robust)
-    parameters = told.map_parameters(mapped) | (told.speed_parameters(over_speed) if over_speed else {})
-    deliver_map(
-        "fit speed",
-        mapped,
-        found,
-        wanted="motor.speed_poly",
-        parameters={**parameters, **told.table_parameter(found.points)},
-        covariances=told.covariances(mapped, over_speed=over_speed),
-        lines=told.map_lines(mapped),
-        findings=about_speed,
-        workplace=workplace,
-        delivery=delivery,
-        over_speed=over_speed,
+    result = fit_speed(
+        read_evidence(runs or [], stand, reading, scale, workplace, kind="speed", method=method, rotors=rotors),
+        order=fit.chosen(1),
+        robust=fit.robust,
+        method=method,
     )
+    _deliver(result, workplace, delivery)
 
 
 @flat
@@ -187,25 +131,14 @@ def torque(
 
     Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
     """
-    from cfid.motors.maps import result as told
-    from cfid.motors.maps.estimation import fit_torque
+    from cfid.motors.maps import fit_torque
+    from cfid.motors.maps.inputs import read_evidence
 
     workplace = open_workplace(rig)
     found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
-    with noted_first(found):
-        mapped = fit_torque(
-            found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
-        )
-    parameters = {**told.map_parameters(mapped), **told.table_parameter(found.points)}
-    deliver_map(
-        "fit torque",
-        mapped,
-        found,
-        wanted="motor.torque_poly",
-        parameters=parameters,
-        covariances=told.covariances(mapped),
-        lines=told.map_lines(mapped),
-        findings=(),
-        workplace=workplace,
-        delivery=delivery,
-    )
+    _deliver(fit_torque(found, order=fit.chosen(1), robust=fit.robust, method=method), workplace, delivery)
+
+
+def _deliver(result: "Result", workplace: Workplace, delivery: Delivery) -> None:
+    folder = result.folder if workplace.campaign is None else workplace.figures_beside(())
+    deliver(replace(result, folder=folder), delivery, workplace.campaign)

@@ -11,13 +11,12 @@ from cfid.errors import CfidError, DataError
 from cfid.estimate.staircase import FZ, NeverRanError, reduce_single, reduce_staircase
 from cfid.findings import Finding, warning
 from cfid.motors.data import RunStaircase, channels_of, reduce_run
-from cfid.motors.maps.evidence import Evidence, Reduced, StandOptions, line_of, recording, staircase_findings
+from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, staircase_findings
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
 from cfid.records.run import Run
-from cfid.records.tables.times import run_at
 from cfid.records.tables.vehicle import (
     READINGS,
     VEHICLE_LOG,
@@ -33,14 +32,14 @@ Array = npt.NDArray[np.float64]
 
 
 def of_file(
-    command: int, path: Path, stand: StandOptions, reading: WrenchReading, *, method: str, rotors: Rotors | None = None
+    command: int, path: Path, stand: Stand, reading: WrenchReading, *, method: str, rotors: Rotors | None = None
 ) -> Evidence:
     """Reduce a load cell's file of one command between two pauses, as the thesis has them."""
     record = read_wrench(path, reading)
     if command == 0:  # motors that stand give nothing, whatever the cell's bias is
         zero = np.zeros(1)
         return _plain(record, MotorPoints(command=zero, thrust_n=zero, torque_nm=zero))
-    channels = channels_of(record, flip_fz=stand.flip_fz)
+    channels = channels_of(record, flip_fz=bool(stand.flip_fz))
     try:
         if method == "thesis" and stand.window_s is not None:
             return _plain(record, _thesis_point(command, record.time_s, channels, stand.window_s, stand.motors or 1))
@@ -53,7 +52,7 @@ def of_file(
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
     staircase = RunStaircase(record=record, reduced=found, run=None, began_s=math.nan, sources=(record.source,))
-    return _evidence(staircase, stand.motors or 1, flip_fz=stand.flip_fz, rotors=rotors)
+    return _evidence(staircase, stand.motors or 1, flip_fz=bool(stand.flip_fz), rotors=rotors)
 
 
 def _thesis_point(
@@ -76,26 +75,24 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
     )
 
 
-def of_run(path: Path, stand: StandOptions, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
+def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
     """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
-    run = run_at(path)
-    if run is None:
-        raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
+    stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)
     if holds(run, READINGS) and "rpm" in run.header.devices[READINGS].columns:
         return _of_readings(run, stand)
     if holds(run, VEHICLE_LOG):
         return _of_speeds(run)
-    raise DataError(f"{path}: a run of {run.header.kind}, in which no motor was measured.")
+    raise DataError(f"{run.folder}: a run of {run.header.kind}, in which no motor was measured.")
 
 
-def _of_staircase(record: WrenchRecord, stand: StandOptions, rotors: Rotors | None) -> Evidence:
+def _of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None) -> Evidence:
     """Take the steps of a run on the load cell."""
-    found = reduce_run(record, flip_fz=stand.flip_fz)
+    found = reduce_run(record, flip_fz=bool(stand.flip_fz))
     assert found.run is not None
     expected = tuple(int(step) for step in found.run.header.asked.get("steps", ()) if step)
-    return _evidence(found, None, flip_fz=stand.flip_fz, expected=expected, rotors=rotors)
+    return _evidence(found, None, flip_fz=bool(stand.flip_fz), expected=expected, rotors=rotors)
 
 
 def _evidence(
@@ -128,12 +125,13 @@ def _evidence(
     )
 
 
-def _of_readings(run: Run, stand: StandOptions) -> Evidence:
+def _of_readings(run: Run, stand: Stand) -> Evidence:
     """Take the tachometer readings that the operator typed."""
     rows = read_rows(run, READINGS)
-    speed = rotor_speed_rad_s(rows.columns["rpm"], markers=stand.markers)
+    speed, findings = stand.divided(rotor_speed_rad_s(rows.columns["rpm"], markers=1), run.folder.name)
     return Evidence(
         points=MotorPoints(command=rows.columns["command"], speed_rad_s=speed),
+        findings=findings,
         sources=(rows.source,),
         paths=(run.folder,),
     )

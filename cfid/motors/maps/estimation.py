@@ -262,7 +262,7 @@ def _thesis_points(measured: Measured, key: str) -> tuple[Measured, tuple[Findin
 
 def _scatter(fit: PolynomialFit, command: Array, key: str) -> Iterable[Finding]:
     """Report how well the points agree with each other, and which stand apart."""
-    if fit.freedom == 0:
+    if fit.degrees_of_freedom == 0:
         text = f"{len(command)} points fix all coefficients and leave nothing to judge them by."
         yield warning("map-without-freedom", text, key)
     if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:

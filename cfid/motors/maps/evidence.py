@@ -1,58 +1,45 @@
-"""Steady points of one motor and where they come from, with the options that say what files cannot."""
+"""Steady points of one motor and where they come from, with what files cannot say of themselves."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+import numpy as np
+import numpy.typing as npt
 
-from cfid.errors import ConfigError
+from cfid.estimate.staircase import Point, Staircase
 from cfid.findings import Finding, note, warning
+from cfid.motors.points import MotorPoints, joined
+from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
+from cfid.records.parameters import Source
 
-if TYPE_CHECKING:
-    from cfid.estimate.staircase import Staircase
-    from cfid.motors.points import MotorPoints
-    from cfid.records.parameters import Source
+Array = npt.NDArray[np.float64]
 
-_INPUT = "What was measured"
+_ASSUMED = (
+    "1 marker of the tachometer is assumed, as in version 0.1: no rig.toml stated it when this was recorded, and it "
+    "was not given."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StandOptions:
-    """What files cannot say of themselves."""
+class Stand:
+    """What files cannot say of themselves: motors that ran, markers of a tachometer, a window by hand, Fz downwards."""
 
-    table: Annotated[
-        Path | None,
-        typer.Option(help="A table: cmd, thrust_n, ...; a thrust stand's CSV file.", rich_help_panel=_INPUT),
-    ] = None
-    motors: Annotated[
-        int | None,
-        typer.Option(min=1, max=4, help="How many motors ran in files; a run knows it.", rich_help_panel=_INPUT),
-    ] = None
-    markers: Annotated[
-        int, typer.Option(min=1, help="Reflective markers on the propeller.", rich_help_panel=_INPUT)
-    ] = 1
-    window: Annotated[
-        str | None,
-        typer.Option(metavar="FROM:TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
-    ] = None
-    flip_fz: Annotated[
-        bool, typer.Option("--flip-fz", help="Fz counts downwards: change its sign.", rich_help_panel=_INPUT)
-    ] = False
+    motors: int | None = None
+    markers: int | None = None
+    window_s: tuple[float, float] | None = None
+    flip_fz: bool | None = None
 
-    @property
-    def window_s(self) -> tuple[float, float] | None:
-        """The window by hand. Raises ConfigError for one that makes no sense."""
-        if self.window is None:
-            return None
-        try:
-            from_s, to_s = (float(word) for word in self.window.split(":"))
-        except ValueError:
-            raise ConfigError(f"--window {self.window}: should be FROM:TO in seconds, as 4:8.") from None
-        if not 0 <= from_s < to_s < float("inf"):
-            raise ConfigError(f"--window {self.window}: should begin at 0 or later and end after its begin.")
-        return from_s, to_s
+    def where(self, facts: RigFacts) -> "Stand":
+        """Return it with the facts of a rig that it does not state."""
+        given = RigFacts(loadcell=LoadCellMount(flip_fz=self.flip_fz), tachometer=Tachometer(markers=self.markers))
+        known = given.over(facts)
+        return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz)
+
+    def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
+        """Return speeds (n,) of those that a tachometer shows, and a finding where nobody stated its markers."""
+        findings = (warning("markers-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
+        return shown / (self.markers or 1), findings if self.markers is None else ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +47,9 @@ class Reduced:
     """A record of the load cell that was reduced, for its figure; `thrust` is the place of that channel."""
 
     name: str
-    time_s: Any
-    thrust_n: Any
-    staircase: "Staircase"
+    time_s: Array
+    thrust_n: Array
+    staircase: Staircase
     thrust: int = 2
 
 
@@ -70,11 +57,11 @@ class Reduced:
 class Evidence:
     """Steady points of one motor, their battery voltages where known, and where they come from."""
 
-    points: "MotorPoints"
-    vbat_v: Any = None
+    points: MotorPoints
+    vbat_v: Array | None = None
     lines: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    sources: "tuple[Source, ...]" = ()
+    sources: tuple[Source, ...] = ()
     reduced: tuple[Reduced, ...] = ()
     paths: tuple[Path, ...] = ()
     expected: tuple[int, ...] = ()
@@ -82,10 +69,6 @@ class Evidence:
 
 def together(parts: Sequence[Evidence]) -> Evidence:
     """Put the points of several files and runs one after another."""
-    import numpy as np
-
-    from cfid.motors.points import joined
-
     volts = None
     if any(part.vbat_v is not None for part in parts):
         blank = [np.full(len(part.points.command), np.nan) for part in parts]
@@ -100,7 +83,7 @@ def together(parts: Sequence[Evidence]) -> Evidence:
     )
 
 
-def line_of(point: Any, name: str) -> str:
+def line_of(point: Point, name: str) -> str:
     """Return where a step was averaged, or why it was not."""
     window = f"{point.begin_s:7.2f} to {point.end_s:7.2f} s"
     how = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
@@ -112,12 +95,12 @@ def recording(notes: Iterable[str]) -> tuple[Finding, ...]:
     return tuple(warning("recording", text) for text in notes)
 
 
-def staircase_findings(found: "Staircase", name: str) -> tuple[Finding, ...]:
+def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
     """Return what is found about the means of a staircase, and how far the load cell drifted."""
     return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
 
 
-def _drift(found: "Staircase") -> list[Finding]:
+def _drift(found: Staircase) -> list[Finding]:
     if found.tare_after is None:
         return []
     moved = found.tare_after.mean[2] - found.tare_before.mean[2] if len(found.tare_before.mean) > 2 else 0.0

@@ -78,14 +78,8 @@ def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, ti
     doubts = unused_steps(steps)
     counts, levels = staircase_counts(staircase), staircase_levels(staircase, thrust=thrust)
     heights_in = (KEY_IN, 2.9, 1.9, _table_in(counts, levels))
-    page, grid = figure(
-        4,
-        2,
-        heights_in=heights_in,
-        title=title,
-        doubts=doubts,
-        notes=texts(staircase.findings, "warning") if staircase.tare_after is None else (),
-    )
+    notes = [one.text for one in staircase.findings if one.code == "no-baseline-after"]
+    page, grid = figure(4, 2, heights_in=heights_in, title=title, doubts=doubts, notes=notes)
     key_row(page.add_subplot(grid[0, :]), *staircase_key(steps))
     draw_thrust(page.add_subplot(grid[1, :]), time_s, thrust_n, staircase, thrust=thrust)
     draw_means(page.add_subplot(grid[2, 0]), page.add_subplot(grid[2, 1]), steps, thrust=thrust)

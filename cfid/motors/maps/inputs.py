@@ -6,11 +6,14 @@ from pathlib import Path
 from cfid.console.inputs import Workplace, find_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
-from cfid.errors import ConfigError, FitError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps.data import of_file, of_run
-from cfid.motors.maps.evidence import Evidence, StandOptions, together
+from cfid.motors.maps.evidence import Evidence, together
+from cfid.motors.maps.options import StandOptions
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
+from cfid.records.tables.stand import read_stand_table
+from cfid.records.tables.times import run_at
 from cfid.units import FULL_COMMAND
 
 
@@ -32,15 +35,22 @@ def read_evidence(
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
-    _ = stand.window_s  # a window that is none is told before any file is read
-    parts = [] if stand.table is None else [of_table(stand.table, stand, reading, workplace)]
+    known, site = stand.known(), workplace.rig.site
+    parts = []
+    if stand.table is not None:
+        read = {"rate_hz": reading.rate_hz, "skip_lines": reading.skip_lines, "gravity_mps2": site.gravity_mps2}
+        parts.append(of_table(read_stand_table(stand.table, **read), known, workplace.facts))
     for word in _meant(words, parts, workplace, kind):
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
-            parts.append(of_file(at, Path(file), stand, scale.reading(reading), method=method, rotors=rotors))
+            here = known.where(workplace.facts)
+            parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:
-            parts.append(of_run(find_recording(word, workplace), stand, scale.reading(reading), rotors=rotors))
+            path = find_recording(word, workplace)
+            if (run := run_at(path)) is None:
+                raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
+            parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
     if not parts:
         raise ConfigError(
             "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."

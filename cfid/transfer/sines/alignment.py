@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.latency.clocks import COUNTER_S, ClockLine, Start, clock_line, sessions, start_by_phase, unwrapped_s
+from cfid.records.frames import turn_about_z
 from cfid.transfer.sines.reports import SAMPLE_S, Matched, Reports, SinePlan, match_reports
 from cfid.units import MOTOR_AZIMUTH_DEG
 
@@ -90,21 +91,22 @@ class _Synchronised(NamedTuple):
 
 
 def thrust_of(
-    channel: Channel, force_n: Array, torque_nm: Array, *, arm_m: float, motor: int = 1, yaw_deg: float = 45.0
+    channel: Channel, force_n: Array, torque_nm: Array, *, arm_m: float, motor: int = 1, yaw_deg: float = -45.0
 ) -> Array:
     """Return what a channel says of a motor's thrust, (n,), from forces and torques (n, 3).
 
-    The thesis turned the vehicle left by 45 degrees on the load cell, so that motor 1 lies on its x axis, 4 on y, 3 on
-    -x and 2 on -y. A thrust f up at (x, y) makes Tx = y f and Ty = -x f: motors 1 and 3 load Ty with -1 and +1 times
-    f `arm_m`, 2 and 4 Tx with -1 and +1. C.2.5 has that minus for motor 1. "Tx" and "Ty" are divided by the arm and
-    keep their sign; "arm" projects on the motor's own arm for any `yaw_deg`, with thrust positive.
+    `yaw_deg` turns the cell's vectors into the vehicle's frame (see `turn_about_z`). The thesis turned the vehicle left
+    by 45 degrees on the load cell, a yaw of -45, so that motor 1 lies on the cell's x axis, 4 on y, 3 on -x and 2 on
+    -y. A thrust f up at (x, y) makes Tx = y f and Ty = -x f: motors 1 and 3 load Ty with -1 and +1 times f `arm_m`, 2
+    and 4 Tx with -1 and +1. C.2.5 has that minus for motor 1. "Tx" and "Ty", the cell's own, are divided by the arm
+    and keep their sign; "arm" projects on the motor's own arm for any `yaw_deg`, with thrust positive.
     """
     if channel == "Fz":
         return force_n[:, 2]
     if motor not in MOTOR_AZIMUTH_DEG:
         raise DataError("all motors together make no torque about an arm: take Fz.")
     if channel == "arm":
-        angle = math.radians(MOTOR_AZIMUTH_DEG[motor] + yaw_deg)
+        angle, torque_nm = math.radians(MOTOR_AZIMUTH_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
         return np.asarray((math.sin(angle) * torque_nm[:, 0] - math.cos(angle) * torque_nm[:, 1]) / arm_m)
     return np.asarray(torque_nm[:, 0 if channel == "Tx" else 1] / arm_m)
 

@@ -1,16 +1,19 @@
 """`cfid log sine`: sines of many frequencies played on board, each a run of its own (section 3.4.2)."""
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from cfid import __version__
 from cfid.console import messages as speech
+from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, attempt, print_json, rig_of, summary
+from cfid.console.recording import KeepOptions, ResumeOptions, attempt, print_json, rig_of, summary
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.errors import CfidError, ConfigError
 from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, SineSeries, log_spaced
@@ -38,7 +41,11 @@ class SineOptions:
     l: Annotated[  # noqa: E741 - the letter of the equation and of the option
         str | None,
         typer.Option(
-            "--l", metavar="L,L,...", help="Periods within N, each a run; default: --plan.", rich_help_panel=_SINE
+            "--periods",
+            "--l",
+            metavar="L,L,...",
+            help="Periods within N samples, each a run; default: --plan.",
+            rich_help_panel=_SINE,
         ),
     ] = None
     plan: Annotated[
@@ -51,7 +58,9 @@ class SineOptions:
     ] = "log"
     n: Annotated[
         int | None,
-        typer.Option("--n", min=1, max=_LARGEST_N, help="Samples at 500 Hz; default: 4000.", rich_help_panel=_SINE),
+        typer.Option(
+            "--samples", "--n", min=1, max=_LARGEST_N, help="Samples at 500 Hz; default: 4000.", rich_help_panel=_SINE
+        ),
     ] = None
     amplitude: Annotated[
         int | None, typer.Option(min=0, max=65535, help="A, in commands; default: 20000.", rich_help_panel=_SINE)
@@ -65,9 +74,6 @@ class SineOptions:
     before: Annotated[
         float, typer.Option(metavar="S", help="Seconds at rest before, for the bias.", rich_help_panel=_SINE)
     ] = 1.0
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Leave out what the campaign has completely.", rich_help_panel=_SINE)
-    ] = False
     force: Annotated[bool, typer.Option("--force", help="Allow an amplitude that clips.", rich_help_panel=_SINE)] = (
         False
     )
@@ -75,8 +81,11 @@ class SineOptions:
         bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_SINE)
     ] = False
 
-    def chosen(self) -> SineSeries:
-        """Return the sines to play, checked as C.2.4 checks them. Raises ConfigError."""
+    def chosen(self, resumed: Mapping[str, Any]) -> SineSeries:
+        """Return the sines to play, checked as C.2.4 checks them; a resumed run's N, A, motor and series hold.
+
+        Raises ConfigError.
+        """
         planned = self._named() if self.l is not None else self._planned()
         given: dict[str, Any] = {
             "samples": self.n,
@@ -84,10 +93,15 @@ class SineOptions:
             "motor": self.motor,
             "series": self.series,
         }
+        known = {name: resumed.get(key) for name, key in zip(given, ("n", "amplitude", "motor", "series"), strict=True)}
+        for name, value in given.items():
+            if resumed and value is not None and value != known[name]:
+                raise ConfigError(f"--{name} {value}: the run to resume has {known[name]}: leave the option out.")
+        given = known if resumed else given
         chosen = replace(planned, **{name: value for name, value in given.items() if value is not None})
         for l in chosen.periods:  # noqa: E741
             if not 0 <= l <= chosen.samples // 2:
-                raise ConfigError(f"--l {l}: has to be from 0 to N/2 = {chosen.samples // 2}.")
+                raise ConfigError(f"--periods {l}: has to be from 0 to N/2 = {chosen.samples // 2}.")
         if chosen.amplitude > _UNCLIPPED and not self.force:
             raise ConfigError(
                 f"--amplitude {chosen.amplitude}: above {_UNCLIPPED} the sine is clipped; --force allows it."
@@ -102,13 +116,10 @@ class SineOptions:
     def _named(self) -> SineSeries:
         assert self.l is not None
         if self.plan != "log":
-            raise ConfigError(f"--l and --plan {self.plan}: say one of them.")
-        try:
-            periods = tuple(int(word) for word in self.l.split(","))
-        except ValueError:
-            raise ConfigError(f"--l {self.l}: should be whole numbers with commas between, as 1,2,4.") from None
+            raise ConfigError(f"--periods and --plan {self.plan}: say one of them.")
+        periods = comma_list(self.l, "--periods", int, least=0, example="1,2,4")
         if len(set(periods)) < len(periods):
-            raise ConfigError(f"--l {self.l}: names a frequency twice.")
+            raise ConfigError(f"--periods {self.l}: names a frequency twice.")
         return SineSeries(periods=periods, samples=_USUAL_N)
 
 
@@ -118,10 +129,22 @@ def _asked(sines: SineSeries, l: int) -> dict[str, Any]:  # noqa: E741
     return {"l": l, "n": sines.samples, "amplitude": sines.amplitude, "motor": sines.motor, **series}
 
 
+def _asked_of(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
+    """Return what a run of `cfid log sine` was asked. Raises ConfigError for a run of something else."""
+    from cfid.motors.resume import interrupted
+    from cfid.records.run import read_run
+
+    run = read_run(interrupted(word, campaign, kind="sine"))
+    if not run.header.kind.startswith("sine"):
+        raise ConfigError(f"{run.folder}: is no run of `cfid log sine` that could be resumed.")
+    return run.header.asked
+
+
 @flat
 def sine(
     *,
     options: SineOptions,
+    resume: ResumeOptions,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
     keep: KeepOptions,
@@ -132,12 +155,15 @@ def sine(
 
     How long that takes is said before the first motor turns.
 
-    Example: [bold]cfid log sine --l 1,2,4,8,16,32 --n 4000 --amplitude 20000 --motor 1[/bold]
+    Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
     before_s = positive(options.before, "--before")
-    sines = options.chosen()
+    if resume.word is None:
+        sines = options.chosen({})  # what cannot be is told before any device is looked for
     campaign, devices, simulated = rig_of(keep.campaign)
-    periods = _lacking(sines, campaign, simulated=simulated) if options.resume else list(sines.periods)
+    if resume.word is not None:
+        sines = options.chosen({} if resume.run is None else _asked_of(resume.run, campaign))
+    periods = list(sines.periods) if resume.word is None else _lacking(sines, campaign, simulated=simulated)
     each_s = sines.samples / _SAMPLES_PER_S + before_s + _BESIDE_S
     lasts = f"{len(periods)} sines of {each_s:.0f} s: {len(periods) * each_s / 60:.1f} min"
     if sines.told:
@@ -201,6 +227,7 @@ def _plan(
         kind=f"sine_l{l}",
         label=Label(note=note),
         procedure=lambda there, loop: play_sine(request, there["crossings"], before_s=before_s, loop=loop, tell=tell),
+        facts=campaign.rig.facts,
         asked=_asked(sines, l),
         simulated=simulated,
     )

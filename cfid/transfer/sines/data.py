@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from cfid.console.facts import assumed
 from cfid.console.inputs import Workplace, find_recording
-from cfid.console.options import LoadCellOptions, ReadingOptions, finite, positive
+from cfid.console.options import LoadCellOptions, ReadingOptions, YawDeg, finite, positive
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
+from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.tables.index import IndexRow, read_index
 from cfid.units import FULL_COMMAND, MM
 
@@ -26,6 +28,7 @@ _INPUT = "What was measured"
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _KIND = "sine"
 _MOST_SAMPLES = 2**32 - 1
+_ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), where nobody states others
 
 Words = Annotated[
     list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
@@ -51,19 +54,24 @@ class SineInputs:
         Literal["auto", "+", "-"],
         typer.Option(help="Of thrust in that channel; auto: thrust is positive.", rich_help_panel=_INPUT),
     ] = "auto"
-    arm_mm: Annotated[float, typer.Option(help="From the load cell's axis to the motor's.", rich_help_panel=_INPUT)] = (
-        46.0
-    )
-    yaw_deg: Annotated[
-        float,
+    arm_mm: Annotated[
+        float | None,
         typer.Option(
-            help="How far left the vehicle is turned on the load cell; `cfid fit drag` counts the other way.",
+            help="From the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
             rich_help_panel=_INPUT,
         ),
-    ] = 45.0
+    ] = None
+    yaw_deg: YawDeg = None
     offset: Annotated[
         float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
     ] = 30000.0
+
+    @property
+    def given(self) -> RigFacts:
+        """The facts that options state. Raises ConfigError for what cannot be."""
+        arm_mm = None if self.arm_mm is None else positive(self.arm_mm, "--arm-mm")
+        yaw_deg = None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg")
+        return RigFacts(loadcell=LoadCellMount(arm_mm=arm_mm, yaw_deg=yaw_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +96,7 @@ class _Reader:
     inputs: SineInputs
     reading: ReadingOptions
     scale: LoadCellOptions
+    facts: RigFacts  # of rig.toml, for files; a run notes its own
     series: "dict[str, list[RecordedSine]]" = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     sources: "list[Source]" = field(default_factory=list)
@@ -110,7 +119,7 @@ class _Reader:
             motor=row.whole("motor", 0, 4),
             middle=self.inputs.offset,
         )
-        self._add(row.fields.get("series", ""), plan, crossings, row.file("loadcell"))
+        self._add(row.fields.get("series", ""), plan, crossings, row.file("loadcell"), self.facts)
 
     def add_run(self, run: "Run", plan: "SinePlan") -> None:
         """Take a run of `cfid log sine`."""
@@ -120,7 +129,7 @@ class _Reader:
         crossings = read_run_crossings(run)
         said = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
         self.warnings += [f"{run.folder.name}: {note}" for note in said]
-        self._add(str(run.header.asked.get("series", "")), plan, crossings, run.folder)
+        self._add(str(run.header.asked.get("series", "")), plan, crossings, run.folder, run.header.rig)
 
     def result(self) -> SineSet:
         """Return all that was taken. Motors' forces on all four count as one motor's."""
@@ -133,21 +142,21 @@ class _Reader:
             paths=tuple(dict.fromkeys(Path(source.path) for source in self.sources)),
         )
 
-    def _add(self, series: str, plan: "SinePlan", crossings: "CrossingRecord", loadcell: Path) -> None:
+    def _add(self, series: str, plan: "SinePlan", crossings: "CrossingRecord", loadcell: Path, facts: RigFacts) -> None:
         from cfid.transfer.sines.alignment import RecordedSine
         from cfid.transfer.sines.reports import Reports
 
         if (known := self._names.get(crossings.source.sha256)) is not None:
             raise DataError(f"{plan.name}: its crossings are those of {known} too: name each run once.")
         self._names[crossings.source.sha256] = plan.name
-        time_s, force_n = self._thrust(loadcell, plan.motor)
+        time_s, force_n = self._thrust(loadcell, plan.motor, facts)
         reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
         recorded = RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=force_n)
         self.series.setdefault(series or f"motor{plan.motor}", []).append(recorded)
         self.warnings += crossings.notes
         self.sources.append(crossings.source)
 
-    def _thrust(self, path: Path, motor: int) -> tuple[Any, Any]:
+    def _thrust(self, path: Path, motor: int, facts: RigFacts) -> tuple[Any, Any]:
         """Return times by the host's clock and thrust (n,), with its bias, of a load cell's file or run."""
         from cfid.transfer.sines.alignment import thrust_of
 
@@ -155,12 +164,22 @@ class _Reader:
             cell, inputs = self._cells[path], self.inputs
             if cell.begin_s is None:
                 raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
-            arm_m = MM * positive(inputs.arm_mm, "--arm-mm")
-            yaw_deg = finite(inputs.yaw_deg, "--yaw-deg")
-            thrust = thrust_of(inputs.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
+            arm_mm, yaw_deg = self._mount(facts)
+            thrust = thrust_of(
+                inputs.channel, cell.force_n, cell.torque_nm, arm_m=MM * arm_mm, motor=motor, yaw_deg=yaw_deg
+            )
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
         time_s, thrust = self._thrusts[path, motor]
         return time_s, thrust
+
+    def _mount(self, facts: RigFacts) -> tuple[float, float]:
+        """Return arm and yaw, with a note where the channel needs one that nobody stated."""
+        mount = self.inputs.given.over(facts).loadcell
+        if mount.arm_mm is None and self.inputs.channel != "Fz":
+            self.warnings.append(assumed(f"an arm of {_ARM_MM:g} mm is", "--arm-mm"))
+        if mount.yaw_deg is None and self.inputs.channel == "arm":
+            self.warnings.append(assumed(f"a yaw of {_YAW_DEG:g} degrees on the load cell is", "--yaw-deg"))
+        return mount.arm_mm or _ARM_MM, _YAW_DEG if mount.yaw_deg is None else mount.yaw_deg
 
     def read_cells(self, paths: Iterable[Path]) -> None:
         """Read load cells' files side by side: parsing them takes longer than all that follows."""
@@ -219,7 +238,7 @@ def read_sines(
     """
     from cfid.records.tables.times import run_at
 
-    reader = _Reader(inputs, reading, scale)
+    reader = _Reader(inputs, reading, scale, workplace.facts)
     if inputs.index is not None:
         rows, source, notes = read_index(inputs.index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(source)

@@ -1,0 +1,6 @@
+"""The note on a rig's fact that neither an option nor a rig.toml stated."""
+
+
+def assumed(what: str, option: str) -> str:
+    """Return the note; `what` is the fact with its value and verb."""
+    return f"{what} assumed, as in version 0.1: no rig.toml stated it when this was recorded ({option} overrides)."

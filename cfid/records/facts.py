@@ -1,0 +1,71 @@
+"""Facts of a rig that stay from run to run: how things are mounted. rig.toml states them, each run notes them.
+
+A fact that nobody stated is None; the fit that needs it then assumes what version 0.1 did, and says so.
+"""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
+Positive = Annotated[Number, Field(gt=0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class LoadCellMount(_Table):
+    """How the vehicle is mounted on the load cell.
+
+    `yaw_deg` turns what the cell reads into the vehicle's frame, positive counterclockwise seen from above: a vector
+    in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is how far the cell's x
+    axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count
+    downwards.
+    """
+
+    yaw_deg: Number | None = None
+    arm_mm: Positive | None = None
+    flip_fz: Annotated[bool, Field(strict=True)] | None = None
+
+
+class Tachometer(_Table):
+    """How many reflective markers a tachometer counts in one turn of a rotor."""
+
+    markers: Annotated[int, Field(strict=True, ge=1)] | None = None
+
+
+class WindStand(_Table):
+    """Where the wind generator stands: its azimuth about z, counted to the right of the nose.
+
+    `yaw_deg` replaces that of the load cell where the vehicle is mounted otherwise in wind.
+    """
+
+    azimuth_deg: Number | None = None
+    yaw_deg: Number | None = None
+
+
+class RigFacts(_Table):
+    """All such facts, under the names of rig.toml's tables."""
+
+    loadcell: LoadCellMount = LoadCellMount()
+    tachometer: Tachometer = Tachometer()
+    wind: WindStand = WindStand()
+
+    @property
+    def yaw_in_wind_deg(self) -> float | None:
+        """The yaw of the load cell for runs in wind and their references."""
+        return self.loadcell.yaw_deg if self.wind.yaw_deg is None else self.wind.yaw_deg
+
+    def over(self, facts: "RigFacts") -> "RigFacts":
+        """Return other facts with those that are stated here in place of theirs."""
+        mine = {name: getattr(facts, name).model_copy(update=table) for name, table in self.stated.items()}
+        return facts.model_copy(update=mine)
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """The facts that were stated, by table."""
+        return {name: table for name, table in self.model_dump(exclude_none=True).items() if table}
+
+
+NONE_STATED = RigFacts()

@@ -1,0 +1,53 @@
+"""A table of any kind that cfid reads, for notebooks."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Literal, overload
+
+from cfid.errors import ConfigError
+from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.records.tables.crossings import CrossingRecord, read_crossings
+from cfid.records.tables.pings import PingRecord, read_pings
+from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
+
+_READERS: Mapping[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+    "angle": (
+        tuple(field.name for field in fields(Reading)),
+        lambda path, **settings: read_angle(path, Reading(**settings)),
+    ),
+    "wrench": (
+        tuple(field.name for field in fields(WrenchReading)),
+        lambda path, **settings: read_wrench(path, WrenchReading(**settings)),
+    ),
+    "crossings": (("time_unit",), read_crossings),
+    "pings": ((), read_pings),
+    "stand": (("gravity_mps2", "rate_hz", "skip_lines"), read_stand_table),
+}
+
+
+@overload
+def read_table(path: str | Path, *, kind: Literal["angle"], **settings: Any) -> AngleRecord: ...
+@overload
+def read_table(path: str | Path, *, kind: Literal["wrench"], **settings: Any) -> WrenchRecord: ...
+@overload
+def read_table(path: str | Path, *, kind: Literal["crossings"], **settings: Any) -> CrossingRecord: ...
+@overload
+def read_table(path: str | Path, *, kind: Literal["pings"], **settings: Any) -> PingRecord: ...
+@overload
+def read_table(path: str | Path, *, kind: Literal["stand"], **settings: Any) -> StandTable: ...
+def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
+    """Read a CSV file, or a run folder, of a kind: angles, forces and torques, crossings, pings, or a stand's table.
+
+    `settings` say what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns`; of angles
+    `angle_unit` and `counts_per_turn`; of forces `units`, `counts_per_n`, `counts_per_nm`; of a stand `gravity_mps2`.
+    Raises ConfigError for a kind or a setting that there is not, DataError with file, line and next step.
+    """
+    if kind not in _READERS:
+        raise ConfigError(f"kind '{kind}': there are {', '.join(_READERS)}.")
+    known, read = _READERS[kind]
+    unknown = sorted(settings.keys() - set(known))
+    if unknown:
+        raise ConfigError(f"{kind}: no setting {', '.join(unknown)}: there are {', '.join(known) or 'none'}.")
+    return read(Path(path), **settings)

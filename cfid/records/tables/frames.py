@@ -1,0 +1,29 @@
+"""A device's rows of a run as a data frame: SI units, one time base for all devices of the run."""
+
+import numpy as np
+from pandas import DataFrame
+
+from cfid.records.run import Run
+from cfid.records.tables.angle import ENCODER, Reading, read_angle
+from cfid.records.tables.vehicle import begin_s, read_rows
+from cfid.records.tables.wrench import LOADCELL, WrenchReading, read_wrench
+
+
+def frame(run: Run, device: str) -> DataFrame:
+    """Return a device's rows over `t`, in seconds from the first row of any device of the run.
+
+    The encoder has `angle_rad`, the load cell `fx_n` to `tz_nm` (frame of the cell), the others their own columns.
+    Raises DataError when the run has no such device, or a file cannot be understood.
+    """
+    file = run.device_file(device)
+    zero_s = min(begin_s(run.device_file(name)) for name, record in run.header.devices.items() if record.rows != 0)
+    if device == ENCODER:
+        angle = read_angle(run.folder, Reading())
+        return DataFrame({"t": angle.time_s + begin_s(file) - zero_s, "angle_rad": angle.angle_rad})
+    if device == LOADCELL:
+        cell = read_wrench(run.folder, WrenchReading())
+        names = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+        columns = np.hstack([cell.force_n, cell.torque_nm]).T
+        return DataFrame({"t": cell.time_s + begin_s(file) - zero_s, **dict(zip(names, columns, strict=True))})
+    rows = read_rows(run, device)
+    return DataFrame({"t": rows.time_s - zero_s, **rows.columns})

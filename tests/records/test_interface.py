@@ -1,0 +1,134 @@
+"""The Python interface of campaigns and tables, on a campaign of simulated swings."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cfid
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.findings import Finding, rejection, warning
+from cfid.records.fits import Fit, list_fits
+from cfid.records.parameters import Parameter, Source
+from cfid.records.result import Result
+
+MASS = Parameter(value=0.028, std=1e-5, unit="kg")
+RADIUS = Parameter(value=0.023, std=1e-4, unit="m")
+
+
+def result(*findings: Finding) -> Result:
+    return Result(
+        command="fit things",
+        method="default",
+        quantities={"things.mass_kg": MASS, "things.radius_m": RADIUS},
+        wanted=("things.mass_kg",),
+        findings=findings,
+        sources=(Source("x.csv", "0" * 64),),
+    )
+
+
+def test_importing_cfid_imports_no_library() -> None:
+    code = "import sys, cfid; print(*sorted({'numpy', 'scipy', 'pandas', 'pydantic', 'twisted'} & set(sys.modules)))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert said.stdout.strip() == ""
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        cfid.nonsense  # noqa: B018
+
+
+def test_runs_are_found_by_kind_name_pattern_and_as_the_last(bodies: Path) -> None:
+    campaign = cfid.open_campaign(bodies)
+    swings = campaign.runs(kind="swing")
+
+    assert swings
+    assert all(run.header.kind == "swing" for run in swings)
+    assert campaign.run("last swing") == swings[-1]
+    assert campaign.run("last") == campaign.runs()[-1]
+    name = swings[0].folder.name
+    assert campaign.run(name) == swings[0]
+    assert campaign.run(f"{name[:-1]}?").folder.name == name
+
+
+@pytest.mark.parametrize("name", ["nothing", "*", "last nonsense"])
+def test_a_name_that_is_not_one_run_is_refused(bodies: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match="runs are called so, one is wanted"):
+        cfid.open_campaign(bodies).run(name)
+
+
+def test_a_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError):
+        cfid.open_campaign(tmp_path)
+
+
+def test_a_frame_has_seconds_from_the_first_row_and_radians(bodies: Path) -> None:
+    run = cfid.open_campaign(bodies).run("last swing")
+    frame = run.frame("encoder")
+
+    assert list(frame.columns) == ["t", "angle_rad"]
+    assert frame["t"].iloc[0] == 0
+    assert np.all(np.diff(frame["t"]) > 0)
+    assert 0.1 < np.ptp(frame["angle_rad"]) < 2 * np.pi
+    with pytest.raises(DataError, match="holds no loadcell recording, but encoder"):
+        run.frame("loadcell")
+
+
+def test_a_result_is_kept_and_its_numbers_stand_in_a_frame(bodies: Path) -> None:
+    campaign = cfid.open_campaign(bodies)
+    campaign.keep(result(warning("a-code", "a cable.")))
+    frame = campaign.quantities().set_index("quantity")
+
+    assert frame.loc["things.mass_kg", "value"] == 0.028
+    assert frame.loc["things.mass_kg", "std"] == 1e-5
+    assert frame.loc["things.mass_kg", "accepted"]
+    (fit,) = list_fits(campaign.fits_folder)
+    assert isinstance(fit, Fit)
+    assert [finding.code for finding in fit.findings] == ["a-code"]
+
+
+def test_a_rejection_takes_its_quantity_and_leaves_the_others(bodies: Path) -> None:
+    campaign = cfid.open_campaign(bodies)
+    found = result(rejection("a-code", "no calliper.", "things.radius_m"))
+    campaign.keep(found)
+
+    assert found.accepted
+    assert set(campaign.sections()["things"].parameters) == {"things.mass_kg"}
+    assert campaign.sections()["things"].rejected == {"things.radius_m": "no calliper."}
+
+
+def test_what_a_result_is_for_is_kept_by_force_alone_and_marked(bodies: Path) -> None:
+    campaign = cfid.open_campaign(bodies)
+    found = result(rejection("a-code", "the scales stick.", "things.mass*"))
+    with pytest.raises(FitError, match="the scales stick"):
+        campaign.keep(found)
+    assert "things" not in campaign.sections()
+    campaign.keep(found, force=True)
+
+    assert not found.accepted
+    assert set(campaign.sections()["things"].rejected) == {"things.mass_kg"}
+    assert not campaign.quantities().set_index("quantity").loc["things.mass_kg", "accepted"]
+
+
+def test_a_finding_that_names_nothing_rejects_the_whole_result() -> None:
+    found = result(rejection("a-code", "noise."))
+
+    assert not found.accepted
+    assert set(found.rejected) == {"things.mass_kg", "things.radius_m"}
+    assert not found.without_rejected().quantities
+
+
+def test_a_table_is_read_by_its_kind(files: Path) -> None:
+    record = cfid.read_table(files / "x.csv", kind="angle", time_unit="s", angle_unit="counts", counts_per_turn=2**22)
+
+    assert record.time_s[0] == 0
+    assert np.ptp(record.angle_rad) > 0.1
+
+
+@pytest.mark.parametrize(("kind", "settings"), [("angels", {}), ("angle", {"units": "n"}), ("pings", {"rate_hz": 1})])
+def test_a_kind_or_setting_that_there_is_not_is_refused(files: Path, kind: str, settings: dict[str, object]) -> None:
+    with pytest.raises(ConfigError, match="there are"):
+        cfid.read_table(files / "x.csv", kind=kind, **settings)  # type: ignore[call-overload]
