@@ -78,15 +78,19 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
     Raises DataError or FitError that name the recording, the latter where no step settles.
     """
     run, began_s, sources = run_of(record), math.nan, [record.source]
-    logged = {}
+    command_time_s, commands = None, None
     if run is not None and holds(run, COMMANDS):
         began_s = begin_s(run.device_file(LOADCELL))
         rows, commands = read_commands(run)
-        logged = {"command_time_s": rows.time_s - began_s, "commands": commands}
+        command_time_s = rows.time_s - began_s
         sources.append(rows.source)
     try:
         reduced = reduce_staircase(
-            time_s=record.time_s, channels=channels_of(record, flip_fz=flip_fz), status=record.status, **logged
+            time_s=record.time_s,
+            channels=channels_of(record, flip_fz=flip_fz),
+            command_time_s=command_time_s,
+            commands=commands,
+            status=record.status,
         )
         reduced.steady()
     except CfidError as error:

@@ -407,7 +407,7 @@ def test_voltage_and_command_stand_side_by_side_with_their_errors(look: Look) ->
         assert errors == pytest.approx([-rms, rms])
         assert f"{rms:.2g} N rms" in axes.get_title(loc="left")
     assert page.panel("(c)").get_ylim() == page.panel("(d)").get_ylim()
-    assert found.sentence[1:] in _written(page)
+    assert found.verdict.text[1:] in _written(page)
     assert page.overlapping() == []
 
     speed = compare_speed(command=up_and_down, vbat_v=vbat, speed_rad_s=1e4 * thrust)

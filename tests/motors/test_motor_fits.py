@@ -13,8 +13,8 @@ import pytest
 from cfid.console.inputs import open_workplace
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
-from cfid.motors.maps.evidence import StandOptions
 from cfid.motors.maps.inputs import read_evidence
+from cfid.motors.maps.options import StandOptions
 from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import load_sections
@@ -140,7 +140,7 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     assert reason in sentences(content)
     assert cubic not in content["parameters"]
     section = load_sections(campaign / "parameters.toml")["thrust"]
-    assert section.rejected == {cubic: reason}
+    assert section.rejected[cubic] == reason
     assert cubic not in section.parameters
     assert section.covariance
     assert not any(cubic in kept.of for kept in section.covariance)

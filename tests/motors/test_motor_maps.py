@@ -290,7 +290,7 @@ def test_the_inverse_ends_where_the_map_no_longer_rises_above_zero(
 
 
 def test_an_inverse_below_what_was_measured_is_called_extrapolated() -> None:
-    assert invert(fit_thrust(made())).warnings == ()
+    assert invert(fit_thrust(made())).findings == ()
     assert "extrapolated below 30000" in remarks(invert(fit_thrust(made(np.arange(30000.0, 64001.0, 2000.0)))))[0]
 
 
@@ -305,7 +305,7 @@ def test_the_maximum_is_that_of_full_command_and_carries_what_section_3_3_1_says
     assert abs(found.thrust_n - np.polyval(EQ_3_3, 65535)) < 4 * found.std_n
     assert found.measured_command == 64000
     assert found.hover_mass_kg == pytest.approx(4 * found.thrust_n / 9.81)
-    assert found.warnings == ()
+    assert found.findings == ()
     assert f"{1e3 * hover_mass_kg(thrust_n=0.15, gravity_mps2=9.81):.2f}" == "61.16"
 
 

@@ -206,7 +206,7 @@ def test_on_a_sagging_battery_the_voltage_form_of_a_full_staircase_is_true_withi
     comparison = judged(found)
     off = voltage_off_percent(comparison)
     sag = found.record.volts
-    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.sentence}")
+    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.verdict.text}")
 
     assert off < 0.5
     assert comparison.better == "voltage"

@@ -38,8 +38,10 @@ def read_evidence(
     known, site = stand.known(), workplace.rig.site
     parts = []
     if stand.table is not None:
-        read = {"rate_hz": reading.rate_hz, "skip_lines": reading.skip_lines, "gravity_mps2": site.gravity_mps2}
-        parts.append(of_table(read_stand_table(stand.table, **read), known, workplace.facts))
+        table = read_stand_table(
+            stand.table, gravity_mps2=site.gravity_mps2, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines
+        )
+        parts.append(of_table(table, known, workplace.facts))
     for word in _meant(words, parts, workplace, kind):
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():

@@ -1,6 +1,6 @@
 """Motor maps of whatever was measured, with what goes with them: inverse, battery, thrust of speed, scales, figures."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -174,7 +174,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
         raise FitError(" ".join([str(error), *texts(values.merged(found.findings), "warning")])) from None
 
 
-def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Iterable[Finding]]:
+def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
     """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
     points = found.points
     if found.vbat_v is None or points.thrust_n is None or not np.isfinite(found.vbat_v).any():
@@ -193,7 +193,7 @@ def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[Voltage
     return compared, (compared.verdict, *compared.findings)
 
 
-def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedThrustMap | None, Iterable[Finding]]:
+def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedThrustMap | None, Sequence[Finding]]:
     """Fit thrust over speed, where both were measured."""
     if found.points.thrust_n is None or found.points.speed_rad_s is None:
         return None, ()
@@ -206,7 +206,7 @@ def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedTh
 
 def _verified(
     mapped: MotorMap, scales: Path | None, motors: int | None, gravity_mps2: float
-) -> tuple[Verification | None, Iterable[Finding]]:
+) -> tuple[Verification | None, Sequence[Finding]]:
     """Compare the map with scales: of a run, or of a table."""
     if scales is None:
         return None, ()

@@ -40,8 +40,9 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     record = _record(recording)
     try:
         steps, left_out = _steps(record)
-        samples = {"time_s": record.time_s, "value": record.speed_rad_s, "steps": steps, "blur_s": record.blur_s}
-        lags, model = fit_steps(**samples), fit_rotor_model(**samples)
+        time_s, speed, blur_s = record.time_s, record.speed_rad_s, record.blur_s
+        lags = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s)
+        model = fit_rotor_model(time_s=time_s, value=speed, steps=steps, blur_s=blur_s)
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
