@@ -33,3 +33,13 @@ class FitError(CfidError):
     """No fit was found, or none that describes the data: gives the figures."""
 
     exit_code = 5
+
+
+def check_positive(**arguments: float | None) -> None:
+    """Check that the arguments which are given are numbers above zero.
+
+    Raises ConfigError naming the first that is not.
+    """
+    for name, value in arguments.items():
+        if value is not None and not 0 < value < float("inf"):
+            raise ConfigError(f"{name} {value:g}: has to be above zero.")

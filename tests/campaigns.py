@@ -15,13 +15,15 @@ import pytest
 from cfid.cli.main import main
 from cfid.console.campaign import make_campaign
 from cfid.demo.recordings import write_runs
-from cfid.records.campaign import RIG_FILE, find_campaign, load_rig, new_rig_text
+from cfid.records.campaign import find_campaign, load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
 from tests.transfer.sines_in_a_folder import Here
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+RECORDINGS_SEED = 5
 
 _WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
 
@@ -68,14 +70,26 @@ def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
 
 
 @pytest.fixture(scope="session")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with rig.toml and one CSV of times and counts for every recording of a simulated campaign."""
+def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The rig.toml of a new campaign, under another name: a file to name, not a campaign to find."""
+    path = tmp_path_factory.mktemp("rig") / "geometry.toml"
+    path.write_text(new_rig_text())
+    return path
+
+
+@pytest.fixture(scope="session")
+def recordings(rig_file: Path) -> list[SimulatedRun]:
+    """Swings of vehicle and test body, and dropped weights: simulated once for all that takes them as files or runs."""
+    return record_chapter_2(load_rig(rig_file), USUAL_TRUTH, np.random.default_rng(RECORDINGS_SEED))[0]
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory, rig_file: Path, recordings: list[SimulatedRun]) -> Path:
+    """A folder with the rig's geometry.toml and one CSV of times and counts for every recording."""
     folder = tmp_path_factory.mktemp("files")
-    (folder / RIG_FILE).write_text(new_rig_text())
-    runs, _ = record_chapter_2(load_rig(folder / RIG_FILE), USUAL_TRUTH, np.random.default_rng(5))
-    for i, run in enumerate(runs):
+    shutil.copy(rig_file, folder)
+    for i, run in enumerate(recordings):
         write(folder / f"{name(run, i)}.csv", run)
-    (folder / RIG_FILE).rename(folder / "geometry.toml")  # a file to name, not a campaign to find
     return folder
 
 
@@ -91,12 +105,12 @@ def write(path: Path, run: SimulatedRun) -> None:
 
 
 @pytest.fixture(scope="session")
-def _bodies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def _bodies(tmp_path_factory: pytest.TempPathFactory, recordings: list[SimulatedRun]) -> Path:
     folder = tmp_path_factory.mktemp("bodies") / "campaign"
     make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
-    write_runs(campaign, record_chapter_2(campaign.rig, USUAL_TRUTH, np.random.default_rng(1))[0])
+    write_runs(campaign, recordings)
     return folder
 
 

@@ -78,7 +78,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "log ping": (
         "cfid.latency.log_command:ping",
-        "Measure round trips to the vehicle: mean, deviation, least, histogram (table 3.2). No motor turns.",
+        "Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.",
     ),
     "log wind": (
         "cfid.drag.wind.command:wind",
@@ -110,7 +110,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Fit the inertia matrix about the centre of mass to six or more swings about any axes.",
     ),
     "fit testbody": (
-        "cfid.inertia.testbody_command:testbody",
+        "cfid.inertia.command:testbody",
         "Compare the test body's measured inertias with those of its drawing (table 2.5).",
     ),
     "fit thrust": (
@@ -133,7 +133,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit drag": (
         "cfid.drag.command:drag",
-        "Fit the simple, the cross-coupling and the complex model of drag, and judge which of them is asked for.",
+        "Fit the simple, the cross-coupling and the complex model of drag, and choose the one the data support.",
     ),
     "fit tf": (
         "cfid.transfer.command:identify",
@@ -150,6 +150,6 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "tf latency": (
         "cfid.latency.command:latency",
-        "Tell round trips of pings, and offset and skew of the vehicle's clock where it stamped its answers.",
+        "Report round trips of pings, and the vehicle's clock offset and skew where it stamped its answers.",
     ),
 }

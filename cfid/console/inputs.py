@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign, Rig
     from cfid.records.tables.angle import AngleRecord, Reading
 
-NO_RIG = "no rig.toml here: the thesis' Crazyflie 2.0, cube and test body are taken (--geometry FILE for yours)."
-
 
 @dataclass(frozen=True)
 class Workplace:
@@ -25,11 +23,6 @@ class Workplace:
     campaign: "Campaign | None"
     rig: "Rig"
     borrowed: bool
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is to be said when the rig's numbers are used."""
-        return (NO_RIG,) if self.borrowed else ()
 
     @property
     def facts(self) -> RigFacts:

@@ -1,31 +1,76 @@
-"""`cfid fit drag`: forces on a fastened vehicle in wind to drag coefficients."""
+"""`cfid fit drag`: forces on a vehicle held in wind to drag coefficients."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
 
 import typer
 
-from cfid.console.inputs import Workplace, open_workplace
-from cfid.console.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
+from cfid.console.inputs import Workplace, find_recording, open_workplace
+from cfid.console.options import (
+    Delivery,
+    FlipFz,
+    LoadCellOptions,
+    Markers,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    YawDeg,
+    finite,
+    flat,
+)
 from cfid.console.outcome import deliver
-from cfid.drag.data import WindEvidence, WindInputs, Words, read_wind_evidence
-from cfid.drag.result import Grouping
+from cfid.console.selection import chosen, labelled
+from cfid.drag.options import AzimuthRad, azimuth
 from cfid.errors import ConfigError
-from cfid.findings import rejection, warning
-from cfid.records.result import Result
 
-if TYPE_CHECKING:
-    from cfid.drag.selection import DragChoices, DragResult
+_INPUT, _MODELS = "What was measured", "Models"
 
-_MODELS = "Models"
+Runs = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="RUN ...", help="Runs of cfid log wind; default: the campaign's complete ones."),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindInputs:
+    """Where forces in wind are, and how vehicle and wind generator were placed."""
+
+    index: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file, a row a run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; may have "
+            "azimuth_deg, from_s, to_s. Paths are relative to it; wind 0 makes references.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file of reduced forces: command, angle_deg, vx_mps, vy_mps, vz_mps, speed_sum_rad_s, fx_n, fy_n, "
+            "fz_n.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    azimuth_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Of the wind generator, right of the nose, where a run does not state its own; default: rig.toml's.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    azimuth_rad: AzimuthRad = None
+    yaw_deg: YawDeg = None
+    markers: Markers = None
+    flip_fz: FlipFz = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions:
-    """What is fitted beside the thesis' models, and how the simple one is grouped."""
+    """What is fitted with the thesis' models, and how the simple one is grouped."""
 
     grouping: Annotated[
-        Grouping | None,
+        Literal["each", "lateral", "command", "wind", "angle"] | None,
         typer.Option(
             help="Simple coefficients, as C.3.1 groups them: of each run and axis, x and y together, all winds of a "
             "command, all commands of a wind, all of an angle.",
@@ -43,22 +88,11 @@ class ModelOptions:
         bool, typer.Option("--parasitic", help="Drag of the body too, k |v| v.", rich_help_panel=_MODELS)
     ] = False
 
-    def choices(self, method: Method) -> "DragChoices":
-        """Return how models are fitted. Raises ConfigError for what no campaign can tell apart."""
-        from cfid.drag.selection import DragChoices
-
-        if self.intercepts and self.parasitic:
-            raise ConfigError(
-                "--intercepts and --parasitic: both forces stay the same throughout a wind, and nothing tells them "
-                "apart: ask for one."
-            )
-        return DragChoices(method=method, mended=self.mended, intercepts=self.intercepts, parasitic=self.parasitic)
-
 
 @flat
 def drag(
     *,
-    runs: Words = None,
+    runs: Runs = None,
     wind: WindInputs,
     models: ModelOptions,
     rig: RigOptions,
@@ -67,41 +101,41 @@ def drag(
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
-    """Fit the simple, the cross-coupling and the complex model of drag, and judge which of them is asked for.
+    """Fit the simple, the cross-coupling and the complex model of drag, and choose the one the data support.
 
     Example: [bold]cfid fit drag --index wind.csv --azimuth-deg 28.46 --yaw-deg 45[/bold]
     """
-    from cfid.drag.selection import fit_models
+    from cfid.drag import fit, read_forces
 
-    workplace, choices = open_workplace(rig), models.choices(method)
-    evidence = read_wind_evidence(runs or [], wind, reading, scale, workplace, method=method)
-    found = fit_models(evidence.experiments, choices)
-    deliver(_outcome(found, evidence, models.grouping, method, workplace), delivery, workplace.campaign)
-
-
-def _outcome(
-    found: "DragResult", evidence: WindEvidence, grouping: Grouping | None, method: Method, workplace: Workplace
-) -> Result:
-    from cfid.drag import result as told
-
-    def drawings() -> dict[str, Any]:
-        from cfid.drag.figures import coefficients_figure, forces_figure, models_figure
-
-        figures = {"drag_forces": forces_figure(found.experiments), "drag_models": models_figure(found)}
-        return figures if found.groups is None else {**figures, "drag_coefficients": coefficients_figure(found)}
-
-    return Result(
-        command="fit drag",
+    place = open_workplace(rig)
+    paths = _paths(runs or [], wind, place)
+    result = fit(
+        read_forces(wind.table) if wind.table is not None else paths,
+        index=wind.index,
+        wrench=scale.reading(reading),
+        azimuth_deg=azimuth(wind.azimuth_deg, wind.azimuth_rad),
+        yaw_deg=None if wind.yaw_deg is None else finite(wind.yaw_deg, "--yaw-deg"),
+        markers=wind.markers,
+        flip_fz=wind.flip_fz,
+        rig=place.facts,
+        mended=models.mended,
+        intercepts=models.intercepts,
+        parasitic=models.parasitic,
+        grouping=models.grouping,
         method=method,
-        quantities=told.drag_parameters(found, grouping),
-        covariances=told.drag_covariances(found),
-        quality=told.drag_quality(found),
-        sources=evidence.sources,
-        findings=(
-            *(warning("drag-warning", text) for text in (*evidence.warnings, *found.warnings)),
-            *(rejection("drag-rejected", text, "drag.*") for text in (*evidence.doubts, *found.chosen.doubts)),
-        ),
-        lines=tuple(told.drag_lines(found, grouping)),
-        drawings=drawings,
-        folder=workplace.figures_beside(evidence.paths),
     )
+    files = [file for file in (wind.table, wind.index, *paths) if file is not None]
+    deliver(replace(result, folder=place.figures_beside(files)), delivery, place.campaign)
+
+
+def _paths(words: list[str], wind: WindInputs, place: Workplace) -> list[Path]:
+    """Return the runs that are named, or all of the campaign where nothing is. Raises ConfigError."""
+    if wind.table is not None:
+        if words or wind.index is not None:
+            raise ConfigError(f"--table {wind.table} contains forces that are reduced already: give it alone.")
+        return []
+    if wind.index is None:
+        if not words and place.campaign is None:
+            raise ConfigError("nothing to fit: give RUNs of `cfid log wind`, --index FILE, or --table FILE.")
+        words = chosen(words, place.campaign, suits=labelled("wind"), wanted="runs in wind and without")
+    return [find_recording(word, place) for word in words]

@@ -1,50 +1,48 @@
-"""One model of drag fitted to experiments: plain least squares as the thesis, or weighted by all that is uncertain."""
+"""One model of drag fitted to experiments: generalised least squares, plain least squares, or any other linear gain."""
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.drag.covariance import Errors, errors_of, noise_of, wind_columns
+from cfid.drag.covariance import ForceErrors, force_errors, noise_scale, stated_noise, wind_columns
 from cfid.drag.experiments import DragExperiments
-from cfid.drag.model import DragModel, lateral_and_vertical
+from cfid.drag.model import BODY, DragModel, rows_of
 from cfid.errors import FitError
 
 Array = npt.NDArray[np.float64]
 
-BELIEVED_UNEXPLAINED = 0.5  # sum of squared errors over sum of squared forces
-
-_DRIVEN = 0.2  # cosine between all forces and all velocities
-_ACROSS = 0.5  # the same across velocities: 30 degrees, where there is no noise
-_DEPENDENT = 1e-9  # smallest over largest singular value of columns that no longer differ
+_DEPENDENT = 1e-9  # smallest over largest singular value from where columns count as dependent
 _ROUNDS, _SETTLED = 20, 1e-7
+
+
+class Uncertain(NamedTuple):
+    """Values with their standard uncertainties, of equal shape."""
+
+    value: Array
+    std: Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class DragFit:
-    """A fitted model: coefficients (p,) with covariance (p, p), SI units, and what is left (n, 3).
+    """A fitted model: coefficients (p,) with covariance (p, p), SI units, and residuals (n, 3).
 
-    `parasitic_kg_per_m` (3,) is k in k |v| v, drag of the body beside the rotors', `intercepts_n` (settings, 3) a
-    force that stays the same within a wind setting, tare drift, each with its deviation; None where not asked
-    for. `noise_scale` (2,) is how many times as far as stated the forces scatter in x and y, and in z (where no
-    noise was stated: in newtons). `condition` is that of the rows with columns of equal length. `doubts` say why the
-    forces are no drag, or none of this model.
+    `parasitic_kg_per_m` (3,) is k in k |v| v, drag of the body beside the rotors'; `intercepts_n` (settings, 3) is a
+    constant force in each wind setting, as a tare that drifted leaves; None where they were not asked for.
+    `noise_scale` (2,) is how many times as far as stated the forces scatter in x and y, and in z (where no noise was
+    stated: in newtons). `condition` is that of the regressors scaled to equal length.
     """
 
     model: DragModel
     coefficients: Array
     covariance: Array
-    parasitic_kg_per_m: Array | None
-    parasitic_std_kg_per_m: Array | None
-    intercepts_n: Array | None
-    intercepts_std_n: Array | None
+    parasitic_kg_per_m: Uncertain | None
+    intercepts_n: Uncertain | None
     residual_n: Array
     noise_scale: tuple[float, float]
-    freedom: int
+    degrees_of_freedom: int
     condition: float
-    doubts: tuple[str, ...]
 
     @property
     def value(self) -> Array:
@@ -53,7 +51,7 @@ class DragFit:
 
     @property
     def std(self) -> Array:
-        """One standard deviation of each of `value`."""
+        """The standard uncertainty of each of `value`."""
         return np.asarray(np.sqrt(np.diag(self.covariance))[self.model.layout])
 
     @property
@@ -64,16 +62,52 @@ class DragFit:
 
     @property
     def sse_n2(self) -> float:
-        """Sum of the squared errors over all experiments and axes, as C.3.1 defines it."""
+        """The sum of the squared errors over all experiments and axes, as C.3.1 defines it."""
         return float(np.sum(self.residual_n**2))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """The regressors (3n, q) of experiments, and their derivatives (3n, q) by the relative change of wind speeds.
+
+    The model's p columns come first, then two of the body's drag, then three a wind setting of intercepts.
+    """
+
+    experiments: DragExperiments
+    model: DragModel
+    rows: Array
+    slopes: Array
+
+    @property
+    def force_n(self) -> Array:
+        """The forces (3n,), experiment by experiment."""
+        return self.experiments.force_n.reshape(-1)
+
+
 class Solution(NamedTuple):
-    """Solution (q,) of linear equations with its covariance (q, q), and the errors that it came of."""
+    """Solution (q,) of linear equations with its covariance (q, q), the errors of the forces and their tau."""
 
     values: Array
     covariance: Array
-    errors: Errors
+    errors: ForceErrors
+    noise_scale: tuple[float, float]
+
+
+def design(
+    experiments: DragExperiments, model: DragModel, *, parasitic: bool = False, intercepts: bool = False
+) -> Design:
+    """Return the equations of a model, with the body's drag and a constant force in each wind setting if wanted."""
+    terms = (*model.terms, *(BODY if parasitic else ()))
+    speed_sum = experiments.speed_sum_rad_s
+    still, rows, twice = (
+        rows_of(terms, times * experiments.velocity_mps, speed_sum).reshape(-1, len(terms)) for times in (0, 1, 2)
+    )
+    slopes = (twice - still) / 2  # exact: no regressor is of higher than second degree in the velocity
+    if intercepts:
+        same = experiments.setting[:, np.newaxis] == np.arange(experiments.settings)
+        constant = np.kron(same, np.eye(3))
+        rows, slopes = np.hstack([rows, constant]), np.hstack([slopes, np.zeros_like(constant)])
+    return Design(experiments=experiments, model=model, rows=rows, slopes=slopes)
 
 
 def fit_drag(
@@ -81,143 +115,97 @@ def fit_drag(
     model: DragModel,
     *,
     weighted: bool = True,
+    gain: Array | None = None,
     intercepts: bool = False,
     parasitic: bool = False,
 ) -> DragFit:
-    """Fit a model to experiments by generalised least squares; `weighted=False` takes all forces alike (C.3.1).
+    """Fit a model to experiments by generalised least squares.
 
-    Deviations are those of noise, references and wind in both cases.
+    `weighted=False` weights all forces alike (C.3.1), a `gain` (p, 3n) is any other estimate that is linear in the
+    forces. Standard uncertainties are those of noise, references and wind in all cases.
 
-    Raises FitError when the experiments cannot tell the unknowns apart: an intercept is the same throughout a
+    Raises FitError when the experiments do not determine the unknowns: an intercept is constant throughout a wind
     setting, and so are v, v^2 and 1 of the complex model.
     """
-    rows = _rows(experiments, model, intercepts=intercepts, parasitic=parasitic)
-    condition = _check(rows, experiments, model)
-    found = solve(experiments, model, rows) if weighted else _solve_plain(experiments, model, rows)
-    std = np.sqrt(np.diag(found.covariance))
-    p, body = model.unknowns, slice(model.unknowns, model.unknowns + 2 * parasitic)
-    lateral_vertical, settings = np.array([0, 0, 1]), slice(body.stop, None)
-    residual = experiments.force_n - (rows @ found.values).reshape(-1, 3)
+    equations = design(experiments, model, parasitic=parasitic, intercepts=intercepts)
+    condition = _condition(equations)
+    if gain is None and not weighted:
+        gain = _plain_gain(equations.rows)
+    found = solve(equations) if gain is None else _estimated(equations, gain)
+    rows, std, p = equations.rows, np.sqrt(np.diag(found.covariance)), model.unknowns
+    body, settings = [p, p, p + 1], slice(p + (2 if parasitic else 0), None)
     return DragFit(
         model=model,
         coefficients=found.values[:p],
         covariance=found.covariance[:p, :p],
-        parasitic_kg_per_m=found.values[body][lateral_vertical] if parasitic else None,
-        parasitic_std_kg_per_m=std[body][lateral_vertical] if parasitic else None,
-        intercepts_n=found.values[settings].reshape(-1, 3) if intercepts else None,
-        intercepts_std_n=std[settings].reshape(-1, 3) if intercepts else None,
-        residual_n=residual,
-        noise_scale=found.errors.scale,
-        freedom=rows.shape[0] - rows.shape[1],
+        parasitic_kg_per_m=Uncertain(found.values[body], std[body]) if parasitic else None,
+        intercepts_n=_by_setting(found.values[settings], std[settings]) if intercepts else None,
+        residual_n=experiments.force_n - (rows @ found.values).reshape(-1, 3),
+        noise_scale=found.noise_scale,
+        degrees_of_freedom=rows.shape[0] - rows.shape[1],
         condition=condition,
-        doubts=(*_driving(experiments), *_turned(experiments), *_unexplained(experiments.force_n, residual)),
     )
 
 
-def solve(experiments: DragExperiments, model: DragModel, rows: Array) -> Solution:
-    """Solve rows (3n, q) for the forces; the first coefficients are the model's.
+def _by_setting(values: Array, std: Array) -> Uncertain:
+    return Uncertain(values.reshape(-1, 3), std.reshape(-1, 3))
 
-    What the wind's error does depends on the coefficients, so they are found in a few rounds.
+
+def solve(equations: Design) -> Solution:
+    """Solve for the unknowns by generalised least squares.
+
+    The effect of the wind's error depends on the coefficients, so they are found in a few rounds.
     """
-    noise, force = noise_of(experiments), experiments.force_n.reshape(-1)
-    values, covariance = _least_squares(noise.standardised(rows), noise.standardised(force))
+    experiments, rows, force = equations.experiments, equations.rows, equations.force_n
+    noise, both = stated_noise(experiments), np.column_stack([rows, force])
+    values, covariance = _least_squares(noise.whitened(both))
     for _ in range(_ROUNDS):
         before = values
-        wind = wind_columns(experiments, model, values[: model.unknowns])
-        errors = errors_of(noise, force - rows @ values, wind, rows)
-        values, covariance = _least_squares(errors.standardised(rows), errors.standardised(force))
+        wind = wind_columns(experiments, equations.slopes @ values)
+        scale = noise_scale(experiments, noise, residual=force - rows @ values, wind=wind, rows=rows)
+        errors = force_errors(noise, scale=scale, wind=wind)
+        values, covariance = _least_squares(errors.whitened(both))
         if np.all(np.abs(values - before) <= _SETTLED * np.sqrt(np.diag(covariance))):
             break
-    return Solution(values, covariance, errors)
+    return Solution(values, covariance, errors, scale)
 
 
-def gained(experiments: DragExperiments, model: DragModel, rows: Array, gain: Array) -> Solution:
-    """Return what a gain (q, 3n) makes of the forces, as another solution of rows (3n, q), with its deviations.
+def _estimated(equations: Design, gain: Array) -> Solution:
+    """Return a gain (q, 3n) times the forces.
 
-    The errors are those that the best solution leaves: a worse one's own error is no noise.
+    The errors are those that the best solution leaves: the misfit of a worse estimate is not noise.
     """
-    errors = solve(experiments, model, rows).errors
-    spread = gain @ errors.columns
-    return Solution(gain @ experiments.force_n.reshape(-1), spread @ spread.T, errors)
+    best = solve(equations)
+    return best._replace(values=gain @ equations.force_n, covariance=best.errors.covariance_of(gain))
 
 
-def _solve_plain(experiments: DragExperiments, model: DragModel, rows: Array) -> Solution:
+def _plain_gain(rows: Array) -> Array:
     length = np.linalg.norm(rows, axis=0)
-    return gained(experiments, model, rows, np.linalg.pinv(rows / length) / length[:, np.newaxis])
+    return np.asarray(np.linalg.pinv(rows / length) / length[:, np.newaxis])
 
 
-def flat_rows(experiments: DragExperiments, model: DragModel) -> Array:
-    """Return the model's rows (3n, p), experiment by experiment."""
-    return model.rows(experiments.velocity_mps, experiments.speed_sum_rad_s).reshape(-1, model.unknowns)
-
-
-def _rows(experiments: DragExperiments, model: DragModel, *, intercepts: bool, parasitic: bool) -> Array:
-    parts = [flat_rows(experiments, model)]
-    if parasitic:
-        body = lateral_and_vertical(experiments.wind_mps[:, np.newaxis] * experiments.velocity_mps)
-        parts.append(body.reshape(-1, 2))
-    if intercepts:
-        belongs = experiments.setting[:, np.newaxis] == np.arange(experiments.settings)
-        parts.append(np.kron(belongs, np.eye(3)))
-    return np.concatenate(parts, axis=1)
-
-
-def _check(rows: Array, experiments: DragExperiments, model: DragModel) -> float:
-    """Return the condition number of rows (3n, q) with columns of equal length; refuse what cannot be told."""
+def _condition(equations: Design) -> float:
+    """Return the condition number of the regressors scaled to equal length; refuse dependent ones."""
+    rows, experiments, model = equations.rows, equations.experiments, equations.model
     if not np.any(experiments.force_n):
-        raise FitError("all forces are zero: there is nothing to fit. Look at the recordings' windows.")
+        raise FitError("all forces are zero, there is nothing to fit: check the windows of the recordings.")
     length = np.linalg.norm(rows, axis=0)
     singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0), compute_uv=False)
     rank, unknowns = int(np.count_nonzero(singular > _DEPENDENT * singular[0])), rows.shape[1]
     if rank < unknowns:
-        more = " beside intercepts or a parasitic term" if unknowns > model.unknowns else ""
+        more = " with intercepts or a parasitic term" if unknowns > model.unknowns else ""
         raise FitError(
-            f"{len(rows) // 3} experiments in {experiments.settings} winds tell {rank} of {unknowns} unknowns of the "
-            f"{model.name} model apart{more}: record more winds and commands, or leave out what is the same "
-            "throughout a wind."
+            f"{len(rows) // 3} experiments in {experiments.settings} wind settings determine {rank} of {unknowns} "
+            f"unknowns of the {model.name} model{more}: record more wind settings and commands, or leave out what is "
+            "constant throughout a wind setting."
         )
     return float(singular[0] / singular[-1])
 
 
-def _driving(experiments: DragExperiments) -> list[str]:
-    doubts = []
-    for axes, part in (("x and y", slice(0, 2)), ("z", slice(2, 3))):
-        force, velocity = experiments.force_n[:, part], experiments.velocity_mps[:, part]
-        if np.sum(force * velocity) > _DRIVEN * np.linalg.norm(force) * np.linalg.norm(velocity):
-            doubts.append(
-                f"along {axes} the forces go with the vehicle's motion relative to the air, which would drive it: look "
-                "at yaw, azimuth, angle and the signs of force and velocity."
-            )
-    return doubts
-
-
-def _turned(experiments: DragExperiments) -> list[str]:
-    """Return a doubt where forces in x and y stand across the wind, as after a wrong yaw."""
-    force, against = experiments.force_n[:, :2], -experiments.velocity_mps[:, :2]
-    along = float(np.sum(force * against))
-    leftward = float(np.sum(against[:, 0] * force[:, 1] - against[:, 1] * force[:, 0]))
-    if abs(leftward) <= _ACROSS * np.linalg.norm(force) * np.linalg.norm(against):
-        return []
-    degrees = math.degrees(math.atan2(leftward, along))
-    return [
-        f"in x and y the forces point {abs(degrees):.0f} degrees {'left' if degrees > 0 else 'right'} of the wind that "
-        "should make them: look at yaw and azimuth."
-    ]
-
-
-def _unexplained(force: Array, residual: Array) -> list[str]:
-    part = float(np.sum(residual**2) / np.sum(force**2))
-    if part <= BELIEVED_UNEXPLAINED:
-        return []
-    return [
-        f"the model leaves {100 * part:.0f} % of the forces' sum of squares unexplained (believed up to "
-        f"{100 * BELIEVED_UNEXPLAINED:.0f} %)."
-    ]
-
-
-def _least_squares(matrix: Array, right: Array) -> tuple[Array, Array]:
-    """Return solution and covariance, the errors on the right having deviation 1, by a QR of equal columns."""
-    length = np.linalg.norm(matrix, axis=0)
-    q, r = np.linalg.qr(matrix / length)
+def _least_squares(white: Array) -> tuple[Array, Array]:
+    """Return solution and covariance of white rows and right side (m, q + 1), by a QR of columns of equal length."""
+    rows, right = white[:, :-1], white[:, -1]
+    length = np.linalg.norm(rows, axis=0)
+    q, r = np.linalg.qr(rows / length)
     inverse = np.linalg.inv(r) / length[:, np.newaxis]
     return inverse @ (q.T @ right), inverse @ inverse.T

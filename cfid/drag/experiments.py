@@ -1,16 +1,18 @@
 """Drag experiments as a table: one row a command and wind, whoever measured and reduced it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.findings import Finding, note
+from cfid.records.parameters import Source
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-UNSTATED_WIND_STD = 0.05  # relative, where nobody said how far the wind's readings spread
+UNSTATED_WIND_STD = 0.05  # relative standard uncertainty, where the spread of the wind's readings is not stated
 
 _LARGEST = 1e6  # of any column, in its unit: beyond, squares of it overflow, and no vehicle has it
 _SAME = 1e-6  # in m/s: velocities closer than this are those of one wind setting
@@ -21,9 +23,10 @@ class DragExperiments:
     """Experiments (n,) with turning rotors in wind, forces and velocities (n, 3) in the body frame.
 
     `velocity_mps` is that of the vehicle relative to the air. `setting` numbers the wind settings from 0: all
-    experiments of one share the error of its wind speed, of relative deviation `wind_relative_std`.
-    `force_std_n` is one deviation of each force's own noise, `reference_std_n` that of the reference subtracted from
-    it, which all experiments at its command share. Where `noise_known` is false both are relative weights only.
+    experiments of one share the error of its wind speed, of relative standard uncertainty `wind_relative_std`.
+    `force_std_n` is the standard uncertainty of each force's own noise, `reference_std_n` that of the reference
+    subtracted from it, which all experiments at its command share. Where `noise_known` is false both are relative
+    weights only. `sources` are the files they come from.
     """
 
     command: Array
@@ -36,6 +39,8 @@ class DragExperiments:
     noise_known: bool
     setting: Indices
     wind_relative_std: Array
+    findings: tuple[Finding, ...] = ()
+    sources: tuple[Source, ...] = ()
 
     @property
     def wind_mps(self) -> Array:
@@ -49,7 +54,8 @@ class DragExperiments:
 
     def at(self, rows: npt.NDArray[np.bool_]) -> "DragExperiments":
         """Return some of the experiments, their settings numbered anew."""
-        return DragExperiments(
+        return replace(
+            self,
             command=self.command[rows],
             angle_deg=self.angle_deg[rows],
             velocity_mps=self.velocity_mps[rows],
@@ -57,7 +63,6 @@ class DragExperiments:
             force_n=self.force_n[rows],
             force_std_n=self.force_std_n[rows],
             reference_std_n=self.reference_std_n[rows],
-            noise_known=self.noise_known,
             setting=np.unique(self.setting[rows], return_inverse=True)[1],
             wind_relative_std=self.wind_relative_std[rows],
         )
@@ -72,12 +77,12 @@ def experiments_from_table(
     force_n: npt.ArrayLike,
     wind_relative_std: float = UNSTATED_WIND_STD,
 ) -> DragExperiments:
-    """Take forces (n, 3) that somebody has reduced already; rows of standing rotors or without wind are left out.
+    """Return experiments of reduced forces (n, 3); rows with standing rotors or without wind are left out.
 
-    Such a table says nothing of noise: all forces count alike, half of the variance being the reference's, which
-    was subtracted at the same command. Rows of equal velocity (n, 3) make one wind setting.
+    Such a table states no noise: all forces count alike, half of the variance being that of the reference, which was
+    subtracted at the same command. Rows of equal velocity (n, 3) make one wind setting.
 
-    Raises DataError when columns differ in length, hold what is no number, or leave nothing to fit.
+    Raises DataError when columns differ in length, contain a value that is not finite, or leave nothing to fit.
     """
     given = {
         "command": np.asarray(command, dtype=np.float64),
@@ -89,18 +94,34 @@ def experiments_from_table(
     _check(given)
     windy = np.linalg.norm(given["velocity_mps"], axis=1) > _SAME
     used = windy & (given["speed_sum_rad_s"] > 0)
-    if not used.any():
+    count, left_out = int(used.sum()), int(np.sum(~used))
+    if count == 0:
         raise DataError("no row has both wind and turning rotors: without them there is no drag.")
     columns = {name: values[used] for name, values in given.items()}
     rounded = np.rint(columns["velocity_mps"] / _SAME)
+    findings = [standing_left_out(f"{left_out} row(s) without wind or with standing rotors")] if left_out else []
     return DragExperiments(
         **columns,
-        force_std_n=np.ones((int(used.sum()), 3)),
-        reference_std_n=np.ones((int(used.sum()), 3)),
+        force_std_n=np.ones((count, 3)),
+        reference_std_n=np.ones((count, 3)),
         noise_known=False,
         setting=np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1),
-        wind_relative_std=np.full(int(used.sum()), wind_relative_std),
+        wind_relative_std=np.full(count, wind_relative_std),
+        findings=(*findings, _without_noise(wind_relative_std)),
     )
+
+
+def standing_left_out(what: str) -> Finding:
+    """Return the note on runs or rows in which no rotor turns in wind."""
+    return note("drag-standing-rotors", f"{what} contain no drag of rotors: not used.", "drag.*")
+
+
+def _without_noise(wind_relative_std: float) -> Finding:
+    text = (
+        "a table of forces states no noise, which is estimated from the models' residuals; the relative standard "
+        f"uncertainty of its winds is taken to be {100 * wind_relative_std:g} %."
+    )
+    return note("drag-table-without-noise", text, "drag.*")
 
 
 def _check(given: dict[str, Array]) -> None:
@@ -108,10 +129,10 @@ def _check(given: dict[str, Array]) -> None:
     for name, values in given.items():
         expected = (count, 3) if name in {"velocity_mps", "force_n"} else (count,)
         if values.shape != expected:
-            raise DataError(f"{name} has the shape {values.shape}, {expected} was expected, as of the commands.")
+            raise DataError(f"{name} has the shape {values.shape}; {expected} was expected, as of the commands.")
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
-            raise DataError(f"row {bad[0, 0] + 1} of {name} is no number: complete the row or leave it out.")
+            raise DataError(f"row {bad[0, 0] + 1} of {name} is not a number: complete the row or leave it out.")
         wrong = np.argwhere((np.abs(values) > _LARGEST) | ((values < 0) & (name == "speed_sum_rad_s")))
         if len(wrong):
             raise DataError(f"row {wrong[0, 0] + 1} of {name} is {values[tuple(wrong[0])]:g}: no vehicle has that.")

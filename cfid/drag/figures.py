@@ -1,6 +1,6 @@
-"""Drag drawn: forces over wind and rotor speed (figure 4.10), coefficients (4.11), and what models say (4.12)."""
+"""Figures of drag: forces over wind and rotor speed (4.10), coefficients (4.11), and the models' forces (4.12)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +10,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from cfid.drag.estimation import DragFit
+from cfid.drag.checks import quantities_of
+from cfid.drag.comparison import DragModels
 from cfid.drag.experiments import DragExperiments
-from cfid.drag.model import SIMPLE
-from cfid.drag.selection import DragResult
+from cfid.drag.thesis import lateral_kg_per_rad, ratios_kg_per_rad
 from cfid.drawing.style import DASHES, INK, KEY_IN, MUTED, SERIES, figure, key_row, name_panel, styled, words
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +32,15 @@ class _Wind(NamedTuple):
     angle_deg: float
     speed_mps: float
     colour: tuple[float, ...]
+
+
+def drag_figures(found: DragModels) -> Mapping[str, Figure]:
+    """Return all figures by file name."""
+    return {
+        "drag_forces": forces_figure(found.experiments),
+        "drag_models": models_figure(found),
+        "drag_coefficients": coefficients_figure(found),
+    }
 
 
 @styled
@@ -65,13 +74,12 @@ def forces_figure(experiments: DragExperiments) -> Figure:
 
 
 @styled
-def coefficients_figure(found: DragResult) -> Figure:
+def coefficients_figure(found: DragModels) -> Figure:
     """Return the simple model's coefficients of every experiment over the rotors' speed, beside those of the fit.
 
-    Those of x and y are of both together, and of winds from the side alone. Bands are one deviation.
+    Those of x and y are of both together, and of winds from the side alone. Bands are one standard uncertainty.
     """
-    assert found.groups is not None
-    experiments = found.experiments
+    experiments, simple = found.experiments, found.fits["simple"]
     angles, winds = _angles(experiments), list(_winds(experiments))
     page, grid = figure(
         3,
@@ -82,11 +90,12 @@ def coefficients_figure(found: DragResult) -> Figure:
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), Line2D([], [], color=INK, label="all together"))
     beside: Axes | None = None
-    panels = (("(a) x and y", found.groups.lateral, 0), ("(b) z", found.groups.each[:, 2], 2))
+    z = ratios_kg_per_rad(experiments)[:, 2]
+    panels = (("(a) x and y", lateral_kg_per_rad(experiments), 0), ("(b) z", z, 2))
     for row, (title, each, place) in enumerate(panels):
         beside = axes = page.add_subplot(grid[1 + row, 0], sharex=beside)
         name_panel(axes, title, x=_SPEED if row else "", y="coefficient (kg/rad)")
-        value, std = found.simple_kg_per_rad[place], found.simple_std_kg_per_rad[place]
+        value, std = simple.value[place], simple.std[place]
         axes.axhspan(value - std, value + std, fc=INK, alpha=0.15, lw=0)
         axes.axhline(value, color=INK, lw=1.1)
         for angle in angles:
@@ -97,23 +106,24 @@ def coefficients_figure(found: DragResult) -> Figure:
 
 
 @styled
-def models_figure(found: DragResult) -> Figure:
-    """Return the force along z as measured, marks, and as the chosen model says, lines, with what each leaves."""
-    experiments, chosen = found.experiments, found.chosen
+def models_figure(found: DragModels) -> Figure:
+    """Return the force along z as measured, marks, and as the chosen model predicts it, lines, with its residuals."""
+    experiments, chosen = found.experiments, found.fits[found.chosen]
     angles, winds = _angles(experiments), list(_winds(experiments))
-    doubts = [f"Not believed: {doubt}" for doubt in chosen.doubts]
-    names = [name for name, fit in found.fits.items() if fit is chosen]
+    key = quantities_of(found.chosen)[0]
+    rejections = [one.text for one in found.findings if one.severity == "rejection" and one.concerns(key)]
     page, grid = figure(
         4,
         len(angles),
         heights_in=(2 * KEY_IN, 2.6, 1.7, 0.42 + 0.165 * (len(found.fits) + 1)),
-        title=f"Drag force along z, measured and by the {names[0]} model",
-        doubts=doubts,
+        title=f"Drag force along z, measured and by the {found.chosen} model",
+        doubts=[f"Rejected: {text}" for text in rejections],
         notes=_not_drawn(experiments),
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), *_marks())
-    said = experiments.force_n - _residual(found, chosen)
-    rows = (("fz (N)", experiments.force_n[:, 2]), ("residual (N)", _residual(found, chosen)[:, 2]))
+    residual = chosen.residual_n[:, 2]
+    predicted = experiments.force_n[:, 2] - residual
+    rows = (("fz (N)", experiments.force_n[:, 2]), ("residual (N)", residual))
     for row, (label, marks) in enumerate(rows):
         beside: Axes | None = None
         for column, angle in enumerate(angles):
@@ -127,22 +137,16 @@ def models_figure(found: DragResult) -> Figure:
             axes.axhline(0.0, color=MUTED, lw=0.8)
             _draw_winds(axes, winds, angle, experiments, marks, line="" if row == 0 else ":")
             if row == 0:
-                _draw_winds(axes, winds, angle, experiments, said[:, 2], marker="")
+                _draw_winds(axes, winds, angle, experiments, predicted, marker="")
             axes.tick_params(labelbottom=row == 1, labelleft=column == 0)
-    words(page.add_subplot(grid[3, :]), "sum of squared errors over x, y and z", _told(found))
+    words(page.add_subplot(grid[3, :]), "sum of squared errors over x, y and z", _comparison(found))
     page.align_ylabels()
     return page
 
 
-def _residual(found: DragResult, fit: DragFit) -> Array:
-    """Return what a model leaves (n, 3); of the simple one with the coefficients that are given for it."""
-    return found.simple_residual_n if fit.model is SIMPLE else fit.residual_n
-
-
-def _told(found: DragResult) -> list[tuple[str, str]]:
-    named = [(name + " model", f"{value:.4g} N²") for name, value in found.sse_n2.items()]
-    chosen = next(name for name, fit in found.fits.items() if fit is found.chosen)
-    how = "not judged" if found.comparison is None else f"{chosen}, by winds left out one by one"
+def _comparison(found: DragModels) -> list[tuple[str, str]]:
+    named = [(f"{name} model", f"{fit.sse_n2:.4g} N²") for name, fit in found.fits.items()]
+    how = "not compared" if found.comparison is None else f"{found.chosen}, by wind settings left out one by one"
     return [*named, ("chosen", how)]
 
 

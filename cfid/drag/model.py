@@ -1,7 +1,8 @@
-"""The models of drag: what force each says that moving air does to turning rotors. All are linear in coefficients."""
+"""The models of drag: which force moving air exerts on turning rotors. Each is a table of regressors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +10,18 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-_LATERAL_AND_VERTICAL = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # x and y share a coefficient, z has its own
+_LATERAL, _VERTICAL = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+class Term(NamedTuple):
+    """One coefficient's part of the force.
+
+    `regressor` maps velocities (n, 3) in m/s and speed sums (n, 1) in rad/s to (n, 3) or (n, 1), one value an axis;
+    `axes` (3,) is 1 for the axes that share the coefficient and 0 for the others.
+    """
+
+    regressor: Callable[[Array, Array], Array]
+    axes: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +33,16 @@ class DragModel:
 
     name: str
     layout: Indices
-    rows: Callable[[Array, Array], Array]
+    terms: tuple[Term, ...]
 
     @property
     def unknowns(self) -> int:
-        """How many coefficients there are."""
-        return int(self.layout.max()) + 1
+        """The number of coefficients."""
+        return len(self.terms)
+
+    def rows(self, velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
+        """Return the regressors (n, 3, p) of velocities (n, 3) and speed sums (n,)."""
+        return rows_of(self.terms, velocity_mps, speed_sum_rad_s)
 
     def force_n(self, coefficients: Array, *, velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
         """Return the drag force (n, 3) of coefficients (p,)."""
@@ -39,45 +55,52 @@ class DragModel:
         return found
 
 
-def lateral_and_vertical(term: Array) -> Array:
-    """Return rows (n, 3, 2) of a term (n, 3) with one coefficient for x and y, and one for z."""
-    return np.asarray(term[:, :, np.newaxis] * _LATERAL_AND_VERTICAL)
+def rows_of(terms: tuple[Term, ...], velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
+    """Return the regressors (n, 3, p) of p terms."""
+    speed_sum = speed_sum_rad_s[:, np.newaxis]
+    return np.stack([term.regressor(velocity_mps, speed_sum) * term.axes for term in terms], axis=2)
 
 
-def _simple(velocity: Array, speed_sum: Array) -> Array:
-    return lateral_and_vertical(speed_sum[:, np.newaxis] * velocity)
+def _lateral_and_vertical(*regressors: Callable[[Array, Array], Array]) -> tuple[Term, ...]:
+    """Return two terms a regressor: x and y share a coefficient, z has its own."""
+    return tuple(Term(regressor, axes) for regressor in regressors for axes in (_LATERAL, _VERTICAL))
 
 
-def _complex(velocity: Array, speed_sum: Array) -> Array:
-    ones = np.ones_like(velocity)
-    speed = speed_sum[:, np.newaxis] * ones
-    terms = (speed * velocity, velocity**2, speed**2, velocity, speed, ones)
-    return np.concatenate([lateral_and_vertical(term) for term in terms], axis=2)
+def _coupled(name: str, sideways: Callable[[Array], Array]) -> DragModel:
+    """Return eq. 4.6 with the symmetries of eq. 4.7; kappa_4 multiplies `sideways` of the velocity, (n, 1)."""
+    return DragModel(
+        name,
+        np.array([[0, 1, 2], [1, 0, 2], [3, 3, 4]]),
+        (
+            Term(lambda v, s: s * v, _LATERAL),
+            Term(lambda v, s: s * v[:, [1, 0, 2]], _LATERAL),
+            Term(lambda v, s: s * v[:, 2:], _LATERAL),
+            Term(lambda v, s: s * sideways(v), _VERTICAL),
+            Term(lambda v, s: s * v, _VERTICAL),
+        ),
+    )
 
-
-def _cross(velocity: Array, speed_sum: Array) -> Array:
-    return _coupled(velocity, speed_sum, velocity[:, 0] + velocity[:, 1])
-
-
-def _cross_mended(velocity: Array, speed_sum: Array) -> Array:
-    return _coupled(velocity, speed_sum, np.hypot(velocity[:, 0], velocity[:, 1]))
-
-
-def _coupled(velocity: Array, speed_sum: Array, sideways: Array) -> Array:
-    x, y, z = velocity.T
-    none = np.zeros_like(x)
-    rows = [[x, y, z, none, none], [y, x, z, none, none], [none, none, none, sideways, z]]
-    return np.moveaxis(np.array(rows) * speed_sum, 2, 0)
-
-
-_CROSS_LAYOUT = np.array([[0, 1, 2], [1, 0, 2], [3, 3, 4]])
 
 # Eq. 4.2: the diagonal of K_aero, kg/rad.
-SIMPLE = DragModel("simple", np.array([0, 0, 1]), _simple)
+SIMPLE = DragModel("simple", np.array([0, 0, 1]), _lateral_and_vertical(lambda v, s: s * v))
 # Eq. 4.5: k1 to k6, for x, y, z each; kg/rad, kg/m, N s^2/rad^2, kg/s, N s/rad, N (the thesis prints kg/rad for all).
-COMPLEX = DragModel("complex", np.arange(0, 12, 2)[:, np.newaxis] + np.array([0, 0, 1]), _complex)
-# Eq. 4.6 with the symmetries of eq. 4.7: kappa_1 to kappa_5 in the matrix, kg/rad.
-CROSS = DragModel("cross", _CROSS_LAYOUT, _cross)
-# The same, but for the lift: kappa_4 of eq. 4.7 turns its sign with the direction of flight, which no rotor does
-# (section 4.5), so here it multiplies |v_xy|.
-CROSS_MENDED = DragModel("cross mended", _CROSS_LAYOUT, _cross_mended)
+COMPLEX = DragModel(
+    "complex",
+    np.arange(0, 12, 2)[:, np.newaxis] + np.array([0, 0, 1]),
+    _lateral_and_vertical(
+        lambda v, s: s * v,
+        lambda v, s: v**2,
+        lambda v, s: s**2,
+        lambda v, s: v,
+        lambda v, s: s,
+        lambda v, s: np.ones_like(s),
+    ),
+)
+# Kappa_1 to kappa_5 in the matrix, kg/rad.
+CROSS = _coupled("cross", lambda v: v[:, :1] + v[:, 1:2])
+# Kappa_4 of eq. 4.7 turns its sign with the direction of flight, which no rotor does (section 4.5): here it
+# multiplies |v_xy|.
+CROSS_MENDED = _coupled("cross mended", lambda v: np.hypot(v[:, :1], v[:, 1:2]))
+
+# Drag of the body beside the rotors', k |v| v: a coefficient for x and y, one for z, kg/m.
+BODY = _lateral_and_vertical(lambda v, s: np.linalg.norm(v, axis=1, keepdims=True) * v)

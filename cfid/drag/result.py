@@ -1,174 +1,191 @@
-"""Drag as `cfid fit drag` tells it: parameters of the contract, lines, and the figures that judge the models."""
+"""Drag coefficients as a result: quantities, findings, how the models compare, and figures."""
 
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from cfid.drag.estimation import DragFit
-    from cfid.drag.experiments import DragExperiments
-    from cfid.drag.normalisation import Normalised
-    from cfid.drag.selection import DragResult
-    from cfid.records.covariances import Covariance
-    from cfid.records.parameters import Parameter
+from cfid.drag.checks import quantities_of, resolves_kappa_4
+from cfid.drag.comparison import DragModels, Method, fit_models
+from cfid.drag.data import read_runs
+from cfid.drag.estimation import DragFit, Uncertain
+from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import CROSS_MENDED
+from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
+from cfid.drag.wind.data import AS_THEY_ARE, WindReading
+from cfid.findings import note, rejected
+from cfid.quantities.lookup import unit_of
+from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
+from cfid.records.parameters import Parameter
+from cfid.records.result import Figures, Result
+from cfid.records.run import Run
+from cfid.records.tables.wrench import WrenchReading
 
-Grouping = Literal["each", "lateral", "command", "wind", "angle"]
-
-NORMALISED = (
-    "normalised as equation 4.10 prints it: its third term is weighted by the mean speed sum, where the mean of its "
-    "square was meant; --json has those too (quality.normalised_squared)."
+_SIMPLE, _CROSS = "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"
+_NORMALISED = note(
+    "drag-normalised-as-printed",
+    "k1 to k6 are normalised as equation 4.10 prints it: its third term is weighted by the mean speed sum, where the "
+    "mean of its square was meant; quality.normalised_squared has those too.",
+    "drag.complex.normalised.*",
 )
 
-_UNITS = ("kg/rad", "kg/m", "N s^2/rad^2", "kg/s", "N s/rad", "N")
 
+def fit(
+    measured: DragExperiments | Sequence[Run | Path | str],
+    *,
+    index: Path | None = None,
+    wrench: WrenchReading = AS_THEY_ARE.wrench,
+    azimuth_deg: float | None = None,
+    yaw_deg: float | None = None,
+    markers: int | None = None,
+    flip_fz: bool | None = None,
+    rig: RigFacts = NONE_STATED,
+    mended: bool = False,
+    intercepts: bool = False,
+    parasitic: bool = False,
+    grouping: Grouping | None = None,
+    method: Method = "default",
+) -> Result:
+    """Fit the simple, the cross-coupling and the complex model of drag, and choose the one that is supported.
 
-def drag_parameters(found: "DragResult", grouping: Grouping | None) -> "dict[str, Parameter]":
-    """Return all that was found, by the contract's keys."""
-    from cfid.records.parameters import Parameter
+    `measured` are runs of `cfid log wind`, with the recordings that an `index` lists, or experiments that
+    `read_forces` read. Azimuth of the wind generator, yaw and sign of the load cell and the tachometer's markers
+    replace those that a run states; recordings of an index are of a `rig`. `wrench` is how files that do not describe
+    themselves are read. See `fit_models` for the models and methods, `group_rows` for `grouping`.
 
-    kept = {
-        "drag.simple_kg_per_rad": Parameter(
-            value=found.simple_kg_per_rad, std=found.simple_std_kg_per_rad, unit=_UNITS[0]
+    Raises ConfigError for intercepts with a parasitic term, DataError for what cannot be read, and FitError when not
+    even the simple model is determined.
+    """
+    if isinstance(measured, DragExperiments):
+        experiments = measured
+    else:
+        given = RigFacts(
+            loadcell=LoadCellMount(flip_fz=flip_fz),
+            tachometer=Tachometer(markers=markers),
+            wind=WindStand(azimuth_deg=azimuth_deg, yaw_deg=yaw_deg),
         )
-    }
-    if found.complex_ is not None:
-        kept |= _complex(found.complex_, found.experiments)
-    if found.cross is not None:
-        fit = found.cross.fit
-        kept["drag.cross_coupling_kg_per_rad"] = Parameter(value=fit.value, std=fit.std, unit=_UNITS[0])
-    kept |= {f"drag.sse_n2.{name}": Parameter(value=value, unit="N^2") for name, value in found.sse_n2.items()}
-    for name, fit in found.fits.items():
-        kept |= _beside(name, fit, found.experiments)
-    if grouping is not None and found.groups is not None:
-        kept["drag.groups"] = Parameter(value=group_rows(found, grouping), unit="as named")
-    return kept
+        experiments = read_runs(measured, index=index, how=WindReading(wrench, method, given, rig))
+    found = fit_models(experiments, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
+    quantities = drag_quantities(found, grouping)
+    findings = (*found.findings, *([_NORMALISED] if "complex" in found.fits else []))
+    return Result(
+        command="fit drag",
+        method=method,
+        quantities=quantities,
+        wanted=quantities_of(found.chosen),
+        findings=findings,
+        quality=drag_quality(found),
+        sources=experiments.sources,
+        covariances=drag_covariances(found),
+        lines=tuple(drag_lines(found, quantities)),
+        drawings=lambda: _drawings(found),
+    )
 
 
-def drag_covariances(found: "DragResult") -> "tuple[Covariance, ...]":
+def _drawings(found: DragModels) -> Figures:
+    from cfid.drag.figures import drag_figures  # matplotlib takes longer to load than a fit
+
+    return drag_figures(found)
+
+
+def drag_quantities(found: DragModels, grouping: Grouping | None = None) -> dict[str, Parameter]:
+    """Return all that was found, by key."""
+    fits, runs = found.fits, found.experiments
+    kept: dict[str, tuple[Any, Any]] = {_SIMPLE: (fits["simple"].value, fits["simple"].std)}
+    if "complex" in fits:
+        kept |= _complex(fits["complex"], runs)
+    if "cross" in fits:
+        kept[_CROSS] = fits["cross"].value, fits["cross"].std
+    kept |= {f"drag.sse_n2.{name}": (fit.sse_n2, None) for name, fit in fits.items()}
+    for name, fit in fits.items():
+        if fit.parasitic_kg_per_m is not None:
+            kept[f"drag.parasitic_kg_per_m.{name}"] = fit.parasitic_kg_per_m
+        if fit.intercepts_n is not None:
+            kept[f"drag.intercepts_n.{name}"] = _intercepts(fit.intercepts_n, runs), None
+    if grouping is not None:
+        kept["drag.groups"] = group_rows(runs, grouping), None
+    return {key: Parameter(value=value, std=std, unit=unit_of(key)) for key, (value, std) in kept.items()}
+
+
+def drag_covariances(found: DragModels) -> tuple[Covariance, ...]:
     """Return the covariances of the simple and of the cross-coupling model's numbers."""
-    from cfid.records.covariances import covariance_between
-
-    simple = {"drag.simple_kg_per_rad": found.simple_kg_per_rad.tolist()}
-    if found.cross is None:
-        return covariance_between(simple, found.simple_covariance)
-    fit = found.cross.fit
-    cross = {"drag.cross_coupling_kg_per_rad": fit.value.tolist()}
-    return covariance_between(simple, found.simple_covariance) + covariance_between(cross, fit.value_covariance)
+    fits = {key: found.fits[name] for key, name in ((_SIMPLE, "simple"), (_CROSS, "cross")) if name in found.fits}
+    return tuple(
+        one for key, fit in fits.items() for one in covariance_between({key: fit.value.tolist()}, fit.value_covariance)
+    )
 
 
-def group_rows(found: "DragResult", grouping: Grouping) -> list[dict[str, Any]]:
-    """Return coefficients of the simple model in one of the groupings of C.3.1, a row each."""
-    groups, runs = found.groups, found.experiments
-    assert groups is not None
-    if grouping not in ("each", "lateral"):
-        chosen = {"command": groups.by_command, "wind": groups.by_wind, "angle": groups.by_angle}[grouping]
-        return [{name: value for name, value in group._asdict().items() if value is not None} for group in chosen]
-    places = zip(runs.angle_deg.tolist(), runs.command.tolist(), runs.wind_mps.tolist(), strict=True)
-    settings = [{"angle_deg": angle, "command": command, "wind_mps": wind} for angle, command, wind in places]
-    if grouping == "lateral":
-        return [{**at, "kg_per_rad": value} for at, value in zip(settings, groups.lateral.tolist(), strict=True)]
-    axes = ("x_kg_per_rad", "y_kg_per_rad", "z_kg_per_rad")
-    return [{**at, **dict(zip(axes, row, strict=True))} for at, row in zip(settings, groups.each.tolist(), strict=True)]
-
-
-def drag_quality(found: "DragResult") -> dict[str, Any]:
-    """Return what judges the models."""
-    runs, compared = found.experiments, found.comparison
+def drag_quality(found: DragModels) -> dict[str, Any]:
+    """Return the figures that judge the models."""
+    runs, cross, complex_ = found.experiments, found.fits.get("cross"), found.fits.get("complex")
+    sideways = "|v_xy|" if cross is not None and cross.model is CROSS_MENDED else "v_x + v_y"
     return {
-        "chosen": next(name for name, fit in found.fits.items() if fit is found.chosen),
+        "chosen": found.chosen,
         "experiments": len(runs.command),
         "wind_settings": runs.settings,
         "mean_wind_mps": runs.wind_mps.mean(),
         "mean_speed_sum_rad_s": runs.speed_sum_rad_s.mean(),
-        "kappa_4_times": _sideways(found),
-        "unresolved": found.cross.unresolved if found.cross else (),
-        "margin_nats": compared.margin if compared else None,
-        "normalised_squared": _normalised(found.complex_.value, runs).squared if found.complex_ else None,
+        "kappa_4_times": sideways if cross is not None else None,
+        "unresolved": () if cross is None or resolves_kappa_4(runs) else ("kappa_4",),
+        "margin_nats": found.comparison.margin if found.comparison else None,
+        "normalised_squared": _normalised(complex_.value, runs).squared if complex_ is not None else None,
         "models": {name: _judged(found, fit) for name, fit in found.fits.items()},
     }
 
 
-def drag_lines(found: "DragResult", grouping: Grouping | None) -> list[str]:
-    """Return for a person how the models compare, and the groups that were asked for."""
-    runs = found.experiments
-    lines = [f"{len(runs.command)} experiments in {runs.settings} winds; what the models leave, in N^2:"]
+def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[str]:
+    """Return how the accepted models compare, and tables of what was asked for."""
+    gone, runs = rejected(found.findings, quantities), found.experiments
+    lines = [f"{len(runs.command)} experiments in {runs.settings} wind settings; squared errors of each model in N^2:"]
     for name, fit in found.fits.items():
-        judged = _judged(found, fit)
-        left_out = judged["left_out_sse_n2"]
-        predicted = "" if left_out is None else f", {left_out:.4g} where its wind was left out"
-        chosen = "  <- chosen" if fit is found.chosen and found.comparison is not None else ""
+        if f"drag.sse_n2.{name}" in gone:
+            continue
+        left_out = _judged(found, fit)["left_out_sse_n2"]
+        predicted = "" if left_out is None else f", {left_out:.4g} where its wind setting was left out"
+        chosen = "  <- chosen" if name == found.chosen and found.comparison is not None else ""
         lines.append(
-            f"  {name:8} {found.sse_n2[name]:.4g}{predicted} (condition {fit.condition:.3g}, "
+            f"  {name:8} {fit.sse_n2:.4g}{predicted} (condition {fit.condition:.3g}, "
             f"{fit.model.unknowns} coefficients){chosen}"
         )
-    if found.complex_ is not None:
-        lines.append(NORMALISED)
-    if found.simple.intercepts_n is not None:
-        lines.append("constant forces beside the simple model:")
-        lines += [_row_line(row) for row in _intercepts(found.simple.intercepts_n, runs)]
-    if grouping is not None and found.groups is not None:
-        lines += [_row_line(row) for row in group_rows(found, grouping)]
+    for key, what in (("drag.intercepts_n.simple", "constant forces of the simple model:"), ("drag.groups", "")):
+        if key in quantities and key not in gone:
+            lines += [what] * bool(what)
+            lines += [_row_line(row) for row in quantities[key].value]
     return lines
 
 
-def _sideways(found: "DragResult") -> str | None:
-    """Return what kappa_4 multiplies beside the sum of rotor speeds."""
-    if found.cross is None:
-        return None
-    return "|v_xy|" if found.cross.mended else "v_x + v_y"
+def _row_line(row: Mapping[str, float]) -> str:
+    return "  " + ", ".join(f"{name} {value:.5g}" for name, value in row.items())
 
 
-def _complex(fit: "DragFit", runs: "DragExperiments") -> "dict[str, Parameter]":
-    """Return k1 to k6, and normalised as printed in eq. 4.10."""
-    from cfid.records.parameters import Parameter
-
+def _complex(fit: DragFit, runs: DragExperiments) -> dict[str, tuple[Any, Any]]:
+    """Return k1 to k6, and normalised as printed in eq. 4.10, with standard uncertainties."""
     value, std = (_normalised(each, runs).thesis for each in (fit.value, fit.std))
-    forms = {"": (fit.value, fit.std, _UNITS), "normalised.": (value, std, ("",) * 6)}
+    forms = {"": (fit.value, fit.std), "normalised.": (value, std)}
     return {
-        f"drag.complex.{form}k{i + 1}": Parameter(value=values[i], std=deviations[i], unit=units[i])
-        for form, (values, deviations, units) in forms.items()
-        for i in range(6)
+        f"drag.complex.{form}k{i + 1}": (values[i], stds[i]) for form, (values, stds) in forms.items() for i in range(6)
     }
 
 
-def _normalised(coefficients: Any, runs: "DragExperiments") -> "Normalised":
-    from cfid.drag.normalisation import normalise
-
+def _normalised(coefficients: Any, runs: DragExperiments) -> Normalised:
     return normalise(coefficients, wind_mps=runs.wind_mps, speed_sum_rad_s=runs.speed_sum_rad_s)
 
 
-def _beside(name: str, fit: "DragFit", runs: "DragExperiments") -> "dict[str, Parameter]":
-    """Return what was fitted beside a model's own coefficients."""
-    from cfid.records.parameters import Parameter
-
-    kept = {}
-    if fit.parasitic_kg_per_m is not None:
-        kept[f"drag.parasitic_kg_per_m.{name}"] = Parameter(
-            value=fit.parasitic_kg_per_m, std=fit.parasitic_std_kg_per_m, unit="kg/m"
-        )
-    if fit.intercepts_n is not None:
-        kept[f"drag.intercepts_n.{name}"] = Parameter(value=_intercepts(fit.intercepts_n, runs), unit="as named")
-    return kept
-
-
-def _intercepts(intercepts_n: Any, runs: "DragExperiments") -> list[dict[str, float]]:
-    """Return the constant force in each wind, a row each."""
+def _intercepts(intercepts_n: Uncertain, runs: DragExperiments) -> list[dict[str, float]]:
+    """Return the constant force in each wind setting, a row each."""
     first = [runs.setting.tolist().index(setting) for setting in range(runs.settings)]
     return [
         {"angle_deg": float(runs.angle_deg[row]), "wind_mps": float(runs.wind_mps[row]), "x_n": x, "y_n": y, "z_n": z}
-        for row, (x, y, z) in zip(first, intercepts_n.tolist(), strict=True)
+        for row, (x, y, z) in zip(first, intercepts_n.value.tolist(), strict=True)
     ]
 
 
-def _judged(found: "DragResult", fit: "DragFit") -> dict[str, Any]:
-    tried = [one for one in (found.comparison.candidates if found.comparison else ()) if one.model is fit.model]
+def _judged(found: DragModels, fit: DragFit) -> dict[str, Any]:
+    predicted = found.comparison.of(fit.model) if found.comparison else None
     return {
         "condition": fit.condition,
-        "degrees_of_freedom": fit.freedom,
+        "degrees_of_freedom": fit.degrees_of_freedom,
         "noise_scale": fit.noise_scale,
-        "surprise_nats": float(tried[0].surprise.mean()) if tried else None,
-        "left_out_sse_n2": float(tried[0].left_out_sse_n2.sum()) if tried else None,
-        "doubts": fit.doubts,
+        "surprise_nats": float(predicted.surprise.mean()) if predicted else None,
+        "left_out_sse_n2": float(predicted.sse_n2.sum()) if predicted else None,
     }
-
-
-def _row_line(row: dict[str, Any]) -> str:
-    return "  " + ", ".join(f"{name} {value:.5g}" for name, value in row.items())

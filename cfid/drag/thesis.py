@@ -1,106 +1,97 @@
-"""The simple model of drag, f = K speed_sum v with diagonal K (eq. 4.2), in all groupings of C.3.1.
+"""What C.3.1 calculates: coefficients of the simple model as means of ratios, in groups, and normalised ones.
 
 What C.3.1 calls least squares is the mean of force / (speed sum * velocity), so that weak winds count as much as
-strong ones. `fit_drag` with the model SIMPLE is the honest one, and the default elsewhere.
+strong ones. Generalised least squares is the default elsewhere.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from cfid.drag.estimation import flat_rows, gained
 from cfid.drag.experiments import DragExperiments
-from cfid.drag.model import SIMPLE
 from cfid.errors import FitError
 
 Array = npt.NDArray[np.float64]
+Grouping = Literal["each", "lateral", "command", "wind", "angle"]
 
-_ACROSS = 1e-6  # of the wind speed: a component below is rounding, and tells nothing of that axis
-
-
-class Group(NamedTuple):
-    """A coefficient of x and y together, None for what it is a mean over."""
-
-    angle_deg: float
-    command: float | None
-    wind_mps: float | None
-    kg_per_rad: float
+_ACROSS = 1e-6  # of the wind speed: a smaller component is rounding, and determines nothing along that axis
+# What C.3.1 calls kappa_orth_LS_allWinds, _allInputs and _all.
+_GROUPED_BY = {"command": ["angle_deg", "command"], "wind": ["angle_deg", "wind_mps"], "angle": ["angle_deg"]}
 
 
-@dataclass(frozen=True, kw_only=True)
-class SimpleGroupings:
-    """Coefficients in kg/rad, as C.3.1 groups them; x and y of wind from straight above are left out.
+class Normalised(NamedTuple):
+    """Coefficients (6, 3), each times the mean of what it is multiplied with, over the sum of these means.
 
-    `each` (n, 3) is that of every experiment and axis (kappa_orth, kappa_par; nan where left out), `lateral` (n,)
-    that of x and y together (kappa_orth_LS). `by_command` takes all winds of an angle and command
-    (kappa_orth_LS_allWinds), `by_wind` all commands of an angle and wind (kappa_orth_LS_allInputs), `by_angle`
-    everything of an angle (kappa_orth_LS_all). `value` (3,) is eq. 4.8: the mean over the angles for x and y, over
-    all experiments for z. The thesis states no deviation; `std` (3,) and `covariance` (3, 3) are those of noise,
-    references and wind.
+    The third term is multiplied with the square of the speed sum. C.3.1 weights it with the speed sum itself
+    (norm3), which makes `thesis`, eq. 4.10; `squared` takes the square, which changes the sum and so all others.
     """
 
-    each: Array
-    lateral: Array
-    by_command: tuple[Group, ...]
-    by_wind: tuple[Group, ...]
-    by_angle: tuple[Group, ...]
-    value: Array
-    std: Array
-    covariance: Array
+    thesis: Array
+    squared: Array
 
 
-def group_simple(experiments: DragExperiments) -> SimpleGroupings:
-    """Return the thesis' coefficients of the simple model.
+def ratios_kg_per_rad(experiments: DragExperiments) -> Array:
+    """Return force / (speed sum * velocity) of every experiment and axis (n, 3), NaN where the velocity is 0."""
+    usable = _usable(experiments)
+    return np.where(usable, experiments.force_n * _inverse(experiments, usable), np.nan)
+
+
+def lateral_kg_per_rad(experiments: DragExperiments) -> Array:
+    """Return the mean ratio (n,) of x and y, NaN for wind from straight above."""
+    return np.asarray(pd.DataFrame(ratios_kg_per_rad(experiments)[:, :2]).mean(axis=1))
+
+
+def means_gain(experiments: DragExperiments) -> Array:
+    """Return eq. 4.8 as a gain (2, 3n) of forces: the mean over the angles for x and y, over all experiments for z.
 
     Raises FitError without wind from the side, or when all of it comes from there.
     """
-    told = np.abs(experiments.velocity_mps) > _ACROSS * experiments.wind_mps[:, np.newaxis]
-    if not (told[:, :2].any() and told[:, 2].any()):
-        raise FitError("wind from one direction alone does not tell x and y from z: record another angle.")
-    product = experiments.speed_sum_rad_s[:, np.newaxis] * experiments.velocity_mps
-    inverse = np.divide(1.0, product, out=np.zeros_like(product), where=told)
-    each = np.where(told, experiments.force_n * inverse, np.nan)
-    found = gained(
-        experiments, SIMPLE, flat_rows(experiments, SIMPLE), _weights(experiments, told) * inverse.reshape(-1)
-    )
-    angle, command, wind = experiments.angle_deg, experiments.command, experiments.wind_mps.round(6)
-    lateral = each[:, :2]
-    return SimpleGroupings(
-        each=each,
-        lateral=np.array([_mean(pair) for pair in lateral]),
-        by_command=_grouped(lateral, [angle, command], lambda a, c: (a, c, None)),
-        by_wind=_grouped(lateral, [angle, wind], lambda a, w: (a, None, w)),
-        by_angle=_grouped(lateral, [angle], lambda a: (a, None, None)),
-        value=found.values[SIMPLE.layout],
-        std=np.sqrt(np.diag(found.covariance))[SIMPLE.layout],
-        covariance=found.covariance[np.ix_(SIMPLE.layout, SIMPLE.layout)],
-    )
-
-
-def _weights(experiments: DragExperiments, told: npt.NDArray[np.bool_]) -> Array:
-    """Return the weight of each ratio (2, 3n): every angle the same in x and y, every experiment in z."""
-    weights = np.zeros((2, *told.shape))
+    usable = _usable(experiments)
+    if not (usable[:, :2].any() and usable[:, 2].any()):
+        raise FitError("wind from one direction alone does not distinguish x and y from z: record another angle.")
+    weights = np.zeros((2, *usable.shape))
     for angle in np.unique(experiments.angle_deg):
-        belongs = told[:, :2] & (experiments.angle_deg == angle)[:, np.newaxis]
-        weights[0, :, :2] += belongs / max(belongs.sum(), 1)
-    weights[1, :, 2] = told[:, 2]
+        same = usable[:, :2] & (experiments.angle_deg == angle)[:, np.newaxis]
+        weights[0, :, :2] += same / max(same.sum(), 1)
+    weights[1, :, 2] = usable[:, 2]
     flat = weights.reshape(2, -1)
-    return np.asarray(flat / flat.sum(axis=1, keepdims=True))
+    return np.asarray(flat / flat.sum(axis=1, keepdims=True) * _inverse(experiments, usable).reshape(-1))
 
 
-def _grouped(
-    lateral: Array, keys: list[Array], named: Callable[..., tuple[float, float | None, float | None]]
-) -> tuple[Group, ...]:
-    groups, place = np.unique(np.stack(keys, axis=1), axis=0, return_inverse=True)
-    means = [_mean(lateral[place.reshape(-1) == i]) for i in range(len(groups))]
-    return tuple(
-        Group(*named(*group), mean) for group, mean in zip(groups.tolist(), means, strict=True) if np.isfinite(mean)
+def group_rows(experiments: DragExperiments, grouping: Grouping) -> list[dict[str, Any]]:
+    """Return the simple model's coefficients in kg/rad in one of the groupings of C.3.1, a row each.
+
+    `each` run and axis; x and y together (`lateral`); and means of these over all winds of an angle and command, all
+    commands of an angle and wind, and everything of an angle, which leave out wind from straight above.
+    """
+    settings = pd.DataFrame(
+        {"angle_deg": experiments.angle_deg, "command": experiments.command, "wind_mps": experiments.wind_mps}
     )
+    if grouping == "each":
+        ratios = ratios_kg_per_rad(experiments).T
+        found = settings.assign(**{f"{axis}_kg_per_rad": ratio for axis, ratio in zip("xyz", ratios, strict=True)})
+    else:
+        found = settings.assign(kg_per_rad=lateral_kg_per_rad(experiments))
+    if grouping in _GROUPED_BY:
+        rounded = found.assign(wind_mps=found["wind_mps"].round(6)).dropna()
+        found = rounded.groupby(_GROUPED_BY[grouping], as_index=False)["kg_per_rad"].mean()
+    return [{str(name): value for name, value in row.items()} for row in found.to_dict("records")]
 
 
-def _mean(ratios: Array) -> float:
-    there = ratios[np.isfinite(ratios)]
-    return float(there.mean()) if len(there) else np.nan
+def normalise(coefficients: Array, *, wind_mps: npt.ArrayLike, speed_sum_rad_s: npt.ArrayLike) -> Normalised:
+    """Return k1 to k6 (6, 3) of eq. 4.5, or their uncertainties, normalised by winds and speed sums (n,)."""
+    wind, speed = (np.asarray(given, dtype=np.float64).mean() for given in (wind_mps, speed_sum_rad_s))
+    thesis = np.array([speed * wind, wind**2, speed, wind, speed, 1.0])
+    squared = np.array([speed * wind, wind**2, speed**2, wind, speed, 1.0])
+    return Normalised(*(coefficients * (means / means.sum())[:, np.newaxis] for means in (thesis, squared)))
+
+
+def _usable(experiments: DragExperiments) -> npt.NDArray[np.bool_]:
+    return np.abs(experiments.velocity_mps) > _ACROSS * experiments.wind_mps[:, np.newaxis]
+
+
+def _inverse(experiments: DragExperiments, usable: npt.NDArray[np.bool_]) -> Array:
+    product = experiments.speed_sum_rad_s[:, np.newaxis] * experiments.velocity_mps
+    return np.divide(1.0, product, out=np.zeros_like(product), where=usable)

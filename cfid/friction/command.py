@@ -1,26 +1,29 @@
-"""`cfid fit friction`: dropping weights to Coulomb and viscous friction of the axis."""
+"""`cfid fit friction`: dropped weights to Coulomb and viscous friction of the axis."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.inputs import Workplace, open_workplace
-from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, ReadingOptions, RigOptions, flat, positive
+from cfid.console.inputs import Workplace, open_workplace, read_recording
+from cfid.console.options import (
+    CutOptions,
+    Delivery,
+    GravityMps2,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    flat,
+    optional_positive,
+    positive,
+)
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
-from cfid.errors import ConfigError, DataError
-from cfid.findings import note, rejection, warning
-from cfid.friction.data import read_weights
-from cfid.records.result import Result
+from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.figure import Figure
-
-    from cfid.friction.drops import Drop
-    from cfid.friction.estimation import Friction
-    from cfid.records.parameters import Parameter
     from cfid.records.tables.angle import AngleRecord
 
 
@@ -44,140 +47,44 @@ def friction(
 ) -> None:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it.
 
-    The steady speed's window is found; --from and --to set it by hand (for a single run, best).
+    The steady speed's window is found; --from and --to to set it by hand (for a single run, best).
 
     Example: [bold]cfid fit friction 20=drop_20g.csv 30=drop_30g.csv 40=drop_40g.csv --radius-mm 2[/bold]
     """
-    from cfid.friction.estimation import fit_friction, thesis_friction
+    from cfid.friction import result
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
     words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
-    weights = read_weights(words, reading.reading(), workplace)
-    radius_m, radius_std_m, notes = _radius_m(workplace, radius_mm)
-    gravity = workplace.rig.site.gravity_mps2
-    records = [record for _, record in weights]
-    drops = [_drop(grams, record, cut, radius_m, gravity) for grams, record in weights]
-    if not any(drop.settled for drop in drops):
-        found = None
-    elif method == "thesis":
-        found = thesis_friction(drops)
-    else:
-        found = fit_friction(drops, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity)
-    outcome = _outcome(
-        found=found, drops=drops, records=records, workplace=workplace, radius_m=radius_m, method=method, notes=notes
-    )
-    deliver(outcome, delivery, workplace.campaign)
-
-
-def _radius_m(workplace: Workplace, radius_mm: float | None) -> tuple[float, float, tuple[str, ...]]:
-    from cfid.records.campaign import MM
-
-    if radius_mm is not None:
-        return MM * positive(radius_mm, "--radius-mm"), 0.0, ()
-    if workplace.rig.friction is None:
-        raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or say --radius-mm.")
-    axis = workplace.rig.friction
-    return MM * axis.radius_mm, MM * axis.radius_std_mm, workplace.notes
-
-
-def _drop(grams: float, record: "AngleRecord", cut: CutOptions, radius_m: float, gravity: float) -> "Drop":
-    from cfid.friction.drops import measure_drop
-
-    try:
-        return measure_drop(
-            record.time_s,
-            record.angle_rad,
-            weight_kg=grams / 1000,
-            radius_m=radius_m,
-            gravity_mps2=gravity,
-            from_s=cut.from_s,
-            to_s=cut.to_s,
-        )
-    except DataError as error:
-        raise DataError(f"{record.path}: {error}") from None
-
-
-def _outcome(
-    *,
-    found: "Friction | None",
-    drops: "Sequence[Drop]",
-    records: "Sequence[AngleRecord]",
-    workplace: Workplace,
-    radius_m: float,
-    method: str,
-    notes: tuple[str, ...],
-) -> Result:
-    def drawings() -> "dict[str, Figure]":
-        from cfid.friction.figures import drops_figure, friction_figure
-
-        labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(drops, records, strict=True)]
-        gravity = workplace.rig.site.gravity_mps2
-        figures = {"friction_runs": drops_figure(drops, labels=labels)}
-        if found is not None:
-            figures["friction"] = friction_figure(drops, found, radius_m=radius_m, gravity_mps2=gravity)
-        return figures
-
-    from cfid.friction.estimation import NEVER_SETTLED
-
-    unsettled = [record for record, drop in zip(records, drops, strict=True) if not drop.settled]
-    return Result(
-        command="fit friction",
+    radius_mm = optional_positive(radius_mm, "--radius-mm")
+    found = result.fit(
+        _read_weights(words, reading, workplace),
+        rig=None if workplace.borrowed else workplace.rig,
+        radius_m=None if radius_mm is None else radius_mm / 1000,
+        gravity_mps2=gravity_mps2,
+        from_s=cut.from_s,
+        to_s=cut.to_s,
         method=method,
-        quantities=_parameters(found, drops),
-        quality={"settled": sum(drop.settled for drop in drops), "left_out": len(unsettled)},
-        findings=(
-            *(note("thesis-geometry", text) for text in notes),
-            *(warning("recording", text) for record in records for text in record.notes),
-            *(warning("friction-warning", text) for text in (found.warnings if found else ())),
-            *(
-                warning("friction-drop-unsettled", f"{record.name}: the speed never settles; it is left out.")
-                for record in unsettled
-            ),
-            *(() if found else (rejection("friction-never-settled", NEVER_SETTLED),)),
-        ),
-        sources=tuple(record.source for record in records),
-        lines=tuple(_line(drop) for drop in drops),
-        drawings=drawings,
-        folder=workplace.figures_beside([record.path for record in records]),
     )
+    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    deliver(replace(found, folder=folder), delivery, workplace.campaign)
 
 
-def _line(drop: "Drop") -> str:
-    words = (
-        f"{1000 * drop.weight_kg:5g} g: {drop.speed_rad_per_s:6.1f} rad/s from {drop.from_s:.2f} to {drop.to_s:.2f} s, "
-    )
-    if not drop.settled:
-        return words + "never settles"
-    return words + f"{drop.coefficient_nms_per_rad:.4g} N m s/rad, tends to {drop.terminal_rad_per_s:.1f}"
+def _read_weights(words: Sequence[str], reading: ReadingOptions, workplace: Workplace) -> "list[AngleRecord]":
+    """Read GRAMS=FILE, or a RUN whose label has its weight. Raises ConfigError for what is no weight."""
+    from cfid.records.tables import angle
+
+    found = []
+    for word in words:
+        name, equals, rest = word.partition("=")
+        if not equals or Path(word).exists():
+            name, rest = "", word
+        record = read_recording(rest, reading.reading(), workplace)
+        found.append(angle.labelled(record, weight_g=_grams(name)) if name else record)
+    return found
 
 
-def _parameters(found: "Friction | None", drops: "Sequence[Drop]") -> "dict[str, Parameter]":
-    from cfid.records.parameters import Parameter
-
-    runs = Parameter(value=[_row(drop) for drop in drops], unit="as named")
-    if found is None:
-        return {"friction.runs": runs}
-    return {
-        "friction.viscous_nms_per_rad": Parameter(
-            value=found.viscous_nms_per_rad, std=found.viscous_std, unit="N m s/rad"
-        ),
-        "friction.coulomb_nm": Parameter(value=found.coulomb_nm, std=found.coulomb_std, unit="N m"),
-        "friction.setup_inertia_kg_m2": Parameter(
-            value=found.setup_inertia_kg_m2, std=found.setup_inertia_std, unit="kg m^2"
-        ),
-        "friction.runs": runs,
-    }
-
-
-def _row(drop: "Drop") -> dict[str, Any]:
-    return {
-        "weight_g": 1000 * drop.weight_kg,
-        "settled": drop.settled,
-        "speed_rad_per_s": drop.speed_rad_per_s,
-        "speed_std_rad_per_s": drop.speed_std_rad_per_s,
-        "terminal_rad_per_s": drop.terminal_rad_per_s if drop.settled else None,
-        "coefficient_nms_per_rad": drop.coefficient_nms_per_rad if drop.settled else None,
-        "from_s": drop.from_s,
-        "to_s": drop.to_s,
-        "time_constant_s": drop.time_constant_s if drop.settled else None,
-    }
+def _grams(text: str) -> float:
+    try:
+        return positive(float(text), "GRAMS=")
+    except ValueError:
+        raise ConfigError(f"'{text}' is no weight in grams: write GRAMS=FILE.") from None

@@ -78,7 +78,7 @@ def measure_drop(
     inside = speed[window]
     mean = float(inside.mean())
     if mean <= 0:
-        raise DataError("the axis stands still in the window: choose another with --from and --to.")
+        raise DataError("the axis stands still in the window: choose another.")
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
     return Drop(
         weight_kg=weight_kg,
@@ -100,7 +100,7 @@ def measure_drop(
 
 
 def _moving(speed: Array) -> slice:
-    """Return the samples of the fall: from its first motion to the end of the longest fast stretch."""
+    """Return the samples of the fall: from its first motion to the end of the longest fast segment."""
     fast = speed > _MOVING * np.quantile(speed, 0.98)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
     starts, stops = edges[::2], edges[1::2]
@@ -115,16 +115,16 @@ def _blocks(speed: Array) -> Array:
 
 
 def _unsteadiness(blocks: Array) -> float:
-    """Return the larger of the trend across a stretch and its scatter, over its mean."""
+    """Return the larger of the trend across a segment and its scatter, over its mean."""
     place = np.linspace(-0.5, 0.5, len(blocks)) if len(blocks) > 1 else np.zeros(1)
     trend = float(blocks @ place / (place @ place)) if len(blocks) > 1 else 0.0
     return max(abs(trend), float(np.std(blocks))) / max(abs(float(blocks.mean())), 1e-12)
 
 
 def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:
-    """Return the longest steady stretch of the fall (samples), or the steadiest short one, and its ripple.
+    """Return the longest steady segment of the fall (samples), or the steadiest short one, and its ripple.
 
-    A stretch counts as steady over two turns at least: friction that changes within a turn, as in the
+    A segment counts as steady over two turns at least: friction that changes within a turn, as in the
     thesis' 10 g case, must not hide between two of its waves.
     """
     length = max(round(_BLOCK_S / GRID_S), 1)
@@ -155,7 +155,7 @@ def _by_hand(grid: Array, from_s: float | None, to_s: float | None) -> slice:
     stop = len(grid) - 1 if to_s is None else int(np.searchsorted(grid, to_s, side="right"))
     stop = min(stop, len(grid) - 1)
     if stop - start < 2:
-        raise DataError(f"no samples between --from and --to; the record lasts {grid[-1]:.3g} s.")
+        raise DataError(f"no samples in the window requested; the record lasts {grid[-1]:.3g} s.")
     return slice(start, stop)
 
 

@@ -8,81 +8,74 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import FitError
 from cfid.estimate.propagation import widened
+from cfid.findings import Finding, rejection, warning
 from cfid.friction.drops import Drop
 
 Array = npt.NDArray[np.float64]
 
-NEVER_SETTLED = (
-    "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer fall, or "
-    "set the window with --from and --to."
-)
+VISCOUS, COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
+SETUP_INERTIA = "friction.setup_inertia_kg_m2"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Friction:
+class FrictionEstimate:
     """All weights together: torque = coulomb + viscous * speed, and the inertia of the set-up.
 
-    Deviations come from how the runs scatter about the line; None where no run is left over to scatter. All
-    values are None when only one weight settled: it cannot tell the two frictions apart, and the inertia rests
-    on the viscous one.
+    Standard uncertainties come from the scatter of the runs about the line; None where no run is left over to
+    scatter. A value is None where the runs do not determine it; a rejection has the reason.
     """
 
-    viscous_nms_per_rad: float | None
-    viscous_std: float | None
-    coulomb_nm: float | None
-    coulomb_std: float | None
-    setup_inertia_kg_m2: float | None
-    setup_inertia_std: float | None
-    warnings: tuple[str, ...]
+    viscous_nms_per_rad: float | None = None
+    viscous_std: float | None = None
+    coulomb_nm: float | None = None
+    coulomb_std: float | None = None
+    setup_inertia_kg_m2: float | None = None
+    setup_inertia_std: float | None = None
+    findings: tuple[Finding, ...] = ()
 
 
-def fit_friction(drops: Sequence[Drop], *, radius_m: float, radius_std_m: float, gravity_mps2: float) -> Friction:
+def fit_friction(
+    drops: Sequence[Drop], *, radius_m: float, radius_std_m: float, gravity_mps2: float
+) -> FrictionEstimate:
     """Fit Coulomb and viscous friction to all settled drops, and the set-up's inertia to their starts.
 
     m g r = M_c + c speed, with the speed that each fall tends to; the windowed mean, as the thesis has it, is
     still on its way there. The start's time constant is (I + m r^2) / c: the weight is accelerated as well,
     which eq. 2.12 leaves out.
-
-    Raises FitError when no drop settled.
     """
-    settled = _settled(drops)
+    settled = [drop for drop in drops if drop.settled]
+    if len({drop.weight_kg for drop in settled}) < 2:
+        return FrictionEstimate(findings=(_ONE_WEIGHT if settled else _NEVER_SETTLED,))
     torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in settled])
     speed = np.array([drop.terminal_rad_per_s for drop in settled])
-    if len({drop.weight_kg for drop in settled}) == 1:
-        return _UNTOLD
-    coulomb, viscous, warnings = _line(speed, torque)
-    # The radius is common to all runs: what it is off by does not average out.
+    coulomb, viscous, findings = _line(speed, torque)
+    # The radius is common to all runs: its error does not average out.
     common = radius_std_m / radius_m
     inertia = _setup_inertia(settled, viscous, radius_m, common) if viscous.value > 0 else _Estimate(None, None)
-    return Friction(
+    return FrictionEstimate(
         viscous_nms_per_rad=viscous.value,
         viscous_std=_with(viscous.std, viscous.value * common),
         coulomb_nm=coulomb.value,
         coulomb_std=_with(coulomb.std, coulomb.value * common),
         setup_inertia_kg_m2=inertia.value,
         setup_inertia_std=inertia.std,
-        warnings=warnings,
+        findings=findings,
     )
 
 
-def thesis_friction(drops: Sequence[Drop]) -> Friction:
-    """Return the mean coefficient of eq. 2.14, as table 2.2 takes it, and I = M_fr times the time constant.
-
-    Raises FitError when no drop settled.
-    """
-    settled = _settled(drops)
+def thesis_friction(drops: Sequence[Drop]) -> FrictionEstimate:
+    """Return the mean coefficient of eq. 2.14, as table 2.2 takes it, and I = M_fr times the time constant."""
+    settled = [drop for drop in drops if drop.settled]
+    if not settled:
+        return FrictionEstimate(findings=(_NEVER_SETTLED,))
     coefficients = np.array([drop.coefficient_nms_per_rad for drop in settled])
     inertias = coefficients * np.array([drop.time_constant_s for drop in settled])
-    return Friction(
+    return FrictionEstimate(
         viscous_nms_per_rad=float(coefficients.mean()),
-        viscous_std=_mean_deviation(coefficients),
-        coulomb_nm=None,
-        coulomb_std=None,
+        viscous_std=_mean_std(coefficients),
         setup_inertia_kg_m2=float(inertias.mean()),
-        setup_inertia_std=_mean_deviation(inertias),
-        warnings=(),
+        setup_inertia_std=_mean_std(inertias),
     )
 
 
@@ -96,55 +89,61 @@ class _Estimate(NamedTuple):
     std: float | None
 
 
-_UNTOLD = Friction(
-    viscous_nms_per_rad=None,
-    viscous_std=None,
-    coulomb_nm=None,
-    coulomb_std=None,
-    setup_inertia_kg_m2=None,
-    setup_inertia_std=None,
-    warnings=(
-        "one weight alone cannot tell Coulomb from viscous friction, and so neither the inertia of the set-up: drop "
-        "another weight too. `--method thesis` gives one coefficient for both.",
-    ),
+_NEVER_SETTLED = rejection(
+    "friction-never-settled",
+    "in no run did the speed settle (as the thesis' 10 g, figure 2.9): use heavier weights or a longer fall, or set "
+    "the window by hand.",
+    VISCOUS,
+    COULOMB,
+    SETUP_INERTIA,
+)
+_ONE_WEIGHT = rejection(
+    "friction-one-weight",
+    "one weight alone does not separate Coulomb from viscous friction, and so does not give the inertia of the set-up "
+    "either: drop another weight too. The thesis method gives one coefficient for both.",
+    VISCOUS,
+    COULOMB,
+    SETUP_INERTIA,
 )
 
 
-def _settled(drops: Sequence[Drop]) -> list[Drop]:
-    settled = [drop for drop in drops if drop.settled]
-    if not settled:
-        raise FitError(NEVER_SETTLED)
-    return settled
-
-
-def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[str, ...]]:
-    """Fit torque = coulomb + viscous * speed, neither negative; return both and what to say."""
+def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:
+    """Fit torque = coulomb + viscous * speed, neither negative; return both, and what was found on the way."""
     coulomb, viscous = _least_squares([np.ones_like(speed), speed], torque)
     if coulomb.value < 0:
-        return (
-            _Known(0.0, None),
-            _least_squares([speed], torque)[0],
-            ("Coulomb friction is set to zero: it came out below.",),
-        )
+        text = f"Coulomb friction came out at {coulomb.value:.2g} N m: it is set to zero. Drop more weights."
+        through_zero = _least_squares([speed], torque)[0]
+        return _Known(0.0, None), through_zero, (warning("friction-coulomb-zero", text, COULOMB),)
     if viscous.value < 0:
-        said = "viscous friction is set to zero: it came out below. The inertia of the set-up cannot be told."
-        return _least_squares([np.ones_like(speed)], torque)[0], _Known(0.0, None), (said,)
+        text = f"viscous friction came out at {viscous.value:.2g} N m s/rad: it is set to zero. Drop more weights."
+        unknown = "without viscous friction the start of a fall does not give the inertia of the set-up."
+        level = _least_squares([np.ones_like(speed)], torque)[0]
+        return (
+            level,
+            _Known(0.0, None),
+            (
+                warning("friction-viscous-zero", text, VISCOUS),
+                rejection("friction-inertia-undetermined", unknown, SETUP_INERTIA),
+            ),
+        )
     return coulomb, viscous, ()
 
 
 def _least_squares(columns: list[Array], torque: Array) -> list[_Known]:
-    """Return each column's coefficient with its deviation from the scatter, None where nothing is left to scatter.
+    """Return each column's coefficient with its standard uncertainty from the scatter, None without degrees of freedom.
 
     What differs from drop to drop is the friction itself, so the residual is a torque.
     """
     rows = np.stack(columns, axis=1)
     found = np.linalg.lstsq(rows, torque, rcond=None)[0]
-    freedom = len(torque) - len(columns)
-    if freedom == 0:
+    degrees_of_freedom = len(torque) - len(columns)
+    if degrees_of_freedom == 0:
         return [_Known(float(value), None) for value in found]
     residual = torque - rows @ found
-    deviations = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / freedom)
-    return [_Known(float(value), widened(float(std), freedom)) for value, std in zip(found, deviations, strict=True)]
+    std = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / degrees_of_freedom)
+    return [
+        _Known(float(value), widened(float(one), degrees_of_freedom)) for value, one in zip(found, std, strict=True)
+    ]
 
 
 def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, common: float) -> _Estimate:
@@ -152,14 +151,14 @@ def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, comm
     weights = np.array([drop.weight_kg for drop in drops])
     accelerated = viscous.value * np.array([drop.time_constant_s for drop in drops])
     values = accelerated - weights * radius_m**2
-    scatter = _mean_deviation(values)
+    scatter = _mean_std(values)
     if scatter is None or viscous.std is None:
         return _Estimate(float(values.mean()), None)
     shared = float(accelerated.mean()) * math.hypot(viscous.std / viscous.value, common)
     return _Estimate(float(values.mean()), math.hypot(scatter, shared))
 
 
-def _mean_deviation(values: Array) -> float | None:
+def _mean_std(values: Array) -> float | None:
     if len(values) < 2:
         return None
     return widened(float(values.std(ddof=1) / math.sqrt(len(values))), len(values) - 1)

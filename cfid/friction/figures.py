@@ -24,18 +24,19 @@ from cfid.drawing.style import (
     styled,
     words,
 )
+from cfid.findings import texts
 from cfid.friction.drops import Drop
-from cfid.friction.estimation import Friction, thesis_friction
+from cfid.friction.estimation import FrictionEstimate, thesis_friction
 from cfid.friction.panels import (
     LABEL_CHARACTERS,
-    Run,
+    DrawnDrop,
     draw_alone,
     draw_together,
     grams,
     key_alone,
     key_together,
     list_runs,
-    result,
+    speed_title,
 )
 
 MOST_ROWS = 6  # runs that get a row of their own
@@ -52,7 +53,7 @@ def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "
     """Return one row a run, the turned angle at its left and the speed at its right.
 
     More than six runs share a row with those of the same weight. Times count from each record's first
-    sample, as --from and --to do. A run whose speed never settled says so in red.
+    sample, as a window set by hand does. A run whose speed never settled is marked in red.
     """
     alone = len(drops) <= MOST_ROWS
     rows = _rows(drops, labels, alone=alone)
@@ -67,7 +68,7 @@ def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "
         who = shortened(runs[0].label, LABEL_CHARACTERS) if alone else f"{grams(runs[0].drop)}, runs: {len(runs)}"
         name_panel(turned, who, x=_TIME, y="angle (turns)")
         unsettled = not all(run.drop.settled for run in runs)
-        name_panel(speed, result(runs), x=_TIME, y=_SPEED, colour=DOUBT if unsettled else INK)
+        name_panel(speed, speed_title(runs), x=_TIME, y=_SPEED, colour=DOUBT if unsettled else INK)
         speed.set_ylim(bottom=min(0.0, speed.get_ylim()[0]))
         if not alone:
             list_runs(page.add_subplot(grid[i, 2]), runs)
@@ -78,7 +79,7 @@ def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "
 @styled
 def friction_figure(
     drops: Sequence[Drop],
-    friction: Friction,
+    friction: FrictionEstimate,
     *,
     radius_m: float,
     gravity_mps2: float,
@@ -89,10 +90,9 @@ def friction_figure(
     The line is Coulomb plus viscous friction, through the speeds that the falls tend to. The thesis'
     M_fr = m g r / speed is the slope from the origin to the mean speed in a run's window, so that with dry
     friction it depends on the speed: table 2.1's first five runs.
-
-    Raises FitError when no run settled.
     """
-    page, grid = figure(3, 2, heights_in=(KEY_IN, 2.9, 0.95), title=title, notes=friction.warnings)
+    notes = texts(friction.findings, "note", "warning", "rejection")
+    page, grid = figure(3, 2, heights_in=(KEY_IN, 2.9, 0.95), title=title, notes=notes)
     thesis = thesis_friction(drops)
     key_row(page.add_subplot(grid[0, :]), *_key(friction, all(drop.settled for drop in drops)))
     torque_axes, coefficient_axes = page.add_subplot(grid[1, 0]), page.add_subplot(grid[1, 1])
@@ -118,14 +118,14 @@ def friction_figure(
     return page
 
 
-def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[list[Run]]:
+def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[list[DrawnDrop]]:
     named = list(zip(drops, labels, strict=True))
     if alone:
-        return [[Run(*each, RECORDED)] for each in named]
-    rows: dict[float, list[Run]] = {}
+        return [[DrawnDrop(*each, RECORDED)] for each in named]
+    rows: dict[float, list[DrawnDrop]] = {}
     for drop, label in sorted(named, key=lambda each: each[0].weight_kg):
         row = rows.setdefault(drop.weight_kg, [])
-        row.append(Run(drop, label, SERIES[len(row) % len(SERIES)]))
+        row.append(DrawnDrop(drop, label, SERIES[len(row) % len(SERIES)]))
     return list(rows.values())
 
 
@@ -143,7 +143,7 @@ def _draw_drop(torque_axes: Axes, coefficient_axes: Axes, drop: Drop, torque: fl
         coefficient_axes.plot(speed, torque / speed, ms=5, ls="", **how)
 
 
-def _key(friction: Friction, all_settled: bool) -> list[Artist]:
+def _key(friction: FrictionEstimate, all_settled: bool) -> list[Artist]:
     unsettled = Line2D([], [], color=DOUBT, mfc="white", marker="o", ls="", ms=5, label="never settled, not used")
     return [
         Line2D([], [], color=MODEL, mfc=RECORDED, mec=RECORDED, marker="o", ms=5, label=_name(friction)),
@@ -152,16 +152,16 @@ def _key(friction: Friction, all_settled: bool) -> list[Artist]:
     ]
 
 
-def _name(friction: Friction) -> str:
+def _name(friction: FrictionEstimate) -> str:
     if friction.viscous_nms_per_rad is None:
-        return "not told by one weight"
+        return "not determined"
     return "viscous alone" if friction.coulomb_nm is None else "Coulomb and viscous"
 
 
-def _numbers(found: Friction) -> list[tuple[str, str]]:
+def _numbers(found: FrictionEstimate) -> list[tuple[str, str]]:
     def row(name: str, value: float | None, std: float | None, scale: float, unit: str) -> tuple[str, str]:
         if value is None:
-            return name, "not told"
+            return name, "not determined"
         return name, plus_minus(scale * value, scale * (std or 0.0), unit=unit)
 
     return [

@@ -22,7 +22,7 @@ _LISTED_LINES = 9
 _LINE_PT = 11.0
 
 
-class Run(NamedTuple):
+class DrawnDrop(NamedTuple):
     """A dropped weight with the name and the colour that it is drawn under."""
 
     drop: Drop
@@ -45,7 +45,7 @@ def key_together() -> list[Artist]:
     return [Line2D([], [], color=INK, lw=1.5, marker="|", ms=6, label="window and mean in it")]
 
 
-def draw_alone(turned: Axes, speed: Axes, run: Run) -> None:
+def draw_alone(turned: Axes, speed: Axes, run: DrawnDrop) -> None:
     """Draw a run's angle and speed with the window, its mean and the fit of eq. 2.13 with its slope."""
     drop = run.drop
     for axes in (turned, speed):
@@ -58,7 +58,7 @@ def draw_alone(turned: Axes, speed: Axes, run: Run) -> None:
     speed.plot(*window, color=_MEAN, lw=2.0, ls="-" if drop.settled else ":", label="mean")
 
 
-def draw_together(turned: Axes, speed: Axes, run: Run) -> None:
+def draw_together(turned: Axes, speed: Axes, run: DrawnDrop) -> None:
     """Draw one of several runs in its colour, dotted and without a mean if its speed never settled."""
     drop = run.drop
     ls = "-" if drop.settled else ":"
@@ -69,8 +69,8 @@ def draw_together(turned: Axes, speed: Axes, run: Run) -> None:
         speed.plot(*window, color=INK, lw=1.5, marker="|", ms=6, label="mean")
 
 
-def result(runs: Sequence[Run]) -> str:
-    """Return the speed of the runs that settled, and the words that go above those that did not."""
+def speed_title(runs: Sequence[DrawnDrop]) -> str:
+    """Return the speed of the runs that settled, or the title of those that did not."""
     settled = [run.drop for run in runs if run.drop.settled]
     if len(runs) > 1:
         mean = [f"{np.mean([drop.speed_rad_per_s for drop in settled]):.4g} rad/s"] if settled else []
@@ -85,12 +85,12 @@ def result(runs: Sequence[Run]) -> str:
     return f"never settled: speed varies by {100 * drop.ripple:.0f} %"
 
 
-def list_runs(axes: Axes, runs: Sequence[Run]) -> None:
+def list_runs(axes: Axes, runs: Sequence[DrawnDrop]) -> None:
     """Write the names of the runs that share a row, each in its colour, the unsettled ones in red."""
     axes.set_axis_off()
     lines: list[tuple[str, str]] = []
     for run in runs:
-        # The row says the weight already.
+        # The row has the weight already.
         name = shortened(run.label.removeprefix(f"{grams(run.drop)}, "), _LISTED_CHARACTERS)
         lines += [(name, run.colour)] if run.drop.settled else [(f"{name}:", DOUBT), ("   never settled", DOUBT)]
     if len(lines) > _LISTED_LINES:

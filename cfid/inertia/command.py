@@ -1,10 +1,15 @@
-"""`cfid fit inertia`: six swings or more to the inertia matrix."""
+"""`cfid fit inertia`, `cfid fit testbody`: swings to the inertia matrix, and the test body against its drawing."""
 
-from typing import Annotated
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.inputs import open_workplace
+from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.options import (
     Delivery,
     GravityMps2,
@@ -15,10 +20,13 @@ from cfid.console.options import (
     Swings,
     WindowOptions,
     flat,
+    optional_positive,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
-from cfid.swing.data import FIXTURE, check_mounts, read_swings
+
+if TYPE_CHECKING:
+    from cfid.records.result import Result
 
 
 @flat
@@ -37,23 +45,63 @@ def inertia(
     """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
 
     AXIS is a mount of rig.toml; fixture=FILE is a swing of the empty fixture, which is taken off;
-    x=3.12e-05:4e-08 is an axis inertia already known, with its standard deviation.
+    x=3.12e-05:4e-08 is an axis inertia already known, with its standard uncertainty.
 
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv --time-unit us[/bold]
     """
-    from cfid.inertia.estimation import fit_inertia
-    from cfid.inertia.result import inertia_outcome
-    from cfid.inertia.swings import measure_all
-    from cfid.swing.axis_inertias import AxisInertias
-    from cfid.swing.geometry import surroundings, vehicle
+    from cfid.inertia import result
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    suits = labelled("swing", "crazyflie", FIXTURE)
-    words = chosen(runs, workplace.campaign, suits=suits, wanted="swings of the vehicle")
-    items = read_swings(words, reading.reading(), workplace, body="crazyflie")
-    body = vehicle(workplace, mass_kg)
-    check_mounts((item.name for item in items if item.name != FIXTURE), body.mounts, table="mounts")
-    swings = measure_all(items, window, method)
-    axis_inertias = AxisInertias(swings.mounted, body, surroundings(workplace, swings.fixture))
-    outcome = inertia_outcome(axis_inertias, fit_inertia(axis_inertias), swings, workplace, method=method, plan=plan)
-    deliver(outcome, delivery, workplace.campaign)
+    mass_kg = optional_positive(mass_kg, "--mass-kg")
+    fit = partial(result.fit, mass_kg=mass_kg, gravity_mps2=gravity_mps2, method=method, plan=plan)
+    _fit_swings(fit, runs, body="crazyflie", window=window, reading=reading, workplace=workplace, delivery=delivery)
+
+
+@flat
+def testbody(
+    *,
+    runs: Swings = None,
+    window: WindowOptions,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    delivery: Delivery,
+    mass_kg: MassKg = None,
+    gravity_mps2: GravityMps2 = None,
+    method: Method = "default",
+) -> None:
+    r"""Compare the test body's measured inertias with those of its drawing (table 2.5).
+
+    AXIS is a mount of \[testbody.mounts]; cuboids and mass are \[testbody] of rig.toml.
+
+    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv --time-unit us[/bold]
+    """
+    from cfid.inertia import testbody_result
+
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    mass_kg = optional_positive(mass_kg, "--mass-kg")
+    fit = partial(testbody_result.fit_testbody, mass_kg=mass_kg, gravity_mps2=gravity_mps2, method=method)
+    _fit_swings(fit, runs, body="testbody", window=window, reading=reading, workplace=workplace, delivery=delivery)
+
+
+def _fit_swings(
+    fit: Callable[..., "Result"],
+    runs: Sequence[str] | None,
+    *,
+    body: str,
+    window: WindowOptions,
+    reading: ReadingOptions,
+    workplace: Workplace,
+    delivery: Delivery,
+) -> None:
+    from cfid.swing import arguments, data
+
+    wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
+    words = chosen(runs, workplace.campaign, suits=labelled("swing", body, data.FIXTURE), wanted=wanted)
+    found = fit(
+        arguments.read_swings(words, reading.reading(), workplace),
+        rig=None if workplace.borrowed else workplace.rig,
+        peaks=arguments.parse_peaks(window.peaks),
+        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
+    )
+    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    deliver(replace(found, folder=folder), delivery, workplace.campaign)

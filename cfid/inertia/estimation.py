@@ -10,34 +10,27 @@ from scipy.special import chdtrc, chdtri
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import budget, contributions
+from cfid.findings import Finding, rejection, warning
 from cfid.inertia.consistency import as_matrix, is_consistent, nearest_consistent
 from cfid.swing.axis_inertias import AxisInertias
 
 Array = npt.NDArray[np.float64]
 
 UNKNOWNS = 6
+MATRIX = "inertia.matrix_kg_m2"
 UNLIKELY = 1e-3  # chance of a chi-squared as large, below which the swings contradict each other
 _SHARED = ("mass", "gravity", "centre of mass")  # groups of inputs
 _INDEPENDENT = 1e-6  # smallest over largest singular value of the axes' rows
 
 
 @dataclass(frozen=True, kw_only=True)
-class InertiaFit:
-    """The inertia matrix about the centre of mass, entries of the matrix itself, in the body frame.
+class MeasuredAxes:
+    """What each swing gives (n,), whether or not the swings determine a matrix.
 
-    Per swing (n,): inertia about the mounting axis and about the parallel axis through the centre of mass,
-    each with one standard deviation; `residual` of the latter over the deviation that it should have (None for
-    six swings, which leave none); `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes.
-    `budget` says what each group of inputs contributes to the matrix' standard deviation, (3, 3) each.
-    `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz, yz; `common` has what one deviation of each input
-    that other fits may share does to them (6,): mass, gravity, the centre of mass in x, y and z.
-    `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None.
+    Inertia about the mounting axis and about the parallel axis through the centre of mass, each with its standard
+    uncertainty; `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes.
     """
 
-    matrix_kg_m2: Array
-    std_kg_m2: Array
-    covariance: Array
-    common: dict[str, Array]
     about_axis_kg_m2: Array
     about_axis_std_kg_m2: Array
     about_centre_kg_m2: Array
@@ -45,14 +38,36 @@ class InertiaFit:
     distance_m: Array
     sensitivity_kg_m: Array
     best_distance_m: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class InertiaFit:
+    """The inertia matrix about the centre of mass, entries of the matrix itself, in the body frame.
+
+    `residual` (n,) is that of each swing's inertia over its expected standard uncertainty (None for six swings, which
+    leave none). `budget` has what each group of inputs contributes to the matrix' standard uncertainty, (3, 3) each.
+    `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz, yz; `common` has what one standard uncertainty of
+    each input that other fits may share does to them (6,): mass, gravity, the centre of mass in x, y and z.
+    `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None.
+    """
+
+    axes: MeasuredAxes
+    matrix_kg_m2: Array
+    std_kg_m2: Array
+    covariance: Array
+    common: dict[str, Array]
     residual: Array | None
     chi_squared: float
-    freedom: int
+    degrees_of_freedom: int
     budget: dict[str, Array]
     raw_matrix_kg_m2: Array | None
     condition: float
-    doubts: tuple[str, ...]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+
+def measure_axes(axis_inertias: AxisInertias) -> MeasuredAxes:
+    """Return the inertias about each swing's axis, with everything that is uncertain."""
+    return _measured(axis_inertias, _moved_by_inputs(axis_inertias))
 
 
 def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
@@ -74,41 +89,34 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
         gain, covariance = _gain(rows, columns)
         entries = np.asarray(gain @ measured)
     residual = measured - rows @ entries
-    chi_squared, freedom = _chi_squared(residual, columns), len(measured) - UNKNOWNS
-    inflation, warnings, doubts = _scatter(chi_squared, freedom)
+    chi_squared, degrees_of_freedom = _chi_squared(residual, columns), len(measured) - UNKNOWNS
+    inflation, findings = _scatter(chi_squared, degrees_of_freedom)
     raw = as_matrix(entries)
     consistent = is_consistent(raw)
     if not consistent:
         entries = nearest_consistent(entries, covariance)
-        warnings += (
-            "the six entries belong to no possible body (triangle inequality): the nearest possible "
-            "one within the uncertainties is given; the raw entries are kept under quality.raw_matrix_kg_m2.",
+        text = (
+            "the six entries belong to no possible body (triangle inequality): the nearest possible one within the "
+            "uncertainties is given; quality.raw_matrix_kg_m2 has the raw entries. Check mounts and distances."
         )
+        findings += (warning("inertia-not-a-body", text, MATRIX),)
     spread = inflation * np.sqrt(np.diag(covariance))
     shares = budget(gain @ columns, axis_inertias.inputs)
     if inflation > 1:
         shares["scatter between swings"] = math.sqrt(1 - inflation**-2) * spread
-    mass = axis_inertias.body.mass_kg
     return InertiaFit(
+        axes=_measured(axis_inertias, moved),
         matrix_kg_m2=as_matrix(entries),
         std_kg_m2=as_matrix(spread),
         covariance=inflation**2 * covariance,
         common=_common(gain @ columns, axis_inertias),
-        about_axis_kg_m2=evaluated.about_axis_kg_m2,
-        about_axis_std_kg_m2=_norms(moved.about_axis),
-        about_centre_kg_m2=measured,
-        about_centre_std_kg_m2=_norms(moved.about_centre),
-        distance_m=evaluated.distance_m,
-        sensitivity_kg_m=evaluated.about_axis_kg_m2 / evaluated.distance_m - 2 * mass * evaluated.distance_m,
-        best_distance_m=np.sqrt(np.maximum(measured, 0.0) / mass),
-        residual=None if freedom == 0 else residual / _residual_deviations(rows, gain, columns),
+        residual=None if degrees_of_freedom == 0 else residual / _residual_std(rows, gain, columns),
         chi_squared=chi_squared,
-        freedom=freedom,
+        degrees_of_freedom=degrees_of_freedom,
         budget={name: as_matrix(share) for name, share in shares.items()},
         raw_matrix_kg_m2=None if consistent else raw,
         condition=condition,
-        doubts=doubts,
-        warnings=warnings,
+        findings=findings,
     )
 
 
@@ -136,7 +144,7 @@ def icosahedron_axes() -> Array:
 
 
 def off_diagonal_gain(direction: Array) -> float:
-    """Return how much smaller the icosahedron's off-diagonal deviations are than those of axes (n, 3).
+    """Return how much smaller the icosahedron's off-diagonal standard uncertainties are than those of axes (n, 3).
 
     For swings of equal quality and the same number of them; 0.35 means 35 % smaller.
     """
@@ -161,7 +169,7 @@ def _check_axes(rows: Array) -> float:
 
 
 class _Moved(NamedTuple):
-    """By how much each input's deviation moves what is measured: (n, i), (n, i) and (n, 6, i)."""
+    """By how much each input's standard uncertainty moves what is measured: (n, i), (n, i) and (n, 6, i)."""
 
     about_axis: Array
     about_centre: Array
@@ -177,6 +185,19 @@ def _moved_by_inputs(axis_inertias: AxisInertias) -> _Moved:
     count = len(axis_inertias.swings)
     columns = contributions(outputs, axis_inertias.inputs)
     return _Moved(columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1))
+
+
+def _measured(axis_inertias: AxisInertias, moved: _Moved) -> MeasuredAxes:
+    found, mass = axis_inertias.evaluate(axis_inertias.values), axis_inertias.body.mass_kg
+    return MeasuredAxes(
+        about_axis_kg_m2=found.about_axis_kg_m2,
+        about_axis_std_kg_m2=_norms(moved.about_axis),
+        about_centre_kg_m2=found.about_centre_kg_m2,
+        about_centre_std_kg_m2=_norms(moved.about_centre),
+        distance_m=found.distance_m,
+        sensitivity_kg_m=found.about_axis_kg_m2 / found.distance_m - 2 * mass * found.distance_m,
+        best_distance_m=np.sqrt(np.maximum(found.about_centre_kg_m2, 0.0) / mass),
+    )
 
 
 def _common(columns: Array, axis_inertias: AxisInertias) -> dict[str, Array]:
@@ -202,8 +223,8 @@ def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
     return gain, gain @ covariance @ gain.T
 
 
-def _residual_deviations(rows: Array, gain: Array, columns: Array) -> Array:
-    """Return the deviations (n,) that the residuals should have: what swings share, the fit takes out."""
+def _residual_std(rows: Array, gain: Array, columns: Array) -> Array:
+    """Return the expected standard uncertainties (n,) of the residuals: what swings share, the fit takes out."""
     left = columns - rows @ (gain @ columns)
     floor = 1e-9 * float(np.max(_norms(columns), initial=0.0)) or 1.0
     return np.maximum(_norms(left), floor)
@@ -215,14 +236,17 @@ def _chi_squared(residual: Array, columns: Array) -> float:
     return float(residual @ np.linalg.pinv(columns @ columns.T, hermitian=True) @ residual)
 
 
-def _scatter(chi_squared: float, freedom: int) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
-    """Return the factor by which repeated swings scatter beyond their deviations, and what to say of it."""
-    if freedom == 0 or chi_squared <= chdtri(freedom, 0.05):
-        return 1.0, (), ()
-    inflation = math.sqrt(chi_squared / freedom)
-    said = (
+def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[Finding, ...]]:
+    """Return the factor by which repeated swings scatter beyond their uncertainties, and what that means."""
+    if degrees_of_freedom == 0 or chi_squared <= chdtri(degrees_of_freedom, 0.05):
+        return 1.0, ()
+    inflation = math.sqrt(chi_squared / degrees_of_freedom)
+    text = (
         f"the swings scatter {inflation:.1f} times as far as their uncertainties allow "
-        f"(chi-squared {chi_squared:.1f} for {freedom} degrees of freedom): deviations are widened by that."
+        f"(chi-squared {chi_squared:.1f} for {degrees_of_freedom} degrees of freedom): "
     )
-    contradiction = chdtrc(freedom, chi_squared) < UNLIKELY
-    return inflation, (said,), (said,) if contradiction else ()
+    if chdtrc(degrees_of_freedom, chi_squared) < UNLIKELY:
+        text += "they contradict each other. Repeat the swing with the largest residual."
+        return inflation, (rejection("inertia-swings-contradict", text, "inertia.*"),)
+    text += "the standard uncertainties are widened by that."
+    return inflation, (warning("inertia-swings-scatter", text, "inertia.*"),)

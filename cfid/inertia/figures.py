@@ -1,4 +1,4 @@
-"""The inertia matrix drawn: where its uncertainty comes from, what each swing said, where to mount better."""
+"""The inertia matrix drawn: where its uncertainty comes from, what each swing gives, where to mount better."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,8 +25,9 @@ from cfid.drawing.style import (
     name_panel,
     styled,
 )
+from cfid.findings import texts
+from cfid.inertia.comparison import BodyComparison
 from cfid.inertia.estimation import InertiaFit
-from cfid.inertia.testbody import Comparison
 from cfid.quantities.values import ENTRIES
 from cfid.units import MM
 
@@ -50,13 +51,13 @@ _GROUPS = {
 def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia about the centre of mass") -> Figure:
     """Return the budget of the six entries, the swings' inertias, and what a millimetre of distance costs.
 
-    `axes` names each swing's mount. The parts of a bar are each group's share of the variance, as deviations
-    do not add up. The last panel keeps a swing's I_G and asks what dI_G/dr were at another distance.
+    `axes` names each swing's mount. The parts of a bar are each group's share of the variance, as standard
+    uncertainties do not add up. The last panel has dI_G/dr of a swing's I_G at other distances.
     """
-    doubts = [f"Not believed: {doubt}" for doubt in fit.doubts]
+    rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.4, 2.1, 2.6) if fit.residual is None else (2.4, 2.1, 1.5, 2.6)
-    rows, notes = len(heights_in), [note for note in fit.warnings if note not in fit.doubts]
-    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, doubts=doubts, notes=notes)
+    rows, notes = len(heights_in), texts(fit.findings, "note", "warning")
+    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, doubts=rejected, notes=notes)
     last = rows - 1
     budget, sensitivity = page.add_subplot(grid[0, 0]), page.add_subplot(grid[last, 0])
     key_column(page.add_subplot(grid[0, 1]), _draw_budget(budget, fit))
@@ -69,7 +70,7 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
 
 
 @styled
-def testbody_figure(comparisons: Sequence[Comparison], *, title: str = "Test body") -> Figure:
+def testbody_figure(comparisons: Sequence[BodyComparison], *, title: str = "Test body") -> Figure:
     """Return calculated against measured inertias (table 2.5), and by how much they differ."""
     page, grid = figure(2, 1, heights_in=(2.6, 2.0), title=title)
     panels = page.add_subplot(grid[0, 0]), page.add_subplot(grid[1, 0])
@@ -83,7 +84,7 @@ def testbody_figure(comparisons: Sequence[Comparison], *, title: str = "Test bod
     return page
 
 
-def _draw_pairs(panel: Axes, comparisons: Sequence[Comparison]) -> None:
+def _draw_pairs(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
     calculated = [(c.calculated_kg_m2, c.calculated_std_kg_m2) for c in comparisons]
     measured = [(c.measured_kg_m2, c.measured_std_kg_m2) for c in comparisons]
     name_panel(panel, "(a) inertia about the centre of mass", x="mount", y="inertia (10⁻⁶ kg m²)")
@@ -102,21 +103,21 @@ def _draw_pairs(panel: Axes, comparisons: Sequence[Comparison]) -> None:
     legend(panel)
 
 
-def _draw_differences(panel: Axes, comparisons: Sequence[Comparison]) -> None:
-    name_panel(panel, "(b) from swings less from the drawing, one standard deviation", x="mount", y="difference (%)")
+def _draw_differences(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
+    name_panel(panel, "(b) from swings less from the drawing, one standard uncertainty", x="mount", y="difference (%)")
     panel.axhline(0.0, color=MUTED, lw=0.8)
     for x, comparison in enumerate(comparisons):
         value = 100 * (comparison.measured_kg_m2 / comparison.calculated_kg_m2 - 1)
         spread = 100 * comparison.error_std
         panel.errorbar(x, value, yerr=spread, fmt="o", ms=5, color=RECORDED, ecolor=INK, elinewidth=1.2, capsize=4)
         if len(comparisons) <= _WRITTEN // 2:
-            text = f"{value:+.2f} %, {comparison.deviations:.1f} deviations"
+            text = f"{value:+.2f} %, {comparison.deviations:.1f} std"
             _write_above(panel, x, value + spread, text.replace("-", "−"))
     panel.margins(y=0.2)
 
 
 def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
-    """Draw one bar for each entry, as high as its deviation, and return the legend's entries."""
+    """Draw one bar for each entry, as high as its standard uncertainty, and return the legend's entries."""
     place = np.arange(len(ENTRIES))
     deviation = _MICRO * np.array([fit.std_kg_m2[i, j] for i, j in ENTRIES.values()])
     bottom = np.zeros(len(ENTRIES))
@@ -138,16 +139,16 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
     # A margin alone would be swallowed: a part of no height sticks to the top.
     panel.set_ylim(0, 1.18 * max(deviation.max(), 1e-9))
     name_panel(
-        panel, "(a) deviation of each entry, split by share of the variance",
-        x="entry of the matrix", y="deviation (10⁻⁶ kg m²)",
+        panel, "(a) standard uncertainty of each entry, split by share of the variance",
+        x="entry of the matrix", y="std (10⁻⁶ kg m²)",
     )  # fmt: skip
     return key
 
 
 def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
     place = _name_mounts(panel, axes)
-    value, spread = _MICRO * fit.about_centre_kg_m2, _MICRO * fit.about_centre_std_kg_m2
-    name_panel(panel, "(b) what each swing says", x="mount", y="I$_\\mathrm{G}$ (10⁻⁶ kg m²)")
+    value, spread = _MICRO * fit.axes.about_centre_kg_m2, _MICRO * fit.axes.about_centre_std_kg_m2
+    name_panel(panel, "(b) each swing", x="mount", y="I$_\\mathrm{G}$ (10⁻⁶ kg m²)")
     panel.errorbar(place, value, yerr=spread, fmt="o", ms=4, color=RECORDED, ecolor=INK, elinewidth=1.2, capsize=3)
     panel.margins(y=0.2)
     mounts = list(dict.fromkeys(axes))
@@ -155,16 +156,16 @@ def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
         return
     for x, mount in enumerate(mounts):
         own = np.array([axis == mount for axis in axes])
-        # Swings of one mount share its distance's error, so that their mean has no deviation as simple as theirs.
+        # Swings of one mount share its distance's error: the uncertainty of their mean is not as simple as theirs.
         several = f"mean {value[own].mean():.4g}"
         text = several if own.sum() > 1 else plus_minus(float(value[own][0]), float(spread[own][0]))
         _write_above(panel, x, float(np.max((value + spread)[own])), text)
 
 
 def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequence[str]) -> None:
-    """Draw by how many deviations each swing misses the matrix; two of them are nothing to wonder at."""
-    title = f"(c) swing less matrix: χ² = {fit.chi_squared:.1f} for {fit.freedom} degrees of freedom"
-    name_panel(panel, title, x="mount", y="residual (deviations)")
+    """Draw by how many standard uncertainties each swing misses the matrix; within two is as expected."""
+    title = f"(c) swing less matrix: χ² = {fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom"
+    name_panel(panel, title, x="mount", y="residual (std)")
     panel.axhspan(-2, 2, color=MUTED, alpha=0.18, lw=0)
     panel.axhline(0.0, color=MUTED, lw=0.8)
     colours = [RECORDED if abs(each) <= 2 else DOUBT for each in residual]
@@ -175,8 +176,9 @@ def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequenc
 
 def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, letter: str) -> list[Artist]:
     """Draw dI_G/dr = I_G / r - m r against the distance r for each mount, and return the legend's entries."""
-    current, best = fit.distance_m / MM, fit.best_distance_m / MM
-    mass = float(np.median((fit.about_axis_kg_m2 - fit.about_centre_kg_m2) / fit.distance_m**2))
+    measured = fit.axes
+    current, best = measured.distance_m / MM, measured.best_distance_m / MM
+    mass = float(np.median((measured.about_axis_kg_m2 - measured.about_centre_kg_m2) / measured.distance_m**2))
     reach = np.concatenate([current, best[best > 0]])
     distance = np.linspace(0.8 * reach.min(), 1.12 * reach.max(), 200)
     per_mm = _MICRO * MM
@@ -189,9 +191,9 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
     for i, axis in enumerate(dict.fromkeys(axes)):
         own = np.array([name == axis for name in axes])
         how: dict[str, Any] = {"color": SERIES[i % len(SERIES)], "ls": DASHES[i % len(DASHES)]}
-        inertia = float(fit.about_centre_kg_m2[own].mean())
+        inertia = float(measured.about_centre_kg_m2[own].mean())
         panel.plot(distance, per_mm * (inertia / (MM * distance) - mass * MM * distance), lw=1.1, **how)
-        panel.plot(current[own], per_mm * fit.sensitivity_kg_m[own], "o", ms=5.5, color=how["color"])
+        panel.plot(current[own], per_mm * measured.sensitivity_kg_m[own], "o", ms=5.5, color=how["color"])
         panel.plot(best[own].mean(), 0.0, "D", ms=5, mfc="white", color=how["color"])
         label = f"{axis}: {current[own].mean():.1f} → {best[own].mean():.1f} mm"
         key.append(Line2D([], [], marker="o", ms=5, label=label, **how))

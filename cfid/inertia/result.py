@@ -1,132 +1,185 @@
-"""The inertia matrix and its axis inertias in the contract's keys, its budget and advice in words."""
+"""The inertia matrix and its axis inertias: quantities, findings, budget and mounting advice."""
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cfid.console.inputs import Workplace
-from cfid.findings import note, rejection, warning
-from cfid.inertia.swings import SwingSet
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import FitError
+from cfid.findings import Finding, rejected, rejection, warning
+from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
+from cfid.inertia.estimation import (
+    MATRIX,
+    InertiaFit,
+    MeasuredAxes,
+    fit_inertia,
+    icosahedron_axes,
+    measure_axes,
+    off_diagonal_gain,
+)
+from cfid.records.campaign import Rig
 from cfid.records.covariances import covariance_between
+from cfid.records.parameters import Parameter
 from cfid.records.result import Result
+from cfid.records.tables.angle import AngleRecord
+from cfid.swing.axis_inertias import AxisInertias
+from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, vehicle
+from cfid.swing.free_swing import SMALLEST_PEAK_RAD
+from cfid.swing.result import Method
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cfid.inertia.estimation import InertiaFit
-    from cfid.records.parameters import Parameter
-    from cfid.swing.axis_inertias import AxisInertias
+Array = npt.NDArray[np.float64]
 
 _UNIT = "kg m^2"
-_MATRIX = "inertia.matrix_kg_m2"
 
 
-def inertia_outcome(
-    axis_inertias: "AxisInertias",
-    fit: "InertiaFit",
-    swings: SwingSet,
-    workplace: Workplace,
+def fit(
+    swings: Sequence[Swing],
     *,
-    method: str,
-    plan: bool,
+    rig: Rig | None = None,
+    mass_kg: float | None = None,
+    gravity_mps2: float | None = None,
+    peaks: Peaks = None,
+    smallest_peak_rad: float = SMALLEST_PEAK_RAD,
+    method: Method = "default",
+    plan: bool = False,
 ) -> Result:
-    """Return the result of `cfid fit inertia`."""
-    axes = [swing.axis for swing in axis_inertias.swings]
-    matrix = {_MATRIX: fit.matrix_kg_m2.tolist()}
+    """Fit the vehicle's inertia matrix to swings, each about the mount that its label names, and known axis inertias.
+
+    A swing labelled as the fixture is that of the empty fixture, which is taken off. `rig` has mass, mounts and
+    gravity: the one given, else that of the campaign which the recordings lie in, else the thesis'. `peaks` is one
+    number for all or one for each mount. `plan` adds distances and axes for the next swings to the lines. Where the
+    axes do not determine a matrix, the axis inertias alone are given.
+
+    Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, FitError
+    when no pendulum follows one.
+    """
+    given = records_of(swings)
+    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
+    body = vehicle(rig, mass_kg)
+    measured = measure(given, body="crazyflie", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
+    check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
+    axis_inertias = AxisInertias(measured.mounted, body, surroundings(rig, gravity_mps2, measured.fixture))
+    findings = [*notes, *measured.findings(_resting_on), *_two_directions(axis_inertias)]
+    matrix: InertiaFit | None = None
+    try:
+        matrix = fit_inertia(axis_inertias)
+        findings += matrix.findings
+    except FitError as error:
+        findings.append(rejection("inertia-axes-dependent", str(error), MATRIX))
+    about = measure_axes(axis_inertias) if matrix is None else matrix.axes
+    axes = [swing.axis for swing in measured.mounted]
+    lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
     def drawings() -> "dict[str, Figure]":
         from cfid.inertia.figures import budget_figure
 
-        return {"inertia": budget_figure(fit, axes=axes)}
+        return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
 
     return Result(
         command="fit inertia",
         method=method,
-        quantities=_parameters(axes, fit),
-        covariances=covariance_between(matrix, fit.covariance),
-        common={cause: {_MATRIX: column.tolist()} for cause, column in fit.common.items()},
-        quality=_quality(axes, fit, swings),
-        findings=(
-            *(note("thesis-geometry", text) for text in workplace.notes),
-            *(warning("inertia-warning", text) for text in (*swings.warnings, *fit.warnings, *_quirks(axis_inertias))),
-            *(rejection("inertia-rejected", text, "inertia.*") for text in (*swings.doubts, *fit.doubts)),
+        quantities=_quantities(axes, about, matrix),
+        wanted=(MATRIX,),
+        covariances=()
+        if matrix is None
+        else covariance_between({MATRIX: matrix.matrix_kg_m2.tolist()}, matrix.covariance),
+        common={} if matrix is None else {cause: {MATRIX: column.tolist()} for cause, column in matrix.common.items()},
+        quality=_quality(axes, about, matrix, measured),
+        findings=tuple(findings),
+        sources=measured.sources,
+        lines=(
+            *measured.lines,
+            *(_budget_lines(matrix) if matrix is not None and MATRIX not in lost else ()),
+            *(_plan_lines(axis_inertias, axes, about, lost) if plan else ()),
         ),
-        sources=swings.sources,
-        lines=(*swings.lines, *_budget_lines(fit), *(_plan_lines(axis_inertias, axes, fit) if plan else ())),
         drawings=drawings,
-        folder=workplace.figures_beside(swings.files),
+        folder=measured.folder,
     )
 
 
-def _parameters(axes: list[str], fit: "InertiaFit") -> "dict[str, Parameter]":
-    from cfid.records.parameters import Parameter
+def _resting_on(mount: str) -> tuple[str, ...]:
+    """Return the quantities that rest on the swings about a mount; on that of the empty fixture, all do."""
+    return ("inertia.*",) if mount == FIXTURE else (MATRIX, f"inertia.*_kg_m2.{mount}")
 
-    spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
-    found = {_MATRIX: Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)}
-    for name, values, deviations in (
-        ("axis", fit.about_axis_kg_m2, fit.about_axis_std_kg_m2),
-        ("centre", fit.about_centre_kg_m2, fit.about_centre_std_kg_m2),
+
+def _quantities(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None) -> dict[str, Parameter]:
+    found = {}
+    if fit is not None:
+        spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
+        found[MATRIX] = Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)
+    for name, values, std in (
+        ("axis", measured.about_axis_kg_m2, measured.about_axis_std_kg_m2),
+        ("centre", measured.about_centre_kg_m2, measured.about_centre_std_kg_m2),
     ):
         for axis in dict.fromkeys(axes):
-            swung = [i for i, other in enumerate(axes) if other == axis]
-            value, std = _combined(values[swung], deviations[swung])
-            found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=value, std=std or None, unit=_UNIT)
+            own = [i for i, other in enumerate(axes) if other == axis]
+            mean, mean_std = _combined(values[own], std[own])
+            found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=mean, std=mean_std or None, unit=_UNIT)
     return found
 
 
-def _combined(values: Any, deviations: Any) -> tuple[float, float]:
-    """Return the weighted mean of one mount's swings and its deviation.
+def _combined(values: Array, std: Array) -> tuple[float, float]:
+    """Return the weighted mean of one mount's swings and its standard uncertainty.
 
-    They share mass and geometry, which averaging does not better: the smallest deviation stands.
+    They share mass and geometry, which averaging does not improve: the smallest uncertainty stands.
     """
-    if not deviations.all():
+    if not std.all():
         return float(values.mean()), 0.0
-    return float(values @ deviations**-2.0 / (deviations**-2.0).sum()), float(deviations.min())
+    return float(values @ std**-2.0 / (std**-2.0).sum()), float(std.min())
 
 
-def _quality(axes: list[str], fit: "InertiaFit", swings: SwingSet) -> dict[str, Any]:
-    import numpy as np
-
+def _quality(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swings: MeasuredSwings) -> dict[str, Any]:
+    residual = None if fit is None else fit.residual
     return {
-        "rms": None if fit.residual is None else float(np.sqrt(np.mean(fit.residual**2))),
-        "chi_squared": fit.chi_squared,
-        "degrees_of_freedom": fit.freedom,
-        "eigenvalues_kg_m2": np.linalg.eigvalsh(fit.matrix_kg_m2),
-        "consistent": fit.raw_matrix_kg_m2 is None,
-        "raw_matrix_kg_m2": fit.raw_matrix_kg_m2,
-        "condition": fit.condition,
-        "budget_kg_m2": dict(fit.budget),
+        **({} if fit is None else _matrix_quality(fit)),
         "swings": swings.quality,
         "mounts": [
             {
                 "axis": axis,
-                "distance_m": fit.distance_m[i],
-                "best_distance_m": fit.best_distance_m[i],
-                "sensitivity_kg_m": fit.sensitivity_kg_m[i],
-                "residual_in_std": None if fit.residual is None else fit.residual[i],
+                "distance_m": measured.distance_m[i],
+                "best_distance_m": measured.best_distance_m[i],
+                "sensitivity_kg_m": measured.sensitivity_kg_m[i],
+                "residual_in_std": None if residual is None else residual[i],
             }
             for i, axis in enumerate(axes)
         ],
     }
 
 
-def _quirks(axis_inertias: "AxisInertias") -> tuple[str, ...]:
-    """Say where a mount measures its distance along another axis than it solves the matrix with."""
+def _matrix_quality(fit: InertiaFit) -> dict[str, Any]:
+    return {
+        "rms": None if fit.residual is None else float(np.sqrt(np.mean(fit.residual**2))),
+        "chi_squared": fit.chi_squared,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "eigenvalues_kg_m2": np.linalg.eigvalsh(fit.matrix_kg_m2),
+        "consistent": fit.raw_matrix_kg_m2 is None,
+        "raw_matrix_kg_m2": fit.raw_matrix_kg_m2,
+        "condition": fit.condition,
+        "budget_kg_m2": dict(fit.budget),
+    }
+
+
+def _two_directions(axis_inertias: AxisInertias) -> list[Finding]:
+    """Warn of a mount that measures its distance along another axis than it solves the matrix with."""
     split = [
         name
         for name in dict.fromkeys(swing.axis for swing in axis_inertias.swings)
         if axis_inertias.body.mounts[name].distance_direction is not None
     ]
-    return tuple(
-        f"mount {name} has one direction for the distance and another for the matrix, as in the thesis: "
-        "the sign of the product of inertia that rests on it is doubtful."
-        for name in split
+    text = (
+        "mount {} has one direction for the distance and another for the matrix, as in the thesis: the sign of the "
+        "product of inertia that rests on it is doubtful."
     )
+    return [warning("inertia-mount-two-directions", text.format(name), MATRIX) for name in split]
 
 
-def _budget_lines(fit: "InertiaFit") -> list[str]:
-    import numpy as np
-
+def _budget_lines(fit: InertiaFit) -> list[str]:
     if not fit.budget:
-        return ["uncertainty budget: nothing given has a standard deviation"]
+        return ["uncertainty budget: no input has a standard uncertainty"]
     lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
@@ -135,17 +188,23 @@ def _budget_lines(fit: "InertiaFit") -> list[str]:
     return lines
 
 
-def _plan_lines(axis_inertias: "AxisInertias", axes: list[str], fit: "InertiaFit") -> list[str]:
-    from cfid.inertia.estimation import icosahedron_axes, off_diagonal_gain
-
+def _plan_lines(
+    axis_inertias: AxisInertias, axes: list[str], measured: MeasuredAxes, rejected: Mapping[str, str]
+) -> list[str]:
     lines = ["distances: where an error of 0.1 mm in the mount does not matter"]
     for i, axis in enumerate(axes):
-        felt = 1e9 * 1e-4 * abs(fit.sensitivity_kg_m[i])
+        if f"inertia.centre_kg_m2.{axis}" in rejected:
+            continue
+        felt = 1e9 * 1e-4 * abs(measured.sensitivity_kg_m[i])
         lines.append(
-            f"  {axis:<6} now {1e3 * fit.distance_m[i]:6.2f} mm (0.1 mm moves I_G by {felt:6.1f}e-9 kg m^2), "
-            f"best {1e3 * fit.best_distance_m[i]:6.2f} mm"
+            f"  {axis:<6} now {1e3 * measured.distance_m[i]:6.2f} mm (0.1 mm moves I_G by {felt:6.1f}e-9 kg m^2), "
+            f"best {1e3 * measured.best_distance_m[i]:6.2f} mm"
         )
-    gain = off_diagonal_gain(axis_inertias.evaluate(axis_inertias.values).direction)
-    lines.append(f"axes: the six diagonals of an icosahedron make the products' deviations {100 * gain:.0f} % smaller:")
+    lines.append("axes: the six diagonals of an icosahedron determine all entries equally well")
+    direction = axis_inertias.evaluate(axis_inertias.values).direction
+    if MATRIX not in rejected:
+        gain = off_diagonal_gain(direction)
+        lines[-1] += f"; the products' standard uncertainties become {100 * gain:.0f} % smaller"
+    lines[-1] += ":"
     lines += [f"  direction = [{x:+.4f}, {y:+.4f}, {z:+.4f}]" for x, y, z in icosahedron_axes()]
     return lines

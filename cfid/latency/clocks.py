@@ -1,8 +1,8 @@
-"""Clocks against each other by stamps that can only come late, with a device's own stamps or by a sine's phase alone.
+"""Compare two clocks by stamps that can only come late: by a device's own stamps, or by a sine's phase alone.
 
-No packet is early: host times over device times lie above a line, each by how much later it was than the quickest.
-An average lies above that line by the mean lateness. The least one-way latency stays in every offset here; half of
-the least round trip bounds it. Sources: S. B. Moon, P. Skelly, D. Towsley, Estimation and removal of clock skew from
+No packet is early: host times over device times lie above a line, each by its lateness after the quickest packet.
+An average line lies above by the mean lateness. Every offset here contains the least one-way latency, which half of
+the least round trip bounds. Sources: S. B. Moon, P. Skelly, D. Towsley, Estimation and removal of clock skew from
 network delay measurements, INFOCOM 1999; L. Zhang, Z. Liu, C. H. Xia, Clock synchronization algorithms for network
 measurements, INFOCOM 2002, for the lower convex hull.
 """
@@ -16,25 +16,24 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
-from cfid.latency.estimation import RoundTrips, round_trips
 
 Array = npt.NDArray[np.float64]
 
-COUNTER_S = 2**32 / 1e6  # after which 32 bits of microseconds begin anew
+COUNTER_S = 2**32 / 1e6  # after which 32 bits of microseconds wrap
 
-# Of a line under n points that are late by an exponential of mean 1, tried with 4 to 1000 points: it lies 1.85/n too
-# high in their middle, with 1.4/n as deviation; its slope has 2.1/n over the deviation of their places.
+# A line under n points that are late by an exponential of mean 1, simulated with 4 to 1000 points, lies 1.85/n too
+# high in their middle, with a standard deviation of 1.4/n; that of its slope is 2.1/n over that of their places.
 _RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
-_FEW = 3.0  # over n - 2: by which part deviations are to be widened, since few points know their mean badly
+_FEW = 3.0  # over n - 2: the part by which standard uncertainties are widened, as few points give a poor mean
 _FEWEST = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClockLine:
-    """host = middle_host + rate (device - middle_device), under all n points; deviations are one standard deviation.
+    """host = middle_host + rate (device - middle_device) in s, under all n points.
 
     `lateness_s` (n,) is how far each point lies above it, `mean_offset_s` how far above it the average line lies in
-    the middle. `offset_std_s` holds there, and is independent of the rate's.
+    the middle. `offset_std_s` is the standard uncertainty there, independent of `rate_std`.
     """
 
     rate: float
@@ -47,47 +46,39 @@ class ClockLine:
     mean_offset_s: float
 
     def host_s(self, device_s: npt.ArrayLike) -> Array:
-        """Return when, by the host, the device's clock shows times of any shape; early by no latency but the least."""
+        """Return the host's times in s at which the device's clock shows times of any shape, plus the least latency."""
         return np.asarray(self.middle_host_s + self.rate * (np.asarray(device_s) - self.middle_device_s))
 
     def device_s(self, host_s: npt.ArrayLike) -> Array:
-        """Return what the device's clock shows at the host's times of any shape."""
+        """Return the device's times in s at the host's times of any shape."""
         return np.asarray(self.middle_device_s + (np.asarray(host_s) - self.middle_host_s) / self.rate)
 
     @property
     def offset_s(self) -> float:
-        """The host's time when the device's clock was zero."""
+        """The host's time in s when the device's clock was zero."""
         return float(self.host_s(0.0))
 
     @property
     def skew(self) -> float:
-        """By how much the device's clock is too fast, -1/85 for one that runs at 84/85."""
+        """The relative excess of the device's rate: -1/85 for a clock that runs at 84/85."""
         return 1 / self.rate - 1
 
 
 class Start(NamedTuple):
-    """When sample 0 was played, by the host, and late by the least latency; one standard deviation."""
+    """The host's time in s at which sample 0 was played, plus the least latency, and its standard uncertainty."""
 
     start_s: float
     std_s: float
 
 
-class PingLatency(NamedTuple):
-    """Round trips, the mean one-way latency if both ways are alike, and what bounds an offset's unknown part."""
-
-    round_trips: RoundTrips
-    one_way_mean_s: float
-    offset_bound_s: float
-
-
 def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     """Return the line under stamps (n,) that rise: the edge of their lower hull that passes under their middle.
 
-    It is the line below all points with the least sum of distances. Deviations hold for latencies whose excess over
-    the least is near an exponential. Raises DataError for fewer than three points, or times of the device that stand.
+    It is the line below all points with the least sum of distances. Uncertainties hold for latencies whose excess over
+    the least is nearly exponential. Raises DataError for fewer than three points, or device times that do not change.
     """
     if len(device_s) < _FEWEST or np.ptp(device_s) <= 0:
-        raise DataError(f"{len(device_s)} stamps are too few to compare two clocks: it takes {_FEWEST} at least.")
+        raise DataError(f"{len(device_s)} stamps are too few to compare two clocks: at least {_FEWEST} are needed.")
     middle, first = float(device_s.mean()), float(host_s[0])
     place, height = device_s - middle, host_s - first - (device_s - device_s[0])
     slope, level = _edge_below(place, height)
@@ -109,9 +100,9 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
 
 
 def unwrapped_s(counter_s: Array, host_s: Array) -> Array:
-    """Return seconds (n,) that go on where a counter of 32 bits of microseconds begins anew, every 71 minutes.
+    """Return seconds (n,) that continue where a counter of 32 bits of microseconds wraps, every 71 minutes.
 
-    How often it did is told by the host's times (n,), as long as both clocks agree to 2 % over a day.
+    The host's times (n,) give the number of wraps, as long as both clocks agree to 2 % over a day.
     """
     passed = host_s - host_s[0] - (counter_s - counter_s[0])
     return np.asarray(counter_s + COUNTER_S * np.round(passed / COUNTER_S))
@@ -123,17 +114,17 @@ def least_of(lateness_s: Array, count: float) -> tuple[float, float]:
     left = (len(ordered) - np.arange(len(ordered) + 1)) / len(ordered)
     weight = left[:-1] ** count - left[1:] ** count
     mean = float(weight @ ordered)
-    # Among few observed values the least is always the same: an exponential's would still scatter.
+    # The least of few observed values is always the same one: that of an exponential would still scatter.
     scatter = float(ordered.mean() - ordered[0]) / count
     return mean, max(math.sqrt(float(weight @ (ordered - mean) ** 2)), scatter)
 
 
 def start_by_phase(lag_s: Array, *, lateness_s: Array, spacing_s: float) -> Start:
-    """Return the start of a sine whose samples the reports (n,) tell, but not when they were played.
+    """Return the start of a sine whose reports (n,) give sample numbers, but no time of the vehicle.
 
-    `lag_s` is each report's time less its sample's time within the sine, `lateness_s` (m,) what is known of how late
-    reports come when nothing is before them, `spacing_s` between two reports. Packets do not overtake each other, so
-    dense ones are seldom early. Taken is the lower envelope or the average, whichever scatters less for such a radio.
+    `lag_s` is each report's time less its sample's time within the sine, `lateness_s` (m,) the observed lateness of
+    reports that wait for no other, `spacing_s` the time between two reports. Packets do not overtake each other, so
+    dense ones are seldom early. The start is the lower envelope or the average, whichever scatters less.
     """
     unhindered = _unhindered(lateness_s, spacing_s)
     least, least_std = least_of(lateness_s, max(len(lag_s) * unhindered, 1.0))
@@ -143,17 +134,11 @@ def start_by_phase(lag_s: Array, *, lateness_s: Array, spacing_s: float) -> Star
     return Start(float(lag_s.mean() - lateness_s.mean()), mean_std)
 
 
-def ping_latency(rtt_s: Array) -> PingLatency:
-    """Return what round trips (n,) say of the way there and back. Raises FitError for fewer than two."""
-    figures = round_trips(rtt_s)
-    return PingLatency(figures, figures.mean_s / 2, figures.least_s / 2)
-
-
 def sessions(first_device_s: Sequence[float], first_host_s: Sequence[float]) -> list[int]:
     """Return a number for each run, in order of time: runs with the same number share one clock.
 
-    A device that was restarted counts anew: what passed on its clock, modulo its 71 minutes, is then not what passed
-    on the host's.
+    A device that was restarted counts from zero: the time passed on its clock, modulo 71 minutes, then differs from
+    the time passed on the host's.
     """
     numbers = [0]
     for place in range(1, len(first_host_s)):

@@ -1,4 +1,4 @@
-"""`cfid log ping`: how long the way to the vehicle and back takes."""
+"""`cfid log ping`: round trips to the vehicle."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -26,7 +26,7 @@ def ping(
     dry_run: DryRun = False,
     note: Annotated[str | None, typer.Option(help="Circumstances, kept with the run.")] = None,
 ) -> None:
-    """Measure round trips to the vehicle: mean, deviation, least, histogram (table 3.2). No motor turns.
+    """Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.
 
     Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
     """
@@ -56,15 +56,11 @@ def ping(
 
 
 def found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return the round trips of a run as parameters, and as table 3.2 has them."""
-    import pandas as pd
+    """Return what a run's round trips give as --json has it, and as lines; why not, where they are too few."""
+    from cfid.latency import fit
 
-    from cfid.latency.estimation import round_trips
-    from cfid.latency.result import HEAD, bars, trip_parameters, trip_row
-
-    rtt_s = pd.read_csv(run.device_file("pings"))["rtt_s"].to_numpy()
     try:
-        trips = round_trips(rtt_s)
+        result = fit([run])
     except FitError as error:
         return {}, [str(error)]
-    return trip_parameters(trips), [HEAD, trip_row(run.header.label.note or "", trips), *bars(rtt_s)]
+    return {key: quantity.as_json() for key, quantity in result.quantities.items()}, result.lines

@@ -1,47 +1,121 @@
-"""Round trips as `cfid log ping` and `cfid tf latency` tell them: parameters of the contract, rows of table 3.2."""
+"""Round trips and the vehicle's clock: quantities with findings, and the rows of table 3.2."""
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from math import hypot
+from pathlib import Path
 
-if TYPE_CHECKING:
-    from cfid.latency.estimation import RoundTrips
+import numpy as np
+import numpy.typing as npt
 
-_BAR = 40
+from cfid.errors import ConfigError, DataError
+from cfid.findings import rejection, warning
+from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
+from cfid.latency.estimation import RoundTrips, round_trips
+from cfid.records.parameters import Parameter
+from cfid.records.result import Result
+from cfid.records.run import Run
+from cfid.records.tables.pings import PingRecord, read_pings
 
-HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}"
+Array = npt.NDArray[np.float64]
+
+_HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}"
+_BINS, _BAR_WIDTH = 12, 40
 
 
-def trip_parameters(trips: "RoundTrips") -> dict[str, dict[str, Any]]:
-    """Return mean, deviation and least, as --json has them."""
-    return {
-        "latency.rtt_mean_s": {"value": trips.mean_s, "std": trips.mean_std_s, "unit": "s"},
-        "latency.rtt_std_s": {"value": trips.std_s, "std": None, "unit": "s"},
-        "latency.rtt_min_s": {"value": trips.least_s, "std": None, "unit": "s"},
-    }
+def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
+    """Return the statistics of all round trips together, and the clock of the last run whose answers were stamped.
 
-
-def trip_row(circumstances: str, trips: "RoundTrips") -> str:
-    """Return a row of table 3.2."""
-    return (
-        f"{(circumstances or '-')[:28]:<28} {trips.answers:8d} {1e3 * trips.mean_s:14.4f} "
-        f"{1e3 * trips.std_s:10.4f} {1e3 * trips.least_s:11.4f}"
+    A path is that of a run folder, or of a CSV file with a column rtt_s, and with t and vehicle_us where it has them.
+    Raises ConfigError for no run, DataError for a run that cannot be read or is named twice, FitError for fewer than
+    two round trips.
+    """
+    records = [_record(run) for run in runs]
+    if not records:
+        raise ConfigError("no run of pings to read: give at least one.")
+    for place, record in enumerate(records):
+        if any(record.source.sha256 == before.source.sha256 for before in records[:place]):
+            raise DataError(f"{record.name}: the same pings as before: name each run once.")
+    rtt_s = np.concatenate([record.rtt_s for record in records])
+    trips = round_trips(rtt_s)
+    findings = [warning("recording", text) for record in records for text in record.notes]
+    line = None
+    try:
+        line = _clock(records)
+    except DataError as error:
+        findings.append(rejection("clock-stamps-too-few", str(error), "latency.clock_*"))
+    return Result(
+        command="tf latency",
+        section="latency",
+        method="default",
+        quantities={**_trip_quantities(trips), **({} if line is None else _clock_quantities(line, trips))},
+        wanted=("latency.rtt_*",),
+        quality={
+            "answers": trips.answers,
+            "one_way_mean_s": trips.one_way_mean_s,
+            "offset_bound_s": trips.offset_bound_s,
+        },
+        findings=tuple(findings),
+        sources=tuple(record.source for record in records),
+        lines=(
+            *_table(records, rtt_s),
+            f"one way, if both take equally long: {1e3 * trips.one_way_mean_s:.2f} ms on average",
+            *(() if line is None else (_clock_line(line, trips),)),
+        ),
     )
 
 
-def bars(rtt_s: Any) -> Sequence[str]:
-    """Return the histogram of round trips (n,) in characters."""
-    from cfid.latency.estimation import histogram
+def _record(run: PingRecord | Run | Path | str) -> PingRecord:
+    if isinstance(run, PingRecord):
+        return run
+    return read_pings(run.folder if isinstance(run, Run) else Path(run))
 
-    drawn = histogram(rtt_s)
-    widest = drawn.counts.max()
-    return [
-        f"{1e3 * edge_s:9.3f} ms {'█' * round(_BAR * count / widest):{_BAR}} {count}"
-        for edge_s, count in zip(drawn.edges_s[:-1], drawn.counts, strict=True)
+
+def _clock(records: Sequence[PingRecord]) -> ClockLine | None:
+    """Fit the arrivals of answers over the vehicle's stamps, None without stamps. Raises DataError for too few."""
+    for record in reversed(records):
+        if record.vehicle_us is not None and record.sent_s is not None:
+            arrived_s = record.sent_s + record.rtt_s
+            return clock_line(unwrapped_s(record.vehicle_us / 1e6, arrived_s), arrived_s)
+    return None
+
+
+def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
+    return {
+        "latency.rtt_mean_s": Parameter(value=trips.mean_s, std=trips.mean_std_s, unit="s"),
+        "latency.rtt_std_s": Parameter(value=trips.std_s, unit="s"),
+        "latency.rtt_min_s": Parameter(value=trips.least_s, unit="s"),
+    }
+
+
+def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter]:
+    """Return the host's time when the vehicle's clock was zero, as if the quickest answer took half its round trip."""
+    std_s = hypot(line.offset_std_s, line.rate_std * line.middle_device_s)
+    return {
+        "latency.clock_offset_s": Parameter(value=line.offset_s - trips.offset_bound_s, std=std_s, unit="s"),
+        "latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2, unit="1"),
+    }
+
+
+def _table(records: Sequence[PingRecord], rtt_s: Array) -> list[str]:
+    """Return table 3.2 with a row for each run, and a histogram of all round trips (n,) in s."""
+    rows = [_row(record.circumstances or record.name, record.rtt_s) for record in records]
+    total = [_row("all", rtt_s)] if len(records) > 1 else []
+    counts, edges_s = np.histogram(rtt_s, bins=_BINS)
+    bars = [
+        f"{1e3 * edge_s:9.3f} ms {'█' * round(_BAR_WIDTH * count / counts.max()):{_BAR_WIDTH}} {count}"
+        for edge_s, count in zip(edges_s[:-1], counts, strict=True)
     ]
+    return [_HEAD, *rows, *total, *bars]
 
 
-def as_parameters(content: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the same as parameters."""
-    from cfid.records.parameters import Parameter
+def _row(circumstances: str, rtt_s: Array) -> str:
+    std_ms = f"{1e3 * np.std(rtt_s, ddof=1):.4f}" if len(rtt_s) > 1 else "-"
+    return f"{circumstances[:28]:<28} {len(rtt_s):8d} {1e3 * rtt_s.mean():14.4f} {std_ms:>10} {1e3 * rtt_s.min():11.4f}"
 
-    return {name: Parameter(**own) for name, own in content.items()}
+
+def _clock_line(line: ClockLine, trips: RoundTrips) -> str:
+    return (
+        f"the vehicle's clock: {1e6 * line.skew:+.1f} ppm against this computer's; its offset is known within "
+        f"{1e3 * trips.offset_bound_s:.2f} ms, for the least one-way latency is not; answers came "
+        f"{1e3 * line.mean_offset_s:.2f} ms later, on average, than the quickest"
+    )

@@ -1,5 +1,6 @@
 """`cfid fit swing`: one swing to its natural frequency, and with mass and distance to an axis inertia."""
 
+import math
 from typing import Annotated
 
 import typer
@@ -15,6 +16,7 @@ from cfid.console.options import (
     RigOptions,
     WindowOptions,
     flat,
+    optional_positive,
 )
 from cfid.console.outcome import deliver
 
@@ -40,16 +42,20 @@ def swing(
 
     Example: [bold]cfid fit swing x.csv --time-unit us --mass-kg 0.028 --distance-m 0.022855[/bold]
     """
-    from cfid.swing.geometry import body_of_swing, surroundings
-    from cfid.swing.result import analyse, swing_outcome
-    from cfid.swing.window import check_peaks, find
+    from cfid.swing import arguments, result
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    record = read_recording(run, reading.reading(), workplace)
-    axis = axis or record.label.axis
-    body = body_of_swing(workplace, axis=axis, body=record.label.body, mass_kg=mass_kg, distance_m=distance_m)
-    check_peaks(window.peaks, [axis] if axis else [])
-    found = find(record, window, axis=axis, cut=cut)
-    analysed = analyse(record, found, method)
-    outcome = swing_outcome(record, found, analysed, axis=axis, body=body, around=surroundings(workplace))
-    deliver(outcome, delivery, workplace.campaign)
+    found = result.fit(
+        read_recording(run, reading.reading(), workplace),
+        axis=axis,
+        rig=None if workplace.borrowed else workplace.rig,
+        mass_kg=optional_positive(mass_kg, "--mass-kg"),
+        distance_m=optional_positive(distance_m, "--distance-m"),
+        gravity_mps2=gravity_mps2,
+        peaks=arguments.parse_peaks(window.peaks),
+        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
+        from_s=cut.from_s,
+        to_s=cut.to_s,
+        method=method,
+    )
+    deliver(found, delivery, workplace.campaign)

@@ -1,62 +1,150 @@
-"""Swings as a command names them: recordings with their mounts, and axis inertias already known."""
+"""What swung about what: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from cfid.console.inputs import Workplace, read_recording
-from cfid.console.options import positive
-from cfid.errors import ConfigError, DataError
+import numpy as np
 
-if TYPE_CHECKING:
-    from cfid.records.tables.angle import AngleRecord, Reading
+from cfid.errors import ConfigError, DataError, check_positive
+from cfid.findings import Finding, note
+from cfid.records.campaign import Mount, Rig, TestBody, find_campaign, thesis_rig
+from cfid.records.tables.angle import AngleRecord
+from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
+from cfid.swing.free_swing import FEWEST_PEAKS, FreeSwing, find_swing
+from cfid.units import MM
 
 FIXTURE = "fixture"
+
+_GIVEN = "given"  # the mount that a distance given as a number makes
 
 
 @dataclass(frozen=True)
 class KnownInertia:
-    """An axis inertia given as a number, `x=3.12e-05:4e-08`."""
+    """An inertia about a mount's axis that is known already, with its standard uncertainty."""
 
-    name: str
+    mount: str
     value_kg_m2: float
-    std_kg_m2: float
+    std_kg_m2: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check both numbers. Raises ConfigError."""
+        check_positive(**{self.mount: self.value_kg_m2})
+        if not 0 <= self.std_kg_m2 < float("inf"):
+            raise ConfigError(f"{self.mount} {self.std_kg_m2:g}: a standard uncertainty is a number of zero or more.")
 
 
-@dataclass(frozen=True)
-class Named:
-    """A recording and the name it goes by: a mount, or grams."""
+def rig_around(records: Iterable[AngleRecord], rig: Rig | None) -> Rig | None:
+    """Return the rig given, else that of the campaign which the recordings lie in, if they do."""
+    if rig is not None:
+        return rig
+    campaigns = (find_campaign(None, start=record.path.resolve().parent) for record in records)
+    return next((campaign.rig for campaign in campaigns if campaign is not None), None)
 
-    name: str
-    record: "AngleRecord"
+
+def rig_or_thesis(records: Iterable[AngleRecord], rig: Rig | None) -> tuple[Rig, tuple[Finding, ...]]:
+    """Return the rig as `rig_around` finds it, else the thesis' with a note."""
+    found = rig_around(records, rig)
+    if found is not None:
+        return found, ()
+    text = "no rig.toml here: the thesis' Crazyflie 2.0, cube and test body are used."
+    return thesis_rig(), (note("thesis-geometry", text),)
 
 
-def read_swings(
-    words: Sequence[str], reading: "Reading", workplace: Workplace, *, body: str
-) -> list[Named | KnownInertia]:
-    """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:DEVIATION, or a RUN whose label says axis and body.
+def swing_in(record: AngleRecord, **window: Any) -> FreeSwing:
+    """Find the free swing of a recording; `window` as `find_swing` takes it.
 
-    A run labelled as the empty fixture is the fixture's swing, whatever its axis.
-
-    Raises ConfigError for a word that is none of these, and for a run of another body; DataError for a run
-    without an axis.
+    Raises DataError that names the file.
     """
-    found: list[Named | KnownInertia] = []
-    for word in words:
-        name, equals, rest = word.partition("=")
-        if not equals or Path(word).exists():
-            name, rest = "", word
-        elif known := _known_inertia(name, rest):
-            found.append(known)
-            continue
-        record = read_recording(rest, reading, workplace)
-        found.append(Named(_axis(record, name, rest, body), record))
-    return found
+    try:
+        return find_swing(record.time_s, record.angle_rad, **window)
+    except DataError as error:
+        raise DataError(f"{record.path}: {error}") from None
 
 
-def check_mounts(names: Iterable[str], mounts: Mapping[str, object], *, table: str) -> None:
-    """Check that every name is a mount.
+def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:
+    """Check numbers of peaks, one for all axes or one for each.
+
+    Raises ConfigError below four, and for an axis that no swing is about.
+    """
+    axes = list(axes)
+    if isinstance(peaks, Mapping):
+        for axis in peaks.keys() - axes:
+            there = ", ".join(axes) or "an axis without a name"
+            raise ConfigError(f"peaks {axis}={peaks[axis]}: no swing is about '{axis}', but about {there}.")
+    counts = peaks.values() if isinstance(peaks, Mapping) else () if peaks is None else (peaks,)
+    for count in counts:
+        if count < FEWEST_PEAKS:
+            raise ConfigError(f"peaks {count}: a fit needs {FEWEST_PEAKS} peaks at least, the release being the first.")
+
+
+def peaks_on(axis: str | None, peaks: int | Mapping[str, int] | None) -> int | None:
+    """Return the number of peaks to use on an axis, None for all."""
+    return peaks.get(axis or "") if isinstance(peaks, Mapping) else peaks
+
+
+def vehicle(rig: Rig, mass_kg: float | None) -> SwungBody:
+    """Return the vehicle of rig.toml; `mass_kg` replaces its mass. Raises ConfigError for a mass of zero or less."""
+    check_positive(mass_kg=mass_kg)
+    given = rig.vehicle
+    return SwungBody(
+        mass_kg=given.mass_kg if mass_kg is None else mass_kg,
+        mass_std_kg=given.mass_std_kg,
+        centre_m=MM * np.array(given.centre_of_mass_mm),
+        centre_std_m=MM * np.array(given.centre_of_mass_std_mm),
+        mounts=rig.mounts,
+    )
+
+
+def drawn_body(rig: Rig, mass_kg: float | None) -> TestBody:
+    """Return the test body of rig.toml; `mass_kg` replaces its mass.
+
+    Raises ConfigError when rig.toml describes none, and for a mass of zero or less.
+    """
+    check_positive(mass_kg=mass_kg)
+    if rig.testbody is None:
+        raise ConfigError("rig.toml describes no test body: add [testbody] with its cuboids and mounts.")
+    return rig.testbody if mass_kg is None else rig.testbody.model_copy(update={"mass_kg": mass_kg})
+
+
+def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwing | None = None) -> Surroundings:
+    """Return gravity and, with a swing of it, the empty fixture; `gravity_mps2` replaces that of rig.toml.
+
+    Raises ConfigError when a fixture swung that rig.toml does not describe, and for gravity of zero or less.
+    """
+    check_positive(gravity_mps2=gravity_mps2)
+    if fixture_swing is not None and rig.fixture is None:
+        raise ConfigError("a swing of the fixture needs its mass and distance: add [fixture] to rig.toml.")
+    return Surroundings(
+        gravity_mps2=rig.site.gravity_mps2 if gravity_mps2 is None else gravity_mps2,
+        gravity_std_mps2=rig.site.gravity_std_mps2,
+        fixture=rig.fixture,
+        fixture_swing=fixture_swing,
+    )
+
+
+def body_of_swing(
+    rig: Rig | None, *, axis: str | None, body: str | None, mass_kg: float | None, distance_m: float | None
+) -> tuple[SwungBody, str] | None:
+    """Return the body that swung and its mount's name, or None where only a frequency can be found.
+
+    Mass and distance given as numbers make a mount of their own; else the axis has to be a mount of the rig.
+    Raises ConfigError where one of them is missing.
+    """
+    if distance_m is not None:
+        return _given_body(mass_kg, distance_m)
+    if rig is None or axis is None or body == FIXTURE:
+        if mass_kg is not None:
+            raise ConfigError("a mass alone gives no inertia: give the distance too, or a rig.toml and the axis.")
+        return None
+    is_test_body = body == "testbody"
+    swung = swung_test_body(drawn_body(rig, mass_kg)) if is_test_body else vehicle(rig, mass_kg)
+    check_mounts([axis], swung.mounts, table="testbody.mounts" if is_test_body else "mounts")
+    return swung, axis
+
+
+def check_mounts(names: Iterable[str], mounts: Mapping[str, Mount], *, table: str) -> None:
+    """Check that every name is a mount of a table of rig.toml.
 
     Raises ConfigError naming the mounts there are.
     """
@@ -66,25 +154,14 @@ def check_mounts(names: Iterable[str], mounts: Mapping[str, object], *, table: s
             raise ConfigError(f"'{name}' is no mount of this rig.toml (it has: {there}): add [{table}.{name}].")
 
 
-def _known_inertia(name: str, text: str) -> KnownInertia | None:
-    value, colon, std = text.partition(":")
-    try:
-        known = KnownInertia(name, float(value), float(std) if colon else 0.0)
-    except ValueError:
-        return None
-    positive(known.value_kg_m2, f"{name}=")
-    if not 0 <= known.std_kg_m2 < float("inf"):
-        raise ConfigError(f"{name}={text}: a standard deviation is a number of zero or more.")
-    return known
-
-
-def _axis(record: "AngleRecord", name: str, word: str, body: str) -> str:
-    """Return the mount a recording was swung on: the name given, else its label."""
-    label = record.label
-    if label.body == FIXTURE:
-        return FIXTURE
-    if label.body is not None and label.body != body and name != FIXTURE:
-        raise ConfigError(f"{word}: is labelled as a swing of the {label.body}, not of the {body}.")
-    if not name and label.axis is None:
-        raise DataError(f"{word}: does not say its axis: write AXIS={word}.")
-    return name or label.axis or ""
+def _given_body(mass_kg: float | None, distance_m: float) -> tuple[SwungBody, str]:
+    if mass_kg is None:
+        raise ConfigError("a distance alone gives no inertia: give the mass too.")
+    check_positive(mass_kg=mass_kg, distance_m=distance_m)
+    mount = Mount(point_mm=(0.0, distance_m / MM, 0.0), direction=(1, 0, 0))
+    return (
+        SwungBody(
+            mass_kg=mass_kg, mass_std_kg=0.0, centre_m=np.zeros(3), centre_std_m=np.zeros(3), mounts={_GIVEN: mount}
+        ),
+        _GIVEN,
+    )

@@ -1,6 +1,6 @@
-"""The default fit of a swing: damping terms chosen by the data, honest deviations, and a verdict.
+"""The default fit of a swing: damping terms chosen by the data, standard uncertainties, and checks.
 
-Knows the natural frequency and damping per inertia only; what that means in kg m^2 is `inertia`'s business.
+It finds the natural frequency and the damping per inertia; `result` makes kg m^2 of them.
 """
 
 import math
@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S, correlation_inflation
+from cfid.findings import Finding, note
+from cfid.swing.checks import FitQuality, judge
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import TERMS, Coefficients, OutputError, first_guess, fit_output_error
-from cfid.swing.verdict import Verdict, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -42,13 +43,13 @@ class SwingFit:
     start_std: tuple[float, float]
     residual_rms_rad: float
     split_bic: float
-    verdict: Verdict
-    warnings: tuple[str, ...]
+    quality: FitQuality
+    findings: tuple[Finding, ...]
 
     @property
-    def believed(self) -> bool:
+    def accepted(self) -> bool:
         """Whether the model describes the data."""
-        return not self.verdict.doubts
+        return not self.quality.findings
 
 
 def fit_swing(swing: FreeSwing) -> SwingFit:
@@ -68,7 +69,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     candidates = [base, full, *(_refit(base, time, angle, terms) for terms in promising)]
     physical = [fit for fit in candidates if _acceptable(fit)]
     if not physical:
-        # Damping too weak to be told from none comes out negative half of the time.
+        # Damping too weak to be distinguished from none comes out negative half of the time.
         physical = [fit for fit in [_refit(base, time, angle, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
@@ -128,17 +129,17 @@ def _inflation(series: Array, fit: OutputError) -> float:
     return correlation_inflation(series, longest=_samples_a_period(fit))
 
 
-def _deviations(fit: OutputError) -> Array:
-    """Return one standard deviation per Jacobian column, inflated by each estimate's own correlation.
+def _standard_uncertainties(fit: OutputError) -> Array:
+    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's own correlation.
 
     An estimate is a weighted sum of residuals; how far these weighted residuals are correlated along the
-    record says how much less they average out than white noise would.
+    record determine how much less they average out than white noise would.
     """
     inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian, hermitian=True, rcond=1e-14)
     influence = fit.jacobian @ inverse * fit.residual_rad[:, None]
-    freedom = len(fit.residual_rad) / max(len(fit.residual_rad) - fit.jacobian.shape[1], 1)
+    per_degree_of_freedom = len(fit.residual_rad) / max(len(fit.residual_rad) - fit.jacobian.shape[1], 1)
     inflations = np.array([_inflation(column, fit) for column in influence.T])
-    return np.asarray(np.sqrt(np.einsum("ij,ij->j", influence, influence) * freedom * inflations))
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", influence, influence) * per_degree_of_freedom * inflations))
 
 
 def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
@@ -174,26 +175,27 @@ def _terms(fit: OutputError) -> tuple[str, ...]:
 def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
-    deviations = _deviations(fit)
-    deviations[0] = math.hypot(deviations[0], _spread_of_choices(ranked), _step_error(swing, fit))
+    std = _standard_uncertainties(fit)
+    std[0] = math.hypot(std[0], _spread_of_choices(ranked), _step_error(swing, fit))
     per_coefficient = np.zeros(len(fit.free))
-    per_coefficient[np.flatnonzero(fit.free)] = deviations[:-2]
+    per_coefficient[np.flatnonzero(fit.free)] = std[:-2]
     drift, drift_std = _drift(swing, fit)
     frequency, frequency_std = fit.coefficients.natural_frequency_squared_s2, per_coefficient[0]
     if abs(drift) > 3 * drift_std:
         # The halves disagree by more than noise: the truth lies between them as likely as anywhere else.
         per_coefficient[0] = math.hypot(frequency_std, frequency * abs(drift) / math.sqrt(12))
     terms = _terms(fit)
+    quality = judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std)
     return SwingFit(
         output_error=fit,
         terms=terms,
         coefficients=fit.coefficients,
         std=Coefficients(*map(float, per_coefficient)),
-        start_std=(float(deviations[-2]), float(deviations[-1])),
+        start_std=(float(std[-2]), float(std[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
         split_bic=split_bic,
-        verdict=judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std),
-        warnings=swing.warnings + _split_warning(terms, split_bic) + _hand_warning(swing, fit),
+        quality=quality,
+        findings=(*swing.findings, *quality.findings, *_split_finding(terms, split_bic), *_hand_finding(swing, fit)),
     )
 
 
@@ -207,29 +209,32 @@ def _drift(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
         _, trajectory = first_guess(time[part], angle[part], start_s=start, step_s=step)
         half = fit_output_error(time[part], angle[part], coefficients=fit.coefficients, trajectory=trajectory, terms=())
         values.append(half.coefficients.natural_frequency_squared_s2)
-        variances.append(_deviations(half)[0] ** 2)
+        variances.append(_standard_uncertainties(half)[0] ** 2)
     frequency = fit.coefficients.natural_frequency_squared_s2
     return float((values[1] - values[0]) / frequency), float(math.sqrt(sum(variances)) / frequency)
 
 
-def _split_warning(terms: tuple[str, ...], split_bic: float) -> tuple[str, ...]:
+def _split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
     if split_bic >= IDENTIFIABLE_BIC:
         return ()
     chosen = ", ".join(terms) or "none"
-    return (
-        f"how the damping splits ({chosen}) is not identifiable: another choice is as likely "
-        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it.",
+    text = (
+        f"the damping terms ({chosen}) are not identifiable: another choice is as likely "
+        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it."
     )
+    damping = ("swing.viscous_nms_per_rad", "swing.coulomb_nm", "swing.quadratic_nms2_per_rad2")
+    return (note("swing-damping-split-unresolved", text, *damping),)
 
 
-def _hand_warning(swing: FreeSwing, fit: OutputError) -> tuple[str, ...]:
-    """Say when the motion just after the release was not the pendulum's own."""
+def _hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:
+    """Report when the motion just after the release was not the pendulum's own."""
     measured = float(swing.angle_rad[swing.release])
     missed = abs(fit.start_angle_rad - measured)
     if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):
         return ()
-    return (
+    text = (
         f"between {swing.release_s:.2f} and {swing.time_s[swing.hand_gone]:.2f} s the body did not fall freely "
         f"(the pendulum would have started from {math.degrees(fit.start_angle_rad):.0f} degrees, "
-        f"it stood at {math.degrees(measured):.0f}): this stretch was left out.",
+        f"it stood at {math.degrees(measured):.0f}): this segment is left out. Release without a push."
     )
+    return (note("swing-led-by-hand", text, "swing.start_angle_rad", "swing.start_speed_rad_per_s"),)

@@ -1,4 +1,4 @@
-"""A free swing and what was fitted to it, drawn: cfid's own fit, and the thesis' ways beside it."""
+"""A free swing and what was fitted to it, drawn: cfid's own fit, and the fits of the thesis."""
 
 import math
 from typing import Any
@@ -26,6 +26,7 @@ from cfid.drawing.style import (
     styled,
     words,
 )
+from cfid.findings import texts
 from cfid.swing.estimation import SwingFit
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import TERMS, sample
@@ -36,7 +37,7 @@ from cfid.units import COVERAGE_95
 Array = npt.NDArray[np.float64]
 
 _LAG_PERIODS = 3
-_VERDICT = "describes the record"
+_ACCEPTED = "describes the record"
 _TIME = "time (s)"
 _DEGREES = "angle (°)"
 _RADIANS = "angle (rad)"
@@ -46,12 +47,14 @@ _RADIANS = "angle (rad)"
 def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
     """Return the page of one swing: recording, fit, residual, its correlation, and the motion re-integrated.
 
-    As figures 2.10 to 2.12, and as C.1.3 closes. Times count from the record's first sample; what the
-    verdict doubts stands in red above.
+    As figures 2.10 to 2.12, and as C.1.3 closes. Times count from the record's first sample; rejections
+    stand in red above.
     """
-    doubts = [f"Not believed: {doubt}" for doubt in fit.verdict.doubts]
+    rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.1, 2.0, 1.5, 2.0, 2.0)
-    page, grid = figure(5, 2, heights_in=heights_in, title=title, doubts=doubts, notes=fit.warnings)
+    page, grid = figure(
+        5, 2, heights_in=heights_in, title=title, doubts=rejected, notes=texts(fit.findings, "note", "warning")
+    )
     (time, angle), residual = swing.hands_off, fit.output_error.residual_rad
     _draw_recording(page.add_subplot(grid[0, :]), swing)
     shown = pieces(page, grid, 1, time, period_s=swing.period_s)
@@ -63,7 +66,7 @@ def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
         page.add_subplot(grid[3, 1]),
         "what was found",
         _found(swing, fit, motion),
-        red=() if fit.believed else (_VERDICT,),
+        red=() if fit.accepted else (_ACCEPTED,),
     )
     _draw_motion(page.add_subplot(grid[4, :]), swing, motion)
     page.align_ylabels()
@@ -174,18 +177,18 @@ def _found(swing: FreeSwing, fit: SwingFit, motion_rad: Array) -> list[tuple[str
     units = ("s⁻²", "s⁻¹", "s⁻²", "rad⁻¹")
     chosen = (True, *(term in fit.terms for term in TERMS))
     constants = zip(names, units, fit.coefficients[:4], fit.std[:4], chosen, strict=True)
-    verdict = fit.verdict
+    quality = fit.quality
     window = slice(swing.hand_gone, swing.end + 1)
     fitted = sample(fit.output_error.trajectory, swing.time_s[window])
     apart = np.max(np.abs(motion_rad[window.start - swing.release : window.stop - swing.release] - fitted))
     return [
         *((name, plus_minus(value, std, unit=unit)) for name, unit, value, std, used in constants if used),
         ("zero", plus_minus(1e3 * fit.coefficients.zero_rad, 1e3 * fit.std.zero_rad, unit="mrad")),
-        ("misfit", f"{100 * verdict.misfit:.2g} %"),
-        ("distortion", f"{100 * verdict.distortion:.2g} %, allowed {100 * verdict.distortion_limit:.2g} %"),
-        ("drift", plus_minus(100 * verdict.drift, 100 * verdict.drift_std, unit="%")),
+        ("misfit", f"{100 * quality.misfit:.2g} %"),
+        ("distortion", f"{100 * quality.distortion:.2g} %, limit {100 * quality.distortion_limit:.2g} %"),
+        ("drift", plus_minus(100 * quality.drift, 100 * quality.drift_std, unit="%")),
         ("integrated anew", f"≤ {1e3 * apart:.2g} mrad from the fit"),
-        (_VERDICT, "yes" if fit.believed else "NO"),
+        (_ACCEPTED, "yes" if fit.accepted else "NO"),
     ]
 
 

@@ -1,6 +1,6 @@
 """From an encoder record to the free swing in it: rest, release, peaks, window. Fits nothing.
 
-Section 2.4.4 of the thesis with its hand work replaced: rest is read from the end of the record instead of
+Section 2.4.4 of the thesis with its manual work replaced: rest is read from the end of the record instead of
 its twentieth sample, the release is where the hand lets go instead of the highest sample, and the peaks on
 the release's side are found, the release counting as the first (as in table 2.3).
 """
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.estimate.signals import GRID_S, HalfSwing, half_swings, resample, smooth, vertex
+from cfid.findings import Finding, note, warning
 
 Array = npt.NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class FreeSwing:
     peaks_used: int
     period_s: float
     resolution_rad: float
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def release_s(self) -> float:
@@ -87,7 +88,7 @@ def find_swing(
     kept = (time >= (from_s or 0.0)) & (time <= (math.inf if to_s is None else to_s))
     if np.count_nonzero(kept) < 16:
         raise DataError(
-            f"only {np.count_nonzero(kept)} samples lie in the window asked for; the record lasts {time[-1]:.3g} s."
+            f"only {np.count_nonzero(kept)} samples lie in the window requested; the record lasts {time[-1]:.3g} s."
         )
     first = int(np.flatnonzero(kept)[0])
     rest = _rest(angle_rad[kept])
@@ -98,8 +99,8 @@ def find_swing(
     if not halves:
         raise DataError("the angle never leaves rest by half a degree to stay: no swing.")
     begin = _let_go(time, angle, halves) if from_s is None else _by_hand(time, angle, halves, first)
-    peak_time, peak_angle, warnings = _peaks(time, angle, begin.peak, begin.later)
-    used, warning = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
+    peak_time, peak_angle, grows = _peaks(time, angle, begin.peak, begin.later)
+    used, fewer = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
     return FreeSwing(
         time_s=time,
         angle_rad=angle,
@@ -112,7 +113,7 @@ def find_swing(
         peaks_used=used,
         period_s=float((peak_time[used - 1] - peak_time[1]) / (used - 2)),
         resolution_rad=_resolution(angle[kept]),
-        warnings=warnings + warning,
+        findings=grows + fewer,
     )
 
 
@@ -136,7 +137,7 @@ def _let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> _Begin:
 
 
 def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:
-    """Begin at the sample asked for; the first peak is the first that the window does not cut."""
+    """Begin at the sample requested; the first peak is the first that the window does not cut."""
     start = next((i for i, half in enumerate(halves) if half.extreme > first), 0)
     return _Begin(first, first, _peak(time, angle, halves[start]), _same_side(halves, start))
 
@@ -165,13 +166,13 @@ def _check_motion(angle: Array) -> None:
     if np.ptp(angle) < SMALLEST_PEAK_RAD:
         raise DataError(
             f"the angle moves by {math.degrees(np.ptp(angle)):.2g} degrees in all: no swing. "
-            "Check the unit (--angle-unit, --counts-per-turn)."
+            "Check the angle's unit and the counts per turn."
         )
     farthest = float(np.max(np.abs(angle)))
     if farthest > math.pi:
         raise DataError(
-            f"a swing of {farthest:.3g} rad goes over the top: the angle's unit is wrong "
-            "(--angle-unit deg|rad|counts, --counts-per-turn), or the body turned."
+            f"a swing of {farthest:.3g} rad goes over the top: the angle's unit or the counts per turn are wrong, or "
+            "the body turned."
         )
 
 
@@ -210,32 +211,34 @@ def _peak(time: Array, angle: Array, half: HalfSwing) -> tuple[float, float]:
 
 def _peaks(
     time: Array, angle: Array, begin: tuple[float, float], later: list[HalfSwing]
-) -> tuple[Array, Array, tuple[str, ...]]:
+) -> tuple[Array, Array, tuple[Finding, ...]]:
     """Return times and angles of the peaks from the first one on, as long as they shrink."""
     peaks = [begin]
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     for half in later:
         peak = _peak(time, angle, half)
         if abs(peak[1]) < SMALLEST_PEAK_RAD:
             break
         if len(peaks) > 1 and abs(peak[1]) > _GROWTH * abs(peaks[-1][1]):
-            warnings = (f"peak {len(peaks) + 1} is higher than the one before: the free swing ends there.",)
+            text = f"peak {len(peaks) + 1} is higher than the one before: the free swing ends there."
+            findings = (warning("swing-peak-grows", text, "swing.*"),)
             break
         peaks.append(peak)
     times, angles = np.array(peaks).T
-    return times, angles, warnings
+    return times, angles, findings
 
 
-def _usable(peak_angle: Array, asked: int | None, smallest: float) -> tuple[int, tuple[str, ...]]:
+def _usable(peak_angle: Array, requested: int | None, smallest: float) -> tuple[int, tuple[Finding, ...]]:
     found = len(peak_angle)
     if found < FEWEST_PEAKS:
         raise DataError(
             f"{found} usable peaks of at least 1 degree, the highest {math.degrees(np.abs(peak_angle).max()):.2g}: a "
             f"fit needs {FEWEST_PEAKS}. Release higher and let it swing until it stops; look at it with `cfid show`; "
-            "is the unit right (--angle-unit, --counts-per-turn)?"
+            "check the angle's unit and the counts per turn."
         )
-    if asked is None:
+    if requested is None:
         return max(FEWEST_PEAKS, int(np.count_nonzero(np.abs(peak_angle) >= smallest))), ()
-    if asked > found:
-        return found, (f"{asked} peaks were asked for; only {found} are at least 1 degree high.",)
-    return asked, ()
+    if requested > found:
+        text = f"{requested} peaks were requested; only {found} are at least 1 degree high."
+        return found, (note("swing-fewer-peaks", text, "swing.peaks_used"),)
+    return requested, ()

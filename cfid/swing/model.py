@@ -56,7 +56,7 @@ class OutputError:
 
     `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) are the derivatives of the predicted
     angle with respect to the free coefficients, the start angle and the start speed, in this order; `free`
-    says which coefficients were free.
+    has which coefficients were free.
     """
 
     coefficients: Coefficients

@@ -22,7 +22,7 @@ def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
     """Return the angle (n,) at increasing times (n,), none before the fit's start, from its start state.
 
     phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|. With dry friction each half-swing is a
-    stretch of its own, as the integrator cannot step over a jump, and the body stops where gravity no longer
+    segment of its own, as the integrator cannot step over a jump, and the body stops where gravity no longer
     overcomes it.
     """
     start = fit.output_error
@@ -30,12 +30,12 @@ def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
     now, end = start.trajectory.start_s, float(time_s[-1])
     angle = np.full(len(time_s), state[0])
     while now < end and (side := _side(state, fit.coefficients)):
-        stretch = _until_it_turns(state, fit.coefficients, side, now, end)
-        turned = stretch.status == 1
-        reached = float(stretch.t[-1])
-        state = np.array([stretch.y[0, -1], 0.0 if turned else stretch.y[1, -1]])
+        segment = _until_it_turns(state, fit.coefficients, side, now, end)
+        turned = segment.status == 1
+        reached = float(segment.t[-1])
+        state = np.array([segment.y[0, -1], 0.0 if turned else segment.y[1, -1]])
         inside = (time_s >= now) & (time_s <= reached)
-        angle[inside] = stretch.sol(time_s[inside])[0]
+        angle[inside] = segment.sol(time_s[inside])[0]
         angle[time_s > reached] = state[0]
         now = reached
     return angle

@@ -1,4 +1,4 @@
-"""The thesis' own ways with a swing: damped cosine, flexible function, and the logarithmic decrement.
+"""The thesis' methods for a swing: damped cosine, flexible function, and the logarithmic decrement.
 
 All of them in frequencies: W = m g r / I_a and friction per inertia, so that they need no mass and no
 distance. Appendix C.1.3 with its minima found by least squares instead of a simplex search.
@@ -78,7 +78,7 @@ def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
     found = least_squares(residual, np.array([1.0, decay / scale[1], 0.0]), method="lm", xtol=1e-12, ftol=1e-12)
     squared, viscous, speed = found.x * scale
     variance = 2 * found.cost / max(len(angle) - 3, 1)
-    deviations = np.sqrt(variance * np.diag(np.linalg.inv(found.jac.T @ found.jac))) * scale
+    std = np.sqrt(variance * np.diag(np.linalg.inv(found.jac.T @ found.jac))) * scale
     return DampedCosine(
         frequencies=Frequencies(float(squared), float(viscous)),
         start_angle_rad=begin,
@@ -86,7 +86,7 @@ def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
         time_s=time + swing.release_s,
         angle_rad=angle,
         model_rad=found.fun + angle,
-        std=Frequencies(float(deviations[0]), float(deviations[1])),
+        std=Frequencies(float(std[0]), float(std[1])),
     )
 
 

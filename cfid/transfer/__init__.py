@@ -1,1 +1,14 @@
-"""Sines of many frequencies to the transfer function of motor and rotor."""
+"""Sine runs to the transfer function of motor and rotor, from command to thrust."""
+
+from typing import TYPE_CHECKING
+
+from cfid.lazy import attached
+
+if TYPE_CHECKING:
+    from cfid.transfer.result import fit as fit
+    from cfid.transfer.sines.data import read_sines as read_sines
+    from cfid.transfer.verification_result import verify as verify
+
+__getattr__, __dir__ = attached(
+    __name__, {"fit": "result", "read_sines": "sines.data", "verify": "verification_result"}
+)

@@ -1,84 +1,82 @@
-"""What stands beside an identified transfer function: the thesis' calculation and results, and the thrust map."""
+"""A static gain and a time constant beside those of the thrust map, of the thesis method, and of the thesis."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, NamedTuple
 
-from cfid.console.inputs import Workplace
+from cfid.findings import Finding, warning
+from cfid.transfer.model import EQ_3_15, EQ_3_16
 
-if TYPE_CHECKING:
-    from cfid.transfer.thesis import ThesisFit
+Published = Literal["eq3.15", "eq3.16"]
 
-_TYPICAL = 0.1  # of the slope, by which a static gain may be off before it is worth a word
-
-
-@dataclass(frozen=True, kw_only=True)
-class Beside:
-    """Lines for a person, figures for --json, and what is to be said."""
-
-    lines: tuple[str, ...] = ()
-    quality: Mapping[str, Any]
-    warnings: tuple[str, ...] = ()
+_LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope, by which a static gain may be off without a warning
 
 
-def thesis_beside(fit: "ThesisFit | str", gain_n: float, lag_s: float | None) -> str:
-    """Return what C.2.5 makes of the same runs, and how far off it is."""
-    if isinstance(fit, str):
-        return f"as the thesis calculates: nothing: {fit}"
-    return (
-        f"as the thesis calculates, latency left out: {_against(fit.static_gain_n, fit.time_constant_s, gain_n, lag_s)}"
-    )
+class GainAndLag(NamedTuple):
+    """A static gain in N and a time constant in s, None where there is no decay."""
+
+    gain_n: float
+    lag_s: float | None
+
+    def text(self, ours: "GainAndLag") -> str:
+        """Return both, each with its difference from ours."""
+        gain = f"static gain {self.gain_n:.4g} N ({100 * (self.gain_n / ours.gain_n - 1):+.1f} %)"
+        if self.lag_s is None or ours.lag_s is None:
+            return f"{gain}, no decay that makes a time constant"
+        return f"{gain}, time constant {1e3 * self.lag_s:.2f} ms ({100 * (self.lag_s / ours.lag_s - 1):+.1f} %)"
 
 
-def compared(name: str | None, gain_n: float, lag_s: float | None) -> Beside:
-    """Compare a static gain and a time constant with one of the thesis' published functions, if one is named."""
-    from cfid.transfer.model import EQ_3_15, EQ_3_16
+@dataclass(frozen=True)
+class Comparison:
+    """What a static gain and a time constant are compared with.
 
-    if name is None:
-        return Beside(quality={})
-    published = EQ_3_15 if name == "eq3.15" else EQ_3_16
-    gain, lag = published.static_gain_n, published.lags_s[0]
-    return Beside(
-        lines=(f"({name.removeprefix('eq')}) of the thesis: {_against(gain, lag, gain_n, lag_s)}",),
-        quality={name: {"static_gain_n": gain, "time_constant_s": lag}},
-    )
+    `slope_n` is the thrust map's slope in N at the `command` about which the sines went, `published` a function of the
+    thesis.
+    """
 
+    slope_n: float | None
+    command: float
+    published: Published | None
 
-def map_slope(workplace: Workplace, gain_n: float, *, command: float) -> Beside:
-    """Compare a static gain with the slope of the campaign's thrust map at the sine's middle, if it has one."""
-    slope = _slope(workplace, command)
-    if slope is None:
-        return Beside(quality={"thrust_map_slope_n": None})
-    off = gain_n / slope - 1
-    warning = (
-        f"the static gain is {100 * off:+.0f} % off the thrust map's slope: are channel, arm and --yaw-deg those of "
-        "the rig, and is the battery as full as for the map?"
-    )
-    return Beside(
-        lines=(f"slope of the thrust map at {command:.0f}: {slope:.4g} N; the static gain is {100 * off:+.2f} % off",),
-        quality={"thrust_map_slope_n": slope, "static_gain_off_slope": off},
-        warnings=(warning,) if abs(off) > _TYPICAL else (),
-    )
+    def quality(self, ours: GainAndLag) -> dict[str, Any]:
+        """Return the figures of the comparison."""
+        found: dict[str, Any] = {"thrust_map_slope_n": self.slope_n}
+        if self.slope_n is not None:
+            found["static_gain_off_slope"] = ours.gain_n / self.slope_n - 1
+        other = self.other
+        named = {} if other is None else {self.published: other}
+        return {
+            **found,
+            "compared": {
+                name: {"static_gain_n": own.gain_n, "time_constant_s": own.lag_s} for name, own in named.items()
+            },
+        }
 
+    def findings(self, ours: GainAndLag) -> tuple[Finding, ...]:
+        """Return a warning where the static gain is not the slope of the thrust map."""
+        off = 0.0 if self.slope_n is None else ours.gain_n / self.slope_n - 1
+        if abs(off) <= _LARGEST_OFF_SLOPE:
+            return ()
+        text = (
+            f"the static gain is {100 * off:+.0f} % off the thrust map's slope (limit {100 * _LARGEST_OFF_SLOPE:.0f} "
+            "%): are channel, arm and yaw those of the rig, and is the battery as full as for the map?"
+        )
+        return (warning("gain-off-map-slope", text, "tf.static_gain_n"),)
 
-def _slope(workplace: Workplace, command: float) -> float | None:
-    from cfid.records.parameters import load_sections
+    def lines(self, ours: GainAndLag) -> list[str]:
+        """Return the comparison for a person."""
+        lines = []
+        if self.slope_n is not None:
+            off = ours.gain_n / self.slope_n - 1
+            slope = f"slope of the thrust map at {self.command:.0f}: {self.slope_n:.4g} N"
+            lines.append(f"{slope}; the static gain is {100 * off:+.2f} % off")
+        if self.other is not None and self.published is not None:
+            lines.append(f"({self.published.removeprefix('eq')}) of the thesis: {self.other.text(ours)}")
+        return lines
 
-    if workplace.campaign is None:
-        return None
-    section = load_sections(workplace.campaign.parameters_file).get("thrust")
-    poly = None if section is None else section.parameters.get("motor.thrust_poly")
-    if poly is None:
-        return None
-    order = len(poly.value) - 1
-    return float(
-        sum(value * (order - place) * command ** (order - place - 1) for place, value in enumerate(poly.value[:-1]))
-    )
-
-
-def _against(other_gain_n: float, other_lag_s: float | None, gain_n: float, lag_s: float | None) -> str:
-    """Return another gain and time constant, and how far they are off ours."""
-    told = f"static gain {other_gain_n:.4g} N ({100 * (other_gain_n / gain_n - 1):+.1f} %)"
-    if other_lag_s is None or lag_s is None:
-        return f"{told}, no decay that makes a time constant"
-    return f"{told}, time constant {1e3 * other_lag_s:.2f} ms ({100 * (other_lag_s / lag_s - 1):+.1f} %)"
+    @property
+    def other(self) -> GainAndLag | None:
+        """The published function's static gain and time constant."""
+        if self.published is None:
+            return None
+        plant = EQ_3_15 if self.published == "eq3.15" else EQ_3_16
+        return GainAndLag(plant.static_gain_n, plant.lags_s[0])

@@ -1,4 +1,4 @@
-"""Frequency responses to a transfer function with delay: maximum likelihood, orders compared, and a verdict.
+"""Frequency responses to a transfer function with delay: maximum likelihood, shapes compared, and findings.
 
 The delay counts from the stamps of the commands and may be negative: these stamps come late by the radio, those of
 the load cell by a network. It is never bounded.
@@ -11,15 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtrc
 
 from cfid.errors import FitError
-from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S, Response, respond_all
+from cfid.findings import Finding, rejection, warning
+from cfid.transfer.frequency_response import SETTLE_S, Response, respond
 from cfid.transfer.likelihood import (
     SHAPES,
     Found,
     Points,
     Shape,
-    chi_squared_exceeds,
     covariance_of,
     dynamic_unknowns,
     dynamics_of,
@@ -35,23 +36,27 @@ from cfid.transfer.sines.alignment import SineSeries
 Array = npt.NDArray[np.float64]
 
 LEAST_PROBABILITY = 1e-3
-BELIEVED_MISFIT = 0.03
-_FELT = 5.0  # deviations of the static gain from zero: what is closer may be noise
-_INSTANT = 0.01  # of a sample: a lag that is shorter is none
+MISFIT_LIMIT = 0.03
+_DISTINCT = 5.0  # standard uncertainties of the static gain from zero: what is closer may be noise
+_INSTANT = 0.01  # of a sample: a shorter lag is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """Responses of one series, and how much later its reports come on average than the quickest."""
+    """Responses of one series, and the mean lateness of its reports after the quickest, in s.
+
+    `findings` are about runs without a response, which are left out.
+    """
 
     name: str
     responses: tuple[Response, ...]
     mean_lateness_s: float = 0.0
     mean_lateness_std_s: float = 0.0
+    findings: tuple[Finding, ...] = ()
 
 
 class Delay(NamedTuple):
-    """How much later the force's stamps come than those of the commands; one deviation of each.
+    """The delay of the force's stamps after those of the commands, in s, with standard uncertainties.
 
     `delay_s` counts from the stamps as they come on average, `after_quickest_s` from the quickest of them.
     """
@@ -62,8 +67,8 @@ class Delay(NamedTuple):
     after_quickest_std_s: float
 
 
-class Deviations(NamedTuple):
-    """One standard deviation of what `Dynamics` and the coefficients hold; the leading 1 has none.
+class Uncertainties(NamedTuple):
+    """Standard uncertainties of what `Dynamics` and the coefficients hold; the leading 1 has none.
 
     `covariance` is that of numerator, denominator, static gain, the longest lag and the mean of the delays after the
     quickest stamps, in a row.
@@ -83,8 +88,8 @@ class TransferFit:
 
     `numerator` and `denominator` are in rising powers of z^-1 at `sample_s`. `covariance` belongs to static gain,
     lags, lead (if free) and the series' delays (if free), in this order: of the noise, inflated where chi-squared
-    exceeds its degrees of freedom, and of errors that runs share. `model` (n,) stands beside the responses of all
-    series in a row. `misfit` is what is systematic between them, relative.
+    exceeds its degrees of freedom, and of errors that runs share. `model` (n,) are the model's values for the responses
+    of all series in a row. `misfit` is the systematic difference between them, relative.
     """
 
     shape: Shape
@@ -93,23 +98,23 @@ class TransferFit:
     dynamics: Dynamics
     numerator: Array
     denominator: Array
-    std: Deviations
+    std: Uncertainties
     delays: dict[str, Delay]
     covariance: Array
     measured: tuple[Measured, ...]
     model: Complex
     chi_squared: float
-    freedom: int
+    degrees_of_freedom: int
     misfit: float
 
     @property
     def time_constant_s(self) -> float:
-        """The longest lag."""
+        """The longest lag in s."""
         return max(self.dynamics.lags_s)
 
     @property
     def time_constant_std_s(self) -> float:
-        """One standard deviation of that."""
+        """Its standard uncertainty in s."""
         return self.std.lags_s[int(np.argmax(self.dynamics.lags_s))]
 
     @property
@@ -128,42 +133,54 @@ class TransferFit:
 
     @property
     def probability(self) -> float:
-        """How likely noise alone makes chi-squared as large."""
-        return chi_squared_exceeds(self.chi_squared, freedom=self.freedom)
+        """The probability that noise alone makes chi-squared as large; 1 without degrees of freedom."""
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if self.degrees_of_freedom > 0 else 1.0
 
     @property
     def described(self) -> bool:
         """Whether the responses are those of the model: within noise, or as well as a motor is linear."""
-        return self.probability >= LEAST_PROBABILITY or self.misfit <= BELIEVED_MISFIT
+        return self.probability >= LEAST_PROBABILITY or self.misfit <= MISFIT_LIMIT
 
     @property
-    def believed(self) -> bool:
-        """Whether the model describes the responses, and these tell a gain and a time constant."""
-        return self.described and not self._untold
+    def has_gain(self) -> bool:
+        """Whether the static gain can be distinguished from noise."""
+        return abs(self.dynamics.static_gain_n) >= _DISTINCT * self.std.static_gain_n
 
     @property
-    def doubts(self) -> tuple[str, ...]:
-        """Return, as sentences, where the model does not describe the responses, or these tell nothing of it."""
-        if self.probability >= LEAST_PROBABILITY:
-            return self._untold
-        verdict = "deviations are widened" if self.described else "the motor is no such plant, or some runs are wrong"
-        return (
-            f"chi-squared is {self.chi_squared:.0f} for {self.freedom} degrees of freedom: the responses differ from "
-            f"the model by {100 * self.misfit:.2g} % beyond their noise: {verdict}.",
-            *self._untold,
-        )
+    def has_time_constant(self) -> bool:
+        """Whether the responses determine a time constant beside the delay."""
+        return self.time_constant_s >= _INSTANT * self.sample_s
 
     @property
-    def _untold(self) -> tuple[str, ...]:
+    def accepted(self) -> bool:
+        """Whether the model describes the responses, and these determine its gain and its time constant."""
+        return self.described and self.has_gain and self.has_time_constant
+
+    def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
+        """Return what speaks against the transfer function, which has the quantities `keys`."""
+        found = [] if self.probability >= LEAST_PROBABILITY else [self._misfit(keys)]
         gain_n, std_n = self.dynamics.static_gain_n, self.std.static_gain_n
-        if abs(gain_n) < _FELT * std_n:
-            return (
-                f"the static gain, {gain_n:.2g} +- {std_n:.2g} N, may be noise alone: are --channel and the motor "
-                "those of the runs?",
+        if not self.has_gain:
+            noise = (
+                f"the static gain, {gain_n:.2g} N with a standard uncertainty of {std_n:.2g} N, may be noise alone: "
+                "are the channel and the motor those of the runs?"
             )
-        if self.time_constant_s < _INSTANT * self.sample_s:
-            return ("the responses tell no time constant, the delay alone: record sines over a wider range.",)
-        return ()
+            found.append(rejection("transfer-gain-is-noise", noise, *keys))
+        elif not self.has_time_constant:
+            instant = "the responses determine the delay alone, no time constant: record sines over a wider range."
+            of_lag = [key for key in keys if not key.endswith(("static_gain_n", "delay_s", "delay_after_quickest_s"))]
+            found.append(rejection("transfer-no-time-constant", instant, *of_lag))
+        return tuple(found)
+
+    def _misfit(self, keys: Sequence[str]) -> Finding:
+        differ = (
+            f"chi-squared is {self.chi_squared:.0f} for {self.degrees_of_freedom} degrees of freedom: the responses "
+            f"differ from the model by {100 * self.misfit:.2g} % beyond their noise"
+        )
+        if self.described:
+            return warning("transfer-scatter", f"{differ}: the standard uncertainties are widened.", *keys)
+        limit = f"(limit {100 * MISFIT_LIMIT:.0f} %): the motor is no such plant, or some runs are wrong."
+        return rejection("transfer-misfit", f"{differ} {limit}", *keys)
 
     def response(self, omega_rad_s: Array, *, series: str | None = None) -> Complex:
         """Return force over commands at frequencies (n,), with a series' delay after its quickest reports, or none."""
@@ -172,18 +189,24 @@ class TransferFit:
         return np.asarray(plain * np.exp(-1j * omega_rad_s * delay_s))
 
 
-def measure(
-    name: str, series: SineSeries, *, form: Form = "hold", settle_s: float = SETTLE_S, cutoff_hz: float = CUTOFF_HZ
-) -> tuple[Measured, list[str]]:
-    """Return the responses of a series' runs, and a sentence for each run that was left out."""
-    responses, said = respond_all(series, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz)
-    measured = Measured(
+def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: float = SETTLE_S) -> Measured:
+    """Return the responses of a series' runs, less those that have none. Raises FitError when none is left."""
+    responses, findings, errors = [], [], []
+    for run in series.runs:
+        try:
+            responses.append(respond(run, settle_s=settle_s, form=form))
+        except FitError as error:
+            errors.append(error)
+            findings.append(warning("sine-without-response", f"{error} The run is left out.", "tf.*"))
+    if errors and not responses:
+        raise errors[0]
+    return Measured(
         name=name,
         responses=tuple(responses),
         mean_lateness_s=series.mean_lateness_s,
         mean_lateness_std_s=series.mean_lateness_std_s,
+        findings=tuple(findings),
     )
-    return measured, said
 
 
 def fit_transfer(measured: Sequence[Measured], *, shape: Shape = "first+delay") -> TransferFit:
@@ -207,13 +230,8 @@ def fit_transfer(measured: Sequence[Measured], *, shape: Shape = "first+delay") 
     return _result(measured, points, shape, found)
 
 
-def fit_each(measured: Sequence[Measured], *, shape: Shape = "first+delay") -> dict[str, TransferFit]:
-    """Fit a transfer function to each series for itself."""
-    return {series.name: fit_transfer([series], shape=shape) for series in measured}
-
-
-def fit_orders(measured: Sequence[Measured]) -> dict[Shape, TransferFit]:
-    """Fit each shape that the responses suffice for."""
+def fit_shapes(measured: Sequence[Measured]) -> dict[Shape, TransferFit]:
+    """Fit each shape that has fewer parameters than the responses have parts."""
     count = sum(len(series.responses) for series in measured)
     fitting = [shape for shape in SHAPES if 2 * count > unknowns(shape, len(measured)) + 1]
     return {shape: fit_transfer(measured, shape=shape) for shape in fitting}
@@ -225,18 +243,18 @@ def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
     Chi-squared counts in units of that of the shape that fits best, where this is above 1: what no shape follows is
     scatter (K. P. Burnham, D. R. Anderson, Model selection and multimodel inference, 2002, QAICc).
     """
-    scale = max(1.0, min(fit.chi_squared / max(fit.freedom, 1) for fit in fits.values()))
+    scale = max(1.0, min(fit.chi_squared / max(fit.degrees_of_freedom, 1) for fit in fits.values()))
     scores = {}
     for shape, fit in fits.items():
         taken = len(fit.covariance)
-        correction = 1 + (taken + 1) / max(fit.freedom - 1, 1)
+        correction = 1 + (taken + 1) / max(fit.degrees_of_freedom - 1, 1)
         scores[shape] = fit.chi_squared / scale + 2 * taken * correction
     least = min(scores.values())
     return {shape: score - least for shape, score in scores.items()}
 
 
 def _result(measured: Sequence[Measured], points: Points, shape: Shape, found: Found) -> TransferFit:
-    freedom = 2 * len(points.value) - len(found.values)
+    degrees_of_freedom = 2 * len(points.value) - len(found.values)
     inner = covariance_of(points, found)
     dynamics, model = dynamics_of(found.values, shape), model_at(points, found.values, shape)
     unit = np.ones(len(found.values))
@@ -251,18 +269,18 @@ def _result(measured: Sequence[Measured], points: Points, shape: Shape, found: F
         dynamics=dynamics,
         numerator=numerator,
         denominator=denominator,
-        std=_deviations(points, shape, found.values, inner=inner, covariance=covariance),
+        std=_uncertainties(points, shape, found.values, inner=inner, covariance=covariance),
         delays=_delays(measured, found.values[dynamic_unknowns(shape) :], covariance),
         covariance=covariance,
         measured=tuple(measured),
         model=model,
         chi_squared=found.cost,
-        freedom=freedom,
-        misfit=math.sqrt(max(found.cost - freedom, 0.0) / size),
+        degrees_of_freedom=degrees_of_freedom,
+        misfit=math.sqrt(max(found.cost - degrees_of_freedom, 0.0) / size),
     )
 
 
-def _deviations(points: Points, shape: Shape, values: Array, *, inner: Array, covariance: Array) -> Deviations:
+def _uncertainties(points: Points, shape: Shape, values: Array, *, inner: Array, covariance: Array) -> Uncertainties:
     def coefficients(values: Array) -> Array:
         both = dynamics_of(values, shape).coefficients(sample_s=points.sample_s, form=points.form)
         return np.concatenate(both)
@@ -278,7 +296,7 @@ def _deviations(points: Points, shape: Shape, values: Array, *, inner: Array, co
     spread = np.sqrt(np.maximum(np.diag(joint)[:-3], 0.0))
     single = np.sqrt(np.diag(covariance))
     lags = 2 if shape == "second" else 1
-    return Deviations(
+    return Uncertainties(
         static_gain_n=float(single[0]),
         lags_s=tuple(single[1 : 1 + lags].tolist()),
         lead_s=float(single[2]) if shape == "zero" else 0.0,

@@ -1,5 +1,6 @@
-"""A motor's transfer function drawn: Bode (figures 3.14, 3.15), step response, and a run against it (figure 3.16)."""
+"""Figures of a transfer function: Bode (figures 3.14, 3.15), step response, and a run against it (figure 3.16)."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -23,9 +24,12 @@ from cfid.drawing.style import (
     styled,
     words,
 )
+from cfid.findings import SEVERITIES, texts
+from cfid.records.result import Figures
 from cfid.transfer.estimation import TransferFit
+from cfid.transfer.identification import Identified
 from cfid.transfer.model import Dynamics, evaluate
-from cfid.transfer.panels import COMMAND, FREQUENCY, Points, draw_played, draw_points
+from cfid.transfer.panels import COMMAND, FREQUENCY, Points, draw_played, draw_points, sine_run_figure
 from cfid.transfer.sines.alignment import SineRun
 from cfid.transfer.thesis import ThesisFit
 from cfid.transfer.verification import Verification
@@ -37,18 +41,30 @@ _MICRO = 1e6
 _CURVE = 300
 _LAGS = 6.0  # that a step is drawn for
 _SMALL = 1e-6
+_EXAMPLE_HZ = 1.5  # l = 12 of N = 4000, which the thesis shows
+
+
+def fit_figures(found: Identified, *, thesis: ThesisFit | None, settle_s: float) -> Figures:
+    """Return Bode and step figures, and one run of each series, by file name."""
+    figures = {"tf_bode": bode_figure(found.fit, thesis=thesis), "tf_step": step_figure(found.fit, thesis=thesis)}
+    for name, series in found.aligned.items():
+        apart = [abs(math.log(run.frequency_rad_s / (2 * math.pi * _EXAMPLE_HZ))) for run in series.runs]
+        place = apart.index(min(apart))
+        run, recorded = series.runs[place], found.used[name][place]
+        figures[f"tf_run_{name}"] = sine_run_figure(run, recorded.reports, settle_s=settle_s)
+    return figures
 
 
 @styled
 def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     """Return responses with 95 % intervals, each series' delay taken out of its phase, the model, and what it leaves.
 
-    Beside stand, in grey, the phases as stamped, and what the thesis' calculation makes of the same runs.
+    Phases as stamped are grey; the thesis method's function of the same runs is dashed.
     """
-    doubts = () if fit.believed else fit.doubts
-    told = _fit_told(fit)
-    heights_in = (KEY_IN, 2.3, 2.3, 1.5, 0.42 + 0.165 * len(told))
-    page, grid = figure(5, 2, heights_in=heights_in, title="Command to thrust of one motor", doubts=doubts)
+    rejections = texts(fit.findings(()), "rejection")
+    rows = _fit_rows(fit)
+    heights_in = (KEY_IN, 2.3, 2.3, 1.5, 0.42 + 0.165 * len(rows))
+    page, grid = figure(5, 2, heights_in=heights_in, title="Command to thrust of one motor", doubts=rejections)
     size, phase = page.add_subplot(grid[1, :]), page.add_subplot(grid[2, :])
     name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
     name_panel(phase, "(b) phase, the delay taken out", x=FREQUENCY, y="phase (degrees)")
@@ -63,13 +79,13 @@ def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     _draw_model(size, phase, omega, fit.response(omega), label="model", dashes="-")
     if thesis is not None:
         of_thesis = evaluate(thesis.numerator, thesis.denominator, omega * fit.sample_s)
-        _draw_model(size, phase, omega, of_thesis, label="as the thesis", dashes="--")
+        _draw_model(size, phase, omega, of_thesis, label="thesis method", dashes="--")
     for axes in (size, phase, left, turned):
         axes.set_xscale("log")
     size.set_yscale("log")
     size.tick_params(labelbottom=False)
     key_row(page.add_subplot(grid[0, :]), *phase.get_legend_handles_labels()[0])
-    words(page.add_subplot(grid[4, :]), "in numbers", told, red=("chi-squared",) if doubts else ())
+    words(page.add_subplot(grid[4, :]), "in numbers", rows, red=("chi-squared",) if rejections else ())
     page.align_ylabels()
     return page
 
@@ -78,7 +94,11 @@ def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
 def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sample_s: float) -> Figure:
     """Return the estimates of eq. 3.9 and the least squares through them, as figures 3.14 and 3.15."""
     page, grid = figure(
-        3, 1, heights_in=(KEY_IN, 2.5, 2.5), title="Command to thrust of one motor, as in the thesis", notes=joint.notes
+        3,
+        1,
+        heights_in=(KEY_IN, 2.5, 2.5),
+        title="Command to thrust of one motor, thesis method",
+        notes=texts(joint.findings, *SEVERITIES),
     )
     size, phase = page.add_subplot(grid[1, 0]), page.add_subplot(grid[2, 0])
     name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
@@ -121,11 +141,11 @@ def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
 
 @styled
 def verification_figure(run: SineRun, found: Verification) -> Figure:
-    """Return commands, measured and simulated thrust about their means, and what is left (figure 3.16)."""
-    told = _verification_told(found)
-    doubts = () if found.believed else ("the transfer function does not describe this run",)
-    heights_in = (KEY_IN, 1.7, 2.5, 1.5, 0.42 + 0.165 * len(told))
-    page, grid = figure(5, 1, heights_in=heights_in, title=f"Verification: {found.name}", doubts=doubts)
+    """Return commands, measured and simulated thrust about their means, and the residual (figure 3.16)."""
+    rows = _verification_rows(found)
+    rejections = () if found.accepted else ("the transfer function does not describe this run",)
+    heights_in = (KEY_IN, 1.7, 2.5, 1.5, 0.42 + 0.165 * len(rows))
+    page, grid = figure(5, 1, heights_in=heights_in, title=f"Verification: {found.name}", doubts=rejections)
     played, force, left = (page.add_subplot(grid[row, 0]) for row in (1, 2, 3))
     draw_played(played, run, end_s=run.duration_s)
     name_panel(played, "(a) commands", x="", y=COMMAND)
@@ -139,7 +159,7 @@ def verification_figure(run: SineRun, found: Verification) -> Figure:
     for axes in (played, force):
         axes.tick_params(labelbottom=False)
     key_row(page.add_subplot(grid[0, 0]), *force.get_legend_handles_labels()[0])
-    words(page.add_subplot(grid[4, 0]), "in numbers", told, red=() if found.believed else ("measured is late by",))
+    words(page.add_subplot(grid[4, 0]), "in numbers", rows, red=() if found.accepted else ("measured is late by",))
     page.align_ylabels()
     return page
 
@@ -182,7 +202,7 @@ def _draw_left(left: Axes, turned: Axes, points: Points, fit: TransferFit, *, co
 
 
 def _step_std(fit: TransferFit, time_s: Array) -> Array:
-    """Return one deviation of the step response (n,), by its slopes over gain, lags and lead."""
+    """Return the standard uncertainty of the step response (n,), by its slopes over gain, lags and lead."""
     free = [fit.dynamics.static_gain_n, *fit.dynamics.lags_s, *([fit.dynamics.lead_s] if fit.shape == "zero" else [])]
     lags = len(fit.dynamics.lags_s)
 
@@ -201,7 +221,7 @@ def _step_std(fit: TransferFit, time_s: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", outward, inner, outward), 0.0)))
 
 
-def _fit_told(fit: TransferFit) -> list[tuple[str, str]]:
+def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
     gain, lag = fit.dynamics.static_gain_n, fit.time_constant_s
     delays = [
         (f"delay of {name}", plus_minus(1e3 * own.delay_s, 1e3 * own.std_s, unit="ms after the stamps on average"))
@@ -211,11 +231,11 @@ def _fit_told(fit: TransferFit) -> list[tuple[str, str]]:
         ("static gain", plus_minus(_MICRO * gain, _MICRO * fit.std.static_gain_n, unit="µN")),
         ("time constant", plus_minus(1e3 * lag, 1e3 * fit.time_constant_std_s, unit="ms")),
         *delays,
-        ("chi-squared", f"{fit.chi_squared:.1f} for {fit.freedom} degrees of freedom"),
+        ("chi-squared", f"{fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom"),
     ]
 
 
-def _verification_told(found: Verification) -> list[tuple[str, str]]:
+def _verification_rows(found: Verification) -> list[tuple[str, str]]:
     return [
         ("fit", f"{found.fit_percent:.1f} %, {found.unfiltered_fit_percent:.1f} % with the vibration"),
         ("residual", f"{1e3 * found.residual_rms_n:.2g} mN rms"),

@@ -1,9 +1,9 @@
-"""What a sine run says of the plant at its frequency: one complex number, with the variance of the noise around it.
+"""The response of the plant at a sine run's frequency: a complex number, with the variance of the noise around it.
 
 A sine and a cosine are fitted to the force at the frequency that is known, beside a constant, a drift and the two
 harmonics that a plant with a bend makes. Noise of a load cell under rotors is lines and drift, not white: its level
 is taken from what is left over at frequencies nearby. Noise that grows steeply towards zero frequency is more than
-that for the slowest sines; chi-squared of a fit tells.
+that for the slowest sines, which chi-squared of a fit shows.
 """
 
 import math
@@ -16,16 +16,16 @@ import numpy.typing as npt
 from cfid.errors import DataError, FitError
 from cfid.estimate.blocks import block_means
 from cfid.transfer.model import Form
-from cfid.transfer.sines.alignment import SineRun, SineSeries
+from cfid.transfer.sines.alignment import SineRun
 
 Array = npt.NDArray[np.float64]
 
 SETTLE_S = 1.0  # N_T of the thesis' first series, in seconds
-CUTOFF_HZ = 12.5  # the thesis leaves out what is faster, in both series
+CUTOFF_HZ = 12.5  # the thesis leaves out faster sines, in both series
 
 END_S = 0.1  # of the run's end left out: stamps of commands may be as late
 _HARMONICS = 3
-_NEIGHBOURS = 20  # frequencies on either side that tell the noise
+_NEIGHBOURS = 20  # frequencies on either side that give the noise
 _CLEAR = 0.75  # of 1/T, from any fitted frequency
 _SPECTRUM_HZ = 1000.0  # is fine enough for them
 
@@ -53,12 +53,12 @@ class Response:
 
     @property
     def std(self) -> float:
-        """One deviation of real and imaginary part, as if they had the same."""
+        """The standard uncertainty of real and imaginary part in N, as if they had the same."""
         return float(np.sqrt(np.trace(self.covariance) / 2))
 
     @property
     def polar_std(self) -> tuple[float, float]:
-        """One deviation of the size, and of the phase in rad, the error of its own start included."""
+        """The standard uncertainties of the size in N, and of the phase in rad with that of its own start."""
         size = abs(self.value)
         along = np.array([self.value.real, self.value.imag]) / size
         across = np.array([-along[1], along[0]])
@@ -71,28 +71,28 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
     """Return the frequency response of a run with l from 1 up to below N/2.
 
     `settle_s` at the beginning is left out for the transient. "hold" takes every sample of the load cell, "thesis" the
-    force at the instants of u[n]; what that means for a model stands in `transfer_models`.
+    force at the instants of u[n]; `model` has what that means for H(z).
 
     Raises DataError for l = 0, which has no frequency, and FitError when the force has too few samples or is none.
     """
-    if not 0 < 2 * run.plan.periods < run.plan.samples:
-        raise DataError(f"{run.plan.name}: l = {run.plan.periods} has no frequency below half of the sampling rate.")
+    if not 0 < 2 * run.sine.periods < run.sine.samples:
+        raise DataError(f"{run.name}: l = {run.sine.periods} has no frequency below half of the sampling rate.")
     time_s, force = _window(run, settle_s, form)
     omega = run.frequency_rad_s
     columns = _columns(time_s, omega)
     if len(force) < 2 * len(columns):
-        raise FitError(f"{run.plan.name}: {len(force)} samples of force after {settle_s:g} s are too few for a sine.")
+        raise FitError(f"{run.name}: {len(force)} samples of force after {settle_s:g} s are too few for a sine.")
     inverse = np.linalg.inv(columns @ columns.T)
     found = inverse @ (columns @ force)
     phasors = found[3::2] - 1j * found[4::2]
     if not phasors[0]:
-        raise FitError(f"{run.plan.name}: the load cell felt nothing while it was played: is the channel the motor's?")
+        raise FitError(f"{run.name}: the load cell measured nothing while it was played: is the channel the motor's?")
     level = _noise_level(time_s, force - found @ columns, omega)
     drive = _drive(run)
     return Response(
-        name=run.plan.name,
+        name=run.name,
         form=form,
-        periods=run.plan.periods,
+        periods=run.sine.periods,
         frequency_rad_s=omega,
         sample_s=run.sample_s,
         value=complex(phasors[0] / drive),
@@ -102,22 +102,6 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
         harmonics=tuple((np.abs(phasors[1:]) / max(abs(phasors[0]), 1e-300)).tolist()),
         mean_n=float(force.mean()),
     )
-
-
-def respond_all(
-    series: SineSeries, *, settle_s: float = SETTLE_S, form: Form = "hold", cutoff_hz: float = CUTOFF_HZ
-) -> tuple[list[Response], list[str]]:
-    """Return the responses of a series up to a frequency, and a sentence for each run that was left out."""
-    responses, said = [], []
-    for run in series.runs:
-        hertz = run.frequency_rad_s / (2 * np.pi)
-        if run.plan.periods == 0:
-            said.append(f"{run.plan.name}: l = 0 has no frequency and is left out.")
-        elif hertz > cutoff_hz * (1 + 1e-3):
-            said.append(f"{run.plan.name}: its {hertz:.1f} Hz are above {cutoff_hz:g} Hz and left out.")
-        else:
-            responses.append(respond(run, settle_s=settle_s, form=form))
-    return responses, said
 
 
 def _window(run: SineRun, settle_s: float, form: Form) -> tuple[Array, Array]:
@@ -147,9 +131,9 @@ def _columns(time_s: Array, omega: float) -> Array:
 
 def _drive(run: SineRun) -> float:
     """Return the amplitude of the samples played, whose phase is 0; a clipped sine's is less than A."""
-    samples = np.arange(run.plan.samples)
-    angle = 2 * np.pi * (run.plan.periods * samples % run.plan.samples) / run.plan.samples
-    return float(2 * np.mean(run.plan.commands() * np.cos(angle)))
+    samples = np.arange(run.sine.samples)
+    angle = 2 * np.pi * (run.sine.periods * samples % run.sine.samples) / run.sine.samples
+    return float(2 * np.mean(run.sine.commands() * np.cos(angle)))
 
 
 def _noise_level(time_s: Array, residual: Array, omega: float) -> float:

@@ -5,7 +5,6 @@ The cost is the sum of |H_k - G(f_k)|^2 over variances, for all series at once, 
 may turn its H_k.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
@@ -24,13 +23,13 @@ _EXACT = 1e-4  # of a response: closer than that no plant is linear
 _SCANNED_S = np.arange(-0.2, 0.2, 0.002)
 _SECOND_LAG = (0.03, 0.3)  # of the first, as guesses
 _ROUNDS, _SMALL = 50, 1e-6
-_SETTLED = 1e-8  # of chi-squared: a ten-thousandth of a deviation
+_SETTLED = 1e-8  # of chi-squared: a ten-thousandth of a standard uncertainty
 
 
 class Points(NamedTuple):
     """Responses of all series in a row (n,), the series of each, and what makes their residuals white (n, 2, 2).
 
-    `shared` (m, n) is by how much one deviation of each error that several runs share turns the responses.
+    `shared` (m, n) is by how much one standard uncertainty of each error that several runs share turns the responses.
     """
 
     omega_rad_s: Array
@@ -111,37 +110,19 @@ def search(points: Points, shape: Shape) -> Found:
 
 
 def whitened(points: Points, apart: Complex) -> Array:
-    """Return differences of responses (n,) in deviations, real and imaginary parts one after the other (2n,)."""
+    """Return differences of responses (n,) over their uncertainties, real and imaginary parts in turn (2n,)."""
     return np.asarray((points.whitener @ np.stack([apart.real, apart.imag], axis=1)[:, :, None]).ravel())
 
 
 def covariance_of(points: Points, found: Found) -> Array:
     """Return the covariance of the parameters (p, p): of the noise, inflated by its scatter, and of shared errors."""
-    freedom = len(found.jacobian) - len(found.values)
+    degrees_of_freedom = len(found.jacobian) - len(found.values)
     inverse = np.linalg.pinv(found.jacobian)
-    covariance = inverse @ inverse.T * max(1.0, found.cost / max(freedom, 1))
+    covariance = inverse @ inverse.T * max(1.0, found.cost / max(degrees_of_freedom, 1))
     for turned in points.shared:
         moved = inverse @ whitened(points, turned)
         covariance += np.outer(moved, moved)
     return np.asarray(covariance)
-
-
-def chi_squared_exceeds(value: float, *, freedom: int) -> float:
-    """Return how likely chi-squared of so many degrees of freedom is above a value; 1 for none.
-
-    The finite sums for whole and half orders (M. Abramowitz, I. Stegun, Handbook of mathematical functions, 26.4.4
-    and 26.4.5). Importing SciPy's function would take longer than a fit.
-    """
-    half = value / 2
-    if freedom < 1 or half <= 0:
-        return 1.0
-    odd = freedom % 2
-    term = math.exp(-half) / (math.gamma(1.5) / math.sqrt(half) if odd else 1.0)
-    total = math.erfc(math.sqrt(half)) if odd else 0.0
-    for place in range(freedom // 2):
-        total += term
-        term *= half / (place + 1 + 0.5 * odd)
-    return min(total, 1.0)
 
 
 def slopes(function: Callable[[Array], Array], values: Array) -> Array:
@@ -170,7 +151,7 @@ def _shared(series: Sequence[Sequence[Response]]) -> Array:
 
 
 def _guesses(points: Points, shape: Shape) -> list[Array]:
-    """Return where to start: for each series Levy's linear fit with the delay that suits it best."""
+    """Return where to start: for each series Levy's linear fit with the delay that fits best."""
     scanned = np.array([0.0]) if shape == "first" else _SCANNED_S
     found = np.array([_levy(points, points.series == place, scanned) for place in range(points.series_count)])
     gain, lag_s = found[:, :2].mean(axis=0)

@@ -1,8 +1,9 @@
-"""What is identified: gain, lags and lead of a motor with rotor, as frequency response, coefficients and time series.
+"""Gain, lags and lead of a motor with rotor, as frequency response, coefficients and time series.
 
-Two forms. "hold" is the plant K (1 + s lead)/(1 + s lag)... behind a zero-order hold: a command is felt from its sample
-on, so H(z) = b1 z^-1/(1 - a1 z^-1). "thesis" is eq. 3.10 as eq. 3.15 uses it, b0/(1 - a1 z^-1): the force at a sample
-has felt that sample's command already, so its delay is a sample longer for the same plant. Gain and lags are the same.
+Two forms. "hold" is the plant K (1 + s lead)/(1 + s lag)... behind a zero-order hold: a command takes effect from its
+sample on, so H(z) = b1 z^-1/(1 - a1 z^-1). "thesis" is eq. 3.10 as eq. 3.15 uses it, b0/(1 - a1 z^-1): the force at a
+sample includes the effect of that sample's command, so its delay is a sample longer for the same plant. Gain and lags
+are the same.
 """
 
 import math
@@ -11,9 +12,10 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from cfid.transfer.sines.alignment import held
-from cfid.transfer.sines.reports import SAMPLE_S
+from cfid.transfer.sines.plan import SAMPLE_S
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -80,7 +82,7 @@ class Dynamics:
     def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "hold") -> Array:
         """Return the force (n,) at times (n,) since sample 0, from rest, exactly; commands (N,) are held.
 
-        In form "thesis" the plant is the same and feels each command a sample earlier.
+        In form "thesis" the plant is the same and responds to each command a sample earlier.
         """
         since_s = time_s if form == "hold" else time_s + sample_s
         level = held(commands, since_s, sample_s=sample_s)
@@ -114,7 +116,7 @@ class Dynamics:
 class DifferenceEquation:
     """Any H(z) of eq. 3.10 by its coefficients in rising powers of z^-1, the denominator with its leading 1.
 
-    It says what the force is at the samples, whatever its form; in between, lines join them.
+    It gives the force at the samples, whatever its form; in between, lines join them.
     """
 
     numerator: Array
@@ -126,8 +128,6 @@ class DifferenceEquation:
 
     def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Array:
         """Return the force (n,) at times (n,) since sample 0, from rest; commands (N,) are followed by 0."""
-        from scipy.signal import lfilter  # slow to import, and needed for this alone
-
         last = max(len(commands), math.ceil(float(time_s.max()) / sample_s)) + 1
         force = lfilter(self.numerator, self.denominator, np.append(commands, np.zeros(last - len(commands))))
         return np.asarray(np.interp(time_s, sample_s * np.arange(-1, last), np.append(0.0, force)))

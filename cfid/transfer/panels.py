@@ -38,7 +38,7 @@ def sine_run_figure(run: SineRun, reports: Reports, *, settle_s: float) -> Figur
     Reports stand where they were stamped, as late as the radio made them; commands where they were played.
     """
     notes = [f"the first {settle_s:g} s are left out of the spectra, which hold whole periods"]
-    page, grid = figure(4, 2, heights_in=(KEY_IN, 2.0, 2.2, 2.0), title=f"Sine run: {run.plan.name}", notes=notes)
+    page, grid = figure(4, 2, heights_in=(KEY_IN, 2.0, 2.2, 2.0), title=f"Sine run: {run.name}", notes=notes)
     played, force = page.add_subplot(grid[1, :]), page.add_subplot(grid[2, :])
     end_s = float(run.time_s[-1])
     draw_played(played, run, end_s=end_s)
@@ -64,9 +64,9 @@ def sine_run_figure(run: SineRun, reports: Reports, *, settle_s: float) -> Figur
 
 def draw_played(axes: Axes, run: SineRun, *, end_s: float) -> None:
     """Draw the commands as they were played, up to the end."""
-    time_s = run.sample_s * np.arange(run.plan.samples)
+    time_s = run.sample_s * np.arange(run.sine.samples)
     shown = time_s <= end_s
-    axes.plot(time_s[shown], run.plan.commands()[shown], color=MODEL, lw=1.0, label="reconstructed commands")
+    axes.plot(time_s[shown], run.sine.commands()[shown], color=MODEL, lw=1.0, label="reconstructed commands")
 
 
 def draw_points(size: Axes, phase: Axes, points: Points, *, colour: str) -> None:
@@ -87,9 +87,9 @@ def _spectra(run: SineRun, settle_s: float) -> tuple[Array, Array, Array]:
     """Return frequencies (n,) in Hz and the amplitudes of commands and thrust, constants left out (eq. 3.8)."""
     period_s = 2 * np.pi / run.frequency_rad_s
     periods = max(int((run.duration_s - settle_s) / period_s), 1)
-    count = min(round(periods * period_s / run.sample_s), run.plan.samples)
-    first = run.plan.samples - count
+    count = min(round(periods * period_s / run.sample_s), run.sine.samples)
+    first = run.sine.samples - count
     place = np.arange(first, first + count)
     force = np.interp(place * run.sample_s, run.time_s, run.force_n)
-    amplitudes = [2 * np.abs(np.fft.rfft(own - own.mean())) / count for own in (run.plan.commands()[place], force)]
+    amplitudes = [2 * np.abs(np.fft.rfft(own - own.mean())) / count for own in (run.sine.commands()[place], force)]
     return np.asarray(np.fft.rfftfreq(count, run.sample_s), dtype=np.float64), amplitudes[0], amplitudes[1]

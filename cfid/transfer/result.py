@@ -1,52 +1,211 @@
-"""Transfer functions as `cfid tf identify` tells them: parameters of the contract, lines for a person, figures."""
+"""Sine runs to the result of `cfid tf identify`: quantities, what speaks against them, and how they are told."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from cmath import phase
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
 
-if TYPE_CHECKING:
-    from cfid.records.covariances import Covariance
-    from cfid.records.parameters import Parameter
-    from cfid.records.tables.table import Array
-    from cfid.transfer.estimation import TransferFit
-    from cfid.transfer.identification import Identified
-    from cfid.transfer.thesis import ThesisFit
-    from cfid.transfer.thesis_options import AsThesis
+import numpy as np
 
-_HELD = {
-    "hold": "each command is held for a sample and felt from then on, hence the numerator's z^-1",
-    "thesis": "as (3.15): the force at a sample has felt that sample's command, hence no z^-1, and a sample more delay",
-}
+from cfid.errors import CfidError
+from cfid.findings import Finding, rejection, warning
+from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.parameters import Parameter
+from cfid.records.result import Figures, Result
+from cfid.records.run import Run
+from cfid.transfer.comparison import Comparison, GainAndLag, Published
+from cfid.transfer.estimation import TransferFit
+from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
+from cfid.transfer.identification import Identified, identify_all
+from cfid.transfer.likelihood import Shape
+from cfid.transfer.model import Form
+from cfid.transfer.sines.alignment import Sign
+from cfid.transfer.sines.data import SineSet, read_sines
+from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.transfer.summary import convention_lines, fit_lines
+from cfid.transfer.thesis import ThesisFit, ThesisFits, ThesisSettings, fit_all, settings_of
 
+Quantities = dict[str, Parameter]
 
-def fit_parameters(found: "Identified") -> "dict[str, Parameter]":
-    """Return the joint transfer function, that of each series, and the responses they came from."""
-    from cfid.records.parameters import Parameter
+SECTION = "tf"
 
-    parameters = {
-        **_of_fit("tf", found.fit),
-        "tf.sample_time_s": Parameter(value=found.fit.sample_s, unit="s"),
-        **_delays("tf", found.fit),
-    }
-    if len(found.fit.dynamics.lags_s) > 1:
-        lags, std = found.fit.dynamics.lags_s, found.fit.std.lags_s
-        parameters["tf.lags_s"] = Parameter(value=list(lags), std=list(std), unit="s")
-    if found.fit.shape == "zero":
-        parameters["tf.lead_s"] = Parameter(value=found.fit.dynamics.lead_s, std=found.fit.std.lead_s, unit="s")
-    for name, fit in found.each.items():
-        parameters |= _of_fit(f"tf.series.{name}", fit) | _delays(f"tf.series.{name}", fit)
-    rows = [
-        {"series": series.name, **_row(response.periods, response.frequency_rad_s, response.value), "std": response.std}
-        for series in found.fit.measured
-        for response in series.responses
-    ]
-    return {**parameters, "tf.frequency_response": Parameter(value=rows, unit="N")}
+_WANTED = ("tf.numerator", "tf.denominator", "tf.static_gain_n", "tf.time_constant_s", "tf.delay_s")
 
 
-def fit_covariances(found: "Identified") -> "tuple[Covariance, ...]":
-    """Return the covariance of the joint transfer function's numbers."""
-    from cfid.records.covariances import covariance_between
+def fit(
+    runs: SineSet | Sequence[Run | Path | str],
+    *,
+    sign: Sign = "auto",
+    shape: Shape | Literal["auto"] = "first+delay",
+    form: Form = "hold",
+    settle_s: float = SETTLE_S,
+    cutoff_hz: float = CUTOFF_HZ,
+    settings: Callable[[int], ThesisSettings] = settings_of,
+    thrust_poly: Sequence[float] | None = None,
+    compare: Published | None = None,
+    method: Literal["default", "thesis"] = "default",
+) -> Result:
+    """Return the transfer function from command to thrust, of all series together and of each for itself.
 
+    Runs are those of `cfid log sine`; `read_sines` reads files, and other channels than the motor's own arm. `settle_s`
+    at the beginning of each run and sines above `cutoff_hz` are left out; `settings` gives the constants of C.2.5 for
+    runs of N samples. The static gain is compared with the slope of `thrust_poly`, newtons over the command with the
+    highest power first, and with a function that the thesis published. Raises DataError and FitError with a run's name.
+    """
+    sines = runs if isinstance(runs, SineSet) else read_sines(runs)
+    command = sines.runs[0].sine.middle
+    slope_n = None if thrust_poly is None else float(np.polyval(np.polyder(np.array(thrust_poly)), command))
+    beside = Comparison(slope_n, command, compare)
+    if method == "thesis":
+        return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, beside)
+    found = identify_all(sines.series, shape=shape, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
+    try:
+        thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
+    except CfidError as error:
+        thesis = str(error)
+    return _of_fit(found, thesis, sines, beside, settle_s=settle_s)
+
+
+def _of_fit(
+    found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: Comparison, *, settle_s: float
+) -> Result:
     fit = found.fit
+    ours = GainAndLag(fit.dynamics.static_gain_n, fit.time_constant_s)
+    of_thesis = None if isinstance(thesis, str) else thesis
+    joint = _function("tf", fit)
+    each = {name: _function(f"tf.series.{name}", own) for name, own in found.each.items()}
+    rows = [
+        {"series": series.name, **_row(own.periods, own.frequency_rad_s, own.value), "std": own.std}
+        for series in fit.measured
+        for own in series.responses
+    ]
+    return Result(
+        command="tf identify",
+        section=SECTION,
+        method="default",
+        quantities={
+            **joint,
+            "tf.sample_time_s": Parameter(value=fit.sample_s, unit="s"),
+            **{key: quantity for own in each.values() for key, quantity in own.items()},
+            "tf.frequency_response": Parameter(value=rows, unit="N"),
+        },
+        wanted=_WANTED,
+        covariances=_covariances(fit),
+        quality={
+            **_quality(found),
+            "thesis": None if of_thesis is None else _thesis_quality(of_thesis),
+            **beside.quality(ours),
+        },
+        findings=(*sines.findings, *found.findings, *_findings(found, joint, each), *beside.findings(ours)),
+        sources=sines.sources,
+        lines=(
+            *fit_lines(found),
+            *_thesis_lines(thesis, ours if fit.accepted else None),
+            *(beside.lines(ours) if fit.accepted else ()),
+        ),
+        drawings=lambda: _fit_figures(found, of_thesis, settle_s),
+    )
+
+
+def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantities]) -> list[Finding]:
+    """Return what speaks against the joint function and that of each series; a single series is both."""
+    if len(found.each) == 1:
+        (alone,) = each.values()
+        findings = [*found.fit.findings((*joint, *alone))]
+    else:
+        findings = [
+            *found.fit.findings(tuple(joint)),
+            *(
+                replace(finding, text=f"{name} for itself: {finding.text}")
+                for name, fit in found.each.items()
+                for finding in fit.findings(tuple(each[name]))
+            ),
+        ]
+    if len(found.each) > 1 and not found.fit.accepted and all(fit.accepted for fit in found.each.values()):
+        text = "each series has a transfer function, but not the same: identify them one by one."
+        findings.append(rejection("series-differ", text, *joint))
+    if found.fit.dynamics.static_gain_n <= 0:
+        text = "the static gain is negative: thrust falls where the command rises. Is the sign that of the channel?"
+        findings.append(warning("static-gain-negative", text, "tf.static_gain_n"))
+    return findings
+
+
+def _of_thesis(found: ThesisFits, sines: SineSet, beside: Comparison) -> Result:
+    fit = found.joint
+    ours = GainAndLag(fit.static_gain_n, fit.time_constant_s)
+    joint = _thesis_function("tf", fit)
+    each = {name: _thesis_function(f"tf.series.{name}", own) for name, own in found.each.items()}
+    rows = [
+        {"series": name, **_row(own.periods, own.omega_rad / SAMPLE_S, own.value), "std": None}
+        for name, fitted in found.each.items()
+        for own in fitted.responses
+    ]
+    if len(each) == 1:
+        rejections = fit.rejections((*joint, *next(iter(each.values()))))
+    else:
+        apart = (one for name, own in found.each.items() for one in own.rejections(tuple(each[name])))
+        rejections = (*fit.rejections(tuple(joint)), *apart)
+    lines = [
+        *convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
+        "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
+        *beside.lines(ours),
+    ]
+    return Result(
+        command="tf identify",
+        section=SECTION,
+        method="thesis",
+        quantities={
+            **joint,
+            "tf.sample_time_s": Parameter(value=SAMPLE_S, unit="s"),
+            **{key: quantity for own in each.values() for key, quantity in own.items()},
+            "tf.frequency_response": Parameter(value=rows, unit="N"),
+        },
+        wanted=_WANTED,
+        quality={
+            "form": "thesis",
+            "frequencies": len(fit.responses),
+            "series": {name: _thesis_quality(own) for name, own in found.each.items()},
+            **beside.quality(ours),
+        },
+        findings=(*sines.findings, *fit.findings, *rejections, *beside.findings(ours)),
+        sources=sines.sources,
+        lines=() if rejections else tuple(lines),
+        drawings=lambda: _thesis_figures(found),
+    )
+
+
+def _function(key: str, fit: TransferFit) -> Quantities:
+    """Return a transfer function's quantities; of several series the mean of their delays."""
+    std, delay = fit.std, fit.mean_delay
+    found = {
+        "numerator": Parameter(value=fit.numerator.tolist(), std=std.numerator.tolist(), unit="N"),
+        "denominator": Parameter(value=fit.denominator.tolist(), std=std.denominator.tolist(), unit="1"),
+        "time_constant_s": Parameter(value=fit.time_constant_s, std=fit.time_constant_std_s, unit="s"),
+        "static_gain_n": Parameter(value=fit.dynamics.static_gain_n, std=std.static_gain_n, unit="N"),
+        "delay_s": Parameter(value=delay.delay_s, std=delay.std_s, unit="s"),
+        "delay_after_quickest_s": Parameter(value=delay.after_quickest_s, std=delay.after_quickest_std_s, unit="s"),
+    }
+    if key == "tf" and len(fit.dynamics.lags_s) > 1:
+        found["lags_s"] = Parameter(value=list(fit.dynamics.lags_s), std=list(std.lags_s), unit="s")
+    if key == "tf" and fit.shape == "zero":
+        found["lead_s"] = Parameter(value=fit.dynamics.lead_s, std=std.lead_s, unit="s")
+    return {f"{key}.{name}": quantity for name, quantity in found.items()}
+
+
+def _thesis_function(key: str, fit: ThesisFit) -> Quantities:
+    """Return the same by the thesis method, which has no uncertainties, and takes the delay to be zero."""
+    return {
+        f"{key}.numerator": Parameter(value=fit.numerator.tolist(), unit="N"),
+        f"{key}.denominator": Parameter(value=fit.denominator.tolist(), unit="1"),
+        f"{key}.time_constant_s": Parameter(value=fit.time_constant_s, unit="s"),
+        f"{key}.static_gain_n": Parameter(value=fit.static_gain_n, unit="N"),
+        f"{key}.delay_s": Parameter(value=0.0, unit="s"),
+    }
+
+
+def _covariances(fit: TransferFit) -> tuple[Covariance, ...]:
+    """Return the covariance of the joint transfer function's numbers."""
     values = {
         "tf.numerator": fit.numerator.tolist(),
         "tf.denominator": fit.denominator.tolist(),
@@ -55,38 +214,18 @@ def fit_covariances(found: "Identified") -> "tuple[Covariance, ...]":
         "tf.delay_s": fit.mean_delay.delay_s,
     }
     covariance = fit.std.covariance.copy()
-    covariance[-1, -1] = fit.mean_delay.std_s**2  # with how late stamps come on average
+    covariance[-1, -1] = fit.mean_delay.std_s**2  # with that of the mean lateness of stamps
     return covariance_between(values, covariance)
 
 
-def thesis_parameters(found: "AsThesis") -> "dict[str, Parameter]":
-    """Return the same of the thesis' calculation, which has no deviations, and takes the delay to be zero."""
-    from cfid.records.parameters import Parameter
-    from cfid.transfer.sines.reports import SAMPLE_S
-
-    parameters = {
-        **_of_thesis("tf", found.joint),
-        "tf.sample_time_s": Parameter(value=SAMPLE_S, unit="s"),
-    }
-    for name, fit in found.each.items():
-        parameters |= _of_thesis(f"tf.series.{name}", fit)
-    rows = [
-        {"series": name, **_row(own.periods, own.omega_rad / SAMPLE_S, own.value), "std": None}
-        for name, fit in found.each.items()
-        for own in fit.responses
-    ]
-    return {**parameters, "tf.frequency_response": Parameter(value=rows, unit="N")}
-
-
-def fit_quality(found: "Identified") -> dict[str, Any]:
-    """Return the figures that judge a fit."""
+def _quality(found: Identified) -> dict[str, Any]:
     fit = found.fit
     return {
         "shape": fit.shape,
         "form": fit.form,
         "frequencies": len(fit.model),
         "chi_squared": fit.chi_squared,
-        "degrees_of_freedom": fit.freedom,
+        "degrees_of_freedom": fit.degrees_of_freedom,
         "probability": fit.probability,
         "misfit": fit.misfit,
         "corrected_aic": found.aicc,
@@ -101,104 +240,35 @@ def fit_quality(found: "Identified") -> dict[str, Any]:
     }
 
 
-def fit_lines(found: "Identified") -> list[str]:
-    """Return the function as a formula, its verdict, what the delay is made of, and each series for itself."""
-    fit = found.fit
-    aicc = ", ".join(f"{shape} {score:+.1f}" for shape, score in found.aicc.items())
-    each = [_series_line(name, own) for name, own in found.each.items()] if len(found.each) > 1 else []
-    return [
-        *convention_lines(fit.numerator, fit.denominator, form=fit.form, sample_s=fit.sample_s),
-        f"chi-squared {fit.chi_squared:.1f} for {fit.freedom} degrees of freedom (probability {fit.probability:.2g}): "
-        f"the model {'describes' if fit.described else 'does not describe'} {len(fit.model)} frequencies",
-        *([f"corrected AIC above the best: {aicc}"] if aicc else []),
-        *each,
-        *(_delay_line(name, found) for name in fit.delays),
-    ]
-
-
-def convention_lines(numerator: "Array", denominator: "Array", *, form: str, sample_s: float) -> list[str]:
-    """Return H(z) in rising powers of z^-1 and how it is meant."""
-    over, under = _polynomial(numerator), _polynomial(denominator)
-    return [
-        f"H(z) = ({over}) / ({under}), N of thrust over units of the command",
-        f"coefficients of z^0, z^-1, ... at {1e3 * sample_s:.5g} ms, leading 1; {_HELD[form]}",
-    ]
-
-
-def _of_fit(key: str, fit: "TransferFit") -> "dict[str, Parameter]":
-    std = fit.std
-    found = {
-        "numerator": (fit.numerator.tolist(), std.numerator.tolist(), "N"),
-        "denominator": (fit.denominator.tolist(), std.denominator.tolist(), "1"),
-        "time_constant_s": (fit.time_constant_s, fit.time_constant_std_s, "s"),
-        "static_gain_n": (fit.dynamics.static_gain_n, std.static_gain_n, "N"),
-    }
-    return _keyed(key, found)
-
-
-def _of_thesis(key: str, fit: "ThesisFit") -> "dict[str, Parameter]":
-    found = {
-        "numerator": (fit.numerator.tolist(), None, "N"),
-        "denominator": (fit.denominator.tolist(), None, "1"),
-        "time_constant_s": (fit.time_constant_s, None, "s"),
-        "static_gain_n": (fit.static_gain_n, None, "N"),
-        "delay_s": (0.0, None, "s"),
-    }
-    return _keyed(key, found)
-
-
-def _keyed(key: str, found: Mapping[str, tuple[Any, Any, str]]) -> "dict[str, Parameter]":
-    from cfid.records.parameters import Parameter
-
-    return {f"{key}.{name}": Parameter(value=value, std=std, unit=unit) for name, (value, std, unit) in found.items()}
-
-
-def _delays(key: str, fit: "TransferFit") -> "dict[str, Parameter]":
-    """Return the delay from stamps as they come on average and from the quickest; of several series the mean."""
-    from cfid.records.parameters import Parameter
-
-    mean = fit.mean_delay
+def _thesis_quality(fit: ThesisFit) -> dict[str, Any]:
     return {
-        f"{key}.delay_s": Parameter(value=mean.delay_s, std=mean.std_s, unit="s"),
-        f"{key}.delay_after_quickest_s": Parameter(
-            value=mean.after_quickest_s, std=mean.after_quickest_std_s, unit="s"
-        ),
+        "numerator": fit.numerator.tolist(),
+        "denominator": fit.denominator.tolist(),
+        "static_gain_n": fit.static_gain_n,
+        "time_constant_s": fit.time_constant_s,
     }
+
+
+def _thesis_lines(thesis: ThesisFit | str, ours: GainAndLag | None) -> list[str]:
+    """Return the thesis method's result for the same runs, or why it has none."""
+    if isinstance(thesis, str):
+        return [f"thesis method: no result: {thesis}"]
+    if ours is None:
+        return []
+    return [f"thesis method, latency left out: {GainAndLag(thesis.static_gain_n, thesis.time_constant_s).text(ours)}"]
 
 
 def _row(periods: int, frequency_rad_s: float, value: complex) -> dict[str, Any]:
-    from cmath import phase
-
     return {"l": periods, "frequency_rad_s": frequency_rad_s, "magnitude": abs(value), "phase_rad": phase(value)}
 
 
-def _series_line(name: str, fit: "TransferFit") -> str:
-    delay = fit.delays[name]
-    return (
-        f"{name} for itself: static gain {fit.dynamics.static_gain_n:.4g} +- {fit.std.static_gain_n:.2g} N, time "
-        f"constant {1e3 * fit.time_constant_s:.2f} +- {1e3 * fit.time_constant_std_s:.2g} ms, delay "
-        f"{1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms, chi-squared {fit.chi_squared:.1f} of {fit.freedom}"
-    )
+def _fit_figures(found: Identified, thesis: ThesisFit | None, settle_s: float) -> Figures:
+    from cfid.transfer.figures import fit_figures  # matplotlib takes longer to load than a fit
+
+    return fit_figures(found, thesis=thesis, settle_s=settle_s)
 
 
-def _delay_line(name: str, found: "Identified") -> str:
-    delay, series = found.fit.delays[name], found.aligned[name]
-    skews = ", ".join(f"{1e6 * line.skew:+.0f} ppm" for line in series.lines)
-    clocks = f"; the vehicle's clock is off by {skews}" if skews else "; no stamps of the vehicle"
-    return (
-        f"{name}: force comes {_later(delay.delay_s)} than its command as stamped on average, "
-        f"{_later(delay.after_quickest_s)} than as stamped at the quickest{clocks}"
-    )
+def _thesis_figures(found: ThesisFits) -> Figures:
+    from cfid.transfer.figures import thesis_bode_figure
 
-
-def _later(delay_s: float) -> str:
-    return f"{1e3 * abs(delay_s):.2f} ms {'later' if delay_s >= 0 else 'earlier'}"
-
-
-def _polynomial(coefficients: "Array") -> str:
-    terms = [
-        f"{value:+.7g}" + (f" z^-{power}" if power else "")
-        for power, value in enumerate(coefficients.tolist())
-        if value != 0
-    ]
-    return " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ") or "0"
+    return {"tf_bode_thesis": thesis_bode_figure(found.each, found.joint, sample_s=SAMPLE_S)}

@@ -1,24 +1,26 @@
-"""The thesis' own way to a transfer function (section 3.4.3, appendix C.2.5), its constants as settings.
+"""The thesis method of identifying a transfer function (section 3.4.3, appendix C.2.5), its constants as settings.
 
 Times are taken as they were stamped: latencies of radio and load cell are left out, which the thesis regrets and
 which biases its time constant. Nothing here corrects for that.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError, FitError
-from cfid.transfer.sines.alignment import RecordedSine
-from cfid.transfer.sines.reports import SAMPLE_S
+from cfid.findings import Finding, note, rejection, warning
+from cfid.transfer.sines.alignment import RecordedSine, Sign
+from cfid.transfer.sines.plan import SAMPLE_S
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 _BIAS_SAMPLES = 1000
+_SECOND_SAMPLES = 8000  # N of the second series
 _ROUNDING = 1e-4  # of a sample, by which stamps of a Unix time may exceed the last whole one
 
 
@@ -60,13 +62,16 @@ class ThesisResponse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThesisFit:
-    """Coefficients in rising powers of z^-1, the denominator with its leading 1; no deviations: the thesis has none."""
+    """Coefficients in rising powers of z^-1, the denominator with its leading 1; the thesis has no uncertainties.
+
+    `findings` are about single runs.
+    """
 
     numerator: Array
     denominator: Array
     responses: tuple[ThesisResponse, ...]
     weights: Array
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def static_gain_n(self) -> float:
@@ -79,52 +84,75 @@ class ThesisFit:
         pole = float(np.max(np.abs(np.roots(self.denominator)), initial=0.0))
         return -SAMPLE_S / math.log(pole) if 0 < pole < 1 else None
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Return, as sentences, why this is no motor's transfer function."""
-        elsewhere = sum(own.elsewhere for own in self.responses)
-        drowned = (
-            f"in {elsewhere} of {len(self.responses)} runs the force's largest peak is not at the sine: are --channel "
-            "and the motor those of the runs?"
+    def rejections(self, keys: Sequence[str]) -> tuple[Finding, ...]:
+        """Return why this is no motor's transfer function, which has the quantities `keys`."""
+        elsewhere, count = sum(own.elsewhere for own in self.responses), len(self.responses)
+        pole = "its slowest pole is no decay, which no motor has."
+        peaks = (
+            f"in {elsewhere} of {count} runs the force's largest peak is not at the sine: are the channel and the "
+            "motor those of the runs?"
         )
         return (
-            *(() if self.time_constant_s else ("its slowest pole is no decay, which no motor has.",)),
-            *((drowned,) if 2 * elsewhere > len(self.responses) else ()),
+            *(() if self.time_constant_s else (rejection("thesis-pole-no-decay", pole, *keys),)),
+            *((rejection("thesis-peaks-elsewhere", peaks, *keys),) if 2 * elsewhere > count else ()),
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThesisFits:
+    """One fit a series, and the least squares of all their responses, each with the weights it had."""
+
+    each: Mapping[str, ThesisFit]
+    joint: ThesisFit
+
+
+def settings_of(samples: int) -> ThesisSettings:
+    """Return the thesis' settings for runs of N samples."""
+    return SECOND_SERIES if samples == _SECOND_SAMPLES else FIRST_SERIES
+
+
+def fit_all(
+    series: Mapping[str, Sequence[RecordedSine]],
+    settings: Callable[[int], ThesisSettings] = settings_of,
+    *,
+    sign: Sign = "auto",
+) -> ThesisFits:
+    """Identify each series, and all of them at once; `settings` of a series are those for its first run's N.
+
+    Raises DataError and FitError with a run's name.
+    """
+    each = {
+        name: fit_thesis([_upward(run, sign) for run in runs], settings(runs[0].sine.samples))
+        for name, runs in series.items()
+    }
+    joint = next(iter(each.values())) if len(each) == 1 else join_thesis(list(each.values()), settings(0))
+    return ThesisFits(each=each, joint=joint)
 
 
 def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRST_SERIES) -> ThesisFit:
-    """Identify a series as C.2.5 does; forces are in newtons and have the sign of thrust, the bias still in them.
+    """Identify a series as C.2.5 does; forces are in N and have the sign of thrust, the bias still in them.
 
     Raises DataError for runs that cannot be taken so, FitError when too few are left.
     """
-    notes, responses = [], []
+    findings, responses = [], []
     for run in recorded:
-        if run.plan.periods == 0:
-            notes.append(f"{run.plan.name}: l = 0 is left out: without the middle value, C.2.5 divides zero by zero.")
-        elif run.plan.periods > settings.count_up_to:
-            notes.append(f"{run.plan.name}: l = {run.plan.periods} is above {settings.count_up_to} and left out.")
+        if run.sine.periods == 0:
+            text = f"{run.name}: l = 0 is left out: without the middle value, C.2.5 divides zero by zero."
+            findings.append(note("sine-without-frequency", text, "tf.*"))
+        elif run.sine.periods > settings.count_up_to:
+            text = f"{run.name}: l = {run.sine.periods} is above {settings.count_up_to} and left out."
+            findings.append(note("sine-too-fast", text, "tf.*"))
         else:
             responses.append(thesis_response(run, settle_samples=settings.settle_samples))
-    notes += [
-        f"{own.name}: the force's largest peak is not at l = {own.periods}." for own in responses if own.elsewhere
+    findings += [
+        warning("thesis-peak-elsewhere", f"{own.name}: the force's largest peak is not at l = {own.periods}.", "tf.*")
+        for own in responses
+        if own.elsewhere
     ]
     weights = np.where(
         [own.periods <= settings.low_up_to for own in responses], settings.weight_low, settings.weight_high
     )
-    numerator, denominator = least_squares(
-        np.array([own.value for own in responses]),
-        np.array([own.omega_rad for own in responses]),
-        weights,
-        settings,
-    )
-    return ThesisFit(
-        numerator=numerator,
-        denominator=denominator,
-        responses=tuple(responses),
-        weights=weights,
-        notes=tuple(notes),
-    )
+    return _solved(responses, weights, findings, settings)
 
 
 def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFit:
@@ -132,12 +160,9 @@ def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFi
 
     Of `settings` only A and B count. The thesis itself keeps its series apart. Raises FitError for too few responses.
     """
-    responses = tuple(own for fit in fits for own in fit.responses)
-    weights = np.concatenate([fit.weights for fit in fits])
-    value, omega = (np.array([getattr(own, name) for own in responses]) for name in ("value", "omega_rad"))
-    numerator, denominator = least_squares(value, omega, weights, settings)
-    notes = tuple(note for fit in fits for note in fit.notes)
-    return ThesisFit(numerator=numerator, denominator=denominator, responses=responses, weights=weights, notes=notes)
+    responses = [own for fit in fits for own in fit.responses]
+    findings = [finding for fit in fits for finding in fit.findings]
+    return _solved(responses, np.concatenate([fit.weights for fit in fits]), findings, settings)
 
 
 def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.settle_samples) -> ThesisResponse:
@@ -146,23 +171,23 @@ def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.set
     N is that of the run's own stamps; force is interpolated at its samples; of the transform the largest bins
     besides the constant are divided, wherever they lie.
     """
-    force, middle = run.force_n - run.force_n[:_BIAS_SAMPLES].mean(), run.plan.middle
+    force, middle = run.force_n - run.force_n[:_BIAS_SAMPLES].mean(), run.sine.middle
     stamps_s = run.reports.host_s - run.reports.host_s[0]
     samples = math.ceil(stamps_s[-1] / SAMPLE_S - _ROUNDING)
     begin, end = _rows(run, samples)
     grid_s = SAMPLE_S * np.arange(samples)
     force = np.interp(grid_s, run.time_s[begin:end] - run.reports.host_s[0], force[begin:end])
-    omega = 2 * np.pi * run.plan.periods / samples
+    omega = 2 * np.pi * run.sine.periods / samples
     commands = (run.reports.command[0] - middle) * np.cos(omega * np.arange(samples)) + middle
     taken = _fft_samples(run, samples, settle_samples)
     window = slice(settle_samples - 1, settle_samples - 1 + taken)  # MATLAB counts from 1
     of_force, of_commands = np.fft.rfft(force[window])[1:], np.fft.rfft(commands[window])[1:]
     if not of_force.any():
-        raise FitError(f"{run.plan.name}: the load cell felt nothing while it was played: is the channel the motor's?")
+        raise FitError(f"{run.name}: the load cell measured nothing while it was played: is the channel the motor's?")
     at_force, at_commands = int(np.abs(of_force).argmax()), int(np.abs(of_commands).argmax())
     return ThesisResponse(
-        name=run.plan.name,
-        periods=run.plan.periods,
+        name=run.name,
+        periods=run.sine.periods,
         omega_rad=omega,
         value=complex(of_force[at_force] / of_commands[at_commands]),
         samples=samples,
@@ -188,9 +213,33 @@ def least_squares(value: Complex, omega_rad: Array, weights: Array, settings: Th
     rows = np.concatenate([weighted.real, weighted.imag])
     scale = np.linalg.norm(rows[:, :-1], axis=0)
     if not scale.all():
-        raise FitError("all responses have weight zero: give --weight-low or --weight-high above it.")
+        raise FitError("all responses have weight zero: give a weight_low or weight_high above zero.")
     found = np.linalg.lstsq(rows[:, :-1] / scale, rows[:, -1], rcond=None)[0] / scale
     return found[len(poles) :], np.concatenate([[1.0], found[: len(poles)]])
+
+
+def _solved(
+    responses: Sequence[ThesisResponse], weights: Array, findings: Sequence[Finding], settings: ThesisSettings
+) -> ThesisFit:
+    value = np.array([own.value for own in responses])
+    omega_rad = np.array([own.omega_rad for own in responses])
+    numerator, denominator = least_squares(value, omega_rad, weights, settings)
+    return ThesisFit(
+        numerator=numerator,
+        denominator=denominator,
+        responses=tuple(responses),
+        weights=weights,
+        findings=tuple(findings),
+    )
+
+
+def _upward(run: RecordedSine, sign: Sign) -> RecordedSine:
+    """Return the run with force positive for thrust: motors push one way while it is played."""
+    begin, end = np.searchsorted(run.time_s, run.reports.host_s[[0, -1]])
+    down = sign == "-"
+    if sign == "auto" and begin > 0 and end > begin:
+        down = bool(run.force_n[begin:end].mean() < run.force_n[:_BIAS_SAMPLES].mean())
+    return replace(run, force_n=-run.force_n) if down else run
 
 
 def _rows(run: RecordedSine, samples: int) -> tuple[int, int]:
@@ -200,7 +249,7 @@ def _rows(run: RecordedSine, samples: int) -> tuple[int, int]:
     end = int(np.searchsorted(run.time_s, last_s)) + 1
     if begin < 0 or end > len(run.time_s) or samples < 2:
         raise DataError(
-            f"{run.plan.name}: the load cell's record does not cover the run: it reaches from "
+            f"{run.name}: the load cell's record does not cover the run: it reaches from "
             f"{run.time_s[0] - first_s:.1f} to {run.time_s[-1] - first_s:.1f} s of its {last_s - first_s:.1f} s."
         )
     return begin, end
@@ -209,13 +258,13 @@ def _rows(run: RecordedSine, samples: int) -> tuple[int, int]:
 def _fft_samples(run: RecordedSine, samples: int, settle_samples: int) -> int:
     """Return N_FFT of eq. 3.8: whole periods, each rounded to samples; all of them for l = 1."""
     left = samples - settle_samples
-    if run.plan.periods == 1:
+    if run.sine.periods == 1:
         taken = left
     else:
-        period = math.floor(run.plan.samples / run.plan.periods + 0.5)  # MATLAB rounds halves up
+        period = math.floor(run.sine.samples / run.sine.periods + 0.5)  # MATLAB rounds halves up
         taken = left // period * period
     if taken < 3:
         raise DataError(
-            f"{run.plan.name}: no whole period is left of its {samples} samples after the first {settle_samples}."
+            f"{run.name}: no whole period is left of its {samples} samples after the first {settle_samples}."
         )
     return taken

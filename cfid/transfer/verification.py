@@ -2,33 +2,38 @@
 
 import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.findings import Finding, rejection, warning
 from cfid.transfer.frequency_response import END_S, SETTLE_S, respond
 from cfid.transfer.model import DifferenceEquation, Dynamics, Form
 from cfid.transfer.sines.alignment import SineRun
 
 Array = npt.NDArray[np.float64]
 
-BELIEVED_OFF = 0.1  # of the sine, by which simulation and measurement may differ beyond their uncertainty
-_CERTAIN = 3.0  # deviations
+OFF_LIMIT = 0.1  # of the sine, by which simulation and measurement may differ beyond their uncertainty
 SMOOTHED_HZ = 25.0  # twice what is identified, and far below any rotor's frequency
 
+_CERTAIN = 3.0  # standard uncertainties
+_VAGUE = 0.1  # of the sine, one standard uncertainty
+
 _STEP_S = 0.002
-_GAUSS = math.sqrt(math.log(2)) / (2 * math.pi)  # deviation of a kernel that halves the power at 1 Hz
+_GAUSS = math.sqrt(math.log(2)) / (2 * math.pi)  # standard deviation of a kernel that halves the power at 1 Hz
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verification:
     """Thrust about its mean (n,), measured and simulated, both smoothed alike, without transient and end.
 
-    The means are left out, as a linear function has no say in them. `fit_percent` is 100 (1 - |y - yhat|/|y - mean|),
-    `unfiltered_fit_percent` the same with the vibration in y. At the sine's frequency the measured force comes `late_s`
-    (`late_rad` of its phase) later than the simulated, and is `gain_ratio` times as large; one deviation of each.
+    The means are left out, as a linear function does not determine them. `fit_percent` is
+    100 (1 - |y - yhat|/|y - mean|), `unfiltered_fit_percent` the same with the vibration in y. At the sine's frequency
+    the measured force comes `late_s` (`late_rad` of its phase) later than the simulated, and is `gain_ratio` times as
+    large; each has its standard uncertainty.
     """
 
     name: str
@@ -46,31 +51,46 @@ class Verification:
 
     @property
     def residual_n(self) -> Array:
-        """What the simulation leaves of the measured."""
+        """Measured less simulated thrust (n,) in N."""
         return self.measured_n - self.simulated_n
 
     @property
     def residual_rms_n(self) -> float:
-        """Root of its mean square."""
+        """The root of its mean square, in N."""
         return float(np.sqrt(np.mean(self.residual_n**2)))
 
     @property
     def off(self) -> float:
-        """By how much of the simulated sine the measured one differs from it."""
+        """The difference of measured and simulated sine, relative to the simulated."""
         return abs(self.gain_ratio * cmath.exp(-1j * self.late_rad) - 1)
 
     @property
     def off_std(self) -> float:
-        """One standard deviation of that, in any direction."""
+        """Its standard uncertainty, in any direction."""
         return math.hypot(self.gain_ratio_std, self.gain_ratio * self.late_std_rad)
 
     @property
-    def believed(self) -> bool:
-        """Whether the transfer function describes the run, as far as the run's noise lets it tell."""
-        return self.off <= BELIEVED_OFF + _CERTAIN * self.off_std
+    def accepted(self) -> bool:
+        """Whether the transfer function describes the run, as far as the run's noise resolves it."""
+        return self.off <= OFF_LIMIT + _CERTAIN * self.off_std
+
+    def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
+        """Return what speaks against the comparison, which has the quantities `keys`."""
+        found = []
+        if self.off_std > _VAGUE:
+            text = f"{self.name}: is known to {100 * self.off_std:.0f} % of the sine only: it verifies little."
+            found.append(warning("verification-vague", text, *keys))
+        if not self.accepted:
+            text = (
+                f"{self.name}: the measured sine differs from the simulated one by {100 * self.off:.0f} % of it, "
+                f"with a standard uncertainty of {100 * self.off_std:.1g} % (limit {100 * OFF_LIMIT:.0f} % and "
+                f"{_CERTAIN:g} standard uncertainties)."
+            )
+            found.append(rejection("verification-differs", text, *keys))
+        return tuple(found)
 
 
-def verify(
+def verify_run(
     run: SineRun,
     dynamics: Dynamics | DifferenceEquation,
     *,
@@ -82,13 +102,13 @@ def verify(
 ) -> Verification:
     """Simulate the commands of a run (l from 1 on) through a transfer function, and compare.
 
-    `after_quickest_s` is the delay identified, `delay_std_s` what is uncertain about it in this run. Raises DataError
-    for a run that is too short to be compared.
+    `after_quickest_s` is the delay after the quickest reports, `delay_std_s` its standard uncertainty in this run.
+    Raises DataError for a run that is too short to be compared.
     """
-    simulated = dynamics.simulate(run.plan.commands(), run.time_s - after_quickest_s, sample_s=run.sample_s, form=form)
+    simulated = dynamics.simulate(run.sine.commands(), run.time_s - after_quickest_s, sample_s=run.sample_s, form=form)
     inside = (run.time_s >= settle_s) & (run.time_s <= run.duration_s - END_S)
     if inside.sum() < 2 or run.duration_s < settle_s + 2 * END_S + 2 / smoothed_hz:
-        raise DataError(f"{run.plan.name}: {run.duration_s:.1f} s are too short to be compared with a simulation.")
+        raise DataError(f"{run.name}: {run.duration_s:.1f} s are too short to be compared with a simulation.")
     measured = run.force_n
     time_s, smooth = _smoothed(run.time_s, np.stack([measured, simulated]), smoothed_hz)
     kept = (time_s >= settle_s) & (time_s <= run.duration_s - END_S)
@@ -100,7 +120,7 @@ def verify(
     size_std, phase_std = response.polar_std
     phase_std = math.hypot(phase_std, float(omega[0]) * delay_std_s)
     return Verification(
-        name=run.plan.name,
+        name=run.name,
         time_s=time_s[kept],
         measured_n=smooth[0],
         simulated_n=smooth[1],
@@ -127,8 +147,8 @@ def _smoothed(time_s: Array, values: Array, hertz: float) -> tuple[Array, Array]
     between = np.diff(time_s) * (values[:, 1:] + values[:, :-1]) / 2
     integral = np.concatenate([np.zeros((len(values), 1)), np.cumsum(between, axis=1)], axis=1)
     means = np.diff([np.interp(edges, time_s, own) for own in integral], axis=1) / _STEP_S
-    deviation_s = _GAUSS / hertz
-    half = math.ceil(4 * deviation_s / _STEP_S)
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * _STEP_S / deviation_s) ** 2)
+    std_s = _GAUSS / hertz
+    half = math.ceil(4 * std_s / _STEP_S)
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * _STEP_S / std_s) ** 2)
     smooth = np.stack([np.convolve(own, kernel / kernel.sum(), mode="same") for own in means])
     return edges[:-1] + _STEP_S / 2, smooth

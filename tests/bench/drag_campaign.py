@@ -2,7 +2,7 @@
 
 The recordings are made by the simulated wind tunnel over the thesis' winds (C.3.1), written as its logger did. cfid
 reads two files at once, pandas one after the other as a script does; both meet the same files. The goal is a ratio of
-0.6 at least by the wall clock; processor time is told beside it, because others may use the machine meanwhile.
+0.6 at least by the wall clock; processor time is printed too, because others may use the machine meanwhile.
 """
 
 import os
@@ -13,11 +13,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.console.inputs import open_workplace
-from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
-from cfid.drag.data import WindInputs, read_wind_evidence
-from cfid.drag.selection import DragChoices, fit_models
-from cfid.drag.wind.campaign_plan import THESIS_WINDS
+from cfid.drag.comparison import fit_models
+from cfid.drag.data import read_index
+from cfid.drag.wind.plan import THESIS_WINDS
 from cfid.sim.wind_tunnel import COMMANDS, SHOWN_RPM, SimpleAir, Tunnel, Wind, record
 
 RATE_HZ = 7000.0
@@ -39,7 +37,7 @@ def campaign(folder: Path) -> tuple[Path, list[Path]]:
     rng = np.random.default_rng(3)
     rows, files = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"], []
     still = Wind(0.0, 0.0, 0.0)
-    winds = [Wind(setting.angle_deg, setting.min_mps, setting.max_mps) for setting in THESIS_WINDS[:WINDS]]
+    winds = [Wind(setting.angle_deg or 0.0, setting.min_mps, setting.max_mps) for setting in THESIS_WINDS[:WINDS]]
     for number, wind in enumerate([still, *winds]):
         for command, shown in zip(COMMANDS, SHOWN_RPM, strict=True):
             path = folder / f"{number}_{command}.csv"
@@ -60,25 +58,22 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         index, files = campaign(folder)
-        workplace = open_workplace(RigOptions())
         pd.read_csv(files[0])
         begin = now()
         for path in files:
             pd.read_csv(path)
         alone = now()
-        evidence = read_wind_evidence(
-            [], WindInputs(index=index), ReadingOptions(), LoadCellOptions(), workplace, method="default"
-        )
+        experiments = read_index(index)
         reduced = now()
-        found = fit_models(evidence.experiments, DragChoices())
+        found = fit_models(experiments)
         fitted = now()
-    off = 100 * (found.simple_kg_per_rad / np.array(EQ_4_8) - 1)
+    off = 100 * (found.fits["simple"].value / np.array(EQ_4_8) - 1)
     spent = np.diff([begin, alone, reduced, fitted], axis=0).T
     for clock, (read_s, reduce_s, fit_s) in zip(("wall", "processor"), spent, strict=True):
         print(f"{clock}: pandas reads {len(files)} files in {read_s:.2f} s")
         print(f"    cfid reads and reduces them in {reduce_s:.2f} s: ratio {read_s / reduce_s:.2f}")
-        print(f"    all models are fitted and judged in {fit_s:.2f} s")
-    print(f"simple coefficients {off[0]:+.2f} and {off[2]:+.2f} % off, model {found.chosen.model.name}")
+        print(f"    all models are fitted and compared in {fit_s:.2f} s")
+    print(f"simple coefficients {off[0]:+.2f} and {off[2]:+.2f} % off, model {found.chosen}")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,8 @@ from cfid.sim.sine_bench import ARM_M, LATE_RADIO, SILENT_CELL, USUAL_CELL
 from cfid.transfer.estimation import Measured, fit_transfer, measure
 from cfid.transfer.frequency_response import END_S, SETTLE_S, Response
 from cfid.transfer.sines.alignment import RecordedSine, SineRun, SineSeries, align, thrust_of
-from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan
+from cfid.transfer.sines.plan import SAMPLE_S, Sine
+from cfid.transfer.sines.reports import Reports
 from cfid.wire.app import MIDDLE
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +62,7 @@ HEADER = " " * 56 + "".join(f"{what:>10}" for what in WHAT)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Multisine(SinePlan):
+class Multisine(Sine):
     """Periods of one wave (4000,) between -1 and 1 with so many lines, after as much as a sine needs to settle."""
 
     wave: Array
@@ -76,7 +77,7 @@ class Contestant(NamedTuple):
     """Runs that together make one transfer function."""
 
     name: str
-    plans: Sequence[SinePlan]
+    plans: Sequence[Sine]
 
     @property
     def label(self) -> str:
@@ -135,12 +136,10 @@ def spaced(count: int, *, step: int = 1, first: int = 1) -> tuple[int, ...]:
 
 def sines(count: int, *, first: int = 1, samples: int = PERIOD) -> Contestant:
     plans = [
-        SinePlan(
-            name=f"l = {l * samples // PERIOD}", periods=l * samples // PERIOD, samples=samples, amplitude=AMPLITUDE
-        )
+        Sine(periods=l * samples // PERIOD, samples=samples, amplitude=AMPLITUDE)
         for l in spaced(count, first=first)  # noqa: E741
     ]
-    return Contestant(f"{count} sines from {plans[0].name} of {samples}", plans)
+    return Contestant(f"{count} sines from l = {plans[0].periods} of {samples}", plans)
 
 
 def up_and_down(contestant: Contestant) -> Contestant:
@@ -155,7 +154,6 @@ def multisine(count: int, *, bench_s: float, step: int = 2) -> Contestant:
     around = round((SETTLE_S + END_S) / SAMPLE_S)
     periods = int(((bench_s - OVERHEAD_S) / SAMPLE_S - around) / PERIOD)
     plan = Multisine(
-        name="multisine",
         periods=periods * max(lines),  # of its fastest line
         samples=around + periods * PERIOD,
         amplitude=AMPLITUDE,
@@ -231,12 +229,16 @@ def record(
         read = loadcell.read(time_s, wrench)[0] / cell.counts_per_unit
         force = thrust_of("arm", read[:, :3], read[:, 3:], arm_m=ARM_M, yaw_deg=0.0)
         reports = reports_of(plan, at_s + REST * SAMPLE_S, link)
-        runs.append(RecordedSine(plan=plan, reports=reports, time_s=time_s + CELL_LATENCY_S, force_n=force))
+        runs.append(
+            RecordedSine(
+                name=f"l = {plan.periods}", sine=plan, reports=reports, time_s=time_s + CELL_LATENCY_S, force_n=force
+            )
+        )
         at_s += plan.samples * SAMPLE_S + OVERHEAD_S
     return runs
 
 
-def reports_of(plan: SinePlan, start_s: float, link: Direction) -> Reports:
+def reports_of(plan: Sine, start_s: float, link: Direction) -> Reports:
     """Return the reports of crossings, as the app sends them."""
     commands = plan.commands()
     before = np.append(0.0, commands[:-1])
@@ -259,7 +261,7 @@ def without_stamps(run: RecordedSine) -> RecordedSine:
 def identified(runs: Sequence[RecordedSine], radio: RadioTruth) -> Array:
     """Return by how much gain, lag and delays are off (4,), as `WHAT` says."""
     series = align(runs)
-    measured = respond_at_once(series) if isinstance(runs[0].plan, Multisine) else measure("", series)[0]
+    measured = respond_at_once(series) if isinstance(runs[0].sine, Multisine) else measure("", series)
     fit = fit_transfer([measured])
     delay = fit.delays[measured.name]
     truth_s = CELL_LATENCY_S - radio.latency_s
@@ -276,7 +278,7 @@ def identified(runs: Sequence[RecordedSine], radio: RadioTruth) -> Array:
 def respond_at_once(series: SineSeries) -> Measured:
     """Return the responses at all lines of a multisine by one least squares, with the noise from between them."""
     (run,) = series.runs
-    plan = run.plan
+    plan = run.sine
     assert isinstance(plan, Multisine)
     base = 2 * np.pi / (PERIOD * run.sample_s)
     time_s, force = whole_periods(run)

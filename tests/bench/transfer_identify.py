@@ -18,10 +18,11 @@ import numpy as np
 import pandas as pd
 
 from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
-from cfid.transfer.estimation import corrected_aic, fit_orders, measure
+from cfid.transfer.estimation import corrected_aic, fit_shapes, measure
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import RecordedSine, align, thrust_of
-from cfid.transfer.sines.reports import Reports, SinePlan
+from cfid.transfer.sines.plan import Sine
+from cfid.transfer.sines.reports import Reports
 from cfid.transfer.thesis import fit_thesis
 
 PERIODS = [*range(16), *range(20, 101, 5), *range(110, 191, 10), 500]
@@ -72,16 +73,16 @@ def recorded(folder: Path, index: list[tuple[SimulatedSine, int]], sign: int = 1
         records.append((cell["t"].to_numpy(), sign * thrust_of("Ty", torque_nm, torque_nm, arm_m=ARM_M)))
     runs = []
     for (run, number), rows in zip(index, crossings, strict=True):
-        plan = SinePlan(name=f"l = {run.periods}", periods=run.periods, samples=4000, amplitude=20000)
+        sine = Sine(periods=run.periods, samples=4000, amplitude=20000)
         reports = Reports(*rows.to_numpy(dtype=np.float64).T)
         time_s, force_n = records[number]
-        runs.append(RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=force_n))
+        runs.append(RecordedSine(name=f"l = {run.periods}", sine=sine, reports=reports, time_s=time_s, force_n=force_n))
     return runs
 
 
 def identify(folder: Path, index: list[tuple[SimulatedSine, int]]) -> tuple[float, float]:
-    measured, _ = measure("1", align(recorded(folder, index)))
-    fits = fit_orders([measured])
+    measured = measure("1", align(recorded(folder, index)))
+    fits = fit_shapes([measured])
     corrected_aic(fits)
     fit = fits["first+delay"]
     return fit.dynamics.static_gain_n, fit.time_constant_s

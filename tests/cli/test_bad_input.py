@@ -1,5 +1,6 @@
 """Bad input gets a sentence that names the fault and the next step, an exit code, and never a traceback."""
 
+import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -54,7 +55,7 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
         in_unit("t,phi", 180 / np.pi),
         ("--angle-unit", "rad"),
         4,
-        ("over the top", "--angle-unit"),
+        ("over the top", "the angle's unit"),
     ),
     "an angle without a unit": (in_unit("t,phi", 1.0), (), 4, ("does not say its unit", "--angle-unit")),
     "a swing of 500 rad": (in_unit("t,phi_rad", 700.0), (), 4, ("over the top",)),
@@ -123,7 +124,7 @@ def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, file
     path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, shaken, strict=True)))
 
     said = cfid("fit", "swing", path, "--json")
-    refused(said, 5, "rejected", "something else moves it too", "--force")
+    refused(said, 5, "rejected", "differs from a pendulum's", "--force")
     assert '"accepted": false' in said.stdout
     forced = cfid("fit", "swing", path, "--json", "--force")
     assert forced.returncode == 0
@@ -133,7 +134,11 @@ def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, file
 
 def test_five_axes_are_too_few_for_a_matrix(cfid: Cfid) -> None:
     words = ["x=3.1e-5", "y=3.1e-5", "z=7.0e-5", "xy=4.9e-5", "xz=4.6e-5"]
-    refused(cfid("fit", "inertia", *words, "--json"), 5, "six are needed")
+    fitted = cfid("fit", "inertia", *words, "--json")
+
+    assert fitted.returncode == 5
+    assert "six are needed" in fitted.stderr
+    assert "inertia.matrix_kg_m2" not in json.loads(fitted.stdout)["parameters"]
 
 
 @pytest.mark.parametrize(
@@ -141,7 +146,7 @@ def test_five_axes_are_too_few_for_a_matrix(cfid: Cfid) -> None:
     [
         (["diagonal=3.1e-5"], "no mount"),
         (["x=-3.1e-5"], "above zero"),
-        (["x=3.1e-5:-1e-8"], "standard deviation"),
+        (["x=3.1e-5:-1e-8"], "standard uncertainty"),
         (["--mass-kg", "-1", "x=3.1e-5"], "--mass-kg"),
         (["--gravity-mps2", "0", "x=3.1e-5"], "--gravity-mps2"),
         (["fixture=3e-8", "x=3.1e-5"], "[fixture]"),

@@ -6,7 +6,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from cfid.quantities.lookup import find, unit_of
@@ -17,6 +19,7 @@ from tests.places import ROOT
 PAGE = ROOT / "docs" / "tutorial" / "first-campaign.md"
 BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+NOTEBOOK = ROOT / "docs" / "how-to" / "python.md"
 MARK = "--- end of a block ---"
 
 
@@ -122,6 +125,22 @@ def test_all_that_the_tutorials_fits_find_is_as_the_registry_has_it(folder: Path
         assert find(key) is not None, key
         assert parameter.unit == unit_of(key), key
         assert implausible(key, parameter.value) == ""
+
+
+@pytest.mark.usefixtures("outputs")
+def test_the_page_for_notebooks_runs_on_the_tutorials_campaign(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (campaign,) = (path.parent for path in folder.rglob("rig.toml") if list(path.parent.glob("runs/*_sine_*")))
+    monkeypatch.chdir(campaign.parent)
+    blocks = re.findall(r"^```python\n(.*?)^```$", NOTEBOOK.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block.replace('"cfid-demo"', f'"{campaign.name}"'), names)
+
+    kept = load_sections(campaign / "parameters.toml")["inertia"].parameters["inertia.matrix_kg_m2"]
+    assert len(blocks) > 5
+    assert names["result"].accepted
+    assert np.all(np.array(kept.value) == names["matrix"].value)
+    assert (campaign.parent / "swing.csv").exists()
 
 
 def test_numbers_are_compared_to_their_last_digits() -> None:

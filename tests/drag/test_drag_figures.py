@@ -1,4 +1,4 @@
-"""Drag drawn: forces over wind and rotor speed, coefficients, and what models say of them."""
+"""Figures of drag: forces over wind and rotor speed, coefficients, and the models' forces."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,8 +8,8 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cfid.drag.comparison import DragModels, fit_models
 from cfid.drag.figures import coefficients_figure, forces_figure, models_figure
-from cfid.drag.selection import DragChoices, DragResult, fit_models
 from cfid.sim.wind_tunnel import Wind
 from tests.drag.test_drag_campaigns import SIMPLE_AIR, exact, measured
 
@@ -17,8 +17,8 @@ Look = Callable[[Figure], Any]
 
 
 @pytest.fixture(scope="module")
-def found() -> DragResult:
-    return fit_models(measured(SIMPLE_AIR, np.random.default_rng(3)), DragChoices())
+def found() -> DragModels:
+    return fit_models(measured(SIMPLE_AIR, np.random.default_rng(3)))
 
 
 def panels(page: Figure) -> list[Axes]:
@@ -30,7 +30,7 @@ def curves(axes: Axes) -> list[Any]:
     return [line for line in axes.get_lines() if len(np.asarray(line.get_xdata())) > 2]
 
 
-def test_each_component_has_a_panel_for_each_angle_and_a_line_for_each_wind(found: DragResult, look: Look) -> None:
+def test_each_component_has_a_panel_for_each_angle_and_a_line_for_each_wind(found: DragModels, look: Look) -> None:
     page = forces_figure(found.experiments)
 
     assert [len(curves(axes)) for axes in panels(page)] == [5] * 9
@@ -43,7 +43,7 @@ def test_each_component_has_a_panel_for_each_angle_and_a_line_for_each_wind(foun
     assert not look(page).overlapping()
 
 
-def test_lines_show_the_forces_in_the_order_of_the_rotors_speed(found: DragResult) -> None:
+def test_lines_show_the_forces_in_the_order_of_the_rotors_speed(found: DragModels) -> None:
     drawn = np.concatenate(
         [line.get_ydata() for axes in panels(forces_figure(found.experiments))[6:] for line in curves(axes)]
     )
@@ -53,7 +53,7 @@ def test_lines_show_the_forces_in_the_order_of_the_rotors_speed(found: DragResul
         assert np.all(np.diff(line.get_xdata()) >= 0)
 
 
-def test_faster_wind_is_lighter(found: DragResult) -> None:
+def test_faster_wind_is_lighter(found: DragModels) -> None:
     lines = curves(panels(forces_figure(found.experiments))[6])
     lightness = [sum(line.get_color()) for line in lines]
     slope = [line.get_ydata()[-1] for line in lines]
@@ -61,19 +61,19 @@ def test_faster_wind_is_lighter(found: DragResult) -> None:
     assert np.all(np.diff(np.array(lightness)[np.argsort(slope)]) < 0)
 
 
-def test_coefficients_of_x_and_y_leave_out_the_wind_from_above(found: DragResult, look: Look) -> None:
+def test_coefficients_of_x_and_y_leave_out_the_wind_from_above(found: DragModels, look: Look) -> None:
     page = coefficients_figure(found)
     lateral, vertical = panels(page)
 
     assert [int(np.isfinite(line.get_ydata()).any()) for line in curves(lateral)] == [0] * 5 + [1] * 10
     assert len(curves(vertical)) == 15
     across = [np.asarray(line.get_ydata()) for line in vertical.get_lines() if line not in curves(vertical)]
-    assert [line[0] for line in across] == [found.simple_kg_per_rad[2]]
+    assert [line[0] for line in across] == [found.fits["simple"].value[2]]
     assert not look(page).overlapping()
 
 
-def test_the_model_is_drawn_as_lines_through_what_was_measured_and_squared_errors_are_told(
-    found: DragResult, look: Look
+def test_the_model_is_drawn_as_lines_through_the_measured_forces_and_squared_errors_are_listed(
+    found: DragModels, look: Look
 ) -> None:
     page = models_figure(found)
     first = panels(page)[0]
@@ -82,25 +82,24 @@ def test_the_model_is_drawn_as_lines_through_what_was_measured_and_squared_error
     assert len(model) == 5
     assert {line.get_linestyle() for line in marks} == {"None"}
     written = " ".join(text.get_text() for axes in page.axes for text in axes.texts)
-    assert f"{found.sse_n2['simple']:.4g} N²" in written
-    assert "simple, by winds left out one by one" in written
+    assert f"{found.fits['simple'].sse_n2:.4g} N²" in written
+    assert "simple, by wind settings left out one by one" in written
     assert not look(page).overlapping()
 
 
-def test_a_model_that_is_not_believed_says_so_in_red(look: Look) -> None:
+def test_a_rejection_of_the_chosen_model_is_written_in_red(look: Look) -> None:
     experiments = exact(SIMPLE_AIR)
     experiments.force_n[:] *= -1
-    found = fit_models(experiments, DragChoices())
+    found = fit_models(experiments)
     page = models_figure(found)
 
-    assert found.chosen.doubts
-    assert any(text.get_text().startswith("Not believed:") for text in page.texts)
+    assert any(text.get_text().startswith("Rejected: along x and y") for text in page.texts)
     assert not look(page).overlapping()
 
 
 def test_many_angles_are_drawn_by_some_of_them(look: Look) -> None:
     winds = [Wind(angle, 2.9, 3.1) for angle in (0, 15, 30, 45, 60, 75)]
-    found = fit_models(measured(SIMPLE_AIR, np.random.default_rng(3), winds), DragChoices())
+    found = fit_models(measured(SIMPLE_AIR, np.random.default_rng(3), winds))
     page = forces_figure(found.experiments)
 
     assert len(panels(page)) == 9

@@ -1,4 +1,4 @@
-"""Drag from recordings, tables and runs, as an operator has them fitted: `cfid fit drag`."""
+"""Drag from recordings and tables: `cfid fit drag`, and `cfid.drag.fit` for a notebook."""
 
 import json
 import math
@@ -12,19 +12,20 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.console.inputs import Workplace, open_workplace
-from cfid.console.options import LoadCellOptions, Method, ReadingOptions, RigOptions
-from cfid.drag.command import ModelOptions
-from cfid.drag.data import WindEvidence, WindInputs, read_wind_evidence
+from cfid import drag
+from cfid.drag.comparison import Method
 from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
-from cfid.drag.result import NORMALISED, Grouping, drag_lines, drag_parameters, drag_quality
-from cfid.drag.selection import NO_INTERCEPTS, DragChoices, fit_models
-from cfid.errors import ConfigError, DataError, FitError
+from cfid.drag.thesis import Grouping
+from cfid.drag.wind.data import WindReading
+from cfid.errors import DataError, FitError
 from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.facts import RigFacts, WindStand
+from cfid.records.result import Result
+from cfid.records.tables.wrench import WrenchReading
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind_tunnel import CrossAir, Wind
-from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact
+from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
     EQ_4_8,
@@ -51,16 +52,17 @@ def tunnel(tmp_path: Path) -> WindFolder:
     return recorded(tmp_path)
 
 
-@pytest.fixture
-def nowhere(tmp_path: Path) -> Workplace:
-    (tmp_path / "geometry.toml").write_text(new_rig_text())
-    return open_workplace(RigOptions(geometry=tmp_path / "geometry.toml"))
+def read(index: Path, *, method: Method = "default", **wind: float) -> DragExperiments:
+    given = RigFacts(wind=WindStand(**wind))
+    return drag.read_index(index, how=WindReading(WrenchReading(), method, given))
 
 
-def read(workplace: Workplace, *words: str, method: Method = "default", **inputs: Any) -> WindEvidence:
-    return read_wind_evidence(
-        words, WindInputs(**inputs), ReadingOptions(), LoadCellOptions(), workplace, method=method
-    )
+def codes(result: Result) -> list[str]:
+    return [one.code for one in result.findings]
+
+
+def notes(found: DragExperiments) -> list[str]:
+    return [one.text for one in found.findings if one.severity != "rejection"]
 
 
 def write_table(path: Path, experiments: DragExperiments) -> Path:
@@ -70,9 +72,9 @@ def write_table(path: Path, experiments: DragExperiments) -> Path:
     return path
 
 
-def fitted(said: subprocess.CompletedProcess[str]) -> dict[str, Any]:
-    assert said.returncode == 0, said.stderr
-    content: dict[str, Any] = json.loads(said.stdout)
+def fitted(ended: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert ended.returncode == 0, ended.stderr
+    content: dict[str, Any] = json.loads(ended.stdout)
     return content
 
 
@@ -111,12 +113,10 @@ def test_the_keys_are_those_of_the_contract(cfid: Cfid, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("air", "model", "printed"), WORLDS, ids=NAMES)
 def test_forces_of_a_table_give_the_printed_coefficients_back_to_six_digits(
-    nowhere: Workplace, tmp_path: Path, air: Any, model: DragModel, printed: Array
+    tmp_path: Path, air: Any, model: DragModel, printed: Array
 ) -> None:
-    result = fit_models(
-        read(nowhere, table=write_table(tmp_path / "forces.csv", exact(air))).experiments, DragChoices()
-    )
-    found = drag_parameters(result, None)
+    result = drag.fit(drag.read_forces(write_table(tmp_path / "forces.csv", exact(air))))
+    found = result.quantities
 
     keys = {
         SIMPLE: ["drag.simple_kg_per_rad"],
@@ -125,89 +125,118 @@ def test_forces_of_a_table_give_the_printed_coefficients_back_to_six_digits(
     }[model]
     assert np.squeeze([found[key].value for key in keys]) == pytest.approx(printed, rel=5e-7)
     assert found[f"drag.sse_n2.{model.name}"].value < 1e-15
-    assert drag_quality(result)["chosen"] == model.name
+    assert result.quality["chosen"] == model.name
+    assert result.accepted
 
 
 def test_normalised_coefficients_are_those_of_equation_4_10_and_the_square_that_was_meant_stands_beside() -> None:
-    result = fit_models(exact(COMPLEX_AIR), DragChoices())
-    values = [drag_parameters(result, None)[f"drag.complex.normalised.k{i}"].value for i in range(1, 7)]
+    result = drag.fit(exact(COMPLEX_AIR))
+    values = [result.quantities[f"drag.complex.normalised.k{i}"].value for i in range(1, 7)]
 
     assert values[0][0] == pytest.approx(-5.2370e-7, rel=1e-4)
     assert values[2][2] == pytest.approx(-4.8768e-11, rel=1e-4)
     assert values[5][2] == pytest.approx(1.0656e-7, rel=1e-4)
-    squared = np.array(drag_quality(result)["normalised_squared"])
+    squared = np.array(result.quality["normalised_squared"])
     weight = 5992.7**2 / (5992.7**2 + 5992.7 * (2.85 + 1) + 2.85**2 + 2.85 + 1)
     assert squared[2] / EQ_4_9[2] == pytest.approx(weight, rel=1e-4)
-    assert NORMALISED in drag_lines(result, None)
+    assert "drag-normalised-as-printed" in codes(result)
 
 
 @pytest.mark.parametrize(("grouping", "count"), GROUPS)
 def test_the_thesis_method_groups_as_c_3_1_and_its_means_are_exact(grouping: Grouping, count: int) -> None:
-    found = drag_parameters(fit_models(exact(SIMPLE_AIR), DragChoices(method="thesis")), grouping)
+    found = drag.fit(exact(SIMPLE_AIR), method="thesis", grouping=grouping).quantities
 
     assert found["drag.simple_kg_per_rad"].value == pytest.approx(EQ_4_8, rel=5e-7)
     rows = found["drag.groups"].value
     assert len(rows) == count
-    told = np.array([row["x_kg_per_rad" if grouping == "each" else "kg_per_rad"] for row in rows])
-    from_the_side = np.isfinite(told)
-    assert from_the_side.sum() == min(count, 60)  # wind from above tells nothing of x and y
-    assert told[from_the_side] == pytest.approx(EQ_4_8[0])
+    values = np.array([row["x_kg_per_rad" if grouping == "each" else "kg_per_rad"] for row in rows])
+    from_the_side = np.isfinite(values)
+    assert from_the_side.sum() == min(count, 60)  # wind from above does not determine x and y
+    assert values[from_the_side] == pytest.approx(EQ_4_8[0])
 
 
-def test_the_mended_kappa_4_is_unresolved_from_one_azimuth_and_found_from_two(
-    nowhere: Workplace, tmp_path: Path
-) -> None:
+def test_the_mended_kappa_4_is_unresolved_from_one_azimuth_and_found_from_two(tmp_path: Path) -> None:
     mended = CrossAir(kg_per_rad=EQ_4_11, mended=True)
     turned = [wind._replace(azimuth_rad=wind.azimuth_rad + 2.0) for wind in WINDS[1:]]
     both = recorded(tmp_path, air=mended, winds=[*WINDS, *turned])
-    head, choices = (*HEAD, "azimuth_rad"), DragChoices(mended=True)
-    two = fit_models(read(nowhere, index=both.write(head=head)).experiments, choices)
+    head = (*HEAD, "azimuth_rad")
+    two = drag.fit([], index=both.write(head=head), mended=True)
     both.rows = [row for row in both.rows if row["azimuth_rad"] in ("", "0.4967")]
-    one = fit_models(read(nowhere, index=both.write(head=head)).experiments, choices)
+    one = drag.fit([], index=both.write(head=head), mended=True)
 
-    assert drag_quality(one)["unresolved"] == ("kappa_4",)
-    assert drag_quality(one)["kappa_4_times"] == "|v_xy|"
-    assert any("the matrix times v is not its force" in warning for warning in one.warnings)
-    assert any("one azimuth" in warning for warning in one.warnings)
-    assert drag_quality(two)["unresolved"] == ()
-    assert two.cross is not None
-    assert abs(two.cross.fit.value[2, 0] - EQ_4_11[2, 0]) < 3 * two.cross.fit.std[2, 0]
+    assert one.quality["unresolved"] == ("kappa_4",)
+    assert one.quality["kappa_4_times"] == "|v_xy|"
+    assert {"drag-kappa4-mended", "drag-kappa4-one-azimuth"} <= set(codes(one))
+    assert two.quality["unresolved"] == ()
+    matrix = two.quantities["drag.cross_coupling_kg_per_rad"]
+    assert abs(matrix.value[2, 0] - EQ_4_11[2, 0]) < 3 * matrix.std[2, 0]
 
 
-def test_intercepts_are_told_beside_and_the_complex_model_takes_none() -> None:
-    result = fit_models(exact(SIMPLE_AIR), DragChoices(intercepts=True))
-    found = drag_parameters(result, None)
+def test_intercepts_are_reported_and_the_complex_model_takes_none() -> None:
+    result = drag.fit(exact(SIMPLE_AIR), intercepts=True)
+    found = result.quantities
 
     assert found["drag.simple_kg_per_rad"].value == pytest.approx(EQ_4_8, rel=1e-6)
     assert len(found["drag.intercepts_n.simple"].value) == 15
     assert "drag.intercepts_n.complex" not in found
-    assert NO_INTERCEPTS in result.warnings
+    assert "drag-complex-no-intercepts" in codes(result)
 
 
-def test_the_bodys_own_drag_is_told_beside() -> None:
-    found = drag_parameters(fit_models(exact(SIMPLE_AIR), DragChoices(parasitic=True)), None)
+def test_the_bodys_own_drag_is_reported() -> None:
+    found = drag.fit(exact(SIMPLE_AIR), parasitic=True).quantities
 
     assert found["drag.parasitic_kg_per_m.simple"].value == pytest.approx([0, 0, 0], abs=1e-9)
     assert found["drag.parasitic_kg_per_m.simple"].unit == "kg/m"
 
 
-def test_forces_that_stay_the_same_throughout_a_wind_cannot_both_be_asked_for() -> None:
-    with pytest.raises(ConfigError, match="nothing tells them apart"):
-        ModelOptions(intercepts=True, parasitic=True).choices("default")
+def test_a_model_that_is_not_determined_is_rejected_without_the_others() -> None:
+    experiments = exact(COMPLEX_AIR)
+    result = drag.fit(experiments.at(experiments.wind_mps < 2.3))
+    few = drag.fit(experiments.at(np.isin(experiments.setting, (5, 10))))
+
+    assert result.accepted
+    assert "drag.complex.k1" in result.quantities
+    assert few.accepted
+    assert {"drag.simple_kg_per_rad", "drag.sse_n2.simple"} <= few.without_rejected().quantities.keys()
+    (finding,) = (one for one in few.findings if one.code == "drag-not-determined")
+    assert finding.quantities == ("drag.complex.*", "drag.*.complex")
+    assert "of 12 unknowns of the complex model" in finding.text
 
 
-def test_the_thesis_way_takes_the_tare_of_the_first_500_samples(nowhere: Workplace, tmp_path: Path) -> None:
+def test_what_is_rejected_is_neither_a_quantity_nor_a_line() -> None:
+    experiments = exact(SIMPLE_AIR)
+    experiments.force_n[:] = np.random.default_rng(4).normal(0, 0.02, experiments.force_n.shape)
+    result = drag.fit(experiments)
+
+    assert not result.accepted
+    assert not any(key.startswith("drag.simple") for key in result.without_rejected().quantities)
+    assert not any(line.startswith("  simple") for line in result.lines)
+
+
+def test_quantities_have_covariances_that_agree_with_their_uncertainties() -> None:
+    result = drag.fit(measured(SIMPLE_AIR, np.random.default_rng(3)))
+
+    assert [one.of for one in result.covariances] == [
+        ("drag.simple_kg_per_rad",),
+        ("drag.cross_coupling_kg_per_rad",),
+    ]
+    for one in result.covariances:
+        std = np.ravel(result.quantities[one.of[0]].std)
+        np.testing.assert_allclose(np.sqrt(np.diag(one.matrix)), std)
+
+
+def test_the_thesis_method_takes_the_tare_of_the_first_500_samples(tmp_path: Path) -> None:
     tunnel = recorded(tmp_path)
     for row in tunnel.rows:
         row |= {"from_s": "4", "to_s": "5.5"}
     index = tunnel.write(head=(*HEAD, "from_s", "to_s"))
-    ours, thesis = (read(nowhere, index=index, method=method).experiments for method in ("default", "thesis"))
+    ours, thesis = read(index), read(index, method="thesis")
 
     assert ours.force_n != pytest.approx(thesis.force_n, rel=1e-9)
     assert ours.force_n == pytest.approx(thesis.force_n, abs=0.004)
 
 
-def test_without_a_tachometer_the_rotors_are_heard(nowhere: Workplace, tmp_path: Path) -> None:
+def test_without_a_tachometer_the_speed_is_estimated_from_vibration(tmp_path: Path) -> None:
     record = climbed([30000], motors=(1, 2, 3, 4), hold_s=3.0, rate_hz=2000.0)
     index = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"]
     for name, place in (("still", ",0,0"), ("windy", "48.4,2.9,3.1")):
@@ -217,24 +246,24 @@ def test_without_a_tachometer_the_rotors_are_heard(nowhere: Workplace, tmp_path:
         (tmp_path / f"{name}.csv").write_text("\n".join(["t_s,Fx,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
         index.append(f"30000,{place},,{name}.csv")
     (tmp_path / "wind.csv").write_text("\n".join(index) + "\n")
-    found = read(nowhere, index=tmp_path / "wind.csv")
+    found = read(tmp_path / "wind.csv")
 
     true = 4 * RotorTruth().steady_rad_per_s(np.array(30000.0), volts=3.7)
-    assert found.experiments.speed_sum_rad_s[0] == pytest.approx(true, rel=0.002)
-    assert any("heard in the vibration" in warning for warning in found.warnings)
+    assert found.speed_sum_rad_s[0] == pytest.approx(true, rel=0.002)
+    assert any("estimated from vibration" in text for text in notes(found))
 
 
-# How it is told
+# The command
 
 
 def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFolder) -> None:
     (tunnel.folder / RIG_FILE).write_text(new_rig_text())
-    said = cfid("fit", "drag", "--index", tunnel.write())
+    ended = cfid("fit", "drag", "--index", tunnel.write())
 
-    assert said.returncode == 0, said.stderr
+    assert ended.returncode == 0, ended.stderr
     kept = (tunnel.folder / "parameters.toml").read_text()
     assert "drag.simple_kg_per_rad" in kept
-    assert "<- chosen" in said.stdout
+    assert "<- chosen" in ended.stdout
     names = {path.name for path in (tunnel.folder / "figures").iterdir()}
     assert {"drag_forces.png", "drag_models.svg", "drag_coefficients.png"} <= names
 
@@ -242,17 +271,17 @@ def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFol
 def test_a_swapped_file_is_named_with_code_5_and_force_gives_the_numbers(cfid: Cfid, tunnel: WindFolder) -> None:
     exchange(*(tunnel.row(command, WINDS[2]) for command in DRIVEN))
     index = tunnel.write()
-    said = cfid("fit", "drag", "--index", index, "--no-figures", "--json")
-    assert said.returncode == 5, said.stdout
-    assert json.loads(said.stdout)["parameters"] == {}
-    assert "Traceback" not in said.stderr
+    ended = cfid("fit", "drag", "--index", index, "--no-figures", "--json")
+    assert ended.returncode == 5, ended.stdout
+    assert json.loads(ended.stdout)["parameters"] == {}
+    assert "Traceback" not in ended.stderr
 
     forced = fitted(cfid("fit", "drag", "--index", index, "--no-figures", "--json", "--force"))
     assert not forced["accepted"]
     assert "drag.simple_kg_per_rad" in forced["parameters"]
 
 
-# What is wrong with the inputs
+# Wrong inputs
 
 
 def exchange(one: Row, other: Row) -> None:
@@ -313,12 +342,10 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
 
 
 @pytest.mark.parametrize(("spoil", "sentence"), SPOILT.values(), ids=SPOILT)
-def test_what_is_wrong_is_a_sentence_that_says_where(
-    tunnel: WindFolder, nowhere: Workplace, spoil: Spoil, sentence: str
-) -> None:
+def test_a_wrong_index_or_recording_is_named_with_its_place(tunnel: WindFolder, spoil: Spoil, sentence: str) -> None:
     spoil(tunnel)
     with pytest.raises(DataError, match=re.escape(sentence)):
-        read(nowhere, index=tunnel.write(head=(*HEAD, "from_s", "to_s")))
+        read(tunnel.write(head=(*HEAD, "from_s", "to_s")))
 
 
 @pytest.mark.parametrize(
@@ -330,10 +357,10 @@ def test_what_is_wrong_is_a_sentence_that_says_where(
         ("", "empty"),
     ],
 )
-def test_an_index_that_is_none_is_told(nowhere: Workplace, tmp_path: Path, written: str, sentence: str) -> None:
+def test_a_file_that_is_not_an_index_is_refused(tmp_path: Path, written: str, sentence: str) -> None:
     (tmp_path / "wind.csv").write_text(written)
     with pytest.raises(DataError, match=re.escape(sentence)):
-        read(nowhere, index=tmp_path / "wind.csv")
+        read(tmp_path / "wind.csv")
 
 
 @pytest.mark.parametrize(
@@ -346,73 +373,82 @@ def test_an_index_that_is_none_is_told(nowhere: Workplace, tmp_path: Path, writt
         (f"{TABLE}\n10000,0,0,0,0,4000,0,0,-0.01\n", "no row has both wind and turning rotors"),
     ],
 )
-def test_a_table_that_is_none_is_told(nowhere: Workplace, tmp_path: Path, written: str, sentence: str) -> None:
+def test_a_file_that_is_not_a_table_of_forces_is_refused(tmp_path: Path, written: str, sentence: str) -> None:
     (tmp_path / "forces.csv").write_text(written)
     with pytest.raises(DataError, match=re.escape(sentence)):
-        read(nowhere, table=tmp_path / "forces.csv")
+        drag.read_forces(tmp_path / "forces.csv")
 
 
-def test_a_table_beside_runs_and_nothing_at_all_are_usage_errors(nowhere: Workplace, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="give it alone"):
-        read(nowhere, "somewhere", table=tmp_path / "forces.csv")
-    with pytest.raises(ConfigError, match="nothing to fit"):
-        read(nowhere)
+def test_a_table_states_what_it_lacks(tmp_path: Path) -> None:
+    rows = "10000,0,0,0,3,4000,0,0,-0.01\n10000,0,0,0,0,4000,0,0,-0.01\n"
+    (tmp_path / "forces.csv").write_text(f"{TABLE}\n{rows}")
+    found = drag.read_forces(tmp_path / "forces.csv")
+
+    assert [one.code for one in found.findings] == ["drag-standing-rotors", "drag-table-without-noise"]
+    assert found.findings[0].text.startswith("forces.csv: 1 row(s) without wind or with standing rotors")
 
 
-def test_a_column_that_nobody_reads_is_told(nowhere: Workplace, tunnel: WindFolder) -> None:
+def test_an_unknown_column_is_reported(tunnel: WindFolder) -> None:
     for row in tunnel.rows:
         row["azimut"] = "90"
-    said = read(nowhere, index=tunnel.write(head=(*HEAD, "azimut"))).warnings
+    reported = notes(read(tunnel.write(head=(*HEAD, "azimut"))))
 
-    assert said[0] == "wind.csv: not used: column azimut; it may have azimuth_deg, azimuth_rad, from_s, to_s."
-    assert not any("not used: column" in each for each in read(nowhere, index=tunnel.write()).warnings)
+    assert reported[0] == "wind.csv: not used: column azimut; it may have azimuth_deg, azimuth_rad, from_s, to_s."
+    assert not any("not used: column" in text for text in notes(read(tunnel.write())))
 
 
-def test_a_direction_that_is_no_number_is_a_usage_error(nowhere: Workplace, tunnel: WindFolder) -> None:
+def test_wrong_options_are_usage_errors(cfid: Cfid, tunnel: WindFolder) -> None:
     index = tunnel.write()
-    with pytest.raises(ConfigError, match="--azimuth-rad nan: has to be a number"):
-        read(nowhere, index=index, azimuth_rad=math.nan)
-    with pytest.raises(ConfigError, match="--azimuth-deg and --azimuth-rad are the same: give one of them"):
-        read(nowhere, index=index, azimuth_rad=0.4967, azimuth_deg=28.46)
-    with pytest.raises(ConfigError, match="--yaw-deg inf: has to be a number"):
-        read(nowhere, index=index, yaw_deg=math.inf)
+    for options, sentence in (
+        (("--azimuth-rad", "nan"), "--azimuth-rad nan: has to be a number"),
+        (("--azimuth-rad", 0.4967, "--azimuth-deg", 28.46), "--azimuth-deg and --azimuth-rad are the same"),
+        (("--yaw-deg", "inf"), "--yaw-deg inf: has to be a number"),
+        (("--intercepts", "--parasitic"), "cannot be distinguished: ask for one"),
+        (("--table", index), "give it alone"),
+    ):
+        ended = cfid("fit", "drag", "--index", index, *options)
+        assert (ended.returncode, ended.stdout) == (2, "")
+        assert sentence in ended.stderr
+    assert "nothing to fit" in cfid("fit", "drag").stderr
 
 
-def test_an_azimuth_is_the_same_in_degrees_and_in_radians(nowhere: Workplace, tunnel: WindFolder) -> None:
+def test_an_azimuth_is_the_same_in_degrees_and_in_radians(cfid: Cfid, tunnel: WindFolder) -> None:
     index = tunnel.write()
-    in_deg, in_rad = read(nowhere, index=index, azimuth_deg=60), read(nowhere, index=index, azimuth_rad=math.pi / 3)
-    with_column = tunnel.rows[0].keys() | {"azimuth_deg"}
+    in_deg, in_rad = (
+        fitted(cfid("fit", "drag", "--index", index, "--json", option, value))["parameters"]
+        for option, value in (("--azimuth-deg", 20), ("--azimuth-rad", math.radians(20)))
+    )
     for row in tunnel.rows:
         row["azimuth_deg"] = "60" if row["azimuth_rad"] else ""
-    of_rows = read(nowhere, index=tunnel.write(head=sorted(with_column - {"azimuth_rad"})), azimuth_deg=10)
+    of_rows = read(tunnel.write(head=(*HEAD, "azimuth_deg")), azimuth_deg=10)
 
-    for other in (in_rad, of_rows):
-        np.testing.assert_allclose(in_deg.experiments.velocity_mps, other.experiments.velocity_mps, rtol=1e-12)
-    x, y, _ = in_deg.experiments.velocity_mps[-1]
+    matrix = "drag.cross_coupling_kg_per_rad"
+    np.testing.assert_allclose(in_deg[matrix]["value"], in_rad[matrix]["value"], rtol=1e-9)
+    x, y, _ = of_rows.velocity_mps[-1]
     assert math.degrees(math.atan2(-y, x)) == pytest.approx(60)
 
 
-@pytest.mark.parametrize(("yaw_deg", "told"), [(-45.0, "8[78] degrees right"), (135.0, "9[23] degrees left")])
-def test_a_vehicle_that_was_turned_the_other_way_is_doubted(
-    nowhere: Workplace, tunnel: WindFolder, yaw_deg: float, told: str
+@pytest.mark.parametrize(("yaw_deg", "direction"), [(-45.0, "8[78] degrees right"), (135.0, "9[23] degrees left")])
+def test_a_vehicle_that_was_turned_the_other_way_is_rejected(
+    tunnel: WindFolder, yaw_deg: float, direction: str
 ) -> None:
-    experiments = read(nowhere, index=tunnel.write(), yaw_deg=yaw_deg).experiments
-    (doubt,) = fit_models(experiments, DragChoices()).chosen.doubts
+    result = drag.fit([], index=tunnel.write(), yaw_deg=yaw_deg)
+    (found,) = (one for one in result.findings if one.code == "drag-across-wind")
 
-    assert re.search(f"in x and y the forces point {told} of the wind that should make them: look at yaw", doubt)
+    assert re.search(f"in x and y the forces point {direction} of the wind that should cause them", found.text)
+    assert not result.accepted
 
 
-def test_too_few_experiments_are_told(nowhere: Workplace, tmp_path: Path) -> None:
+def test_too_few_experiments_are_refused(tmp_path: Path) -> None:
     (tmp_path / "forces.csv").write_text(f"{TABLE}\n10000,0,0,0,3,4000,0,0,-0.01\n")
-    experiments = read(nowhere, table=tmp_path / "forces.csv").experiments
 
-    with pytest.raises(FitError, match="tell 1 of 2 unknowns of the simple model apart"):
-        fit_models(experiments, DragChoices())
+    with pytest.raises(FitError, match="determine 1 of 2 unknowns of the simple model"):
+        drag.fit(drag.read_forces(tmp_path / "forces.csv"))
 
 
 def test_every_error_has_its_code(cfid: Cfid, tunnel: WindFolder) -> None:
     without(20000)(tunnel)
-    said = cfid("fit", "drag", "--index", tunnel.write())
-    assert (said.returncode, said.stdout) == (4, "")
-    assert "no run without wind" in said.stderr
+    ended = cfid("fit", "drag", "--index", tunnel.write())
+    assert (ended.returncode, ended.stdout) == (4, "")
+    assert "no run without wind" in ended.stderr
     assert cfid("fit", "drag").returncode == 2

@@ -1,16 +1,17 @@
-"""Drag from runs of `cfid log wind`, as their files tell it."""
+"""Drag from runs of `cfid log wind`."""
 
+import json
 import math
+import subprocess
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cfid.console.inputs import open_workplace
-from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
-from cfid.drag.data import WindEvidence, WindInputs, read_wind_evidence
-from cfid.drag.selection import DragChoices, fit_models
+from cfid import drag
+from cfid.drag.experiments import DragExperiments
 from cfid.drag.wind.plan import WindSetting
 from cfid.errors import DataError, FitError
 from cfid.records.campaign import RIG_FILE, new_rig_text
@@ -21,6 +22,8 @@ from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind import WindTruth
 from tests.motors.stand_in_a_folder import BEGIN_S, COLUMNS, climbed, write_run
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 COMMANDS = (20000, 40000)
 WINDS = (
@@ -88,23 +91,23 @@ def campaign(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def read(folder: Path, *words: object) -> WindEvidence:
-    workplace = open_workplace(RigOptions(campaign=folder))
-    named = [str(word) for word in words]
-    return read_wind_evidence(named, WindInputs(), ReadingOptions(), LoadCellOptions(), workplace, method="default")
+def texts(found: DragExperiments) -> list[str]:
+    return [one.text for one in found.findings]
 
 
-def test_all_runs_of_a_campaign_give_the_coefficients_that_act(campaign: Path) -> None:
-    for seed, wind in enumerate(WINDS):
-        blown(campaign, wind, seed=seed)
-    found = read(campaign)
-    result = fit_models(found.experiments, DragChoices())
+def test_all_runs_of_a_campaign_give_the_coefficients_that_act(campaign: Path, cfid: Cfid) -> None:
+    runs = [blown(campaign, wind, seed=seed) for seed, wind in enumerate(WINDS)]
+    result = drag.fit(runs)
+    ended = cfid("fit", "drag", "--json", folder=campaign)
 
-    true = np.array(WINDS[0].kg_per_rad)
-    assert len(found.experiments.command) == 6
-    assert np.all(np.abs(result.simple_kg_per_rad - true) < 3 * result.simple_std_kg_per_rad)
-    assert np.all(result.simple_std_kg_per_rad < 0.1 * np.abs(true))
-    assert not any("battery" in warning for warning in found.warnings)
+    true, simple = np.array(WINDS[0].kg_per_rad), result.quantities["drag.simple_kg_per_rad"]
+    assert result.quality["experiments"] == 6
+    assert np.all(np.abs(simple.value - true) < 3 * simple.std)
+    assert np.all(simple.std < 0.1 * np.abs(true))
+    assert not any("battery" in one.code for one in result.findings)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)["parameters"]["drag.simple_kg_per_rad"]["value"]
+    assert found == pytest.approx(simple.value, rel=1e-9)
 
 
 def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(campaign: Path) -> None:
@@ -114,90 +117,85 @@ def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(cam
         wind=WindStand(azimuth_deg=-60.0),
     )
     mounted = WindTruth(angle_deg=77.9, speed_mps=3.6, azimuth_deg=-60.0, yaw_deg=10.0)
-    usual: list[str] = []
-    own: list[str] = []
+    usual: list[Run] = []
+    own: list[Run] = []
     for into, stated, wind in ((own, facts, mounted), (usual, NONE_STATED, WINDS[3])):
-        into += [blown(campaign, WINDS[0], facts=stated).folder.name, blown(campaign, wind, facts=stated).folder.name]
-    found, assumed = read(campaign, *own), read(campaign, *usual)
+        into += [blown(campaign, WINDS[0], facts=stated), blown(campaign, wind, facts=stated)]
+    found, assumed = drag.read_runs(own), drag.read_runs(usual)
 
-    velocity, force = (np.mean(each, axis=0) for each in (found.experiments.velocity_mps, found.experiments.force_n))
+    velocity, force = (np.mean(each, axis=0) for each in (found.velocity_mps, found.force_n))
     assert math.degrees(math.atan2(-velocity[1], velocity[0])) == pytest.approx(-60)
     assert -force[:2] @ velocity[:2] / np.linalg.norm(force[:2]) / np.linalg.norm(velocity[:2]) > 0.98
-    assert found.experiments.speed_sum_rad_s * 2 == pytest.approx(assumed.experiments.speed_sum_rad_s)
-    assert force[2] > 0 > assumed.experiments.force_n[:, 2].mean()
-    assert not any("assumed" in warning for warning in found.warnings)
-    told = [warning for warning in assumed.warnings if "assumed" in warning]
-    assert len(told) == 3
-    assert any(
-        "2 recordings: a yaw of 45 degrees on the load cell is assumed, as in version 0.1" in said for said in told
-    )
-    assert any("an azimuth of 28.46 degrees is assumed" in said for said in told)
-    assert any("2 markers of the tachometer are assumed" in said for said in told)
+    assert found.speed_sum_rad_s * 2 == pytest.approx(assumed.speed_sum_rad_s)
+    assert force[2] > 0 > assumed.force_n[:, 2].mean()
+    assert not any("assumed" in text for text in texts(found))
+    notes = [one.text for one in assumed.findings if one.code == "fact-assumed"]
+    assert len(notes) == 3
+    assert "2 recordings: a yaw of 45 degrees on the load cell is assumed, as in version 0.1" in notes[0]
+    assert "an azimuth of 28.46 degrees is assumed" in notes[1]
+    assert "2 markers of the tachometer are assumed" in notes[2]
 
 
-def test_a_reading_that_was_not_typed_is_heard(campaign: Path) -> None:
-    still, windy = blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0, rate_hz=2000.0)
-    found = read(campaign, still.folder.name, windy.folder.name)
+def test_a_reading_that_was_not_typed_is_estimated_from_vibration(campaign: Path) -> None:
+    found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0, rate_hz=2000.0)])
 
-    assert any("heard in the vibration" in warning for warning in found.warnings)
+    assert any("estimated from vibration" in text for text in texts(found))
     true = [4 * RotorTruth().steady_rad_per_s(np.array(command), volts=3.7) for command in COMMANDS]
-    assert found.experiments.speed_sum_rad_s == pytest.approx(true, rel=0.005)
+    assert found.speed_sum_rad_s == pytest.approx(true, rel=0.005)
 
 
-def test_what_is_sampled_too_slowly_to_be_heard_is_asked_for(campaign: Path) -> None:
-    blown(campaign, WINDS[0])
-    blown(campaign, WINDS[2], typed=0)
+def test_a_rate_too_low_to_estimate_the_speed_is_refused(campaign: Path) -> None:
+    runs = [blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0)]
     with pytest.raises(FitError, match="sampled at 1000 Hz: 2000 are needed"):
-        read(campaign)
+        drag.read_runs(runs)
 
 
-def test_a_command_without_a_reading_is_left_out_beside_one_that_has_it(campaign: Path) -> None:
-    blown(campaign, WINDS[0])
-    blown(campaign, WINDS[2], typed=1)
-    found = read(campaign)
+def test_a_command_without_a_reading_is_left_out_and_another_of_the_run_is_not(campaign: Path) -> None:
+    found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=1)])
 
-    assert found.experiments.command.tolist() == [20000]
-    assert any("command 40000: no tachometer reading" in said and "It is left out." in said for said in found.warnings)
-
-
-def test_a_battery_below_that_of_the_reference_is_told(campaign: Path) -> None:
-    blown(campaign, WINDS[0])
-    blown(campaign, WINDS[2], volts=3.65)
-    (warning,) = (said for said in read(campaign).warnings if "battery" in said)
-
-    assert "2 run(s) had another battery voltage than their reference" in warning
-    assert "by -1.4 %" in warning
+    assert found.command.tolist() == [20000]
+    (left_out,) = (one for one in found.findings if one.code == "drag-rotor-speed-unknown")
+    assert "command 40000: no tachometer reading" in left_out.text
+    assert left_out.text.endswith("It is left out.")
 
 
-def test_a_run_of_something_else_is_no_run_in_wind(campaign: Path) -> None:
+def test_a_battery_below_that_of_the_reference_is_reported(campaign: Path) -> None:
+    found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], volts=3.65)])
+    (text,) = (one.text for one in found.findings if one.code == "drag-battery-differs")
+
+    assert "2 run(s) had another battery voltage than their reference" in text
+    assert "by -1.4 %" in text
+
+
+def test_a_run_of_another_kind_is_refused(campaign: Path) -> None:
     other = write_run(campaign, climbed(COMMANDS), steps=COMMANDS)
-    with pytest.raises(DataError, match="is no run of `cfid log wind` that says its wind"):
-        read(campaign, other.folder)
+    with pytest.raises(DataError, match="not a run of `cfid log wind` that states its wind"):
+        drag.read_runs([other])
 
 
-def test_a_file_is_no_run(campaign: Path) -> None:
+def test_a_file_is_not_a_run(campaign: Path) -> None:
     (campaign / "some.csv").write_text("t,Fx\n")
-    with pytest.raises(DataError, match="no run folder; recordings of others are named in an --index FILE"):
-        read(campaign, campaign / "some.csv")
+    with pytest.raises(DataError, match="not a run folder; other recordings are listed in an index file"):
+        drag.read_runs([campaign / "some.csv"])
 
 
-def test_a_run_that_is_named_twice_is_told(campaign: Path) -> None:
+def test_a_run_that_is_named_twice_is_refused(campaign: Path) -> None:
     still, windy = blown(campaign, WINDS[0]), blown(campaign, WINDS[2])
     with pytest.raises(DataError, match=r"the same recording as .*: name each once"):
-        read(campaign, still.folder.name, windy.folder.name, windy.folder)
+        drag.read_runs([still, windy, windy.folder])
 
 
-def test_wind_without_any_reference_is_told(campaign: Path) -> None:
-    blown(campaign, WINDS[2])
+def test_wind_without_any_reference_is_refused(campaign: Path) -> None:
+    run = blown(campaign, WINDS[2])
     with pytest.raises(DataError, match="no run without wind at command 20000, 40000"):
-        read(campaign)
+        drag.read_runs([run])
 
 
-def test_one_wind_is_fitted_and_not_judged(campaign: Path) -> None:
-    blown(campaign, WINDS[0])
-    blown(campaign, WINDS[2])
-    result = fit_models(read(campaign).experiments, DragChoices())
+def test_one_wind_setting_is_fitted_without_a_comparison(campaign: Path) -> None:
+    result = drag.fit([blown(campaign, WINDS[0]), blown(campaign, WINDS[2])])
 
-    assert result.comparison is None
-    assert result.chosen is result.simple
-    assert any("too few to leave one out" in warning for warning in result.warnings)
+    assert result.accepted
+    assert (result.quality["chosen"], result.quality["margin_nats"]) == ("simple", None)
+    (found,) = (one for one in result.findings if one.code == "drag-models-not-compared")
+    assert "too few to leave one out" in found.text
+    assert not any("<- chosen" in line for line in result.lines)

@@ -8,8 +8,7 @@ import pytest
 from cfid.drag.estimation import fit_drag
 from cfid.drag.experiments import DragExperiments, experiments_from_table
 from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
-from cfid.drag.normalisation import normalise
-from cfid.drag.thesis import group_simple
+from cfid.drag.thesis import group_rows, lateral_kg_per_rad, means_gain, normalise, ratios_kg_per_rad
 from cfid.errors import FitError
 from cfid.sim.wind_tunnel import Air, ComplexAir, CrossAir, SimpleAir
 from tests.drag.test_drag_campaigns import (
@@ -61,7 +60,10 @@ def test_forces_made_with_4_8_4_9_and_4_11_give_the_coefficients_back_to_six_dig
 
 
 def test_the_means_of_c_3_1_give_4_8_back_too() -> None:
-    np.testing.assert_allclose(group_simple(exact(SIMPLE_AIR)).value, EQ_4_8, rtol=1e-9)
+    experiments = exact(SIMPLE_AIR)
+    fit = fit_drag(experiments, SIMPLE, gain=means_gain(experiments))
+
+    np.testing.assert_allclose(fit.value, EQ_4_8, rtol=1e-9)
 
 
 def test_a_table_of_reduced_forces_gives_the_same() -> None:
@@ -120,41 +122,51 @@ def test_plain_least_squares_leaves_no_other_coefficients_with_smaller_squared_e
 def test_each_experiment_has_its_own_coefficients_and_x_and_y_of_wind_from_above_have_none(
     noisy: DragExperiments,
 ) -> None:
-    groups = group_simple(noisy)
+    each, lateral = ratios_kg_per_rad(noisy), lateral_kg_per_rad(noisy)
     row, above = cell(noisy, 48.4, 2.85, 37300), noisy.angle_deg == 0
     product = noisy.speed_sum_rad_s[row] * noisy.velocity_mps[row]
 
-    np.testing.assert_allclose(groups.each[row], noisy.force_n[row] / product)
-    assert groups.lateral[row] == pytest.approx(groups.each[row, :2].mean())
-    assert np.isnan(groups.each[above, :2]).all()
-    assert np.isnan(groups.lateral[above]).all()
-    assert np.isfinite(groups.each[above, 2]).all()
+    np.testing.assert_allclose(each[row], noisy.force_n[row] / product)
+    assert lateral[row] == pytest.approx(each[row, :2].mean())
+    assert np.isnan(each[above, :2]).all()
+    assert np.isnan(lateral[above]).all()
+    assert np.isfinite(each[above, 2]).all()
 
 
 def test_groups_are_means_over_winds_over_commands_and_over_both(noisy: DragExperiments) -> None:
-    groups = group_simple(noisy)
-    for group in (*groups.by_command, *groups.by_wind, *groups.by_angle):
-        rows = noisy.angle_deg == group.angle_deg
-        if group.command is not None:
-            rows &= noisy.command == group.command
-        if group.wind_mps is not None:
-            rows &= np.isclose(noisy.wind_mps, group.wind_mps)
-        assert group.kg_per_rad == pytest.approx(groups.lateral[rows].mean())
+    by_command, by_wind, by_angle = (group_rows(noisy, grouping) for grouping in ("command", "wind", "angle"))
+    for group in (*by_command, *by_wind, *by_angle):
+        rows = noisy.angle_deg == group["angle_deg"]
+        if "command" in group:
+            rows &= noisy.command == group["command"]
+        if "wind_mps" in group:
+            rows &= np.isclose(noisy.wind_mps, group["wind_mps"])
+        assert group["kg_per_rad"] == pytest.approx(lateral_kg_per_rad(noisy)[rows].mean())
 
-    assert (len(groups.by_command), len(groups.by_wind), len(groups.by_angle)) == (12, 10, 2)
-    lateral = np.mean([group.kg_per_rad for group in groups.by_angle])
-    np.testing.assert_allclose(groups.value, [lateral, lateral, groups.each[:, 2].mean()])
+    assert (len(by_command), len(by_wind), len(by_angle)) == (12, 10, 2)
+    lateral = np.mean([group["kg_per_rad"] for group in by_angle])
+    value = fit_drag(noisy, SIMPLE, gain=means_gain(noisy)).value
+    np.testing.assert_allclose(value, [lateral, lateral, ratios_kg_per_rad(noisy)[:, 2].mean()])
 
 
-def test_the_complex_model_beside_intercepts_is_refused_at_rank_51_of_57(noisy: DragExperiments) -> None:
-    with pytest.raises(FitError, match="tell 51 of 57 unknowns of the complex model apart"):
+def test_every_angle_weighs_the_same_in_x_and_y_however_often_it_was_recorded(noisy: DragExperiments) -> None:
+    uneven = noisy.at((noisy.angle_deg != 77.9) | (noisy.command > 30000))
+    of_angles = [group["kg_per_rad"] for group in group_rows(uneven, "angle")]
+    value = fit_drag(uneven, SIMPLE, gain=means_gain(uneven)).value
+
+    np.testing.assert_allclose(value[:2], np.mean(of_angles))
+    assert value[0] != pytest.approx(np.nanmean(lateral_kg_per_rad(uneven)), rel=1e-3)
+
+
+def test_the_complex_model_with_intercepts_is_refused_at_rank_51_of_57(noisy: DragExperiments) -> None:
+    with pytest.raises(FitError, match="determine 51 of 57 unknowns of the complex model"):
         fit_drag(noisy, COMPLEX, intercepts=True)
 
 
 def test_winds_from_above_alone_are_refused(noisy: DragExperiments) -> None:
     above = noisy.at(noisy.angle_deg == 0)
 
-    with pytest.raises(FitError, match="tell 1 of 2 unknowns"):
+    with pytest.raises(FitError, match="determine 1 of 2 unknowns"):
         fit_drag(above, SIMPLE)
     with pytest.raises(FitError, match="record another angle"):
-        group_simple(above)
+        means_gain(above)

@@ -1,12 +1,14 @@
-"""Conventions of wind and frames: which way the vehicle moves through the air, and which way the load cell sits."""
+"""Conventions of wind and frames: how the vehicle moves through the air, and what readings of the wind mean."""
 
 import math
 
 import numpy as np
 import pytest
 
-from cfid.drag.wind.frames import speed_sum_rad_s, std_turned_about_z, velocity_in_air, wind_speed
+from cfid.drag.wind.frames import std_turned_about_z, velocity_in_air, wind_speed
+from cfid.motors.points import rotor_speed_rad_s
 from cfid.records.frames import turn_about_z
+from cfid.units import ROTORS
 
 
 def test_wind_from_above_is_a_climb() -> None:
@@ -29,7 +31,7 @@ def test_the_angle_is_that_to_the_vertical_and_the_speed_is_kept() -> None:
     np.testing.assert_allclose(velocity[:, 2], speeds * np.cos(angles))
 
 
-def test_deviations_turn_as_those_of_independent_axes() -> None:
+def test_uncertainties_turn_as_those_of_independent_axes() -> None:
     rng = np.random.default_rng(5)
     std = np.array([0.3, 1.2, 0.7])
     drawn = turn_about_z(std * rng.standard_normal((200_000, 3)), yaw_deg=34.4)
@@ -37,7 +39,7 @@ def test_deviations_turn_as_those_of_independent_axes() -> None:
     np.testing.assert_allclose(std_turned_about_z(std, yaw_deg=34.4), drawn.std(axis=0), rtol=0.01)
 
 
-def test_wind_is_the_middle_of_its_readings_and_deviates_as_if_it_were_anything_between() -> None:
+def test_wind_is_the_middle_of_its_readings_and_uniformly_distributed_between_them() -> None:
     rng = np.random.default_rng(5)
     mean, std = wind_speed(min_mps=[2.8, 1.5], max_mps=[3.6, 1.5])
 
@@ -48,5 +50,5 @@ def test_wind_is_the_middle_of_its_readings_and_deviates_as_if_it_were_anything_
 def test_four_rotors_turn_at_half_of_what_a_tachometer_shows_of_two_markers() -> None:
     shown = [15400, 21900, 27800, 31600, 33400, 39300]
 
-    assert speed_sum_rad_s(shown).mean() == pytest.approx(5913.2, abs=0.05)
-    assert speed_sum_rad_s(60, markers=1, rotors=1) == pytest.approx(2 * math.pi)
+    assert ROTORS * rotor_speed_rad_s(shown, markers=2).mean() == pytest.approx(5913.2, abs=0.05)
+    assert rotor_speed_rad_s(60, markers=1) == pytest.approx(2 * math.pi)

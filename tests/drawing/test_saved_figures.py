@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from cfid.drawing.save import save_figure
 from cfid.drawing.style import draw_line, figure, name_panel, styled
 from cfid.errors import ConfigError
+from tests.places import ROOT
 
 
 @styled
@@ -101,9 +102,9 @@ def test_drawing_neither_loads_pyplot_nor_touches_its_settings() -> None:
     code = """
 import sys, matplotlib
 before = dict(matplotlib.rcParams.copy())
-import cfid.swing.bias_figures as drawn, numpy as np
+import docs.make_figures as drawn, numpy as np
 drawn.bias_figure(*np.ones((4, 5)))
 assert dict(matplotlib.rcParams.copy()) == before
 assert "matplotlib.pyplot" not in sys.modules
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

@@ -75,7 +75,7 @@ def test_friction_is_a_line_through_the_speeds_that_falls_tend_to(drop: MakeDrop
     assert page.overlapping() == []
 
 
-def test_one_weight_alone_says_that_it_cannot_tell_two_frictions_apart(drop: MakeDrop, look: Look) -> None:
+def test_one_weight_alone_does_not_separate_two_frictions(drop: MakeDrop, look: Look) -> None:
     drops = [drop(0.03, seed=1), drop(0.03, seed=2)]
     page = look(
         friction_figure(
@@ -87,4 +87,4 @@ def test_one_weight_alone_says_that_it_cannot_tell_two_frictions_apart(drop: Mak
     )
     written = " ".join(text.get_text() for text in page.texts())
     assert "one weight alone" in written
-    assert "not told" in written
+    assert "not determined" in written

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from cfid.inertia import figures as inertia_figures
+from cfid.inertia.comparison import BodyComparison
 from cfid.inertia.estimation import InertiaFit, fit_inertia
-from cfid.inertia.testbody import Comparison
 from cfid.records.campaign import thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.units import MM
@@ -35,7 +35,7 @@ def _fit(axes: list[str], *, std: float = 4e-3, scatter: float = 0.0) -> Inertia
     return fit_inertia(AxisInertias(swings, body, Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)))
 
 
-def test_the_parts_of_a_bar_add_up_to_the_entrys_deviation(look: Look) -> None:
+def test_the_parts_of_a_bar_add_up_to_the_entrys_standard_uncertainty(look: Look) -> None:
     fit = _fit(list(THESIS))
     page = look(inertia_figures.budget_figure(fit, axes=list(THESIS)))
     tops = np.zeros(6)
@@ -60,9 +60,9 @@ def test_a_mounts_curve_is_zero_at_its_best_distance_and_meets_its_swing(look: L
     for i, curve in enumerate(curves):
         distance, sensitivity = curve.get_data()
         falling = (sensitivity[::-1], distance[::-1])
-        assert np.interp(0.0, *falling) == pytest.approx(1e3 * fit.best_distance_m[i], rel=1e-3)
-        own = np.interp(1e3 * fit.distance_m[i], distance, sensitivity)
-        assert own == pytest.approx(1e3 * fit.sensitivity_kg_m[i], abs=1e-4)
+        assert np.interp(0.0, *falling) == pytest.approx(1e3 * fit.axes.best_distance_m[i], rel=1e-3)
+        own = np.interp(1e3 * fit.axes.distance_m[i], distance, sensitivity)
+        assert own == pytest.approx(1e3 * fit.axes.sensitivity_kg_m[i], abs=1e-4)
 
 
 def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> None:
@@ -76,14 +76,14 @@ def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> 
     assert page.overlapping() == []
 
 
-def test_swings_that_contradict_each_other_are_said_in_red(look: Look) -> None:
+def test_swings_that_contradict_each_other_are_marked_in_red(look: Look) -> None:
     axes = [axis for axis in THESIS for _ in range(3)]
     fit = _fit(axes, std=1e-3, scatter=0.05)
-    assert fit.doubts
-    assert "Not believed" in look(inertia_figures.budget_figure(fit, axes=axes)).red()
+    assert [finding.code for finding in fit.findings] == ["inertia-swings-contradict"]
+    assert "Rejected" in look(inertia_figures.budget_figure(fit, axes=axes)).red()
 
 
-def test_inputs_without_deviations_make_an_empty_budget() -> None:
+def test_inputs_without_uncertainties_make_an_empty_budget() -> None:
     fit = _fit(list(THESIS))
     nothing = {name: 0.0 * part for name, part in fit.budget.items()}
     certain = InertiaFit(**{**vars(fit), "budget": nothing, "std_kg_m2": 0.0 * fit.std_kg_m2})
@@ -92,7 +92,7 @@ def test_inputs_without_deviations_make_an_empty_budget() -> None:
 
 def test_the_test_bodys_difference_keeps_its_sign(look: Look) -> None:
     comparisons = [
-        Comparison(
+        BodyComparison(
             axis=axis,
             calculated_kg_m2=6.4e-6,
             calculated_std_kg_m2=2e-8,

@@ -10,8 +10,7 @@ from cfid.errors import FitError
 from cfid.inertia.consistency import is_consistent, nearest_consistent
 from cfid.inertia.estimation import fit_inertia, icosahedron_axes, matrix_rows, off_diagonal_gain
 from cfid.records.campaign import Fixture, Mount, thesis_rig
-from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
-from cfid.swing.bodies import axis_distance, axis_inertia
+from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody, axis_distance, axis_inertia
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
@@ -157,7 +156,7 @@ def test_five_axes_and_six_in_a_plane_are_refused() -> None:
             fit_inertia(AxisInertias(swings_of(body), body, SITE))
 
 
-def test_a_swing_that_contradicts_the_others_is_said_and_widens_the_deviations() -> None:
+def test_a_swing_that_contradicts_the_others_is_rejected_and_widens_the_uncertainties() -> None:
     names = {**AXES, "xy2": (1, -1, 0), "xz2": (1, 0, -1), "yz2": (0, 1, -1)}
     body = body_with({name: mount_along(direction) for name, direction in names.items()})
     swings = swings_of(body, std=1e-4)
@@ -165,11 +164,14 @@ def test_a_swing_that_contradicts_the_others_is_said_and_widens_the_deviations()
     spoilt = [*swings[:-1], MountedSwing(axis="yz2", value=1.01 * swings[-1].value, std=swings[-1].std)]
     fit = fit_inertia(AxisInertias(spoilt, body, SITE))
 
-    assert honest.doubts == ()
+    assert honest.findings == ()
     assert honest.chi_squared < 1e-6
-    assert fit.freedom == 3
-    assert "scatter" in fit.doubts[0]
+    assert fit.degrees_of_freedom == 3
+    assert "scatter" in fit.findings[0].text
     assert np.all(fit.std_kg_m2 > 3 * honest.std_kg_m2)
+    # Birge's ratio: what the swings scatter beyond their uncertainties widens those of the entries.
+    assert fit.std_kg_m2 == pytest.approx(np.sqrt(fit.chi_squared / 3) * honest.std_kg_m2, rel=0.05)
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx(fit.std_kg_m2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
 
 def test_repeated_swings_share_their_mounts_error() -> None:
@@ -183,7 +185,7 @@ def test_repeated_swings_share_their_mounts_error() -> None:
     assert np.all(four.budget["swing fits"] < 0.55 * first.budget["swing fits"])
 
 
-def test_the_budget_adds_up_to_the_deviation() -> None:
+def test_the_budget_adds_up_to_the_standard_uncertainty() -> None:
     fit = fit_inertia(AxisInertias(known(MORE_PEAKS, std=1e-8), thesis_body(), SITE))
     total = np.sqrt(sum(share**2 for share in fit.budget.values()))
 
@@ -194,13 +196,13 @@ def test_the_budget_adds_up_to_the_deviation() -> None:
 def test_an_error_of_the_distance_is_not_felt_at_the_best_distance() -> None:
     body = body_with({name: mount_along(direction) for name, direction in AXES.items()})
     fit = fit_inertia(AxisInertias(swings_of(body), body, SITE))
-    best = dict(zip(AXES, fit.best_distance_m, strict=True))
+    best = dict(zip(AXES, fit.axes.best_distance_m, strict=True))
     z = best["z"]
     moved = body_with({**body.mounts, "z": Mount(point_mm=(1e3 * z, 0, 0), direction=(0, 0, 1))})
     again = fit_inertia(AxisInertias(swings_of(moved), moved, SITE))
 
     assert z == pytest.approx(np.sqrt(29.0e-6 / 0.028), rel=1e-9)
-    assert again.sensitivity_kg_m[2] == pytest.approx(0.0, abs=1e-12)
+    assert again.axes.sensitivity_kg_m[2] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_empty_fixture_is_taken_off_at_the_common_axis() -> None:
@@ -219,7 +221,7 @@ def test_the_empty_fixture_is_taken_off_at_the_common_axis() -> None:
     assert fit_inertia(AxisInertias(loaded, body, SITE)).matrix_kg_m2 != pytest.approx(TRUTH, rel=1e-3)
 
 
-def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_and_said() -> None:
+def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_with_a_warning() -> None:
     sheet = 1e-6 * np.array([[10.0, 0, 0], [0, 10.0, 0], [0, 0, 21.0]])  # zz above xx + yy: no body
     body = body_with({name: mount_along(direction, direction_std_deg=0.5) for name, direction in AXES.items()})
     fit = fit_inertia(AxisInertias(swings_of(body, sheet, std=1e-3), body, SITE))
@@ -227,7 +229,7 @@ def test_an_impossible_matrix_is_replaced_by_the_nearest_possible_one_and_said()
     assert not is_consistent(sheet)
     assert fit.raw_matrix_kg_m2 == pytest.approx(sheet, rel=1e-9)
     assert is_consistent(fit.matrix_kg_m2)
-    assert "no possible body" in fit.warnings[0]
+    assert "no possible body" in fit.findings[0].text
     assert np.abs(fit.matrix_kg_m2 - sheet).max() < 1e-6
 
 

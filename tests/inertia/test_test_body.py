@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
-from cfid.inertia.testbody import compare
+from cfid.inertia.comparison import compare
 from cfid.records.campaign import Cuboid, TestBody, thesis_rig
-from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, swung_test_body
-from cfid.swing.bodies import axis_distance, from_cuboids
+from cfid.swing.axis_inertias import (
+    AxisInertias,
+    MountedSwing,
+    Surroundings,
+    axis_distance,
+    from_cuboids,
+    swung_test_body,
+)
 
 SITE = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)
 

@@ -54,11 +54,11 @@ def test_the_ten_degree_rule_stops_at_the_last_peak_of_ten_degrees() -> None:
     assert heights[found.peaks_used - 1] >= 10 > heights[found.peaks_used]
 
 
-def test_more_peaks_than_there_are_is_said() -> None:
+def test_more_peaks_than_there_are_is_noted() -> None:
     found = find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
 
     assert found.peaks_used == len(found.peak_time_s)
-    assert "99 peaks were asked for" in found.warnings[0]
+    assert "99 peaks were requested" in found.findings[0].text
 
 
 def test_a_record_that_begins_in_free_swing_is_taken_from_its_first_sample() -> None:
@@ -75,7 +75,7 @@ def test_a_swing_pushed_again_ends_before_the_push() -> None:
     found = find_swing(np.asarray(0.001 * np.arange(len(pushed)), dtype=np.float64), pushed)
 
     assert found.time_s[found.end] < 4.6
-    assert "higher than the one before" in found.warnings[0]
+    assert "higher than the one before" in found.findings[0].text
 
 
 def test_a_window_by_hand_is_kept() -> None:
@@ -108,6 +108,6 @@ def test_three_peaks_are_too_few() -> None:
         find_swing(time_s[:3000], angle[:3000])
 
 
-def test_a_window_without_samples_is_said() -> None:
+def test_a_window_without_samples_is_refused() -> None:
     with pytest.raises(DataError, match="lie in the window"):
         find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=100.0)

@@ -71,14 +71,14 @@ def test_a_good_residual_is_white_noise(page: Any) -> None:
     assert np.mean(np.abs(correlation[1:]) <= band.get_y() + band.get_height()) > 0.9
 
 
-def test_a_believed_swing_has_nothing_red(page: Any) -> None:
+def test_an_accepted_swing_has_nothing_red(page: Any) -> None:
     assert page.red() == ""
 
 
-def test_a_doubted_swing_says_so_in_red(shaken_page: Any, shaken: tuple[FreeSwing, SwingFit]) -> None:
+def test_a_rejected_swing_is_marked_in_red(shaken_page: Any, shaken: tuple[FreeSwing, SwingFit]) -> None:
     red = shaken_page.red()
-    assert not shaken[1].believed
-    assert "Not believed" in red
+    assert not shaken[1].accepted
+    assert "Rejected" in red
     assert "NO" in red
 
 

@@ -10,7 +10,8 @@ from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import ARM_M, SILENT_CELL, Bench, LinearTruth, SimulatedSine, simulate_sines
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import Channel, RecordedSine, thrust_of
-from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan
+from cfid.transfer.sines.plan import SAMPLE_S, Sine
+from cfid.transfer.sines.reports import Reports
 
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)
 FIRST_PERIODS = (*range(1, 16), *range(20, 101, 5))  # table 3.1 as far as C.2.5 tells, without 0 and what is cut off
@@ -52,8 +53,7 @@ def recorded(runs: Sequence[SimulatedSine], *, stamped: bool = True, channel: Ch
 
 
 def _recorded(run: SimulatedSine, stamped: bool, channel: Channel) -> RecordedSine:
-    plan = SinePlan(
-        name=f"l = {run.periods}",
+    sine = Sine(
         periods=run.periods,
         samples=run.samples,
         amplitude=run.amplitude,
@@ -62,7 +62,8 @@ def _recorded(run: SimulatedSine, stamped: bool, channel: Channel) -> RecordedSi
     on_board = (run.report_sample, run.report_vehicle_us) if stamped else (None, None)
     wrench = run.counts / 1e6
     return RecordedSine(
-        plan=plan,
+        name=f"l = {run.periods}",
+        sine=sine,
         reports=Reports(run.report_host_s, run.report_command, *on_board),
         time_s=run.time_s,
         force_n=thrust_of(channel, wrench[:, :3], wrench[:, 3:], arm_m=ARM_M, motor=run.motor),
@@ -73,9 +74,9 @@ def exact(b0: float, a1: float, *, periods: Sequence[int], samples: int, cut: bo
     """Make runs of y[n] = a1 y[n-1] + b0 u[n] at 500 Hz without noise or latency; u is cut to integers, or is not."""
     runs = []
     for l in periods:  # noqa: E741
-        plan = SinePlan(name=f"l = {l}", periods=l, samples=samples, amplitude=20000)
-        whole = plan.commands()
-        commands = whole if cut else 20000 * np.cos(plan.omega_rad * np.arange(samples)) + 30000
+        sine = Sine(periods=l, samples=samples, amplitude=20000)
+        whole = sine.commands()
+        commands = whole if cut else 20000 * np.cos(sine.omega_rad * np.arange(samples)) + 30000
         force, state = [], 0.0
         for command in commands.tolist():
             state = a1 * state + b0 * command
@@ -86,6 +87,12 @@ def exact(b0: float, a1: float, *, periods: Sequence[int], samples: int, cut: bo
         reports = Reports(np.append(crossing, samples) * SAMPLE_S, np.append(whole[crossing], 0.0))
         time_s = np.asarray(np.arange(-len(rest), samples + len(rest)) * SAMPLE_S)
         runs.append(
-            RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=np.concatenate([rest, force, rest]))
+            RecordedSine(
+                name=f"l = {l}",
+                sine=sine,
+                reports=reports,
+                time_s=time_s,
+                force_n=np.concatenate([rest, force, rest]),
+            )
         )
     return runs

@@ -37,7 +37,7 @@ def test_the_usual_plan_divides_n_where_it_can() -> None:
     periods = log_spaced(4000).periods
 
     assert {2, 4, 5, 8, 16, 20, 25, 32, 40, 50, 80, 100} <= set(periods)
-    assert "13 divide N" in log_spaced(4000).told
+    assert "13 divide N" in log_spaced(4000).text
 
 
 def test_the_thesis_plans_are_table_3_1_as_far_as_it_tells() -> None:
@@ -46,7 +46,7 @@ def test_the_thesis_plans_are_table_3_1_as_far_as_it_tells() -> None:
         assert (plan.periods[0], plan.periods[-1]) == (0, samples // 2)
         assert (plan.samples, plan.amplitude, plan.motor) == (samples, 20000, motor)
         assert np.all(np.diff(plan.periods, 2) >= 0)  # "not constant but increasing"
-        assert "reconstructed" in plan.told
+        assert "reconstructed" in plan.text
     assert THESIS_FIRST.periods[:33] == (*range(16), *range(20, 101, 5))
 
 

@@ -11,7 +11,8 @@ from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
 from cfid.transfer.sines.alignment import RecordedSine, align, held, thrust_of
-from cfid.transfer.sines.reports import SAMPLE_S, Reports, SinePlan, match_reports
+from cfid.transfer.sines.plan import SAMPLE_S, Sine
+from cfid.transfer.sines.reports import Reports, match_reports
 from cfid.wire import app
 from tests.firmware.stand import MAY_RUN, new_core
 from tests.transfer.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
@@ -38,7 +39,7 @@ def played_on_board(periods: int, samples: int, amplitude: int) -> tuple[list[in
 
 @pytest.mark.parametrize(("periods", "samples", "amplitude"), [(12, 400, 20000), (40, 400, 20000), (7, 300, 35000)])
 def test_the_input_is_reconstructed_as_the_app_plays_it(periods: int, samples: int, amplitude: int) -> None:
-    plan = SinePlan(name="run", periods=periods, samples=samples, amplitude=amplitude)
+    sine = Sine(periods=periods, samples=samples, amplitude=amplitude)
     commands, reports = played_on_board(periods, samples, amplitude)
     stamped = Reports(
         np.array([1e-6 * (report.microseconds or 0) for report in reports]),
@@ -47,9 +48,9 @@ def test_the_input_is_reconstructed_as_the_app_plays_it(periods: int, samples: i
         np.array([float(report.microseconds or 0) for report in reports]),
     )
 
-    assert plan.commands().tolist() == commands
-    by_sample = match_reports(plan, stamped)
-    by_order = match_reports(plan, stamped._replace(sample=None, vehicle_us=None))
+    assert sine.commands().tolist() == commands
+    by_sample = match_reports(sine, stamped)
+    by_order = match_reports(sine, stamped._replace(sample=None, vehicle_us=None))
     assert by_sample.sample[:-1].tolist() == by_order.sample.tolist()
 
 
@@ -91,7 +92,7 @@ def test_the_arm_finds_a_motors_thrust_whatever_the_yaw_and_not_with_another(mot
 
 
 def test_all_motors_together_make_no_torque_about_an_arm() -> None:
-    with pytest.raises(DataError, match="take Fz"):
+    with pytest.raises(DataError, match="the channel Fz"):
         thrust_of("arm", np.zeros((2, 3)), np.zeros((2, 3)), arm_m=ARM_M, motor=0)
 
 
@@ -134,7 +135,7 @@ def test_host_stamps_tell_the_start_as_well_as_they_say() -> None:
         )
         stated = [np.hypot(run.start_std_s, run.shared_s["quickest"]) for run in series.runs]
         scores.append(errors / stated)
-        assert "phase of its sine" in series.notes[0]
+        assert series.findings[0].code == "sine-without-stamps"
 
     assert 0.5 < np.std(scores) < 1.5
 
@@ -188,10 +189,10 @@ def test_a_report_that_the_radio_lost_is_no_obstacle(periods: int, stamped: bool
 
 def test_a_sine_of_the_module_of_2015_may_cross_an_exact_middle_a_sample_late() -> None:
     run = recorded(simulated((10,)), stamped=False)[0]  # N/l is 400: it crosses at 100, 300, ...
-    upward = np.flatnonzero(np.diff(run.plan.commands()[np.arange(299, 302)]) > 0)
+    upward = np.flatnonzero(np.diff(run.sine.commands()[np.arange(299, 302)]) > 0)
     command = run.reports.command.copy()
-    command[2] += run.plan.amplitude * run.plan.omega_rad
-    matched = match_reports(run.plan, run.reports._replace(command=command))
+    command[2] += run.sine.amplitude * run.sine.omega_rad
+    matched = match_reports(run.sine, run.reports._replace(command=command))
 
     assert len(upward)
     assert matched.sample[:4].tolist() == [0, 100, 301, 500]
@@ -208,9 +209,9 @@ def kept(run: RecordedSine, rows: slice) -> RecordedSine:
 
 def cut_at(run: RecordedSine, samples: int) -> RecordedSine:
     """Let the motors stop after so many samples."""
-    before = int(np.searchsorted(run.plan.commands().cumsum() * 0 + np.arange(run.plan.samples), samples))
+    before = int(np.searchsorted(run.sine.commands().cumsum() * 0 + np.arange(run.sine.samples), samples))
     stamps = run.reports
-    sample = simulated((run.plan.periods,))[0].report_sample
+    sample = simulated((run.sine.periods,))[0].report_sample
     rows = np.flatnonzero(sample < before)
     end_s = stamps.host_s[0] + samples * SAMPLE_S
     return replace(
@@ -248,22 +249,22 @@ def test_a_wrong_n_is_refused(periods: int, stamped: bool) -> None:
     run = recorded(simulated((periods,)), stamped=stamped)[0]
     for samples in (2000, 8000):
         with pytest.raises(DataError, match=f"N is not {samples}"):
-            align([replace(run, plan=replace(run.plan, samples=samples))])
+            align([replace(run, sine=replace(run.sine, samples=samples))])
 
 
 @pytest.mark.parametrize("stamped", [True, False])
 @pytest.mark.parametrize(("one", "other"), [(11, 12), (12, 25), (3, 60), (95, 100), (100, 1)])
 def test_two_runs_that_were_swapped_are_refused(one: int, other: int, stamped: bool) -> None:
     first, second = recorded(simulated((one, other)), stamped=stamped)
-    for plan, run in ((first.plan, second), (second.plan, first)):
+    for sine, run in ((first.sine, second), (second.sine, first)):
         with pytest.raises(DataError, match=r"swapped|too few crossings"):
-            align([replace(run, plan=plan)])
+            align([replace(run, sine=sine)])
 
 
 def test_another_amplitude_is_refused() -> None:
     run = recorded(simulated((12,)))[0]
     with pytest.raises(DataError, match="began with 50000, a sine of amplitude 15000 begins with 45000"):
-        align([replace(run, plan=replace(run.plan, amplitude=15000))])
+        align([replace(run, sine=replace(run.sine, amplitude=15000))])
 
 
 @pytest.mark.parametrize(("keep", "missing"), [(slice(None, 4000), "3.3"), (slice(5000, None), "3.8")])
@@ -283,7 +284,7 @@ def test_a_record_that_begins_with_the_run_has_no_bias_and_says_so() -> None:
 
     assert series.runs[0].bias_n is None
     assert series.runs[0].sign == -1
-    assert "bias and sign are not corrected" in series.notes[0]
+    assert series.findings[0].code == "sine-without-baseline"
 
 
 def test_no_run_at_all_is_refused() -> None:

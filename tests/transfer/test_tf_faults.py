@@ -1,4 +1,4 @@
-"""Sine runs that cannot be meant so: a sentence with the next step and an exit code, never a traceback."""
+"""Invalid sine runs: a sentence with the next step and an exit code, never a traceback."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -125,7 +125,7 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
         ("index.csv:7: 2 fields where its head has 6",),
     ),
     "an index of nothing": (rewritten("index.csv", lambda lines: lines[:1]), 4, ("a head and no rows",)),
-    "all motors about an arm": (replaced("index.csv", "20000,1", "20000,0"), 4, ("take Fz",)),
+    "all motors about an arm": (replaced("index.csv", "20000,1", "20000,0"), 4, ("use the channel Fz",)),
     "a run twice": (rewritten("index.csv", lambda lines: [*lines, lines[2]]), 4, ("l = 5", "name each run once")),
     "a run by two names": (
         rewritten("index.csv", lambda lines: [*lines, lines[2].replace("crossings", "./crossings")]),
@@ -137,7 +137,7 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_said_with_the_next_step(tf: Here, index: Path, fault: str) -> None:
+def test_a_fault_is_reported_with_the_next_step(tf: Here, index: Path, fault: str) -> None:
     spoil, code, words = FAULTS[fault]
     spoil(index.parent)
     refused(tf("identify", "--index", index, "--no-figures"), code, *words)
@@ -162,38 +162,38 @@ def test_a_load_cell_on_another_clock_is_found(tf: Here, index: Path, method: st
     refused(tf("identify", "--index", index, "--method", method), 4, "the load cell's record does not cover the run")
 
 
-def test_a_load_cell_that_felt_nothing_gives_no_numbers(tf: Here, index: Path) -> None:
+def test_a_load_cell_that_measured_nothing_gives_no_numbers(tf: Here, index: Path) -> None:
     lines = (index.parent / "cell_0.csv").read_text().splitlines()
     still = [lines[0], *(f"{line.split(',')[0]},0,0,0,0,0,0" for line in lines[1:])]
     (index.parent / "cell_0.csv").write_text("\n".join(still) + "\n")
-    refused(tf("identify", "--index", index, "--no-figures"), 5, "felt nothing")
-    refused(tf("identify", "--index", index, "--method", "thesis"), 5, "felt nothing")
+    refused(tf("identify", "--index", index, "--no-figures"), 5, "measured nothing")
+    refused(tf("identify", "--index", index, "--method", "thesis"), 5, "measured nothing")
 
 
-def test_a_channel_that_does_not_feel_the_motor_gives_no_numbers(tf: Here, index: Path) -> None:
+def test_a_channel_that_does_not_measure_the_motor_gives_no_numbers(tf: Here, index: Path) -> None:
     said = tf("identify", "--index", index, "--channel", "Tx", "--no-figures")
     assert said.returncode == 5
-    assert "may be noise alone: are --channel and the motor those of the runs?" in said.stderr
+    assert "may be noise alone: are the channel and the motor those of the runs?" in said.stderr
     as_thesis = tf.json("identify", "--index", index, "--channel", "Tx", "--method", "thesis", code=5)
     assert any("the force's largest peak is not at the sine" in doubt for doubt in sentences(as_thesis))
     replaced("index.csv", "20000,1", "20000,0")(index.parent)
-    refused(tf("identify", "--index", index, "--channel", "Ty", "--no-figures"), 4, "take Fz")
+    refused(tf("identify", "--index", index, "--channel", "Ty", "--no-figures"), 4, "use the channel Fz")
 
 
 def test_weights_of_zero_leave_the_thesis_nothing(tf: Here, index: Path) -> None:
     weightless = ("--method", "thesis", "--weight-low", 0, "--weight-high", 0)
-    refused(tf("identify", "--index", index, *weightless), 5, "weight zero", "--weight-low")
+    refused(tf("identify", "--index", index, *weightless), 5, "weight zero", "weight_low")
 
 
-def test_what_the_options_cannot_mean_is_said(tf: Here, index: Path) -> None:
+def test_invalid_options_are_reported(tf: Here, index: Path) -> None:
     refused(tf("identify"), 2, "no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
-    refused(tf("identify", "missing"), 4, "missing: no run folder; files of sines need an index: say --index FILE")
+    refused(tf("identify", "missing"), 4, "missing: no run folder; files of sines need an index")
     refused(tf("identify", index.parent / "crossings_2.csv"), 4, "files of sines need an index")
     refused(tf("identify", "--index", "missing.csv"), 4, "missing.csv: no such file.")
     refused(tf("identify", "--index", index, "--arm-mm", 0), 2, "--arm-mm 0: has to be above zero.")
     refused(tf("identify", "--index", index, "--yaw-deg", "nan"), 2, "--yaw-deg nan: has to be a number.")
-    refused(tf("identify", "--index", index, "--rate-hz", 500, "--columns", "Fx,Fy,Fz,Tx,Ty,Tz"), 2, "--rate-hz")
-    refused(tf("identify", "--index", index, "--cutoff-hz", 0.1), 5, "no sine run is left", "--cutoff-hz")
+    refused(tf("identify", "--index", index, "--rate-hz", 500, "--columns", "Fx,Fy,Fz,Tx,Ty,Tz"), 2, "has no times")
+    refused(tf("identify", "--index", index, "--cutoff-hz", 0.1), 5, "no sine run is left", "raise the cut-off")
     refused(tf("identify", "--index", index, "--settle-s", 3.9), 5, "too few for a sine")
     refused(tf("identify", "--index", index, "--method", "thesis", "--n-t", 1999), 4, "no whole period is left")
     refused(tf("identify", "--index", index, "--time-unit", "us"), 4, "--time-unit s")
@@ -211,15 +211,13 @@ def test_a_run_of_something_else_is_no_sine(tf: Here, tmp_path: Path, runs: list
         started=sine.header.started,
         cfid_version="0",
     ).close("complete")
-    refused(
-        tf("identify", swing.folder), 4, "a run of swing, no sine: its run.toml does not say l, n, amplitude, motor"
-    )
+    refused(tf("identify", swing.folder), 4, "a run of swing, no sine: its run.toml states no l, n, amplitude, motor")
     (sine.folder / "crossings.csv").unlink()
     refused(tf("identify", sine.folder), 4, "crossings.csv: no such file.")
 
 
 @pytest.mark.parametrize(("old", "new"), [("n = 2000", "n = 0"), ("l = 5", "l = -5"), ("l = 5", "l = 1500")])
-def test_a_run_whose_file_says_an_impossible_sine_is_refused(
+def test_a_run_whose_file_states_an_impossible_sine_is_refused(
     tf: Here, tmp_path: Path, runs: list[SimulatedSine], old: str, new: str
 ) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
@@ -229,7 +227,7 @@ def test_a_run_whose_file_says_an_impossible_sine_is_refused(
     refused(tf("identify"), 4, new, "which is no sine.")
 
 
-def test_an_interrupted_run_says_so(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+def test_an_interrupted_run_is_refused(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     run = write_run(tmp_path, runs[1])
     text = (run.folder / "crossings.csv").read_text().splitlines()

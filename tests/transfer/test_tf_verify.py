@@ -1,17 +1,13 @@
-"""`cfid tf verify` and `cfid tf latency`: functions against runs they did not see, round trips and clocks."""
+"""`cfid tf verify`: a transfer function against runs that it was not identified from."""
 
-import json
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.parameters import load_sections
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
-from cfid.sim.radio import Direction, RadioTruth
+from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
 from tests.campaigns import sentences
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run
@@ -52,7 +48,7 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     parameters = content["parameters"]
 
     assert content["accepted"]
-    assert not sentences(content)
+    assert {one["code"] for one in content["findings"]} <= {"fact-assumed"}
     key = f"tf.verify.{left_out}"
     late = parameters[f"{key}.late_s"]
     assert late["value"] == pytest.approx(0, abs=4 * late["std"] + 5e-4)
@@ -63,7 +59,7 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     assert "tf verify" in load_sections(campaign / "parameters.toml")
 
 
-def test_a_run_that_was_used_verifies_nothing_and_that_is_said(tf: Here, campaign: Path) -> None:
+def test_a_run_that_was_used_verifies_nothing_and_is_warned_of(tf: Here, campaign: Path) -> None:
     assert tf("identify", "--no-figures").returncode == 0
     said = tf("verify", name_of(campaign, 10))
 
@@ -93,7 +89,7 @@ def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, r
     assert {key.split(".")[2] for key in good["parameters"]} == {"crossings_10", "crossings_12", "crossings_20"}
     assert not shifted["accepted"]
     assert not wrong["accepted"]
-    assert "the measured sine differs from the simulated one by" in sentences(shifted)[-1]
+    assert any("the measured sine differs from the simulated one by" in text for text in sentences(shifted))
 
 
 def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_path: Path) -> None:
@@ -112,18 +108,18 @@ def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_
         assert content["parameters"][f"tf.verify.crossings_{l}.late_s"]["value"] == pytest.approx(0, abs=1e-3)
 
 
-def test_what_cannot_be_verified_is_said(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
+def test_what_cannot_be_verified_is_refused(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     index = write_index(tmp_path, {"": runs[4:5]}, cells=1)
-    refused(tf("verify", "--index", index), 2, "no campaign here that knows a transfer function", "--numerator")
+    refused(tf("verify", "--index", index), 2, "no campaign here that has a transfer function", "--numerator")
     refused(tf("verify", "--numerator", "1", "--denominator", "1"), 2, "nothing to verify with")
     refused(tf("verify", "--index", index, "--numerator", "1"), 2, "--numerator and --denominator belong together")
     wrong = ("verify", "--index", index, "--denominator", "2,-1")
-    refused(tf(*wrong, "--numerator", "1"), 2, "should begin with its leading 1.")
+    refused(tf(*wrong, "--numerator", "1"), 2, "denominator 2,-1: should begin with its leading 1.")
     refused(tf(*wrong, "--numerator", "a"), 2, "--numerator a: should be numbers with commas between")
     refused(tf(*wrong, "--numerator", "nan"), 2, "--numerator nan: should be numbers with commas between")
     known = ("verify", "--index", index, "--numerator", "0,6e-8")
-    refused(tf(*known[:4], "0,0", "--denominator", "1,-0.97"), 2, "--numerator 0,0: nothing is left of any command")
-    refused(tf(*known, "--denominator", "1,-1.5"), 2, "--denominator 1,-1.5: never settles")
+    refused(tf(*known[:4], "0,0", "--denominator", "1,-0.97"), 2, "numerator 0,0: gives no thrust at any command")
+    refused(tf(*known, "--denominator", "1,-1.5"), 2, "denominator 1,-1.5: never settles")
     for delay_s in ("nan", "1e9", "-1e9"):
         refused(tf(*known, "--denominator", "1,-0.97", "--delay-s", delay_s), 2, "should be from -10 to 10 s.")
     (tmp_path / RIG_FILE).write_text(new_rig_text())
@@ -156,77 +152,3 @@ def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tf: Here, t
     assert len(content["quality"]["runs"]) == 2
     assert tf("verify", "--index", "both.csv", *BY_NUMBERS).returncode == 0
     assert {"tf_verify_l10.png", "tf_verify_l10_2.png"} <= {path.name for path in tmp_path.rglob("*.png")}
-
-
-# Latency
-
-
-def ping_run(folder: Path, *, count: int = 400, seed: int = 0, stamped: bool = True) -> Path:
-    """Write a run of pings of table 3.2's kind; the vehicle's clock runs at 84/85 from 100 s on."""
-    radio = RadioTruth(latency_s=0.0285, jitter_s=0.011)
-    rng = np.random.default_rng(seed)
-    there, back = Direction(radio, rng), Direction(radio, rng)
-    sent_s = 1.75e9 + 1000 * seed + 0.1 * np.arange(count)
-    heard_s = np.array([there.arrival_s(time_s) or 0.0 for time_s in sent_s])
-    arrived_s = np.array([back.arrival_s(time_s) or 0.0 for time_s in heard_s])
-    device_us = np.floor(((heard_s - 1.75e9) * 84 / 85 + 100) * 1e6).astype(np.int64) % 2**32
-    columns = ("t", "rtt_s", *(("vehicle_us",) if stamped else ()))
-    writer = create_run(
-        folder / "runs",
-        kind="ping",
-        label=Label(note="just started up"),
-        devices={"pings": DeviceRecord(file="pings.csv", columns=columns)},
-        started=pd.Timestamp(sent_s[0], unit="s", tz="UTC").to_pydatetime(),
-        cfid_version="0",
-    )
-    writer.append("pings", (sent_s, np.round(arrived_s - sent_s, 7), device_us)[: len(columns)])
-    return writer.close("complete").folder
-
-
-def test_round_trips_and_the_vehicles_clock_are_told(tf: Here, tmp_path: Path) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
-    run = ping_run(tmp_path)
-    rtt_s = pd.read_csv(run / "pings.csv").rtt_s
-    content = tf.json("latency", run)
-    parameters = content["parameters"]
-
-    assert parameters["latency.rtt_mean_s"]["value"] == pytest.approx(rtt_s.mean())
-    assert parameters["latency.rtt_std_s"]["value"] == pytest.approx(rtt_s.std())
-    assert parameters["latency.rtt_min_s"]["value"] == pytest.approx(rtt_s.min())
-    skew, offset = parameters["latency.clock_skew"], parameters["latency.clock_offset_s"]
-    assert skew["value"] == pytest.approx(84 / 85 - 1, abs=4 * skew["std"])
-    assert skew["std"] < 1e-4
-    bound_s = content["quality"]["offset_bound_s"]
-    assert offset["value"] == pytest.approx(1.75e9 - 100 * 85 / 84, abs=bound_s + 4 * offset["std"])
-    assert set(load_sections(tmp_path / "parameters.toml")["latency"].parameters) == set(parameters)
-
-
-def test_several_runs_are_rows_of_table_3_2(tf: Here, tmp_path: Path) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
-    for seed in range(2):
-        ping_run(tmp_path, seed=seed, count=100)
-    said = tf("latency")
-
-    assert said.returncode == 0, said.stderr
-    assert "takes 2 complete runs of pings" in said.stderr
-    assert said.stdout.count("just started up") == 2
-    assert "all                               200" in said.stdout
-    assert "ppm against this computer's" in said.stdout
-
-
-def test_files_with_round_trips_alone_tell_no_clock(tf: Here, tmp_path: Path) -> None:
-    path = tmp_path / "rtt.csv"
-    path.write_text("rtt_s\n" + "".join(f"{0.05 + 0.001 * i:.4f}\n" for i in range(20)))
-    parameters = json.loads(tf("latency", path, "--json").stdout)["parameters"]
-
-    assert parameters["latency.rtt_mean_s"]["value"] == pytest.approx(0.0595)
-    assert "latency.clock_skew" not in parameters
-    refused(tf("latency", path, path), 4, "the same pings as before: name each run once.")
-    path.write_text("t,delay\n1,2\n2,3\n")
-    refused(tf("latency", path), 4, "no column rtt_s among t, delay")
-    path.write_text("rtt_s\n0.05\n-0.05\n")
-    refused(tf("latency", path), 4, "rtt.csv:3: a round trip takes time.")
-    path.write_text("rtt_s\n0.05\n")
-    refused(tf("latency", path), 5, "at least two are needed")
-    refused(tf("latency", "missing.csv"), 4, "missing.csv: no such file.")
-    refused(tf("latency"), 2, "no campaign here")

@@ -18,7 +18,7 @@ def test_intervals_cover_as_they_promise(periods: tuple[int, ...], samples: int,
     scores, errors, rejected = [], [], 0
     for seed in range(COUNT):
         runs = simulate_sines(SHAKEN, periods=periods, samples=samples, rng=np.random.default_rng(seed))
-        fit = fit_transfer([measure("first", align(recorded(runs, stamped=stamped)))[0]])
+        fit = fit_transfer([measure("first", align(recorded(runs, stamped=stamped)))])
         delay = fit.delays["first"]
         off = np.array(
             [fit.dynamics.static_gain_n - GAIN_N, fit.time_constant_s - LAG_S, delay.delay_s - USUAL.delay_s]

@@ -11,9 +11,9 @@ from cfid.transfer.estimation import Measured, TransferFit, fit_transfer, measur
 from cfid.transfer.figures import bode_figure, step_figure, thesis_bode_figure, verification_figure
 from cfid.transfer.panels import sine_run_figure
 from cfid.transfer.sines.alignment import RecordedSine, SineSeries, align
-from cfid.transfer.sines.reports import SAMPLE_S
+from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.transfer.thesis import ThesisFit, fit_thesis
-from cfid.transfer.verification import verify
+from cfid.transfer.verification import verify_run
 from tests.transfer.sine_recordings import GAIN_N, LAG_S, recorded, simulated
 
 Look = Callable[[Figure], Any]
@@ -31,7 +31,7 @@ def series(runs: list[RecordedSine]) -> SineSeries:
 
 @pytest.fixture(scope="module")
 def measured(series: SineSeries) -> Measured:
-    return measure("first", series)[0]
+    return measure("first", series)
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +57,12 @@ def test_a_bode_page_shows_every_response_with_its_interval_the_model_and_the_th
     assert curve.get_ydata()[0] == pytest.approx(1e6 * GAIN_N, rel=0.03)
     phases = page.panel("(b)")
     labels = {str(own.get_label()) for own in (*phases.get_lines(), *phases.containers)}
-    assert {"model", "as the thesis", "first, as stamped", "first"} <= labels
+    assert {"model", "thesis method", "first, as stamped", "first"} <= labels
     assert page.red() == ""
     assert not page.overlapping()
 
 
-def test_responses_that_no_model_follows_are_said_in_red(look: Look, measured: Measured) -> None:
+def test_responses_that_no_model_follows_are_rejected_in_red(look: Look, measured: Measured) -> None:
     page = look(bode_figure(fit_transfer([measured], shape="first")))
 
     assert "chi-squared" in page.red()
@@ -122,8 +122,8 @@ def test_a_run_is_shown_with_its_reports_late_and_its_line_in_both_spectra(
 
 def test_a_verification_shows_what_is_left_and_its_verdict(look: Look, series: SineSeries, fit: TransferFit) -> None:
     run = series.runs[2]
-    good = verify(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
-    bad = verify(run, fit.dynamics, after_quickest_s=0.15)
+    good = verify_run(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
+    bad = verify_run(run, fit.dynamics, after_quickest_s=0.15)
     page, other = (look(verification_figure(run, found)) for found in (good, bad))
 
     left = page.panel("(c)").get_lines()[0]

@@ -9,12 +9,13 @@ from cfid.errors import DataError, FitError
 from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import Bench
 from cfid.transfer.estimation import fit_transfer, measure
-from cfid.transfer.sines.alignment import RecordedSine, align
+from cfid.transfer.sines.alignment import RecordedSine, Sign, align
 from cfid.transfer.thesis import (
     FIRST_SERIES,
     SECOND_SERIES,
     Complex,
     ThesisSettings,
+    fit_all,
     fit_thesis,
     least_squares,
     thesis_response,
@@ -39,7 +40,7 @@ def test_clean_data_give_the_coefficients_where_every_l_divides_n(
 
     assert fit.numerator == pytest.approx([b0], rel=1e-6)
     assert fit.denominator == pytest.approx([1, -a1], rel=1e-6)
-    assert not fit.notes
+    assert not fit.findings
 
 
 @pytest.mark.parametrize(("b0", "a1"), EQUATIONS)
@@ -51,12 +52,12 @@ def test_leakage_costs_half_a_thousandth_where_they_do_not(b0: float, a1: float,
     assert fit.denominator == pytest.approx([1, -a1], rel=5e-4)
 
 
-def test_l_0_is_left_out_with_a_sentence_and_what_is_above_the_cut_off_too() -> None:
+def test_l_0_and_what_is_above_the_cut_off_are_left_out_with_a_note() -> None:
     fit = fit_thesis(exact(*EQUATIONS[0], periods=[0, 4, 8, 200], samples=4000))
 
     assert [response.periods for response in fit.responses] == [4, 8]
-    assert "divides zero by zero" in fit.notes[0]
-    assert fit.notes[1] == "l = 200: l = 200 is above 100 and left out."
+    assert [one.code for one in fit.findings] == ["sine-without-frequency", "sine-too-fast"]
+    assert fit.findings[1].text == "l = 200: l = 200 is above 100 and left out."
 
 
 @pytest.mark.parametrize(("periods", "taken"), [(1, 3500), (2, 2000), (12, 3330), (64, 3465), (100, 3480)])
@@ -113,7 +114,7 @@ def test_a_latency_that_it_ignores_makes_its_time_constant_too_long(latency_s: f
     bench = Bench(radio=RadioTruth(latency_s=0.0, jitter_s=0.0), loadcell_latency_s=latency_s)
     runs = recorded(simulated(FIRST_PERIODS, truth=STILL, bench=bench))
     ignored = fit_thesis(thrust(runs)).time_constant_s
-    joint = fit_transfer([measure("first", align(runs))[0]])
+    joint = fit_transfer([measure("first", align(runs))])
 
     assert ignored is not None
     found = joint.time_constant_s / LAG_S
@@ -125,12 +126,12 @@ def test_a_latency_that_it_ignores_makes_its_time_constant_too_long(latency_s: f
 def test_with_the_radio_late_and_rotors_shaking_it_is_off_where_the_default_is_not() -> None:
     runs = recorded(simulated(FIRST_PERIODS, truth=SHAKEN))
     thesis = fit_thesis(thrust(runs))
-    joint = fit_transfer([measure("first", align(runs))[0]])
+    joint = fit_transfer([measure("first", align(runs))])
 
     assert thesis.time_constant_s is not None
     assert abs(thesis.time_constant_s / LAG_S - 1) > 0.05
     assert abs(joint.time_constant_s / LAG_S - 1) < 0.01
-    elsewhere = [note for note in thesis.notes if "largest peak" in note]
+    elsewhere = [one for one in thesis.findings if one.code == "thesis-peak-elsewhere"]
     assert len(elsewhere) == sum(response.elsewhere for response in thesis.responses) > 3
 
 
@@ -144,8 +145,43 @@ def test_what_cannot_be_taken_is_refused() -> None:
         fit_thesis([])
 
 
-def test_a_pole_that_does_not_decay_has_no_time_constant() -> None:
+def test_a_pole_that_does_not_decay_has_no_time_constant_and_is_rejected() -> None:
     fit = fit_thesis(exact(*EQUATIONS[0], periods=[4, 8], samples=4000))
+    grows = replace(fit, denominator=np.array([1.0, -1.1]))
 
-    assert replace(fit, denominator=np.array([1.0, -1.1])).time_constant_s is None
+    assert grows.time_constant_s is None
+    assert [(one.code, one.quantities) for one in grows.rejections(["tf.numerator"])] == [
+        ("thesis-pole-no-decay", ("tf.numerator",))
+    ]
+    assert not fit.rejections(["tf.numerator"])
     assert fit.static_gain_n == pytest.approx(6.0705967e-8 / (1 - 0.9745210), rel=1e-4)
+
+
+@pytest.mark.parametrize(("elsewhere", "codes"), [(2, []), (3, ["thesis-peaks-elsewhere"])])
+def test_largest_peaks_away_from_the_sine_in_most_runs_reject_the_fit(elsewhere: int, codes: list[str]) -> None:
+    fit = fit_thesis(exact(*EQUATIONS[0], periods=[4, 8, 10, 20], samples=4000))
+    away = [replace(own, elsewhere=place < elsewhere) for place, own in enumerate(fit.responses)]
+
+    assert [one.code for one in replace(fit, responses=tuple(away)).rejections(["tf.numerator"])] == codes
+
+
+def test_series_have_the_settings_of_their_n_and_their_joint_fit_keeps_their_weights() -> None:
+    series = {
+        "first": exact(*EQUATIONS[0], periods=[4, 16, 40], samples=4000),
+        "second": exact(*EQUATIONS[0], periods=[8, 32, 80], samples=8000),
+    }
+    found = fit_all(series)
+
+    assert found.each["first"].weights.tolist() == [2, 0.5, 0.5]
+    assert found.each["second"].weights.tolist() == [2.5, 2.5, 0.5]
+    assert found.joint.weights.tolist() == [2, 0.5, 0.5, 2.5, 2.5, 0.5]
+    assert found.joint.denominator == pytest.approx([1, -0.9745210], rel=1e-3)
+
+
+@pytest.mark.parametrize(("sign", "factor"), [("auto", 1), ("+", -1), ("-", 1)])
+def test_force_is_turned_to_the_sign_of_thrust(sign: Sign, factor: int) -> None:
+    runs = exact(*EQUATIONS[0], periods=[4, 16, 40], samples=4000)
+    upward = fit_thesis(runs)
+    turned = fit_all({"first": thrust(runs)}, sign=sign).joint
+
+    assert turned.numerator == pytest.approx(factor * upward.numerator)

@@ -9,7 +9,7 @@ from cfid.errors import DataError
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import SineRun, align
-from cfid.transfer.verification import verify
+from cfid.transfer.verification import verify_run
 from tests.transfer.sine_recordings import SHAKEN, STILL, noiseless_bench, recorded, simulated
 
 LEAST_S = 0.0006 - 0.012
@@ -22,10 +22,10 @@ def run_of(periods: int, *, shaken: bool = True) -> SineRun:
 
 def test_a_run_left_out_of_the_fit_is_simulated_to_within_its_noise() -> None:
     series = align(recorded(simulated((1, 2, 4, 8, 12, 16, 25, 40, 60, 100))))
-    rest = tuple(run for run in series.runs if run.plan.periods not in (12, 25))
-    fit = fit_transfer([measure("first", replace(series, runs=rest))[0]])
-    for run in (run for run in series.runs if run.plan.periods in (12, 25)):
-        found = verify(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
+    rest = tuple(run for run in series.runs if run.sine.periods not in (12, 25))
+    fit = fit_transfer([measure("first", replace(series, runs=rest))])
+    for run in (run for run in series.runs if run.sine.periods in (12, 25)):
+        found = verify_run(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
 
         assert found.fit_percent > 93
         assert found.unfiltered_fit_percent < 30  # vibration is most of what the load cell shows
@@ -36,7 +36,7 @@ def test_a_run_left_out_of_the_fit_is_simulated_to_within_its_noise() -> None:
 
 def test_without_noise_the_fit_is_perfect() -> None:
     run = align(recorded(simulated((12,), truth=STILL, bench=noiseless_bench(1000)))).runs[0]
-    found = verify(run, EQ_3_15, after_quickest_s=0.0)
+    found = verify_run(run, EQ_3_15, after_quickest_s=0.0)
 
     assert found.fit_percent > 99.99
     assert found.unfiltered_fit_percent > 99.9
@@ -45,7 +45,7 @@ def test_without_noise_the_fit_is_perfect() -> None:
 
 
 def test_a_delay_left_out_is_the_shift_that_figure_3_16_shows() -> None:
-    found = verify(run_of(25), EQ_3_15, after_quickest_s=0.0)
+    found = verify_run(run_of(25), EQ_3_15, after_quickest_s=0.0)
 
     assert found.late_s == pytest.approx(LEAST_S, abs=3e-3)
     assert found.fit_percent < 85
@@ -53,15 +53,15 @@ def test_a_delay_left_out_is_the_shift_that_figure_3_16_shows() -> None:
 
 def test_another_gain_shows_as_a_ratio() -> None:
     weaker = replace(EQ_3_15, static_gain_n=EQ_3_15.static_gain_n / 1.1)
-    found = verify(run_of(5), weaker, after_quickest_s=LEAST_S)
+    found = verify_run(run_of(5), weaker, after_quickest_s=LEAST_S)
 
     assert found.gain_ratio == pytest.approx(1.1, abs=4 * found.gain_ratio_std)
 
 
 def test_the_thesis_form_is_the_same_a_sample_later() -> None:
     run = run_of(12)
-    held = verify(run, EQ_3_15, after_quickest_s=LEAST_S)
-    early = verify(run, EQ_3_15, after_quickest_s=LEAST_S + 0.002, form="thesis")
+    held = verify_run(run, EQ_3_15, after_quickest_s=LEAST_S)
+    early = verify_run(run, EQ_3_15, after_quickest_s=LEAST_S + 0.002, form="thesis")
 
     assert early.fit_percent == pytest.approx(held.fit_percent, abs=0.01)
 
@@ -69,13 +69,13 @@ def test_the_thesis_form_is_the_same_a_sample_later() -> None:
 def test_a_run_too_short_to_be_compared_is_refused() -> None:
     run = run_of(12)
     with pytest.raises(DataError, match="too short"):
-        verify(run, EQ_3_15, after_quickest_s=0.0, settle_s=7.9)
+        verify_run(run, EQ_3_15, after_quickest_s=0.0, settle_s=7.9)
 
 
 def test_smoothing_shifts_nothing() -> None:
     run = run_of(30, shaken=False)
-    kept = verify(run, EQ_3_15, after_quickest_s=LEAST_S, smoothed_hz=25.0)
-    rough = verify(run, EQ_3_15, after_quickest_s=LEAST_S, smoothed_hz=100.0)
+    kept = verify_run(run, EQ_3_15, after_quickest_s=LEAST_S, smoothed_hz=25.0)
+    rough = verify_run(run, EQ_3_15, after_quickest_s=LEAST_S, smoothed_hz=100.0)
     omega = run.frequency_rad_s
     phases = [np.angle(np.sum(found.simulated_n * np.exp(-1j * omega * found.time_s))) for found in (kept, rough)]
 

@@ -13,21 +13,18 @@ from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
-from cfid.drag.wind.plan import KIND, AzimuthRad, WindSetting, azimuth, missing_lines, recorded, setting_of
-from cfid.errors import ConfigError, DataError
-from cfid.motors.command import LARGEST_COMMAND, Note, announce
+from cfid.drag.options import AzimuthRad, azimuth
+from cfid.errors import ConfigError
+from cfid.motors.command import Note, announce
+from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
+    from cfid.drag.wind.plan import PlannedRun, WindSetting
     from cfid.records.campaign import Campaign
-    from cfid.records.run import Run
-    from cfid.rig.log import Plan
-    from cfid.rig.loop import Loop
     from cfid.rig.procedures import Staircase
 
 _WIND, _COMMANDS = "Wind", "Commands"
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
-_ALL_MOTORS = (1, 2, 3, 4)
-_HIGHEST_DEG, _FASTEST_MPS = 180.0, 100.0  # the latter as `cfid fit drag` takes it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,23 +49,25 @@ class WindOptions:
     ] = None
     azimuth_rad: AzimuthRad = None
 
-    def setting(self) -> WindSetting:
-        """Return the wind setting. Raises ConfigError for one that is not complete, or cannot be."""
+    def setting(self) -> "WindSetting":
+        """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
+        from cfid.drag.wind.plan import HIGHEST_DEG, WindSetting
+
         if self.wind is None:
             raise ConfigError("say --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
         low, high = _speeds(self.wind)
         if high == 0:
-            return WindSetting(angle_deg=None, fan_v=0.0, min_mps=0.0, max_mps=0.0)
+            return WindSetting()
         if self.angle is None:
             raise ConfigError(f"--wind {self.wind}: say --angle DEG too, the wind generator's to the vertical.")
-        if not 0 <= self.angle <= _HIGHEST_DEG:
-            raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {_HIGHEST_DEG:g} degrees.")
+        if not 0 <= self.angle <= HIGHEST_DEG:
+            raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {HIGHEST_DEG:g} degrees.")
         from_deg = azimuth(self.azimuth_deg, self.azimuth_rad)
         fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage")
         return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
 
     def refuse(self, resume: Path) -> None:
-        """Raise ConfigError where something is said that the run to be resumed says."""
+        """Raise ConfigError for an option that the run to be resumed states."""
         given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg, self.azimuth_rad)
         if any(value is not None for value in given):
             raise ConfigError(f"--resume {resume} goes on in the wind that it was recorded in: leave its options out.")
@@ -83,28 +82,29 @@ class SweepOptions:
     ] = _THESIS_COMMANDS
     hold: Annotated[float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)] = 10.0
     rest: Annotated[
-        float, typer.Option(metavar="S", help="Seconds of rest before, between, after.", rich_help_panel=_COMMANDS)
+        float, typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_COMMANDS)
     ] = 3.0
     tachometer: Annotated[
         Literal["typed", "none"],
         typer.Option(
-            help="You type what it shows in wind; without it the fit hears the rotors.", rich_help_panel=_COMMANDS
+            help="You type what it shows in wind; none: the fit estimates the speed from vibration.",
+            rich_help_panel=_COMMANDS,
         ),
     ] = "typed"
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done, how long it takes, and what is missing.")
+        bool, typer.Option("--dry-run", help="Print what would be done, how long it takes, and what is missing.")
     ] = False
 
     def stairs(self) -> "Staircase":
-        """Return the commands as a staircase of all motors. Raises ConfigError for what is none."""
+        """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
         from cfid.rig.procedures import Staircase
 
-        steps = comma_list(self.commands, "--commands", int, least=0, most=LARGEST_COMMAND, example="0,10000")
+        steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
         if not any(steps):
             raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
         return Staircase(
             steps=steps,
-            motors=_ALL_MOTORS,
+            motors=MOTORS,
             hold_s=positive(self.hold, "--hold"),
             rest_s=positive(self.rest, "--rest"),
         )
@@ -128,39 +128,46 @@ def wind(
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
+    from cfid.drag.wind.plan import KIND
+    from cfid.drag.wind.record import wind_run
     from cfid.motors.resume import interrupted
     from cfid.rig.log import ready_loadcell
     from cfid.rig.ready_instruments import typed_readings
 
     campaign, devices, simulated = rig_of(keep.campaign)
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
-    setting, wanted = _wanted(options, sweep, resumed)
-    asks = sweep.tachometer == "typed" and setting.max_mps > 0
+    setting, stairs = _requested(options, sweep, resumed)
+    asks = sweep.tachometer == "typed" and not setting.is_reference
     if sweep.dry_run:
-        _announce(setting, wanted, campaign, simulated=simulated, asks=asks)
+        _announce(setting, stairs, _recorded(campaign, simulated=simulated), asks=asks)
         return
     cell, live = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {}), LiveLine()
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        crazyflie.limits.refuse_idling(wanted.motors)
-        confirm(crazyflie, wanted.motors, wanted.steps, yes=vehicle.yes)
-        plan = _plan(setting, wanted, campaign, live, note=note, simulated=simulated, asks=asks)
+        crazyflie.limits.refuse_idling(stairs.motors)
+        confirm(crazyflie, stairs.motors, stairs.steps, yes=vehicle.yes)
+        plan = wind_run(setting, stairs, campaign, live, note=note, simulated=simulated, asks=asks)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms), *([typed_readings("rpm")] * asks)]
-        record("log wind", plan, parts, live, keep, found=lambda run: _found(campaign, simulated=simulated))
+        record(
+            "log wind", plan, parts, live, keep, found=lambda run: _missing(_recorded(campaign, simulated=simulated))
+        )
 
 
 def _speeds(text: str) -> tuple[float, float]:
+    from cfid.drag.wind.plan import FASTEST_MPS
+
     example = "2.0,3.7, or 0 for references"
-    low, *others = comma_list(text, "--wind", float, least=0, most=_FASTEST_MPS, example=example)
+    low, *others = comma_list(text, "--wind", float, least=0, most=FASTEST_MPS, example=example)
     high = others[-1] if others else low
     if len(others) > 1 or low > high:
         raise ConfigError(f"--wind {text}: should be the lowest and the highest speed in m/s, as 2.0,3.7, or 0.")
     return low, high
 
 
-def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, Staircase]":
-    """Return wind and staircase: as asked, or those of an interrupted run without what it has."""
+def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, Staircase]":
+    """Return wind setting and staircase: by the options, or those that an interrupted run has left."""
+    from cfid.drag.wind.plan import KIND, setting_of
     from cfid.motors.resume import missing
     from cfid.records.run import read_run
 
@@ -170,76 +177,27 @@ def _wanted(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "
     return setting_of(read_run(resume)), missing(resume, kind=KIND)
 
 
-def _plan(
-    setting: WindSetting,
-    wanted: "Staircase",
-    campaign: "Campaign",
-    live: LiveLine,
-    *,
-    note: str | None,
-    simulated: bool,
-    asks: bool,
-) -> "Plan":
-    from cfid.records.run import Label
-    from cfid.rig.log import Plan
+def _announce(setting: "WindSetting", stairs: "Staircase", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
+    from cfid.drag.wind.plan import missing_lines
 
-    return Plan(
-        runs_folder=campaign.runs_folder,
-        kind=KIND,
-        label=Label(note=note),
-        procedure=_procedure(wanted, live, asks=asks),
-        facts=campaign.rig.facts,
-        asked={**wanted.asked, **setting.asked},
-        simulated=simulated,
-    )
-
-
-def _procedure(wanted: "Staircase", live: LiveLine, *, asks: bool) -> Any:
-    """Return what is done: climb, or, with a tachometer, rest for the tare and ask at each command that turns."""
-    from cfid.rig.procedures import climb, read_at_steps
-    from cfid.rig.questions import Questions
-    from cfid.rig.recorder import sleep
-
-    async def read(there: Any, loop: "Loop") -> None:
-        questions = Questions(loop=loop, tell=live.task, say=live.tell)
-
-        async def ask(command: int) -> float | None:
-            if command == 0:
-                return None
-            return await questions.number(f"RPM shown at command {command}, Enter alone for none")
-
-        questions.open()
-        try:
-            await sleep(loop, wanted.rest_s)
-            await read_at_steps(wanted, there["commands"], there["readings"].add, ask, loop=loop, tell=live.task)
-        finally:
-            questions.close()
-
-    return read if asks else lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task)
-
-
-def _announce(setting: WindSetting, wanted: "Staircase", campaign: "Campaign", *, simulated: bool, asks: bool) -> None:
     typer.echo(setting.sentence)
-    announce(wanted)
+    announce(stairs)
     if asks:
-        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, wanted.steps))} times")
-    for line in missing_lines(recorded(_runs(campaign, simulated=simulated))):
+        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, stairs.steps))} times")
+    for line in missing_lines(done):
         typer.echo(line)
 
 
-def _found(campaign: "Campaign", *, simulated: bool) -> tuple[Mapping[str, Any], Sequence[str]]:
+def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
     """Return what of the thesis' plan the campaign still lacks, as --json has it and in words."""
-    from cfid.drag.wind.campaign_plan import missing_runs
+    from cfid.drag.wind.plan import missing_lines, missing_runs
 
-    done = recorded(_runs(campaign, simulated=simulated))
     left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
     return {"wind.missing_runs": left}, missing_lines(done)
 
 
-def _runs(campaign: "Campaign", *, simulated: bool) -> "list[Run]":
-    """Return the campaign's runs in wind of this rig: simulated ones count for a simulated one only."""
-    from cfid.records.run import list_runs
+def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":
+    from cfid.drag.wind.plan import recorded
+    from cfid.drag.wind.record import wind_runs
 
-    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
-    same = [run for run in runs if run.header.kind == KIND and run.header.simulated == simulated]
-    return [run for run in same if not run.header.excluded]
+    return recorded(wind_runs(campaign, simulated=simulated))

@@ -1,4 +1,4 @@
-"""Wind on a vehicle that is held still: conventions of frames and signs, and what the operator's readings say.
+"""Wind on a vehicle that is held still: conventions of frames and signs, and what the operator's readings mean.
 
 Stated once, for all of drag:
 
@@ -18,9 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.motors.points import rotor_speed_rad_s
 from cfid.records.frames import rotation_about_z
-from cfid.units import ROTORS
 
 Array = npt.NDArray[np.float64]
 
@@ -30,17 +28,17 @@ MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
 
 
 class WindSpeed(NamedTuple):
-    """The wind speed where the vehicle is, and one standard deviation of it, each (n,)."""
+    """The wind speed where the vehicle is, and its standard uncertainty, each (n,)."""
 
     mean_mps: Array
     std_mps: Array
 
 
 def wind_speed(*, min_mps: npt.ArrayLike, max_mps: npt.ArrayLike) -> WindSpeed:
-    """Return what the lowest and the highest reading (n,) around the vehicle say of the wind at the vehicle.
+    """Return the wind at the vehicle by the lowest and the highest reading (n,) around it.
 
-    Their middle, as in section 4.4.3; the wind may be anything between, so its deviation is that of a uniform
-    distribution. A single reading, given twice, has deviation 0: it says nothing of the spread.
+    Their middle, as in section 4.4.3; the wind may be anything between, so its standard uncertainty is that of a
+    uniform distribution. A single reading, given twice, has 0: it does not show the spread.
     """
     low, high = np.asarray(min_mps, dtype=np.float64), np.asarray(max_mps, dtype=np.float64)
     return WindSpeed(np.asarray((low + high) / 2), np.asarray((high - low) / math.sqrt(12)))
@@ -58,8 +56,3 @@ def velocity_in_air(*, speed_mps: npt.ArrayLike, angle_rad: npt.ArrayLike, azimu
 def std_turned_about_z(std: Array, *, yaw_deg: float) -> Array:
     """Return the standard uncertainties (..., 3) on the body's axes of independent ones on the load cell's axes."""
     return np.asarray(np.sqrt(std**2 @ (rotation_about_z(yaw_deg) ** 2).T))
-
-
-def speed_sum_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike = MARKERS, rotors: int = ROTORS) -> Array:
-    """Return the sum of the rotors' speeds of what a tachometer shows (n,) at one, all turning alike (C.3.1)."""
-    return rotors * rotor_speed_rad_s(shown_rpm, markers=markers)

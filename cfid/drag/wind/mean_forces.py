@@ -1,6 +1,6 @@
 """From a load cell's record of one command in wind to one mean force, less the tare.
 
-The tare is taken with the wind on and the rotors still, so that it also holds what the wind does to the body
+The tare is taken with the wind on and the rotors still, so that it also contains what the wind does to the body
 (section 4.4.3).
 """
 
@@ -13,41 +13,40 @@ from cfid.errors import DataError
 from cfid.estimate.signals import quiet_mean
 from cfid.estimate.staircase import Point, reduce_single
 from cfid.estimate.windows import Words
+from cfid.findings import Finding, warning
 
 Array = npt.NDArray[np.float64]
 Window = tuple[float, float]
-
-NO_REST_AFTER = "no rest follows the command: what the load cell drifted by then is not known."
 
 _THESIS_TARE = 500  # samples, C.3.1, prepare_data
 _FEWEST = 16  # samples of a window
 
 
 class MeanForce(NamedTuple):
-    """Mean force (3,) in the load cell's frame, N, one deviation of it (3,), the window it comes from, and a note."""
+    """Mean force (3,) in the load cell's frame, N, with its standard uncertainty (3,), and the window it is of."""
 
     force_n: Array
     std_n: Array
     window_s: Window
-    note: str = ""
+    findings: tuple[Finding, ...] = ()
 
 
 def mean_force(
     *, time_s: Array, force_n: Array, command: int, status: Words | None = None, window_s: Window | None = None
 ) -> MeanForce:
-    """Average forces (n, 3) at times (n,) where they are steady, less the rests before and, if there is one, after.
+    """Average forces (n, 3) at times (n,) where they are steady, less the tare before and, if there is one, after.
 
-    A window by hand is taken as it is. Raises DataError or FitError when there is no rest before the command, no
-    command to be seen, or nothing steady.
+    A window by hand is taken as it is. Raises DataError or FitError when there is no tare before the command, when no
+    command shows, or when nothing is steady.
     """
     found = reduce_single(time_s=time_s, channels=force_n, command=command, status=status, window=window_s)
     (point,) = found.steady()
-    return of_point(point, note="" if found.tare_after is not None else NO_REST_AFTER)
+    return of_point(point, findings=() if found.tare_after is not None else (_no_baseline_after(),))
 
 
-def of_point(point: Point, *, note: str = "") -> MeanForce:
+def of_point(point: Point, *, findings: tuple[Finding, ...] = ()) -> MeanForce:
     """Return a steady point of a staircase, whose first three channels are the forces, as a mean force."""
-    return MeanForce(point.mean[:3], point.std_of_mean[:3], (point.begin_s, point.end_s), note)
+    return MeanForce(point.mean[:3], point.std_of_mean[:3], (point.begin_s, point.end_s), findings)
 
 
 def mean_force_thesis(
@@ -62,8 +61,15 @@ def mean_force_thesis(
     chosen = window_s or mean_force(time_s=time_s, force_n=force_n, command=command, status=status).window_s
     first, last = np.searchsorted(time_s, chosen)
     if last - first < _FEWEST:
-        raise DataError(f"the window from {chosen[0]:g} to {chosen[1]:g} s holds {last - first} samples: too few.")
+        raise DataError(
+            f"the window from {chosen[0]:g} to {chosen[1]:g} s has {last - first} samples; {_FEWEST} are needed."
+        )
     rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
     tare, steady = force_n[:_THESIS_TARE], force_n[first:last]
     std = [quiet_mean(part.T, rate_hz=rate_hz).std for part in (tare, steady)]
     return MeanForce(steady.mean(axis=0) - tare.mean(axis=0), np.hypot(*std), chosen)
+
+
+def _no_baseline_after() -> Finding:
+    text = "no baseline follows the command, so the load cell's drift until then is unknown."
+    return warning("no-baseline-after", text, "drag.*")

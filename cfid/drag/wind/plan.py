@@ -1,69 +1,127 @@
-"""A run of `cfid log wind`: what was asked of it, and which of the thesis' runs a campaign has already."""
+"""What a wind run asks of the operator: its wind setting; and the thesis' campaign of 112 runs (section 4.4.2)."""
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any, NamedTuple
 
-import typer
-
-from cfid.console.options import finite
-from cfid.errors import ConfigError, DataError
-
-if TYPE_CHECKING:
-    from cfid.drag.wind.campaign_plan import PlannedRun
-    from cfid.records.run import Run
+from cfid.errors import DataError
+from cfid.motors.resume import held_steps
+from cfid.records.run import Run
 
 KIND = "wind"
-
-AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="The azimuth in radians, as version 0.1 had it.")]
-
-
-def azimuth(in_deg: float | None, in_rad: float | None) -> float | None:
-    """Return the azimuth in degrees that --azimuth-deg or --azimuth-rad states. Raises ConfigError for both."""
-    if in_deg is not None and in_rad is not None:
-        raise ConfigError("--azimuth-deg and --azimuth-rad are the same: give one of them.")
-    if in_rad is not None:
-        return math.degrees(finite(in_rad, "--azimuth-rad"))
-    return None if in_deg is None else finite(in_deg, "--azimuth-deg")
+HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
+FASTEST_MPS = 100.0  # a faster wind is given in another unit
+THESIS_COMMANDS = (0, 10000, 20000, 30000, 37300, 40000, 50000)
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindSetting:
-    """One wind setting as the operator set and read it; wind 0 is a reference, which has no angle."""
+    """Place and voltage of the wind generator, and the lowest and highest wind read around the vehicle.
 
-    angle_deg: float | None
-    fan_v: float
-    min_mps: float
-    max_mps: float
+    Wind 0 is a reference, which has no angle. The angle counts from the vertical, the azimuth about z to the right of
+    the nose; it is None where the rig's holds.
+    """
+
+    angle_deg: float | None = None
+    fan_v: float = 0.0
+    min_mps: float = 0.0
+    max_mps: float = 0.0
     azimuth_deg: float | None = None
 
     @property
+    def is_reference(self) -> bool:
+        """Whether there is no wind."""
+        return self.max_mps == 0
+
+    @property
     def asked(self) -> dict[str, Any]:
-        """What run.toml says of it."""
-        told = {
+        """The entries in run.toml."""
+        entries = {
             "angle_deg": self.angle_deg,
             "fan_v": self.fan_v,
             "wind_min_mps": self.min_mps,
             "wind_max_mps": self.max_mps,
             "azimuth_deg": self.azimuth_deg,
         }
-        return {name: value for name, value in told.items() if value is not None}
+        return {name: value for name, value in entries.items() if value is not None}
 
     @property
     def sentence(self) -> str:
-        """What it is, for a person."""
-        if self.max_mps == 0:
+        """The setting in words."""
+        if self.is_reference:
             return "no wind (references)"
         return (
             f"wind of {self.min_mps:g} to {self.max_mps:g} m/s at {self.angle_deg:g} degrees, fan at {self.fan_v:g} V"
         )
 
 
-def setting_of(run: "Run") -> WindSetting:
-    """Return the wind setting of a run. Raises DataError when it is no run of `cfid log wind`."""
+class PlannedRun(NamedTuple):
+    """One command in one wind setting; a reference, without wind, has neither angle nor voltage."""
+
+    command: int
+    angle_deg: float | None = None
+    fan_v: float = 0.0
+
+
+# Angle, voltage, v_abs of C.3.1; the first two winds were read once.
+THESIS_WINDS = tuple(
+    WindSetting(angle_deg=angle_deg, fan_v=fan_v, min_mps=min_mps, max_mps=max_mps)
+    for angle_deg, fan_v, min_mps, max_mps in (
+        (0.0, 5, 1.5, 1.5),
+        (0.0, 6, 2.25, 2.25),
+        (0.0, 8, 2.8, 3.6),
+        (0.0, 10, 3.1, 4.2),
+        (0.0, 12, 3.7, 5.1),
+        (48.4, 5, 1.0, 1.8),
+        (48.4, 6, 1.6, 2.8),
+        (48.4, 8, 2.0, 3.7),
+        (48.4, 10, 2.8, 4.3),
+        (48.4, 12, 3.3, 5.0),
+        (77.9, 5, 1.4, 1.8),
+        (77.9, 6, 1.8, 2.5),
+        (77.9, 8, 2.2, 3.4),
+        (77.9, 10, 2.6, 4.0),
+        (77.9, 12, 3.0, 4.5),
+    )
+)
+
+
+def thesis_plan() -> tuple[PlannedRun, ...]:
+    """Return the 112 runs in the order of section 4.4.2: seven references, then setting by setting."""
+    settings = (WindSetting(), *THESIS_WINDS)
+    return tuple(PlannedRun(command, at.angle_deg, at.fan_v) for at in settings for command in THESIS_COMMANDS)
+
+
+def missing_runs(done: Iterable[PlannedRun], plan: Iterable[PlannedRun] = thesis_plan()) -> tuple[PlannedRun, ...]:
+    """Return what of a plan, in its order, has not been recorded; runs that are not in the plan do not count."""
+    left = Counter(done)
+    missing = []
+    for run in plan:
+        if left[run] > 0:
+            left[run] -= 1
+        else:
+            missing.append(run)
+    return tuple(missing)
+
+
+def missing_lines(done: Sequence[PlannedRun]) -> list[str]:
+    """Return what of the thesis' 112 runs is still missing, a line a wind setting."""
+    plan, left = thesis_plan(), missing_runs(done)
+    if not left:
+        return [f"all {len(plan)} runs of the thesis' plan are recorded."]
+    lines = [f"of the thesis' {len(plan)} runs {len(plan) - len(left)} are recorded, missing are:"]
+    for angle_deg, fan_v in dict.fromkeys((run.angle_deg, run.fan_v) for run in left):
+        commands = tuple(run.command for run in left if (run.angle_deg, run.fan_v) == (angle_deg, fan_v))
+        where = "no wind" if angle_deg is None else f"{angle_deg:g} deg, {fan_v:g} V"
+        lines.append(f"  {where:15} {'all commands' if commands == THESIS_COMMANDS else ', '.join(map(str, commands))}")
+    return lines
+
+
+def setting_of(run: Run) -> WindSetting:
+    """Return the wind setting of a run. Raises DataError when it is not a wind run."""
     asked = run.header.asked
     try:
         if run.header.kind != KIND:
@@ -76,7 +134,18 @@ def setting_of(run: "Run") -> WindSetting:
             azimuth_deg=_azimuth_deg(asked),
         )
     except (KeyError, TypeError, ValueError):
-        raise DataError(f"{run.folder}: is no run of `cfid log wind` that says its wind.") from None
+        raise DataError(f"{run.folder}: not a run of `cfid log wind` that states its wind.") from None
+
+
+def recorded(runs: Sequence[Run]) -> list[PlannedRun]:
+    """Return each command that runs held to its end, with its wind setting."""
+    found = []
+    for run in runs:
+        with suppress(DataError):  # what is wrong with a run is reported where it is fitted
+            setting = setting_of(run)
+            place = (None, 0.0) if setting.is_reference else (setting.angle_deg, setting.fan_v)
+            found += [PlannedRun(command, *place) for command in held_steps(run)]
+    return found
 
 
 def _azimuth_deg(asked: Mapping[str, Any]) -> float | None:
@@ -84,35 +153,3 @@ def _azimuth_deg(asked: Mapping[str, Any]) -> float | None:
     if asked.get("azimuth_rad") is not None:
         return math.degrees(asked["azimuth_rad"])
     return None if asked.get("azimuth_deg") is None else float(asked["azimuth_deg"])
-
-
-def recorded(runs: "Sequence[Run]") -> "list[PlannedRun]":
-    """Return what runs of `cfid log wind` hold of a campaign: each command that was held to its end."""
-    from cfid.drag.wind.campaign_plan import PlannedRun
-    from cfid.motors.resume import held_steps
-
-    found = []
-    for run in runs:
-        with suppress(DataError):  # a run that cannot be read is told where it is looked at
-            setting = setting_of(run)
-            angle_deg, fan_v = (setting.angle_deg, setting.fan_v) if setting.max_mps > 0 else (None, 0.0)
-            found += [PlannedRun(command, angle_deg, fan_v) for command in held_steps(run)]
-    return found
-
-
-def missing_lines(done: "Sequence[PlannedRun]") -> list[str]:
-    """Return what of the thesis' 112 runs is still missing, a line a wind setting."""
-    from cfid.drag.wind.campaign_plan import THESIS_COMMANDS, missing_runs, thesis_plan
-
-    plan, left = thesis_plan(), missing_runs(done)
-    if not left:
-        return [f"all {len(plan)} runs of the thesis' plan are recorded."]
-    settings = dict.fromkeys((run.angle_deg, run.fan_v) for run in plan)
-    lines = [f"of the thesis' {len(plan)} runs {len(plan) - len(left)} are recorded, missing are:"]
-    for angle_deg, fan_v in settings:
-        commands = [run.command for run in left if (run.angle_deg, run.fan_v) == (angle_deg, fan_v)]
-        if commands:
-            where = "no wind" if angle_deg is None else f"{angle_deg:g} deg, {fan_v:g} V"
-            all_of_them = Counter(commands) == Counter(THESIS_COMMANDS)
-            lines.append(f"  {where:15} {'all commands' if all_of_them else ', '.join(map(str, commands))}")
-    return lines

@@ -1,68 +1,46 @@
-"""From averaged load cell forces to drag experiments: body frame, thrust without wind subtracted, wind as a vector."""
+"""From mean forces in wind to drag experiments: thrust without wind subtracted, wind as a vector."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.drag.experiments import UNSTATED_WIND_STD, DragExperiments
-from cfid.drag.wind.frames import (
-    AZIMUTH_DEG,
-    MARKERS,
-    YAW_DEG,
-    speed_sum_rad_s,
-    std_turned_about_z,
-    velocity_in_air,
-    wind_speed,
-)
-from cfid.drag.wind.swaps import Filed, swap_doubts
+from cfid.drag.experiments import UNSTATED_WIND_STD, DragExperiments, standing_left_out
+from cfid.drag.wind.frames import AZIMUTH_DEG, velocity_in_air, wind_speed
+from cfid.drag.wind.plan import FASTEST_MPS, HIGHEST_DEG, WindSetting
+from cfid.drag.wind.swaps import Filed, swap_findings
 from cfid.errors import DataError
-from cfid.records.frames import turn_about_z
-from cfid.units import DEAD_COMMAND
+from cfid.findings import Finding, note, warning
+from cfid.units import DEAD_COMMAND, ROTORS
 
 Array = npt.NDArray[np.float64]
 
-_FASTEST_MPS = 100.0  # a wind that is more is one in another unit
-_HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
+_SAG = 0.005  # of the voltage: thrust then changes by a hundredth, which is as much as weak drag
 
 
 @dataclass(frozen=True, kw_only=True)
-class WindRun:
-    """One run: what the operator set and read, and its mean force (3,) with deviation, in the load cell's frame.
+class WindForce:
+    """The mean force (3,) at one command in one wind setting, body frame, with its standard uncertainty (3,).
 
-    The force is that of a steady stretch less the tare. A reference has wind 0 to 0; its angle does not matter.
-    `yaw_deg` turns it into the body frame; the wind came from `azimuth_deg`; the tachometer counted `markers` a turn.
+    `rotor_rad_s` is the speed of one rotor for all four, which a reference does not need; `volts` that of the battery,
+    NaN where it was not logged.
     """
 
     name: str
     command: int
-    angle_deg: float | None
-    min_mps: float
-    max_mps: float
-    shown_rpm: float
+    setting: WindSetting
     force_n: Array
     force_std_n: Array
-    azimuth_deg: float = AZIMUTH_DEG
-    yaw_deg: float = YAW_DEG
-    markers: int = MARKERS
-
-    @property
-    def force_in_body_n(self) -> Array:
-        """The force (3,) in the body frame."""
-        return turn_about_z(self.force_n, yaw_deg=self.yaw_deg)
-
-    @property
-    def force_std_in_body_n(self) -> Array:
-        """Its standard uncertainty (3,) on the body's axes."""
-        return std_turned_about_z(self.force_std_n, yaw_deg=self.yaw_deg)
+    rotor_rad_s: float = 0.0
+    volts: float = math.nan
 
     @property
     def windy(self) -> bool:
         """Whether there was wind."""
-        return self.max_mps > 0
+        return not self.setting.is_reference
 
     @property
     def standing(self) -> bool:
@@ -70,144 +48,157 @@ class WindRun:
         return self.command <= DEAD_COMMAND
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reduction:
-    """Experiments with the names (n,) of their runs; `notes` on what was left out or assumed, `doubts` of files."""
-
-    experiments: DragExperiments
-    names: tuple[str, ...]
-    notes: tuple[str, ...]
-    doubts: tuple[str, ...]
-
-
 class _Reference(NamedTuple):
     name: str
-    force_n: Array  # (3,), body frame
+    force_n: Array
     std_n: Array
 
 
-def reduce_runs(runs: Sequence[WindRun]) -> Reduction:
-    """Turn forces into the body frame and subtract the mean of the references at the same command (section 4.4.3).
+def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
+    """Subtract the mean of the references at the same command (section 4.4.3).
 
-    At the same command whatever the angle: the thesis has one series without wind for all three. Runs with standing
-    rotors hold no drag of rotors and are left out, as there.
+    At the same command whatever the angle: the thesis has one series without wind for all three. Standing rotors have
+    no drag of rotors, so forces on them are left out, as there.
 
     Raises DataError, with names, when a reference, an angle or a reading is missing.
     """
-    _check(runs)
-    standing = [run for run in runs if run.windy and run.standing]
-    windy = [run for run in runs if run.windy and not run.standing]
-    references = _references([run for run in runs if not run.windy])
-    _check_angles(runs)
+    for one in forces:
+        _check(one)
+    standing = [one for one in forces if one.windy and one.standing]
+    windy = [one for one in forces if one.windy and not one.standing]
+    references = _references([one for one in forces if not one.windy])
+    _check_angles(forces)
     _check_references(windy, references)
-    experiments, notes = _experiments(windy, references)
-    if standing:
-        notes = (*notes, f"{len(standing)} run(s) in wind with standing rotors hold no drag of rotors: not used.")
-    names = tuple(run.name for run in windy)
+    experiments, spread = _experiments(windy, references)
+    left_out = [standing_left_out(f"{len(standing)} run(s) in wind with standing rotors")] if standing else []
     thrusts = {command: (reference.name, reference.force_n) for command, reference in references.items()}
-    doubts = swap_doubts(Filed(experiments=experiments, names=names, references=thrusts))
-    return Reduction(experiments=experiments, names=names, notes=notes, doubts=doubts)
+    swaps = swap_findings(Filed(experiments=experiments, names=[one.name for one in windy], references=thrusts))
+    return replace(experiments, findings=(*sagged(forces), *spread, *left_out, *swaps))
+
+
+def sagged(forces: Sequence[WindForce]) -> list[Finding]:
+    """Warn where the battery's voltage differs from that at its reference: so does the thrust without wind."""
+    references = {one.command: one.volts for one in forces if not one.windy}
+    off = {
+        one.name: one.volts / references[one.command] - 1
+        for one in forces
+        if one.windy and one.command in references and abs(one.volts / references[one.command] - 1) > _SAG
+    }
+    if not off:
+        return []
+    name, most = max(off.items(), key=lambda item: abs(item[1]))
+    text = (
+        f"{len(off)} run(s) had another battery voltage than their reference, {name} by {100 * most:+.1f} %: thrust "
+        "follows it, and counts as drag along z. Feed the vehicle from a supply of constant voltage."
+    )
+    return [warning("drag-battery-differs", text, "drag.*")]
 
 
 def _experiments(
-    windy: Sequence[WindRun], references: Mapping[int, _Reference]
-) -> tuple[DragExperiments, tuple[str, ...]]:
-    speed = wind_speed(min_mps=[run.min_mps for run in windy], max_mps=[run.max_mps for run in windy])
-    azimuth = np.array([run.azimuth_deg for run in windy])
-    angle = np.array([run.angle_deg for run in windy], dtype=np.float64)
-    settings = np.stack([angle, azimuth, speed.mean_mps, speed.std_mps], axis=1)
-    spread, notes = _relative_spread(speed.std_mps / speed.mean_mps)
-    thrusts = [references[run.command] for run in windy]
-    own = np.array([run.force_std_in_body_n for run in windy])
+    windy: Sequence[WindForce], references: Mapping[int, _Reference]
+) -> tuple[DragExperiments, tuple[Finding, ...]]:
+    settings = [one.setting for one in windy]
+    speed = wind_speed(min_mps=[at.min_mps for at in settings], max_mps=[at.max_mps for at in settings])
+    azimuth = np.array([AZIMUTH_DEG if at.azimuth_deg is None else at.azimuth_deg for at in settings])
+    angle = np.array([at.angle_deg for at in settings], dtype=np.float64)
+    same = np.stack([angle, azimuth, speed.mean_mps, speed.std_mps], axis=1)
+    spread, findings = _relative_spread(speed.std_mps / speed.mean_mps)
+    thrusts = [references[one.command] for one in windy]
+    own = np.array([one.force_std_n for one in windy])
     known = bool(np.all(own > 0))
     experiments = DragExperiments(
-        command=np.array([run.command for run in windy], dtype=np.float64),
+        command=np.array([one.command for one in windy], dtype=np.float64),
         angle_deg=angle,
         velocity_mps=velocity_in_air(
             speed_mps=speed.mean_mps, angle_rad=np.radians(angle), azimuth_rad=np.radians(azimuth)
         ),
-        speed_sum_rad_s=speed_sum_rad_s([run.shown_rpm for run in windy], markers=[run.markers for run in windy]),
-        force_n=np.array([run.force_in_body_n for run in windy]) - np.array([thrust.force_n for thrust in thrusts]),
+        speed_sum_rad_s=ROTORS * np.array([one.rotor_rad_s for one in windy]),
+        force_n=np.array([one.force_n for one in windy]) - np.array([thrust.force_n for thrust in thrusts]),
         force_std_n=own if known else np.ones_like(own),
         reference_std_n=np.array([thrust.std_n for thrust in thrusts]) if known else np.ones_like(own),
         noise_known=known,
-        setting=np.unique(settings, axis=0, return_inverse=True)[1].reshape(-1),
+        setting=np.unique(same, axis=0, return_inverse=True)[1].reshape(-1),
         wind_relative_std=spread,
     )
-    return experiments, notes
+    return experiments, findings
 
 
-def _references(runs: Sequence[WindRun]) -> dict[int, _Reference]:
+def _references(forces: Sequence[WindForce]) -> dict[int, _Reference]:
     found = {}
-    for command in {run.command for run in runs}:
-        there = [run for run in runs if run.command == command]
-        std = np.array([run.force_std_in_body_n for run in there])
+    for command in {one.command for one in forces}:
+        there = [one for one in forces if one.command == command]
+        std = np.array([one.force_std_n for one in there])
         found[command] = _Reference(
-            name=", ".join(run.name for run in there),
-            force_n=np.mean([run.force_in_body_n for run in there], axis=0),
+            name=", ".join(one.name for one in there),
+            force_n=np.mean([one.force_n for one in there], axis=0),
             std_n=np.linalg.norm(std, axis=0) / len(there),
         )
     return found
 
 
-def _relative_spread(spread: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return the wind's relative deviations (n,); where one reading says nothing of it, as that of the others is."""
+def _relative_spread(spread: Array) -> tuple[Array, tuple[Finding, ...]]:
+    """Return the wind's relative standard uncertainties (n,); a single reading takes that of the others."""
     single = spread == 0
     if not single.any():
         return spread, ()
     usual = UNSTATED_WIND_STD if single.all() else float(np.median(spread[~single]))
     source = "by default" if single.all() else "as in the median of the others"
-    note = f"{int(single.sum())} run(s) state one wind speed alone: {100 * usual:.2g} % deviation is taken, {source}."
-    return np.where(single, usual, spread), (note,)
+    text = (
+        f"{int(single.sum())} run(s) state a single wind speed: a relative standard uncertainty of {100 * usual:.2g} % "
+        f"is taken, {source}."
+    )
+    return np.where(single, usual, spread), (note("drag-wind-single-reading", text, "drag.*"),)
 
 
-def _check(runs: Sequence[WindRun]) -> None:
-    for run in runs:
-        if math.isnan(run.min_mps) or math.isnan(run.max_mps):
-            raise DataError(f"{run.name}: no wind speed: say its lowest and highest reading, 0 and 0 for a reference.")
-        if run.max_mps > _FASTEST_MPS:
-            raise DataError(f"{run.name}: wind of {run.max_mps:g} m/s: give it in m/s, up to {_FASTEST_MPS:g}.")
-        if not 0 <= run.min_mps <= run.max_mps:
-            raise DataError(
-                f"{run.name}: wind between {run.min_mps:g} and {run.max_mps:g} m/s: give the lowest reading, then the "
-                "highest, none below zero."
-            )
-        if not (np.all(np.isfinite(run.force_n)) and np.all(np.isfinite(run.force_std_n))):
-            raise DataError(f"{run.name}: its mean force is no number: look at the recording and its window.")
-        if run.windy and (run.angle_deg is None or not math.isfinite(run.angle_deg)):
-            raise DataError(f"{run.name}: wind of {run.max_mps:g} m/s without an angle: say where it came from.")
-        if run.windy and run.angle_deg is not None and not 0 <= run.angle_deg <= _HIGHEST_DEG:
-            raise DataError(
-                f"{run.name}: an angle of {run.angle_deg:g} degrees: it counts from 0, straight above, to 180; the "
-                "side is the azimuth's."
-            )
-        if run.windy and not (run.standing or run.shown_rpm > 0):
-            raise DataError(
-                f"{run.name}: a tachometer reading of {run.shown_rpm:g} rpm at command {run.command}: measure the "
-                "speed of a rotor, as drag grows with it."
-            )
+def _check(one: WindForce) -> None:
+    at = one.setting
+    if math.isnan(at.min_mps) or math.isnan(at.max_mps):
+        raise DataError(f"{one.name}: no wind speed: give its lowest and highest reading, 0 and 0 for a reference.")
+    if at.max_mps > FASTEST_MPS:
+        raise DataError(f"{one.name}: wind of {at.max_mps:g} m/s: give it in m/s, up to {FASTEST_MPS:g}.")
+    if not 0 <= at.min_mps <= at.max_mps:
+        raise DataError(
+            f"{one.name}: wind between {at.min_mps:g} and {at.max_mps:g} m/s: give the lowest reading, then the "
+            "highest, none below zero."
+        )
+    if not (np.all(np.isfinite(one.force_n)) and np.all(np.isfinite(one.force_std_n))):
+        raise DataError(f"{one.name}: its mean force is not a number: check the recording and its window.")
+    if not one.windy:
+        return
+    if at.angle_deg is None or not math.isfinite(at.angle_deg):
+        raise DataError(f"{one.name}: wind of {at.max_mps:g} m/s without an angle: give the wind generator's.")
+    if not 0 <= at.angle_deg <= HIGHEST_DEG:
+        raise DataError(
+            f"{one.name}: an angle of {at.angle_deg:g} degrees: it counts from 0, straight above, to {HIGHEST_DEG:g}; "
+            "the side is the azimuth's."
+        )
+    if not (one.standing or one.rotor_rad_s > 0):
+        raise DataError(
+            f"{one.name}: a rotor speed of {one.rotor_rad_s:g} rad/s at command {one.command}: measure it, as drag "
+            "grows with it."
+        )
 
 
-def _check_angles(runs: Sequence[WindRun]) -> None:
+def _check_angles(forces: Sequence[WindForce]) -> None:
     """Refuse an angle that has no wind at all: wind that was not typed would make references of its runs.
 
     Angle 0 is what an empty field may have been filled with.
     """
-    for angle in sorted({run.angle_deg for run in runs if run.angle_deg and math.isfinite(run.angle_deg)}):
-        there = [run for run in runs if run.angle_deg == angle]
-        if not any(run.windy for run in there):
+    for angle in sorted({angle for one in forces if (angle := one.setting.angle_deg) and math.isfinite(angle)}):
+        there = [one for one in forces if one.setting.angle_deg == angle]
+        if not any(one.windy for one in there):
             raise DataError(
                 f"{len(there)} run(s) at {angle:g} degrees, none with wind ({there[0].name}): give their wind speeds, "
                 "or no angle where they are references."
             )
 
 
-def _check_references(windy: Sequence[WindRun], references: Mapping[int, _Reference]) -> None:
+def _check_references(windy: Sequence[WindForce], references: Mapping[int, _Reference]) -> None:
     if not windy:
         raise DataError("no run has both wind and turning rotors: without them there is no drag to identify.")
-    lacking = sorted({run.command for run in windy} - set(references))
+    lacking = sorted({one.command for one in windy} - set(references))
     if lacking:
-        needing = sum(run.command in lacking for run in windy)
+        needing = sum(one.command in lacking for one in windy)
         raise DataError(
             f"no run without wind at command {', '.join(map(str, lacking))}: {needing} run(s) in wind need it, as its "
             "thrust is subtracted from theirs. Record it with wind 0,0."

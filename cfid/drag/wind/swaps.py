@@ -1,7 +1,7 @@
 """Forces that contradict the wind or the command they are filed under, as when two recordings were exchanged.
 
-Only what is gross is told. Forces of one wind are compared with each other first, as no model of drag is needed
-for that: over the rotors' speed they are nearly the same. The yardstick is how far they lie apart as a rule.
+Only gross contradictions are found. Forces of one wind are compared with each other first, as no model of drag is
+needed for that: divided by the rotors' speed they are nearly the same. The measure is their median distance.
 """
 
 import itertools
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.drag.experiments import DragExperiments
+from cfid.findings import Finding, rejection
 
 Array = npt.NDArray[np.float64]
 
@@ -30,8 +31,8 @@ class Filed:
     references: Mapping[int, tuple[str, Array]]
 
 
-def swap_doubts(filed: Filed) -> tuple[str, ...]:
-    """Return a sentence for each file that seems to be another's; none for a sound campaign."""
+def swap_findings(filed: Filed) -> tuple[Finding, ...]:
+    """Reject each file that seems to belong elsewhere; none of a sound campaign."""
     experiments = filed.experiments
     speed = experiments.speed_sum_rad_s[:, np.newaxis]
     common = _common(experiments)
@@ -48,14 +49,14 @@ def swap_doubts(filed: Filed) -> tuple[str, ...]:
 
 
 def _common(experiments: DragExperiments) -> Array:
-    """Return force over speed sum (n, 3) as the median coefficient, for all directions, says."""
+    """Return force over speed sum (n, 3) by the median coefficient, for all directions."""
     velocity = experiments.velocity_mps
     along = np.sum(experiments.force_n * velocity, axis=1) / np.sum(velocity**2, axis=1)
     return np.asarray(np.median(along / experiments.speed_sum_rad_s) * velocity)
 
 
 def _typical(experiments: DragExperiments, common: Array) -> Array:
-    """Return force over speed sum (n, 3) as the median of the same wind says, else as `common`."""
+    """Return force over speed sum (n, 3) by the median of the same wind setting, else `common`."""
     ratio = experiments.force_n / experiments.speed_sum_rad_s[:, np.newaxis]
     typical = common.copy()
     for setting in range(experiments.settings):
@@ -65,21 +66,22 @@ def _typical(experiments: DragExperiments, common: Array) -> Array:
     return typical
 
 
-def _unordered(references: Mapping[int, tuple[str, Array]]) -> list[str]:
-    doubts = []
+def _unordered(references: Mapping[int, tuple[str, Array]]) -> list[Finding]:
+    found = []
     for low, high in itertools.pairwise(sorted(references)):
         (low_name, low_force), (high_name, high_force) = references[low], references[high]
         if high_force[2] <= low_force[2]:
-            doubts.append(
+            text = (
                 f"without wind, command {low} lifts {low_force[2]:.4f} N ({low_name}) and command {high} no more than "
                 f"{high_force[2]:.4f} N ({high_name}): were their files exchanged?"
             )
-    return doubts
+            found.append(rejection("drag-references-out-of-order", text, "drag.*"))
+    return found
 
 
-def _shifted_references(filed: Filed, off: Array, size: Array) -> tuple[Array, list[str]]:
-    """Return what references that are gross add to all forces at their command (n, 3), and sentences."""
-    shifts, doubts = np.zeros_like(off), []
+def _shifted_references(filed: Filed, off: Array, size: Array) -> tuple[Array, list[Finding]]:
+    """Return what grossly wrong references add to all forces at their command (n, 3), and findings."""
+    shifts, found = np.zeros_like(off), []
     yardstick = _GROSS_REFERENCE * float(np.median(np.linalg.norm(off, axis=1)))
     for command in np.unique(filed.experiments.command):
         rows = filed.experiments.command == command
@@ -87,33 +89,39 @@ def _shifted_references(filed: Filed, off: Array, size: Array) -> tuple[Array, l
         distance = float(np.linalg.norm(shift))
         if rows.sum() >= _FEWEST and distance > max(yardstick, _GROSS_PART * float(np.median(size[rows]))):
             shifts[rows] = shift
-            doubts.append(
+            text = (
                 f"all forces at command {command:.0f} are off by {_newtons(shift)}: is the reference "
                 f"{filed.references[int(command)][0]} of another command, or was there wind?"
             )
-    return shifts, doubts
+            found.append(rejection("drag-reference-off", text, "drag.*"))
+    return shifts, found
 
 
-def _lost_settings(experiments: DragExperiments, typical: Array, common: Array) -> list[str]:
-    doubts = []
+def _lost_settings(experiments: DragExperiments, typical: Array, common: Array) -> list[Finding]:
+    found = []
     for setting in range(experiments.settings):
         row = int(np.flatnonzero(experiments.setting == setting)[0])
         if np.linalg.norm(typical[row] - common[row]) > _GROSS_SETTING * np.linalg.norm(common[row]):
             speed = float(np.median(experiments.speed_sum_rad_s[experiments.setting == setting]))
-            doubts.append(
+            text = (
                 f"forces in wind of {experiments.wind_mps[row]:.2f} m/s at {experiments.angle_deg[row]:g} degrees are "
-                f"typically {_newtons(speed * typical[row])}, where all winds together mean "
+                f"typically {_newtons(speed * typical[row])}, where all winds together give "
                 f"{_newtons(speed * common[row])}: are angle and wind speed those of its files?"
             )
-    return doubts
+            found.append(rejection("drag-wind-off", text, "drag.*"))
+    return found
 
 
-def _lost_runs(filed: Filed, off: Array, size: Array) -> list[str]:
+def _lost_runs(filed: Filed, off: Array, size: Array) -> list[Finding]:
     distance = np.linalg.norm(off, axis=1)
     gross = (distance > _GROSS_RUN * np.median(distance)) & (distance > _GROSS_PART * size)
     return [
-        f"{filed.names[row]}: its force is off by {_newtons(off[row])} from what other commands in its wind mean: is "
-        "it the file of another run?"
+        rejection(
+            "drag-run-off",
+            f"{filed.names[row]}: its force is off by {_newtons(off[row])} from that of other commands in its wind "
+            "setting: is it the file of another run?",
+            "drag.*",
+        )
         for row in np.flatnonzero(gross).tolist()
     ]
 

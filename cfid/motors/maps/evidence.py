@@ -38,7 +38,7 @@ class Stand:
 
     def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
         """Return speeds (n,) of those that a tachometer shows, and a finding where nobody stated its markers."""
-        findings = (warning("markers-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
+        findings = (note("fact-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
         return shown / (self.markers or 1), findings if self.markers is None else ()
 
 

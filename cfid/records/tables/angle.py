@@ -12,7 +12,7 @@ import numpy as np
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.parameters import Source
-from cfid.records.run import RUN_FILE, Label
+from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
 from cfid.records.tables.table import Array, Table, open_table
 from cfid.records.tables.times import (
@@ -90,6 +90,21 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     said = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
     notes = tuple(f"{path.name}: {note}" for note in said)
     return replace(found, run=path.resolve().name, notes=notes + found.notes)
+
+
+Recording = AngleRecord | Run | Path | str
+
+
+def angle_record(recording: Recording) -> AngleRecord:
+    """Return a record as it is, and read the encoder of a run or the angle of a file; errors as of `read_angle`."""
+    if isinstance(recording, AngleRecord):
+        return recording
+    return read_angle(recording.folder if isinstance(recording, Run) else Path(recording), Reading())
+
+
+def labelled(record: AngleRecord, **label: object) -> AngleRecord:
+    """Return a record with another `axis`, `weight_g` or `body` in its label."""
+    return replace(record, label=record.label.model_copy(update=label))
 
 
 def counts_per_turn(text: str) -> CountsPerTurn:

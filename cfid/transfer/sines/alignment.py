@@ -1,7 +1,7 @@
-"""Sine runs on one time base: when each sample was played, and the thrust that the load cell felt meanwhile.
+"""Sine runs on one time base: when each sample was played, and the thrust that the load cell measured meanwhile.
 
 Forces are in newtons of thrust on the host's clock, as stamped. Times within a run count from its sample 0 as if
-every report had come as quickly as the quickest; how much later they come on average is stated beside.
+every report had come as quickly as the quickest; the mean lateness of the others is stated with them.
 """
 
 import math
@@ -13,17 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.findings import Finding, note, warning
 from cfid.latency.clocks import COUNTER_S, ClockLine, Start, clock_line, sessions, start_by_phase, unwrapped_s
 from cfid.records.frames import turn_about_z
-from cfid.transfer.sines.reports import SAMPLE_S, Matched, Reports, SinePlan, match_reports
+from cfid.transfer.sines.plan import SAMPLE_S, Sine
+from cfid.transfer.sines.reports import Matched, Reports, match_reports
 from cfid.units import MOTOR_AZIMUTH_DEG
 
 Array = npt.NDArray[np.float64]
 Channel = Literal["Fz", "Tx", "Ty", "arm"]
 Sign = Literal["auto", "+", "-"]
 
-_BEFORE_S, _REST_S, _MARGIN_S = 0.9, 0.1, 0.5  # of the force kept: rest before, up to this, and after the end
-_FEWEST_AT_REST = 10
+_BEFORE_S, _BASELINE_S, _MARGIN_S = 0.9, 0.1, 0.5  # of the force kept: before, the baseline until, after the end
+_SMALLEST_BASELINE = 10
 _LARGEST_GAP_S = 0.25
 _APART_S, _NEAR_S = 0.06, 0.035  # between reports that do not, and seldom, wait for each other in the radio
 _FEWEST_USUAL = 12  # reports of a run, for the least to be known
@@ -32,9 +34,10 @@ _LOOP_STD = 1.5e-3  # the firmware warns when its loop is further off than 0.3 %
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedSine:
-    """What was asked, the reports as they came, and thrust (n,) at the load cell's times (n,), its bias in it."""
+    """A requested sine, its reports as they came, and thrust (n,) in N with its bias at the host's times (n,) in s."""
 
-    plan: SinePlan
+    name: str
+    sine: Sine
     reports: Reports
     time_s: Array
     force_n: Array
@@ -44,11 +47,12 @@ class RecordedSine:
 class SineRun:
     """A run on its own time: sample n is played at n `sample_s`, `start_s` is 0 on the host's clock.
 
-    `time_s`, `force_n` (n,) reach from the rest before it to behind its end, bias and sign corrected. `start_std_s` is
-    this run's own error of its start; `shared_s` are errors that runs share by name, each a deviation with its sign.
+    `time_s`, `force_n` (n,) reach from the baseline before it to after its end, bias and sign corrected. `start_std_s`
+    is the standard uncertainty of its start alone; `shared_s` are those that runs share, by name, each with its sign.
     """
 
-    plan: SinePlan
+    name: str
+    sine: Sine
     start_s: float
     start_std_s: float
     shared_s: Mapping[str, float]
@@ -61,26 +65,26 @@ class SineRun:
     @property
     def duration_s(self) -> float:
         """How long it was played."""
-        return self.plan.samples * self.sample_s
+        return self.sine.samples * self.sample_s
 
     @property
     def frequency_rad_s(self) -> float:
         """The sine's frequency on the host's clock."""
-        return self.plan.omega_rad / self.sample_s
+        return self.sine.omega_rad / self.sample_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SineSeries:
-    """Runs on one time base. Reports come `mean_lateness_s` later than the quickest, with one deviation of that mean.
+    """Runs on one time base; reports come `mean_lateness_s` later than the quickest on average.
 
-    `lines` are vehicle's against host's clock, one for each time the vehicle was started; none where it did not tell.
+    `lines` compare the vehicle's clock with the host's, one for each start of the vehicle; none without its stamps.
     """
 
     runs: tuple[SineRun, ...]
     mean_lateness_s: float
     mean_lateness_std_s: float
     lines: tuple[ClockLine, ...]
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 class _Synchronised(NamedTuple):
@@ -93,7 +97,7 @@ class _Synchronised(NamedTuple):
 def thrust_of(
     channel: Channel, force_n: Array, torque_nm: Array, *, arm_m: float, motor: int = 1, yaw_deg: float = -45.0
 ) -> Array:
-    """Return what a channel says of a motor's thrust, (n,), from forces and torques (n, 3).
+    """Return a motor's thrust (n,) in N by a channel, from forces and torques (n, 3) in N and N m.
 
     `yaw_deg` turns the cell's vectors into the vehicle's frame (see `turn_about_z`). The thesis turned the vehicle left
     by 45 degrees on the load cell, a yaw of -45, so that motor 1 lies on the cell's x axis, 4 on y, 3 on -x and 2 on
@@ -104,7 +108,7 @@ def thrust_of(
     if channel == "Fz":
         return force_n[:, 2]
     if motor not in MOTOR_AZIMUTH_DEG:
-        raise DataError("all motors together make no torque about an arm: take Fz.")
+        raise DataError("all motors together make no torque about an arm: use the channel Fz.")
     if channel == "arm":
         angle, torque_nm = math.radians(MOTOR_AZIMUTH_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
         return np.asarray((math.sin(angle) * torque_nm[:, 0] - math.cos(angle) * torque_nm[:, 1]) / arm_m)
@@ -123,7 +127,7 @@ def align(recorded: Sequence[RecordedSine], *, sign: Sign = "auto") -> SineSerie
     Sign "auto" takes thrust to be positive: motors push one way. Raises DataError with the run's name for reports
     or load-cell files that are not those of the run.
     """
-    matched = [match_reports(run.plan, run.reports) for run in recorded]
+    matched = [_matched(run) for run in recorded]
     if not matched:
         raise DataError("no sine run is left to align.")
     if all(reports.vehicle_us is not None for reports in matched):
@@ -139,8 +143,15 @@ def align(recorded: Sequence[RecordedSine], *, sign: Sign = "auto") -> SineSerie
         mean_lateness_s=float(free.mean()),
         mean_lateness_std_s=float(free.std(ddof=1) / math.sqrt(len(free))) if len(free) > 1 else math.inf,
         lines=lines,
-        notes=_notes(runs, stamped=bool(lines)),
+        findings=_findings(runs, stamped=bool(lines)),
     )
+
+
+def _matched(run: RecordedSine) -> Matched:
+    try:
+        return match_reports(run.sine, run.reports)
+    except DataError as error:
+        raise DataError(f"{run.name}: {error}") from None
 
 
 def _by_vehicle(matched: Sequence[Matched]) -> tuple[list[_Synchronised], tuple[ClockLine, ...]]:
@@ -182,7 +193,7 @@ def _on_line(line: ClockLine, sample: Array, device_s: Array, host_s: Array) -> 
 
 
 def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
-    """Let the reports of each run tell its start, those of all runs the sampling time and the radio's jitter."""
+    """Find the start of each run by its own reports, the sampling time and the radio's jitter by those of all runs."""
     sample_s = _common_sample_s(matched)
     lags = [reports.host_s - reports.sample * sample_s for reports in matched]
     free = [lag[_waits_for_none(reports, sample_s)] for reports, lag in zip(matched, lags, strict=True)]
@@ -198,14 +209,14 @@ def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
 
 
 def _usual_lateness(lags: Sequence[Array]) -> Array:
-    """Return how much later than the quickest reports come, from runs that have enough to know the quickest."""
+    """Return the lateness of reports after the quickest, from runs with enough of them to know the quickest."""
     enough = min(_FEWEST_USUAL, max(len(lag) for lag in lags))
     above = [lag - lag.min() for lag in lags if len(lag) >= enough]
     return np.concatenate([late_s + late_s.sum() / (len(late_s) * max(len(late_s) - 1, 1)) for late_s in above])
 
 
 def _common_sample_s(matched: Sequence[Matched]) -> float:
-    """Weigh what the runs tell of the sampling time, together with what the firmware promises."""
+    """Return the weighted mean of the sampling times of all runs and of the firmware."""
     rates, weights = [1.0], [_LOOP_STD**-2]
     for reports in matched:
         rows = _line_rows(reports, alone=False)
@@ -221,20 +232,21 @@ def _spacing_s(reports: Matched, sample_s: float) -> float:
 
 
 def _waits_for_none(reports: Matched, sample_s: float, *, apart_s: float = _APART_S) -> npt.NDArray[np.bool_]:
-    """Tell the reports before which none was under way."""
+    """Return which reports (n,) had no other under way before them."""
     return np.diff(reports.sample, prepend=-math.inf) * sample_s >= apart_s
 
 
 def _cut(recorded: RecordedSine, by: _Synchronised, sign: Sign) -> SineRun:
-    """Take the run's part of the load cell's record, less its bias."""
-    start_s, end_s = by.start.start_s, recorded.plan.samples * by.sample_s
+    """Return the run's part of the load cell's record, less its bias."""
+    start_s, end_s = by.start.start_s, recorded.sine.samples * by.sample_s
     begin, end = np.searchsorted(recorded.time_s, [start_s - _BEFORE_S, start_s + end_s + _MARGIN_S])
     time_s, force = recorded.time_s[begin:end] - start_s, recorded.force_n[begin:end]
     _check_cover(recorded, time_s, end_s, start_s=start_s)
-    at_rest = force[time_s < -_REST_S]
-    bias = float(at_rest.mean()) if len(at_rest) >= _FEWEST_AT_REST else None
+    baseline = force[time_s < -_BASELINE_S]
+    bias = float(baseline.mean()) if len(baseline) >= _SMALLEST_BASELINE else None
     run = SineRun(
-        plan=recorded.plan,
+        name=recorded.name,
+        sine=recorded.sine,
         start_s=start_s,
         start_std_s=by.start.std_s,
         shared_s=by.shared_s,
@@ -260,18 +272,18 @@ def _check_cover(recorded: RecordedSine, time_s: Array, end_s: float, *, start_s
     if gaps.max() <= _LARGEST_GAP_S:
         return
     raise DataError(
-        f"{recorded.plan.name}: the load cell's record does not cover the run: of its {end_s:.1f} s the "
+        f"{recorded.name}: the load cell's record does not cover the run: of its {end_s:.1f} s the "
         f"{gaps.max():.1f} s from {edges[gaps.argmax()]:.1f} s on are missing; the record reaches from "
         f"{recorded.time_s[0] - start_s:.1f} to {recorded.time_s[-1] - start_s:.1f} s. Is it the file of another run, "
         "or was logging stopped?"
     )
 
 
-def _notes(runs: Sequence[SineRun], *, stamped: bool) -> tuple[str, ...]:
-    unbiased = [run.plan.name for run in runs if run.bias_n is None]
-    notes = []
-    if unbiased:
-        notes.append(f"nothing was recorded at rest before {', '.join(unbiased)}: bias and sign are not corrected.")
-    if not stamped:
-        notes.append("crossings carry no time of the vehicle: each run's start comes from the phase of its sine.")
-    return tuple(notes)
+def _findings(runs: Sequence[SineRun], *, stamped: bool) -> tuple[Finding, ...]:
+    unbiased = ", ".join(run.name for run in runs if run.bias_n is None)
+    no_baseline = f"no baseline was recorded before {unbiased}: bias and sign are not corrected."
+    no_stamps = "crossings carry no time of the vehicle: each run's start comes from the phase of its sine."
+    return (
+        *((warning("sine-without-baseline", no_baseline, "tf.*"),) if unbiased else ()),
+        *(() if stamped else (note("sine-without-stamps", no_stamps, "tf.*"),)),
+    )

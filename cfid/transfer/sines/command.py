@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,8 +17,8 @@ from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, attempt, print_json, rig_of, summary
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.errors import CfidError, ConfigError
-from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, SineSeries, log_spaced
-from cfid.wire.app import LARGEST_COMMAND, MIDDLE
+from cfid.units import FULL_COMMAND, MOTORS
+from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,13 +26,13 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign, LoadCellBox
     from cfid.records.run import Run
     from cfid.rig.log import Device, Plan
+    from cfid.transfer.sines.plan import SineSweep
 
 _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
-_SAMPLES_PER_S = 500
 _USUAL_N = 4000
 _UNCLIPPED = MIDDLE
-_BESIDE_S = 2.5  # of each run: connecting to the load cell, and the second before the vehicle says that it ended
+_EXTRA_S = 2.5  # of each run: connecting to the load cell, and the second until the vehicle reports the end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +64,8 @@ class SineOptions:
         ),
     ] = None
     amplitude: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="A, in commands; default: 20000.", rich_help_panel=_SINE)
+        int | None,
+        typer.Option(min=0, max=FULL_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
     ] = None
     motor: Annotated[
         int | None, typer.Option(min=0, max=4, help="Which motor, 0 for all; default: 1.", rich_help_panel=_SINE)
@@ -72,7 +74,7 @@ class SineOptions:
         str | None, typer.Option(help="Name of the series, kept with each run.", rich_help_panel=_SINE)
     ] = None
     before: Annotated[
-        float, typer.Option(metavar="S", help="Seconds at rest before, for the bias.", rich_help_panel=_SINE)
+        float, typer.Option(metavar="S", help="Seconds of baseline before, for the bias.", rich_help_panel=_SINE)
     ] = 1.0
     force: Annotated[bool, typer.Option("--force", help="Allow an amplitude that clips.", rich_help_panel=_SINE)] = (
         False
@@ -81,7 +83,7 @@ class SineOptions:
         bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_SINE)
     ] = False
 
-    def chosen(self, resumed: Mapping[str, Any]) -> SineSeries:
+    def chosen(self, resumed: Mapping[str, Any]) -> "SineSweep":
         """Return the sines to play, checked as C.2.4 checks them; a resumed run's N, A, motor and series hold.
 
         Raises ConfigError.
@@ -108,29 +110,27 @@ class SineOptions:
             )
         return chosen
 
-    def _planned(self) -> SineSeries:
+    def _planned(self) -> "SineSweep":
+        from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
+
         if self.plan == "log":
             return log_spaced(self.n or _USUAL_N)
         return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
 
-    def _named(self) -> SineSeries:
+    def _named(self) -> "SineSweep":
+        from cfid.transfer.sines.plan import SineSweep
+
         assert self.l is not None
         if self.plan != "log":
-            raise ConfigError(f"--periods and --plan {self.plan}: say one of them.")
+            raise ConfigError(f"--periods and --plan {self.plan}: give one of them.")
         periods = comma_list(self.l, "--periods", int, least=0, example="1,2,4")
         if len(set(periods)) < len(periods):
             raise ConfigError(f"--periods {self.l}: names a frequency twice.")
-        return SineSeries(periods=periods, samples=_USUAL_N)
+        return SineSweep(periods=periods, samples=_USUAL_N)
 
 
-def _asked(sines: SineSeries, l: int) -> dict[str, Any]:  # noqa: E741
-    """Return what run.toml says of one sine, by which --resume knows it again."""
-    series = {} if sines.series is None else {"series": sines.series}
-    return {"l": l, "n": sines.samples, "amplitude": sines.amplitude, "motor": sines.motor, **series}
-
-
-def _asked_of(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
-    """Return what a run of `cfid log sine` was asked. Raises ConfigError for a run of something else."""
+def _requested(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
+    """Return what run.toml states of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
     from cfid.motors.resume import interrupted
     from cfid.records.run import read_run
 
@@ -157,17 +157,23 @@ def sine(
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
+    from cfid.rig.procedures import clock
+    from cfid.transfer.sines.record import missing_sines, plan_sine
+
     before_s = positive(options.before, "--before")
     if resume.word is None:
-        sines = options.chosen({})  # what cannot be is told before any device is looked for
+        sweep = options.chosen({})  # invalid options are refused before any device is looked for
     campaign, devices, simulated = rig_of(keep.campaign)
     if resume.word is not None:
-        sines = options.chosen({} if resume.run is None else _asked_of(resume.run, campaign))
-    periods = list(sines.periods) if resume.word is None else _lacking(sines, campaign, simulated=simulated)
-    each_s = sines.samples / _SAMPLES_PER_S + before_s + _BESIDE_S
-    lasts = f"{len(periods)} sines of {each_s:.0f} s: {len(periods) * each_s / 60:.1f} min"
-    if sines.told:
-        speech.note(f"l = {', '.join(map(str, periods))}: {sines.told}")
+        sweep = options.chosen({} if resume.run is None else _requested(resume.run, campaign))
+    sines = sweep.sines if resume.word is None else missing_sines(sweep, campaign, simulated=simulated)
+    if not sines:
+        raise ConfigError("--resume: the campaign has all of them completely.")
+    periods = [own.periods for own in sines]
+    each_s = sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
+    lasts = f"{len(sines)} sines of {each_s:.0f} s: {len(sines) * each_s / 60:.1f} min"
+    if sweep.text:
+        speech.note(f"l = {', '.join(map(str, periods))}: {sweep.text}")
     if options.dry_run:
         typer.echo(lasts)
         return
@@ -177,22 +183,18 @@ def sine(
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
-        motors = (1, 2, 3, 4) if sines.motor == 0 else (sines.motor,)
-        swing = (max(MIDDLE - sines.amplitude, 1), min(MIDDLE + sines.amplitude, LARGEST_COMMAND))
-        confirm(crazyflie, motors, swing, yes=vehicle.yes)
+        motors = MOTORS if sweep.motor == 0 else (sweep.motor,)
+        commands = (max(MIDDLE - sweep.amplitude, 1), min(MIDDLE + sweep.amplitude, FULL_COMMAND))
+        confirm(crazyflie, motors, commands, yes=vehicle.yes)
         runs = []
-        for count, l in enumerate(periods):  # noqa: E741
-            left_s = (len(periods) - count) * each_s
-            run, failure = _play(
-                _plan(sines, l, campaign, before_s, live, note=note, simulated=simulated, left_s=left_s),
-                [reports, *crazyflie.watch(log_ms)],
-                cell,
-                live,
-            )
+        for count, own in enumerate(sines):
+            task = partial(_show, live, own.periods, clock((len(sines) - count) * each_s))
+            plan = plan_sine(own, campaign, before_s=before_s, note=note, simulated=simulated, tell=task)
+            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live)
             if run is not None:
                 runs.append(summary("log sine", run, failure))
                 if not keep.json:
-                    typer.echo(f"l = {l}: {run.header.state} -> {run.folder}")
+                    typer.echo(f"l = {own.periods}: {run.header.state} -> {run.folder}")
             if failure is not None or run is None or run.header.state != "complete":
                 break
     if keep.json:
@@ -201,36 +203,8 @@ def sine(
         raise failure
 
 
-def _plan(
-    sines: SineSeries,
-    l: int,  # noqa: E741
-    campaign: "Campaign",
-    before_s: float,
-    live: LiveLine,
-    *,
-    note: str | None,
-    simulated: bool,
-    left_s: float,
-) -> "Plan":
-    from cfid.records.run import Label
-    from cfid.rig.log import Plan
-    from cfid.rig.procedures import clock, play_sine
-    from cfid.wire.app import SineRequest, omega_of
-
-    request = SineRequest(sines.motor, sines.amplitude, omega_of(l, sines.samples), sines.samples)
-
-    def tell(text: str) -> None:
-        live.task(f"l = {l}: {text} ({clock(left_s)} in all)")
-
-    return Plan(
-        runs_folder=campaign.runs_folder,
-        kind=f"sine_l{l}",
-        label=Label(note=note),
-        procedure=lambda there, loop: play_sine(request, there["crossings"], before_s=before_s, loop=loop, tell=tell),
-        facts=campaign.rig.facts,
-        asked=_asked(sines, l),
-        simulated=simulated,
-    )
+def _show(live: LiveLine, periods: int, left: str, text: str) -> None:
+    live.task(f"l = {periods}: {text} ({left} in all)")
 
 
 def _play(
@@ -245,20 +219,3 @@ def _play(
         except CfidError as error:
             return None, error
         return attempt(plan, [reports, loadcell, *others], live)
-
-
-def _lacking(sines: SineSeries, campaign: "Campaign", *, simulated: bool) -> list[int]:
-    """Return the l that the campaign has not completely; simulated runs count for a simulated rig only.
-
-    Raises ConfigError when it has all.
-    """
-    from cfid.errors import DataError
-    from cfid.records.run import list_runs
-
-    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
-    same = [run.header for run in runs if run.header.simulated == simulated]
-    there = [header.asked for header in same if header.state == "complete"]
-    lacking = [l for l in sines.periods if _asked(sines, l) not in there]  # noqa: E741
-    if not lacking:
-        raise ConfigError("--resume: the campaign has all of them completely.")
-    return lacking

@@ -1,268 +1,200 @@
-"""What the words of `cfid tf identify` and `verify` stand for: sine runs of an index or of the campaign, by series."""
+"""Sine runs of a campaign, or of files that an index lists, by the name of their series."""
 
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import typer
 
 from cfid.console.facts import assumed
-from cfid.console.inputs import Workplace, find_recording
-from cfid.console.options import LoadCellOptions, ReadingOptions, YawDeg, finite, positive
-from cfid.console.selection import chosen
 from cfid.errors import ConfigError, DataError
-from cfid.records.facts import LoadCellMount, RigFacts
+from cfid.findings import Finding, note, warning
+from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.parameters import Source
+from cfid.records.run import Run
+from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings, read_run_crossings
 from cfid.records.tables.index import IndexRow, read_index
-from cfid.units import FULL_COMMAND, MM
+from cfid.records.tables.times import losses, run_at
+from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
+from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
+from cfid.transfer.sines.plan import Sine
+from cfid.transfer.sines.reports import Reports
+from cfid.units import MM
+from cfid.wire.app import MIDDLE
 
-if TYPE_CHECKING:
-    from cfid.records.parameters import Source
-    from cfid.records.run import Run
-    from cfid.records.tables.crossings import CrossingRecord
-    from cfid.records.tables.wrench import WrenchRecord
-    from cfid.transfer.sines.alignment import RecordedSine
-    from cfid.transfer.sines.reports import SinePlan
-
-_INPUT = "What was measured"
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
-_KIND = "sine"
 _MOST_SAMPLES = 2**32 - 1
 _ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), where nobody states others
-
-Words = Annotated[
-    list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
-]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SineInputs:
-    """Where sine runs are, and what of the load cell tells their thrust."""
-
-    index: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV file, a row a run: l,n,amplitude,motor,loadcell,crossings[,series]; paths relative to it.",
-            rich_help_panel=_INPUT,
-        ),
-    ] = None
-    channel: Annotated[
-        Literal["arm", "Tx", "Ty", "Fz"],
-        typer.Option(help="Torque about the motor's own arm, about x or y, or the force.", rich_help_panel=_INPUT),
-    ] = "arm"
-    sign: Annotated[
-        Literal["auto", "+", "-"],
-        typer.Option(help="Of thrust in that channel; auto: thrust is positive.", rich_help_panel=_INPUT),
-    ] = "auto"
-    arm_mm: Annotated[
-        float | None,
-        typer.Option(
-            help="From the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
-            rich_help_panel=_INPUT,
-        ),
-    ] = None
-    yaw_deg: YawDeg = None
-    offset: Annotated[
-        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
-    ] = 30000.0
-
-    @property
-    def given(self) -> RigFacts:
-        """The facts that options state. Raises ConfigError for what cannot be."""
-        arm_mm = None if self.arm_mm is None else positive(self.arm_mm, "--arm-mm")
-        yaw_deg = None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg")
-        return RigFacts(loadcell=LoadCellMount(arm_mm=arm_mm, yaw_deg=yaw_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SineSet:
-    """Runs by the name of their series, in order, and what is to be said of their files."""
+    """Recorded sines by the name of their series, in order, and what was found about their files."""
 
-    series: "dict[str, list[RecordedSine]]"
-    warnings: tuple[str, ...]
-    sources: "tuple[Source, ...]"
-    paths: tuple[Path, ...]
+    series: dict[str, list[RecordedSine]]
+    findings: tuple[Finding, ...] = ()
+    sources: tuple[Source, ...] = ()
 
     @property
-    def runs(self) -> "list[RecordedSine]":
+    def runs(self) -> list[RecordedSine]:
         """All runs."""
         return [run for own in self.series.values() for run in own]
+
+    @property
+    def paths(self) -> list[Path]:
+        """The files that were read."""
+        return [Path(source.path) for source in self.sources]
+
+
+def read_sines(
+    runs: Sequence[Run | Path | str] = (),
+    *,
+    index: Path | None = None,
+    channel: Channel = "arm",
+    arm_m: float | None = None,
+    yaw_deg: float | None = None,
+    facts: RigFacts = NONE_STATED,
+    middle: float = MIDDLE,
+    reading: WrenchReading | None = None,
+) -> SineSet:
+    """Return runs of `cfid log sine` and the runs of an index, a CSV file with a row a run, as thrust of one motor.
+
+    `arm_m` and `yaw_deg` of the load cell override those that a run states; `facts` hold for files, as do `middle`,
+    B of eq. 3.6, and `reading`. Paths of an index are relative to it. Raises ConfigError when there is nothing to read
+    and DataError with the name of a file that cannot be read or that is named twice.
+    """
+    if index is None and not runs:
+        raise ConfigError("no sine to read: name runs or an index.")
+    reader = _Reader(channel, arm_m, yaw_deg, middle, reading or WrenchReading())
+    if index is not None:
+        listed = read_index(index, columns=_COLUMNS, optional=("series",))
+        reader.sources.append(listed.source)
+        reader.add_notes(index, listed.notes)
+        reader.read_cells(row.file("loadcell") for row in listed.rows)
+        for row in listed.rows:
+            reader.add_row(row, facts)
+    read = [_run(run) for run in runs]
+    sines = [_sine(run) for run in read]
+    reader.read_cells(run.folder for run in read)
+    for run, sine in zip(read, sines, strict=True):
+        reader.add_run(run, sine)
+    return reader.result()
 
 
 @dataclass
 class _Reader:
-    """Reads files, each once, and keeps what they said."""
+    """Reads files, each once, and gathers what was noted about them."""
 
-    inputs: SineInputs
-    reading: ReadingOptions
-    scale: LoadCellOptions
-    facts: RigFacts  # of rig.toml, for files; a run notes its own
-    series: "dict[str, list[RecordedSine]]" = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    sources: "list[Source]" = field(default_factory=list)
-    _cells: "dict[Path, WrenchRecord]" = field(default_factory=dict)
-    _thrusts: dict[tuple[Path, int], Any] = field(default_factory=dict)
+    channel: Channel
+    arm_m: float | None
+    yaw_deg: float | None
+    middle: float
+    reading: WrenchReading
+    series: dict[str, list[RecordedSine]] = field(default_factory=dict)
+    sources: list[Source] = field(default_factory=list)
+    _cells: dict[Path, WrenchRecord] = field(default_factory=dict)
+    _thrusts: dict[tuple[Path, int], tuple[Array, Array]] = field(default_factory=dict)
     _names: dict[str, str] = field(default_factory=dict)  # of the run that has crossings of a hash
+    _noted: dict[str, list[str]] = field(default_factory=dict)  # the names of files by the note on them
+    _findings: list[Finding] = field(default_factory=list)
 
-    def add_row(self, row: IndexRow) -> None:
-        """Take a run that a row of an index names."""
-        from cfid.records.tables.crossings import read_crossings
-        from cfid.transfer.sines.reports import SinePlan
+    def add_notes(self, path: Path, notes: Iterable[str]) -> None:
+        """Gather the notes on a file, which begin with its name."""
+        for text in notes:
+            names = self._noted.setdefault(text.removeprefix(f"{path.name}: "), [])
+            names += [path.name] if path.name not in names else []
 
+    def add_row(self, row: IndexRow, facts: RigFacts) -> None:
+        """Add the run of a row of an index."""
         samples = row.whole("n", 1, _MOST_SAMPLES)
         crossings = read_crossings(row.file("crossings"), time_unit=self.reading.time_unit)
-        plan = SinePlan(
-            name=f"l = {row.fields['l']} ({crossings.path.name})",
+        sine = Sine(
             periods=row.whole("l", 0, samples // 2),
             samples=samples,
             amplitude=row.number("amplitude"),
             motor=row.whole("motor", 0, 4),
-            middle=self.inputs.offset,
+            middle=self.middle,
+            series=row.fields.get("series"),
         )
-        self._add(row.fields.get("series", ""), plan, crossings, row.file("loadcell"), self.facts)
+        name = f"l = {row.fields['l']} ({crossings.path.name})"
+        self._add(name, sine, crossings, row.file("loadcell"), facts)
 
-    def add_run(self, run: "Run", plan: "SinePlan") -> None:
-        """Take a run of `cfid log sine`."""
-        from cfid.records.tables.crossings import CROSSINGS, read_run_crossings
-        from cfid.records.tables.times import losses
-
+    def add_run(self, run: Run, sine: Sine) -> None:
+        """Add a run of `cfid log sine`."""
         crossings = read_run_crossings(run)
-        said = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
-        self.warnings += [f"{run.folder.name}: {note}" for note in said]
-        self._add(str(run.header.asked.get("series", "")), plan, crossings, run.folder, run.header.rig)
-
-    def result(self) -> SineSet:
-        """Return all that was taken. Motors' forces on all four count as one motor's."""
-        if any(run.plan.motor == 0 for own in self.series.values() for run in own):
-            self.warnings.append("all motors ran: the thrust of one is taken to be a quarter.")
-        return SineSet(
-            series=self.series,
-            warnings=_gathered(self.warnings),
-            sources=tuple(dict.fromkeys(self.sources)),
-            paths=tuple(dict.fromkeys(Path(source.path) for source in self.sources)),
-        )
-
-    def _add(self, series: str, plan: "SinePlan", crossings: "CrossingRecord", loadcell: Path, facts: RigFacts) -> None:
-        from cfid.transfer.sines.alignment import RecordedSine
-        from cfid.transfer.sines.reports import Reports
-
-        if (known := self._names.get(crossings.source.sha256)) is not None:
-            raise DataError(f"{plan.name}: its crossings are those of {known} too: name each run once.")
-        self._names[crossings.source.sha256] = plan.name
-        time_s, force_n = self._thrust(loadcell, plan.motor, facts)
-        reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
-        recorded = RecordedSine(plan=plan, reports=reports, time_s=time_s, force_n=force_n)
-        self.series.setdefault(series or f"motor{plan.motor}", []).append(recorded)
-        self.warnings += crossings.notes
-        self.sources.append(crossings.source)
-
-    def _thrust(self, path: Path, motor: int, facts: RigFacts) -> tuple[Any, Any]:
-        """Return times by the host's clock and thrust (n,), with its bias, of a load cell's file or run."""
-        from cfid.transfer.sines.alignment import thrust_of
-
-        if (path, motor) not in self._thrusts:
-            cell, inputs = self._cells[path], self.inputs
-            if cell.begin_s is None:
-                raise ConfigError("--rate-hz: a load cell is tied to the vehicle's reports by its times: leave it out.")
-            arm_mm, yaw_deg = self._mount(facts)
-            thrust = thrust_of(
-                inputs.channel, cell.force_n, cell.torque_nm, arm_m=MM * arm_mm, motor=motor, yaw_deg=yaw_deg
-            )
-            self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
-        time_s, thrust = self._thrusts[path, motor]
-        return time_s, thrust
-
-    def _mount(self, facts: RigFacts) -> tuple[float, float]:
-        """Return arm and yaw, with a note where the channel needs one that nobody stated."""
-        mount = self.inputs.given.over(facts).loadcell
-        if mount.arm_mm is None and self.inputs.channel != "Fz":
-            self.warnings.append(assumed(f"an arm of {_ARM_MM:g} mm is", "--arm-mm"))
-        if mount.yaw_deg is None and self.inputs.channel == "arm":
-            self.warnings.append(assumed(f"a yaw of {_YAW_DEG:g} degrees on the load cell is", "--yaw-deg"))
-        return mount.arm_mm or _ARM_MM, _YAW_DEG if mount.yaw_deg is None else mount.yaw_deg
+        self.add_notes(run.folder, losses(run, run.header.devices[CROSSINGS], len(crossings.host_s)))
+        self._add(f"l = {sine.periods} ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
 
     def read_cells(self, paths: Iterable[Path]) -> None:
         """Read load cells' files side by side: parsing them takes longer than all that follows."""
-        from concurrent.futures import ThreadPoolExecutor
-
-        from cfid.records.tables.wrench import read_wrench
-
         new = list(dict.fromkeys(path for path in paths if path not in self._cells))
         with ThreadPoolExecutor(max_workers=2) as pool:
-            cells = list(pool.map(lambda path: read_wrench(path, self.scale.reading(self.reading)), new))
+            cells = list(pool.map(lambda path: read_wrench(path, self.reading), new))
         self._cells |= dict(zip(new, cells, strict=True))
-        for cell in cells:
-            self.warnings += cell.notes
+        for path, cell in zip(new, cells, strict=True):
+            self.add_notes(path, cell.notes)
             self.sources.append(cell.source)
 
+    def result(self) -> SineSet:
+        """Return all that was added."""
+        findings = [
+            warning("recording", f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {text}")
+            for text, names in self._noted.items()
+        ]
+        if any(run.sine.motor == 0 for own in self.series.values() for run in own):
+            text = "all motors ran: a quarter of their thrust is taken for that of one."
+            findings.append(note("thrust-of-all-motors", text, "tf.*"))
+        return SineSet(
+            series=self.series,
+            findings=(*findings, *dict.fromkeys(self._findings)),
+            sources=tuple(dict.fromkeys(self.sources)),
+        )
 
-def _plan_of(run: "Run") -> "SinePlan":
-    """Return the sine that a run was asked to play. Raises DataError when it is a run of something else."""
-    from cfid.transfer.sines.reports import SinePlan
+    def _add(self, name: str, sine: Sine, crossings: CrossingRecord, loadcell: Path, facts: RigFacts) -> None:
+        if (known := self._names.get(crossings.source.sha256)) is not None:
+            raise DataError(f"{name}: its crossings are those of {known} too: name each run once.")
+        self._names[crossings.source.sha256] = name
+        time_s, force_n = self._thrust(loadcell, sine.motor, facts)
+        reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
+        recorded = RecordedSine(name=name, sine=sine, reports=reports, time_s=time_s, force_n=force_n)
+        self.series.setdefault(sine.series or f"motor{sine.motor}", []).append(recorded)
+        self.add_notes(crossings.path, crossings.notes)
+        self.sources.append(crossings.source)
 
-    asked = run.header.asked
-    missing = [key for key in ("l", "n", "amplitude", "motor") if not isinstance(asked.get(key), int)]
-    if missing:
-        told = f"its run.toml does not say {', '.join(missing)} of a sine"
-        raise DataError(f"{run.folder}: a run of {run.header.kind}, no sine: {told}.")
-    if not 0 <= 2 * asked["l"] <= asked["n"] or asked["n"] < 1:
-        raise DataError(f"{run.folder}: its run.toml says l = {asked['l']} and n = {asked['n']}, which is no sine.")
-    return SinePlan(
-        name=f"l = {asked['l']} ({run.folder.name})",
-        periods=asked["l"],
-        samples=asked["n"],
-        amplitude=asked["amplitude"],
-        motor=asked["motor"],
-    )
+    def _thrust(self, path: Path, motor: int, facts: RigFacts) -> tuple[Array, Array]:
+        """Return host's times (n,) in s and thrust (n,) in N, with its bias, of a load cell's file or run."""
+        if (path, motor) not in self._thrusts:
+            cell = self._cells[path]
+            if cell.begin_s is None:
+                raise ConfigError(f"{path}: has no times, which tie a load cell to the vehicle's reports.")
+            arm_m, yaw_deg = self._mount(facts)
+            thrust = thrust_of(self.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
+            self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
+        return self._thrusts[path, motor]
 
-
-def _gathered(notes: Sequence[str]) -> tuple[str, ...]:
-    """Return notes, what is said of many files once."""
-    by_text: dict[str, list[str]] = {}
-    for note in dict.fromkeys(notes):
-        name, colon, text = note.partition(": ")
-        by_text.setdefault(text if colon else name, []).append(name if colon else "")
-    return tuple(
-        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {text}" if names[0] else text
-        for text, names in by_text.items()
-    )
-
-
-def read_sines(
-    words: Sequence[str], inputs: SineInputs, reading: ReadingOptions, scale: LoadCellOptions, workplace: Workplace
-) -> SineSet:
-    """Read the runs of an index and RUN folders.
-
-    Without either, all sines of the campaign. Raises ConfigError when there is nothing to read, DataError with the
-    file's name.
-    """
-    from cfid.records.tables.times import run_at
-
-    reader = _Reader(inputs, reading, scale, workplace.facts)
-    if inputs.index is not None:
-        rows, source, notes = read_index(inputs.index, columns=_COLUMNS, optional=("series",))
-        reader.sources.append(source)
-        reader.warnings += notes
-        reader.read_cells(row.file("loadcell") for row in rows)
-        for row in rows:
-            reader.add_row(row)
-    runs = []
-    for word in _words(words, inputs, workplace):
-        path = find_recording(word, workplace)
-        run = run_at(path)
-        if run is None:
-            raise DataError(f"{path}: no run folder; files of sines need an index: say --index FILE (see --help).")
-        runs.append((run, _plan_of(run)))
-    reader.read_cells(run.folder for run, _ in runs)
-    for run, plan in runs:
-        reader.add_run(run, plan)
-    return reader.result()
+    def _mount(self, facts: RigFacts) -> tuple[float, float]:
+        """Return arm in m and yaw in degrees, with a note where the channel needs one that nobody stated."""
+        mount = facts.loadcell
+        arm_m = MM * (mount.arm_mm or _ARM_MM) if self.arm_m is None else self.arm_m
+        yaw_deg = mount.yaw_deg if self.yaw_deg is None else self.yaw_deg
+        if self.arm_m is None and mount.arm_mm is None and self.channel != "Fz":
+            self._findings.append(note("fact-assumed", assumed(f"an arm of {_ARM_MM:g} mm is", "arm_m"), "tf.*"))
+        if yaw_deg is None and self.channel == "arm":
+            text = assumed(f"a yaw of {_YAW_DEG:g} degrees on the load cell is", "yaw_deg")
+            self._findings.append(note("fact-assumed", text, "tf.*"))
+        return arm_m, _YAW_DEG if yaw_deg is None else yaw_deg
 
 
-def _words(words: Sequence[str], inputs: SineInputs, workplace: Workplace) -> list[str]:
-    """Return names of runs: those that are meant, else every complete sine, where there is no index either."""
-    if not words and inputs.index is not None:
-        return []
-    if not words and workplace.campaign is None:
-        raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
-    return chosen(words, workplace.campaign, suits=lambda run: run.header.kind.startswith(_KIND), wanted="sines")
+def _run(run: Run | Path | str) -> Run:
+    if isinstance(run, Run):
+        return run
+    found = run_at(Path(run))
+    if found is None:
+        raise DataError(f"{run}: no run folder; files of sines need an index.")
+    return found
+
+
+def _sine(run: Run) -> Sine:
+    try:
+        return Sine.of_run(run.header.kind, run.header.asked)
+    except DataError as error:
+        raise DataError(f"{run.folder}: {error}") from None

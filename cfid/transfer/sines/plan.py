@@ -1,53 +1,128 @@
-"""Which sines `cfid log sine` plays when they are not named one by one."""
+"""Sines that are played on board (eq. 3.6), and which of them `cfid log sine` plays in a sweep."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from cfid.wire.app import SAMPLES_PER_S
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S, SineRequest, omega_of
+
+SAMPLE_S = 1 / SAMPLES_PER_S
 
 _FASTEST_HZ = 12.5  # up to which the thesis fits its transfer functions, and `cfid tf identify`
 _COUNT = 24
-_FEWEST_PERIODS = 2  # one alone cannot be told from a drift
-_NEAR = 0.1  # of a frequency, within which a divisor of N is taken for it
+_FEWEST_PERIODS = 2  # a single one cannot be distinguished from a drift
+_NEAR = 0.1  # of a frequency, within which a divisor of N takes its place
 
 
 @dataclass(frozen=True, kw_only=True)
-class SineSeries:
-    """A series of sines: l of each, and eq. 3.6's N, A and motor for all. `told` is how it came about."""
+class Sine:
+    """u[n] = A cos(2 pi l n/N) + B for n from 0 to N - 1 (eq. 3.6), on one motor, 1 to 4, or on all, 0.
+
+    `periods` is l, `samples` N, `amplitude` A and `middle` B; `series` names the series that it belongs to.
+    """
+
+    periods: int
+    samples: int
+    amplitude: float
+    motor: int = 1
+    middle: float = MIDDLE
+    series: str | None = None
+
+    @classmethod
+    def of_run(cls, kind: str, requested: Mapping[str, Any]) -> "Sine":
+        """Return the sine that run.toml states. Raises DataError when it is a run of something else."""
+        missing = [key for key in ("l", "n", "amplitude", "motor") if not isinstance(requested.get(key), int)]
+        if missing:
+            raise DataError(f"a run of {kind}, no sine: its run.toml states no {', '.join(missing)} of a sine.")
+        periods, samples = requested["l"], requested["n"]
+        if not 0 <= 2 * periods <= samples or samples < 1:
+            raise DataError(f"its run.toml states l = {periods} and n = {samples}, which is no sine.")
+        series = requested.get("series")
+        return cls(
+            periods=periods,
+            samples=samples,
+            amplitude=requested["amplitude"],
+            motor=requested["motor"],
+            series=None if series is None else str(series),
+        )
+
+    def to_run(self) -> dict[str, Any]:
+        """Return what run.toml states of it."""
+        series = {} if self.series is None else {"series": self.series}
+        return {"l": self.periods, "n": self.samples, "amplitude": self.amplitude, "motor": self.motor, **series}
+
+    def request(self) -> SineRequest:
+        """Return the request to the vehicle."""
+        return SineRequest(self.motor, int(self.amplitude), omega_of(self.periods, self.samples), self.samples)
+
+    @property
+    def omega_rad(self) -> float:
+        """Omega_l, in rad per sample."""
+        return 2 * np.pi * self.periods / self.samples
+
+    @property
+    def half_period_s(self) -> float:
+        """Nominal time between crossings; the whole run for l = 0."""
+        return self.samples * SAMPLE_S / max(2 * self.periods, 1)
+
+    def commands(self) -> npt.NDArray[np.float64]:
+        """Return the samples (N,) as the vehicle plays them: cut to an integer and clipped."""
+        angle = 2 * np.pi * (self.periods * np.arange(self.samples) % self.samples) / self.samples
+        # Rounded so that a crossing that falls on a sample has exactly the middle, as on board.
+        exact = np.round(self.amplitude * np.cos(angle) + self.middle, 6)
+        return np.clip(np.trunc(exact), 0, LARGEST_COMMAND)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineSweep:
+    """Sines of one series: l of each, and eq. 3.6's N, A and motor for all. `text` states where the l come from."""
 
     periods: tuple[int, ...]
     samples: int
     amplitude: int = 20000
     motor: int = 1
     series: str | None = None
-    told: str = ""
+    text: str = ""
+
+    @property
+    def sines(self) -> list[Sine]:
+        """The sines in the order in which they are played."""
+        return [
+            Sine(periods=l, samples=self.samples, amplitude=self.amplitude, motor=self.motor, series=self.series)
+            for l in self.periods  # noqa: E741
+        ]
 
 
 _RECONSTRUCTED = "reconstructed by table 3.1's number of l, their range and growing steps;"
 
 _SLOW = (*range(16), *range(20, 51, 5))
 
-THESIS_FIRST = SineSeries(
+THESIS_FIRST = SineSweep(
     periods=(*_SLOW, *range(55, 101, 5), 110, 150, 200, 300, 400, 500, 750, 1000, 1500, 2000),
     samples=4000,
     series="first",
-    told=f"{_RECONSTRUCTED} only 0 to 15 and 20 to 100 by 5 stand in the thesis' code.",
+    text=f"{_RECONSTRUCTED} only 0 to 15 and 20 to 100 by 5 stand in the thesis' code.",
 )
-THESIS_SECOND = SineSeries(
+THESIS_SECOND = SineSweep(
     periods=(*_SLOW, *range(60, 101, 10), *range(120, 201, 20), 300, 400, 500, 750, 1000, 2000, 4000),
     samples=8000,
     motor=3,
     series="second",
-    told=f"{_RECONSTRUCTED} none stands in the thesis' code.",
+    text=f"{_RECONSTRUCTED} none stands in the thesis' code.",
 )
 
 
-def log_spaced(samples: int) -> SineSeries:
+def log_spaced(samples: int) -> SineSweep:
     """Return about twenty sines, evenly over the logarithm of frequency, from two periods up to 12.5 Hz.
 
-    Where a divisor of N is near it is taken: whole periods then fill whole samples, and no spectrum leaks. Every
-    second one comes first, rising, the others follow, falling: where frequency rises with time, a battery that
-    empties passes for a time constant (decision 10).
+    A divisor of N nearby is preferred: whole periods then fill whole samples, and no spectrum leaks. Every second
+    frequency comes first, rising, the others follow, falling: where frequency rises with time, a battery that empties
+    looks like a time constant (decision 10).
     """
     most = max(int(samples * _FASTEST_HZ / SAMPLES_PER_S), _FEWEST_PERIODS)
     divisors = [l for l in range(1, most + 1) if samples % l == 0]  # noqa: E741
@@ -59,5 +134,5 @@ def log_spaced(samples: int) -> SineSeries:
         periods.add(max(nearest if near else round(wanted), _FEWEST_PERIODS))
     rising = sorted(periods)
     whole = sum(l in divisors for l in periods)  # noqa: E741
-    told = f"{len(periods)} sines, evenly over the logarithm of frequency up to {_FASTEST_HZ:g} Hz; {whole} divide N."
-    return SineSeries(periods=(*rising[::2], *rising[1::2][::-1]), samples=samples, told=told)
+    text = f"{len(periods)} sines, evenly over the logarithm of frequency up to {_FASTEST_HZ:g} Hz; {whole} divide N."
+    return SineSweep(periods=(*rising[::2], *rising[1::2][::-1]), samples=samples, text=text)

@@ -1,62 +1,30 @@
-"""Reports of a sine's crossings against the sine that was asked for: which sample each one is, or what is wrong.
+"""Reports of a sine's crossings against the sine that was requested: the sample of each one, or what is wrong.
 
 The vehicle reports its first sample, each crossing of the middle, and with the value 0 that the motors are off
 (C.2.4). cfid's app adds sample and time on board; the module of 2015 does not, and its omega is a float32.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
-from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S
+from cfid.transfer.sines.plan import SAMPLE_S, Sine
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
-SAMPLE_S = 1 / SAMPLES_PER_S
-
 _LONGEST = 10_000_000  # samples, five and a half hours
 _SLACK_S = 0.3  # that the radio may add to the length of a run
 _DENSE_S = 0.1  # between crossings that may be taken for each other
-_UNTOLD_S = 0.03  # between crossings whose times tell nothing, and of which the radio may lose most
+_UNRESOLVED_S = 0.03  # between crossings whose times do not separate them, and of which the radio may lose most
 _SAME, _AS_GOOD = 0.4, 0.7  # of a period; of the largest coherence
 _LOST, _LOST_DENSE = 0.5, 0.9  # share of reports that may be missing
 
 
-@dataclass(frozen=True, kw_only=True)
-class SinePlan:
-    """u[n] = A cos(2 pi l n/N) + B for n from 0 to N - 1 (eq. 3.6), on one motor, 1 to 4, or on all, 0."""
-
-    name: str
-    periods: int
-    samples: int
-    amplitude: float
-    motor: int = 1
-    middle: float = MIDDLE
-
-    @property
-    def omega_rad(self) -> float:
-        """Omega_l, in rad per sample."""
-        return 2 * np.pi * self.periods / self.samples
-
-    @property
-    def half_period_s(self) -> float:
-        """Nominal time between crossings; the whole run for l = 0."""
-        return self.samples * SAMPLE_S / max(2 * self.periods, 1)
-
-    def commands(self) -> Array:
-        """Return the N samples as the vehicle plays them: cut to an integer and clipped."""
-        angle = 2 * np.pi * (self.periods * np.arange(self.samples) % self.samples) / self.samples
-        # Rounded so that a crossing that falls on a sample has exactly the middle, as on board.
-        exact = np.round(self.amplitude * np.cos(angle) + self.middle, 6)
-        return np.clip(np.trunc(exact), 0, LARGEST_COMMAND)
-
-
 class Reports(NamedTuple):
-    """Reports (m,) of one sine as they came: host's time and command; sample and microseconds where told."""
+    """Reports (m,) of one sine as they came: host's time in s and command; sample and microseconds from cfid's app."""
 
     host_s: Array
     command: Array
@@ -72,27 +40,25 @@ class Matched(NamedTuple):
     vehicle_us: Array | None
 
 
-def match_reports(plan: SinePlan, reports: Reports) -> Matched:
+def match_reports(sine: Sine, reports: Reports) -> Matched:
     """Return the samples that reports stand for.
 
     Raises DataError when there are too few, when the run was cut short, or when they are those of another N or l.
     """
-    if plan.samples > _LONGEST:
-        hours = plan.samples * SAMPLE_S / 3600
-        raise DataError(
-            f"{plan.name}: N = {plan.samples} would last {hours:.0f} hours: state the N it was played with."
-        )
-    commands = plan.commands()
-    expected = _expected_samples(plan, commands)
-    _check_ends(plan, reports, len(expected) + 1, commands[0])
+    if sine.samples > _LONGEST:
+        hours = sine.samples * SAMPLE_S / 3600
+        raise DataError(f"N = {sine.samples} would last {hours:.0f} hours: state the N it was played with.")
+    commands = sine.commands()
+    expected = _expected_samples(sine, commands)
+    _check_ends(sine, reports, len(expected) + 1, commands[0])
     place = _places(reports)
-    _check_length(plan, place, expected, exact=reports.sample is not None)
+    _check_length(sine, place, expected, exact=reports.sample is not None)
     if reports.sample is not None:
         return Matched(reports.sample, reports.host_s, reports.vehicle_us)
-    rows, sample = _by_order(plan, place[:-1], expected)
+    rows, sample = _by_order(sine, place[:-1], expected)
     # An exact middle may come out a unit too low on board: the sine then crosses a sample later.
-    step = plan.amplitude * plan.omega_rad
-    late = (commands[sample] == plan.middle) & (reports.command[rows] - plan.middle > 0.5 * step)
+    step = sine.amplitude * sine.omega_rad
+    late = (commands[sample] == sine.middle) & (reports.command[rows] - sine.middle > 0.5 * step)
     return Matched((sample + late).astype(np.float64), reports.host_s[rows], None)
 
 
@@ -103,84 +69,84 @@ def _places(reports: Reports) -> Array:
     return np.asarray((reports.host_s - reports.host_s[0]) / SAMPLE_S)
 
 
-def _expected_samples(plan: SinePlan, commands: Array) -> Rows:
+def _expected_samples(sine: Sine, commands: Array) -> Rows:
     before = np.append(0.0, commands[:-1])
-    falling = (before > plan.middle) & (commands <= plan.middle)
-    return np.flatnonzero(falling | ((before < plan.middle) & (commands >= plan.middle)))
+    falling = (before > sine.middle) & (commands <= sine.middle)
+    return np.flatnonzero(falling | ((before < sine.middle) & (commands >= sine.middle)))
 
 
-def _check_ends(plan: SinePlan, reports: Reports, expected: int, first: float) -> None:
+def _check_ends(sine: Sine, reports: Reports, expected: int, first: float) -> None:
     count = len(reports.host_s)
-    lost = _LOST if plan.half_period_s > _UNTOLD_S else _LOST_DENSE
+    lost = _LOST if sine.half_period_s > _UNRESOLVED_S else _LOST_DENSE
     if count < max(min(3, expected), (1 - lost) * expected):
         raise DataError(
-            f"{plan.name}: too few crossings: {count} reports, where a sine with l = {plan.periods} makes {expected}. "
+            f"too few crossings: {count} reports, where a sine with l = {sine.periods} makes {expected}. "
             "Record it again, or look whether its file is that of another run."
         )
     if reports.command[-1] != 0:
         raise DataError(
-            f"{plan.name}: cut short: its last report is {reports.command[-1]:.0f} and not the 0 that says that the "
-            "motors are off. Record it again."
+            f"cut short: its last report is {reports.command[-1]:.0f} and not the 0 that "
+            "reports the motors off. Record it again."
         )
-    told = reports.sample is None or reports.sample[0] == 0
-    if told and abs(reports.command[0] - first) > 1:
+    is_first = reports.sample is None or reports.sample[0] == 0
+    if is_first and abs(reports.command[0] - first) > 1:
         raise DataError(
-            f"{plan.name}: it began with {reports.command[0]:.0f}, a sine of amplitude {plan.amplitude:.0f} begins "
+            f"it began with {reports.command[0]:.0f}, a sine of amplitude {sine.amplitude:.0f} begins "
             f"with {first:.0f}: state its amplitude, or record it again if its first report was lost."
         )
 
 
-def _check_length(plan: SinePlan, place: Array, expected: Rows, *, exact: bool) -> None:
+def _check_length(sine: Sine, place: Array, expected: Rows, *, exact: bool) -> None:
     """Compare the number of samples played, and how many periods they have, with N and l."""
     played, missing = float(place[-1]), len(expected) + 1 - len(place)
-    lasts = abs(played - plan.samples) <= (0 if exact else _SLACK_S / SAMPLE_S)
-    if lasts and missing == 0 and _is_even(plan, place[:-1] - expected):
+    lasts = abs(played - sine.samples) <= (0 if exact else _SLACK_S / SAMPLE_S)
+    if lasts and missing == 0 and _is_even(sine, place[:-1] - expected):
         return
-    rate, fits = _rate_of(place[1:-1], plan)
+    rate, fits = _rate_of(place[1:-1], sine)
     if exact:
         fits = bool(np.isin(place[:-1], expected).all())
-    if lasts and missing >= 0 and (fits or (not exact and plan.half_period_s < _UNTOLD_S)):
+    if lasts and missing >= 0 and (fits or (not exact and sine.half_period_s < _UNRESOLVED_S)):
         return  # reports that the radio lost; those of the fastest sines cannot tell their frequency by times
-    periods = rate * played / plan.samples
-    found = f"{plan.name}: it played {played:.0f} samples with {periods:.3g} periods"
-    if fits and played < plan.samples:
-        raise DataError(f"{found}, where N is {plan.samples} and l {plan.periods}: it was cut short. Record it again.")
-    if not lasts and abs(periods - plan.periods) < _SAME + 0.01 * plan.periods:
-        raise DataError(f"{found}: its N is not {plan.samples}. State the one it was played with.")
+    periods = rate * played / sine.samples
+    found = f"it played {played:.0f} samples with {periods:.3g} periods"
+    if fits and played < sine.samples:
+        raise DataError(f"{found}, where N is {sine.samples} and l {sine.periods}: it was cut short. Record it again.")
+    if not lasts and abs(periods - sine.periods) < _SAME + 0.01 * sine.periods:
+        raise DataError(f"{found}: its N is not {sine.samples}. State the one it was played with.")
     raise DataError(
-        f"{found}: its crossings are not those of l = {plan.periods} and N = {plan.samples}. Were two runs swapped?"
+        f"{found}: its crossings are not those of l = {sine.periods} and N = {sine.samples}. Were two runs swapped?"
     )
 
 
-def _is_even(plan: SinePlan, lag: Array) -> bool:
+def _is_even(sine: Sine, lag: Array) -> bool:
     """Return whether reports in their order are about equally late, as far as their times can tell."""
-    return plan.half_period_s < _DENSE_S or float(np.ptp(lag)) * SAMPLE_S < 0.5 * plan.half_period_s
+    return sine.half_period_s < _DENSE_S or float(np.ptp(lag)) * SAMPLE_S < 0.5 * sine.half_period_s
 
 
-def _rate_of(crossings: Array, plan: SinePlan) -> tuple[float, bool]:
+def _rate_of(crossings: Array, sine: Sine) -> tuple[float, bool]:
     """Return how many periods within N samples make crossings come at equal phases, and whether l is as good.
 
     Some of them may be missing; a single one fits any.
     """
     if len(crossings) < 2:
-        return float(plan.periods), True
-    counted = plan.samples * (len(crossings) - 1) / (2 * max(float(np.ptp(crossings)), 1.0))
+        return float(sine.periods), True
+    counted = sine.samples * (len(crossings) - 1) / (2 * max(float(np.ptp(crossings)), 1.0))
     tried = np.arange(0.8 * counted, 1.8 * counted, min(0.1, counted / 20))
-    phases = 4j * np.pi / plan.samples * np.append(tried, plan.periods)[:, None] * crossings
+    phases = 4j * np.pi / sine.samples * np.append(tried, sine.periods)[:, None] * crossings
     coherence = np.abs(np.exp(phases).mean(axis=1))
     best = int(coherence[:-1].argmax())
-    as_good = tried[0] <= plan.periods <= tried[-1] and coherence[-1] > _AS_GOOD * coherence[best]
-    return float(tried[best]), bool(as_good or abs(tried[best] - plan.periods) < _SAME)
+    as_good = tried[0] <= sine.periods <= tried[-1] and coherence[-1] > _AS_GOOD * coherence[best]
+    return float(tried[best]), bool(as_good or abs(tried[best] - sine.periods) < _SAME)
 
 
-def _by_order(plan: SinePlan, place: Array, expected: Rows) -> tuple[Rows, Rows]:
+def _by_order(sine: Sine, place: Array, expected: Rows) -> tuple[Rows, Rows]:
     """Return rows whose sample is certain, and the samples: all in their order, around those that are missing."""
     missing = len(expected) - len(place)
     if missing == 0:
         return np.arange(len(place)), expected
-    if plan.half_period_s < _DENSE_S:
+    if sine.half_period_s < _DENSE_S:
         return np.array([0]), expected[:1]  # the others might be taken for their neighbours
-    skipped = _skipped(place, expected, missing, half_period=plan.half_period_s / SAMPLE_S)
+    skipped = _skipped(place, expected, missing, half_period=sine.half_period_s / SAMPLE_S)
     # Beside a gap it is uncertain by which report it is.
     certain = (np.diff(skipped, prepend=0) == 0) & (np.diff(skipped, append=skipped[-1]) == 0)
     rows = np.flatnonzero(certain)

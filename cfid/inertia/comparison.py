@@ -7,17 +7,16 @@ import numpy.typing as npt
 
 from cfid.estimate.propagation import Input, contributions
 from cfid.records.campaign import TestBody
-from cfid.swing.axis_inertias import AxisInertias
-from cfid.swing.bodies import axis_inertia, from_cuboids
+from cfid.swing.axis_inertias import AxisInertias, axis_inertia, from_cuboids
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class BodyComparison:
     """One axis of table 2.5: both inertias about the parallel axis through the centre of mass.
 
-    `error_std` is one standard deviation of the relative error; the mass, which both inertias share, counts once.
+    `error_std` is the standard uncertainty of the relative error; the mass, which both inertias share, counts once.
     """
 
     axis: str
@@ -34,11 +33,11 @@ class Comparison:
 
     @property
     def deviations(self) -> float:
-        """How many standard deviations lie between the two; infinite where none is known."""
+        """How many standard uncertainties lie between the two; infinite where none is known."""
         return self.error / self.error_std if self.error_std > 0 else np.inf
 
 
-def compare(body: TestBody, axis_inertias: AxisInertias) -> list[Comparison]:
+def compare(body: TestBody, axis_inertias: AxisInertias) -> list[BodyComparison]:
     """Compare calculated and measured inertia for every swing."""
     edges = _edges(body)
     inputs = (*axis_inertias.inputs, *edges)
@@ -53,22 +52,22 @@ def compare(body: TestBody, axis_inertias: AxisInertias) -> list[Comparison]:
     count = len(axis_inertias.swings)
     values = both(np.array([given.value for given in inputs]))
     moved = contributions(lambda v: both(v).ravel(), inputs).reshape(3, count, -1)
-    deviations = np.sqrt(np.sum(moved**2, axis=2))
+    std = np.sqrt(np.sum(moved**2, axis=2))
     return [
-        Comparison(
+        BodyComparison(
             axis=swing.axis,
             calculated_kg_m2=float(values[0, i]),
-            calculated_std_kg_m2=float(deviations[0, i]),
+            calculated_std_kg_m2=float(std[0, i]),
             measured_kg_m2=float(values[1, i]),
-            measured_std_kg_m2=float(deviations[1, i]),
-            error_std=float(deviations[2, i]),
+            measured_std_kg_m2=float(std[1, i]),
+            error_std=float(std[2, i]),
         )
         for i, swing in enumerate(axis_inertias.swings)
     ]
 
 
 def _edges(body: TestBody) -> list[Input]:
-    """Return the stretch of every cuboid's edges as uncertain inputs, in the order of their sizes."""
+    """Return the scale of every cuboid's edges as uncertain inputs, in the order of their sizes."""
     return [
         Input(name=f"edge {i}{j}", group="lengths", value=1.0, std=body.length_std_mm / size)
         for i, cuboid in enumerate(body.cuboids)

@@ -1,10 +1,11 @@
-"""Labels keep bodies apart, doubts stop every method, and nothing is kept of a command that failed."""
+"""Labels keep bodies apart, rejections hold for every method, and a command that failed keeps nothing."""
 
 import json
 import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,17 @@ Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 def run_named(bodies: Path, ending: str) -> Path:
     return next((bodies / "runs").glob(f"*_{ending}"))
+
+
+def rejections(result: dict[str, Any]) -> set[str]:
+    return {finding["code"] for finding in result["findings"] if finding["severity"] == "rejection"}
+
+
+def shaken() -> str:
+    """Return the file of a swing with a second motion on top."""
+    time_s = np.arange(0, 8, 0.001)
+    angle = 0.8 * np.exp(-0.3 * time_s) * np.cos(14 * time_s) + 0.03 * np.sin(45 * time_s)
+    return "t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, angle, strict=True))
 
 
 def test_a_swing_of_the_test_body_is_not_taken_for_the_vehicles(cfid: Cfid, bodies: Path) -> None:
@@ -34,13 +46,15 @@ def test_a_run_labelled_as_the_fixture_is_the_fixture(cfid: Cfid, bodies: Path, 
     assert "[fixture]" in said.stderr
 
 
-def test_the_thesis_method_is_not_believed_where_no_pendulum_is(cfid: Cfid, tmp_path: Path) -> None:
-    time_s = np.arange(0, 8, 0.001)
-    angle = 0.8 * np.exp(-0.3 * time_s) * np.cos(14 * time_s) + 0.03 * np.sin(45 * time_s)
+def test_the_thesis_method_is_rejected_where_no_pendulum_is(cfid: Cfid, tmp_path: Path) -> None:
     path = tmp_path / "shaken.csv"
-    path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, angle, strict=True)))
+    path.write_text(shaken())
+    fitted = cfid("fit", "swing", path, "--method", "thesis", "--json")
 
-    assert cfid("fit", "swing", path, "--method", "thesis", "--json").returncode == 5
+    assert fitted.returncode == 5
+    assert json.loads(fitted.stdout)["parameters"] == {}
+    printed = cfid("fit", "swing", path, "--method", "thesis", "--no-figures").stdout
+    assert "1/s^2" not in printed
 
 
 def test_a_command_that_cannot_draw_keeps_no_parameters(cfid: Cfid, bodies: Path, tmp_path: Path) -> None:
@@ -80,7 +94,7 @@ def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, bodies: Path, peaks: st
     said = cfid("fit", "inertia", *words, "--peaks", peaks, "--campaign", bodies, "--json")
 
     assert said.returncode == 2
-    assert "--peaks" in said.stderr
+    assert "peaks" in said.stderr
 
 
 def test_json_is_all_there_is_on_stdout(cfid: Cfid, bodies: Path) -> None:
@@ -89,10 +103,41 @@ def test_json_is_all_there_is_on_stdout(cfid: Cfid, bodies: Path) -> None:
     assert json.loads(said.stdout)["command"] == "fit swing"
 
 
-def test_one_weight_gives_null_for_what_it_cannot_tell(cfid: Cfid, bodies: Path) -> None:
+def test_one_weight_gives_its_runs_and_no_friction(cfid: Cfid, bodies: Path) -> None:
     both = sorted((bodies / "runs").glob("*_drop_30g"))
-    said = cfid("fit", "friction", *both, "--json", "--campaign", bodies)
-    parameters = json.loads(said.stdout)["parameters"]
+    one = cfid("fit", "friction", *both, "--json", "--campaign", bodies)
+    result = json.loads(one.stdout)
 
-    assert parameters["friction.viscous_nms_per_rad"]["value"] is None
-    assert parameters["friction.setup_inertia_kg_m2"]["value"] is None
+    assert one.returncode == 5
+    assert set(result["parameters"]) == {"friction.runs"}
+    assert rejections(result) == {"friction-one-weight"}
+
+
+def test_a_rejected_swing_takes_away_the_matrix_and_its_own_mount_alone(
+    cfid: Cfid, bodies: Path, tmp_path: Path
+) -> None:
+    distorted = tmp_path / "distorted.csv"
+    distorted.write_text(shaken())
+    others = [f"{axis}={run_named(bodies, f'swing_{axis}')}" for axis in ("x", "y", "xy", "xz", "yz")]
+    six = cfid("fit", "inertia", *others, f"z={distorted}", "--plan", "--json", "--campaign", bodies)
+    result = json.loads(six.stdout)
+
+    assert six.returncode == 5
+    assert set(result["parameters"]) == {
+        f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in ("x", "y", "xy", "xz", "yz")
+    }
+    assert "swing-waveform-distorted" in rejections(result)
+    printed = cfid("fit", "inertia", *others, f"z={distorted}", "--plan", "--no-figures", "--campaign", bodies)
+    assert "z: rejected" in printed.stdout
+    assert "budget" not in printed.stdout
+
+
+def test_two_swings_give_their_axis_inertias_and_no_matrix(cfid: Cfid, bodies: Path) -> None:
+    runs = [run_named(bodies, f"swing_{axis}") for axis in "xz"]
+    two = cfid("fit", "inertia", *runs, "--plan", "--json", "--campaign", bodies)
+    result = json.loads(two.stdout)
+
+    assert two.returncode == 5
+    assert set(result["parameters"]) == {f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in "xz"}
+    assert rejections(result) == {"inertia-axes-dependent"}
+    assert "inertia" not in cfid("parameters", "--json", "--campaign", bodies).stdout

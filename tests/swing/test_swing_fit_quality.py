@@ -1,4 +1,4 @@
-"""What the default fit of a swing says of itself: damping, doubts, deviations."""
+"""How the default fit of a swing judges itself: damping, rejections, standard uncertainties."""
 
 import math
 
@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.swing.checks import FitQuality
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
 
@@ -43,7 +44,7 @@ def test_the_damping_that_acted_is_the_damping_that_is_chosen(
 
     assert fit.terms == expected
     assert min(fit.coefficients[1:4]) >= 0
-    assert fit.believed
+    assert fit.accepted
 
 
 def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
@@ -53,12 +54,12 @@ def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
     assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(MOMENT / INERTIA, rel=2e-4)
 
 
-def test_a_damping_that_cannot_be_told_apart_is_said_to_be_so() -> None:
+def test_damping_terms_that_cannot_be_distinguished_are_noted() -> None:
     # Few peaks and much noise: viscous and quadratic damping look the same.
     fit = fit_swing(find_swing(*recorded(noise_rad=5e-3, viscous_nms_per_rad=1.5e-5, degrees=30), peaks=5))
 
     assert fit.split_bic < 10
-    assert "not identifiable" in fit.warnings[0]
+    assert fit.findings[0].code == "swing-damping-split-unresolved"
 
 
 def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
@@ -68,24 +69,51 @@ def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
     assert abs(fit.output_error.start_speed_rad_per_s) < 0.6
 
 
-def test_a_second_motion_on_top_is_not_believed() -> None:
+def test_a_second_motion_on_top_is_rejected() -> None:
     time_s = recorded(viscous_nms_per_rad=1.5e-5)[0]
     arm = 0.012 * np.sin(2 * math.pi * 7.3 * time_s)
     fit = fit_swing(find_swing(*recorded(viscous_nms_per_rad=1.5e-5, extra=arm)))
 
-    assert not fit.believed
-    assert "something else moves it too" in fit.verdict.doubts[0]
+    assert not fit.accepted
+    assert [finding.code for finding in fit.quality.findings] == ["swing-waveform-distorted"]
 
 
-def test_a_pendulum_whose_frequency_drifts_is_not_believed() -> None:
+def test_a_pendulum_whose_frequency_drifts_is_rejected() -> None:
     time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
     slowed = time_s * (1 + 0.004 * np.maximum(time_s - 2.0, 0))
     fit = fit_swing(find_swing(slowed, angle))
 
-    assert any("first half of the window to the second" in doubt for doubt in fit.verdict.doubts)
+    assert "swing-frequency-drift" in {finding.code for finding in fit.findings}
+    # The truth lies between the halves as likely as anywhere else: a rectangle's standard deviation at least.
+    spread = abs(fit.quality.drift) * fit.coefficients.natural_frequency_squared_s2 / math.sqrt(12)
+    assert fit.std.natural_frequency_squared_s2 > spread
 
 
-def test_correlated_noise_widens_the_deviation_and_white_noise_does_not() -> None:
+@pytest.mark.parametrize(
+    ("figures", "codes"),
+    [
+        ({}, []),
+        ({"misfit": 0.021}, ["swing-misfit"]),
+        ({"misfit": math.nan}, ["swing-misfit"]),
+        ({"distortion": 0.0016}, ["swing-waveform-distorted"]),
+        ({"drift": 0.011}, ["swing-frequency-drift"]),
+        ({"drift": -0.011}, ["swing-frequency-drift"]),
+        ({"drift": 0.011, "drift_std": 0.003}, []),
+        (
+            {"misfit": 0.5, "distortion": 0.5, "drift": 0.5},
+            ["swing-misfit", "swing-waveform-distorted", "swing-frequency-drift"],
+        ),
+    ],
+)
+def test_each_limit_has_a_rejection_of_its_own(figures: dict[str, float], codes: list[str]) -> None:
+    within = {"misfit": 0.019, "distortion": 0.0014, "distortion_limit": 0.0015, "drift": -0.0099, "drift_std": 0.0}
+    findings = FitQuality(**(within | figures)).findings
+
+    assert [finding.code for finding in findings] == codes
+    assert {finding.severity for finding in findings} <= {"rejection"}
+
+
+def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
     time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
     rng = np.random.default_rng(7)
     white = rng.normal(0, 1e-3, len(time_s))
@@ -96,6 +124,20 @@ def test_correlated_noise_widens_the_deviation_and_white_noise_does_not() -> Non
     ratio = second.std.natural_frequency_squared_s2 / first.std.natural_frequency_squared_s2
     assert 4 < ratio < 9  # sqrt(40) = 6.3
     assert first.residual_rms_rad == pytest.approx(second.residual_rms_rad, rel=0.1)
+
+
+def test_the_stated_uncertainty_is_the_scatter_over_noise() -> None:
+    time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
+    rng = np.random.default_rng(12)
+    fits = [fit_swing(find_swing(time_s, clean + rng.normal(0, 1e-3, len(time_s)), peaks=6)) for _ in range(24)]
+    values, stated = (
+        np.array([one.natural_frequency_squared_s2 for one in ones])
+        for ones in ([fit.coefficients for fit in fits], [fit.std for fit in fits])
+    )
+
+    # A standard deviation of 24 values is uncertain by 15 %.
+    assert 0.55 < values.std(ddof=1) / stated.mean() < 1.45
+    assert abs(values.mean() - MOMENT / INERTIA) < 3 * stated.mean() / np.sqrt(24)
 
 
 @pytest.mark.parametrize("zero", [-0.4, 0.0, 0.25])

@@ -1,0 +1,244 @@
+"""Recordings in wind, of an index or of `cfid log wind`, to one mean force a command."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd  # noqa: F401  (before two threads load it at once)
+
+from cfid.console.facts import assumed
+from cfid.drag.wind.frames import AZIMUTH_DEG, MARKERS, YAW_DEG, std_turned_about_z
+from cfid.drag.wind.index import IndexedRun
+from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis, of_point
+from cfid.drag.wind.plan import WindSetting, setting_of
+from cfid.drag.wind.reduction import WindForce
+from cfid.errors import CfidError, DataError, FitError
+from cfid.estimate.staircase import Point, mean_beside, reduce_staircase
+from cfid.findings import Finding, note, texts, warning
+from cfid.motors.points import rotor_speed_rad_s
+from cfid.motors.vibration.data import Rotors, VibrationRecord
+from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.frames import turn_about_z
+from cfid.records.parameters import Source
+from cfid.records.run import Run
+from cfid.records.tables.times import run_at
+from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, Rows, begin_s, holds, read_commands, read_rows
+from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, read_wrench
+from cfid.units import DEAD_COMMAND
+
+_ESTIMATED_S = 3.0  # of a window: enough to find a speed to a thousandth
+_ESTIMATED_FROM_HZ = 1990.0  # below, the blade-pass line of a rotor at 3000 rad/s folds back onto others
+_ANY_FROM_HZ = 3300.0  # the same at 5000 rad/s
+_SLOWEST_RAD_S, _USUAL_RAD_S = 200.0, 3000.0  # a Crazyflie's rotors stay below
+_UNKNOWN = "no tachometer reading, and vibration does not show the rotors' speed"
+_BY_HAND = "The columns from_s and to_s of the index give a window by hand."
+_AT_ONCE = 2  # files: while one waits for the disk or is parsed, another is averaged
+
+
+@dataclass(frozen=True)
+class WindReading:
+    """How recordings are read and averaged.
+
+    Facts of the rig that are `given` replace those that a run states; an index has those of `rig`.
+    """
+
+    wrench: WrenchReading
+    method: Literal["default", "thesis"] = "default"
+    given: RigFacts = NONE_STATED
+    rig: RigFacts = NONE_STATED
+
+
+AS_THEY_ARE = WindReading(WrenchReading())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReducedRecording:
+    """The mean forces of one recording, its files, the load cell's first, and findings about it."""
+
+    forces: tuple[WindForce, ...]
+    findings: tuple[Finding, ...]
+    sources: tuple[Source, ...]
+
+
+def reduce_index(rows: Sequence[IndexedRun], how: WindReading) -> list[ReducedRecording]:
+    """Reduce the recordings of an index, several at once. Raises DataError or FitError that name row and file."""
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        return list(pool.map(partial(_reduce_row, how=how), rows))
+
+
+def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
+    """Reduce each command of a run of `cfid log wind`; commands without the rotors' speed are left out.
+
+    Raises DataError or FitError that name the run, the latter where all commands lack the speed.
+    """
+    run = run_at(path)
+    if run is None:
+        raise DataError(f"{path}: not a run folder; other recordings are listed in an index file.")
+    setting, record = setting_of(run), read_wrench(path, how.wrench)
+    facts = how.given.over(run.header.rig)
+    began_s = begin_s(run.device_file(LOADCELL))
+    points, findings, sources = _settled(run, record, began_s)
+    readings = read_rows(run, READINGS) if holds(run, READINGS) else None
+    volts = _volts(run, began_s, points)
+    findings += _assumptions(facts, setting, typed=readings is not None)
+    forces, unknown = [], []
+    for point, volt in zip(points, volts, strict=True):
+        name, typed = f"{record.name} command {point.command}", _typed(readings, began_s, point)
+        try:
+            made = _force(of_point(point), record, typed, facts, name=name, command=point.command or 0, at=setting)
+        except FitError as error:
+            unknown.append(error)
+            continue
+        findings += _vibration_used(typed, setting)
+        forces.append(replace(made, volts=volt))
+    if not forces:
+        raise unknown[0]
+    findings += [warning("drag-rotor-speed-unknown", f"{error} It is left out.", "drag.*") for error in unknown]
+    return ReducedRecording(
+        forces=tuple(forces),
+        findings=(*_notes(record), *findings),
+        sources=(record.source, *sources, *([readings.source] if readings else [])),
+    )
+
+
+def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
+    """Reduce a recording; what a load cell feels of standing rotors does not matter."""
+    record, facts = read_wrench(row.loadcell, how.wrench), how.given.over(how.rig)
+    findings = [replace(one, text=one.text.removeprefix(f"{record.path.name}: ")) for one in _notes(record)]
+    if row.command > DEAD_COMMAND:
+        mean = _averaged(row, record, how)
+        findings += [*mean.findings, *_vibration_used(row.tach_rpm, row.setting)]
+        made = _force(mean, record, row.tach_rpm, facts, name=row.name, command=row.command, at=row.setting)
+    else:
+        still = np.zeros(3)
+        made = WindForce(name=row.name, command=row.command, setting=row.setting, force_n=still, force_std_n=still)
+    findings += _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
+    return ReducedRecording(forces=(made,), findings=tuple(findings), sources=(record.source,))
+
+
+def _force(
+    mean: MeanForce,
+    record: WrenchRecord,
+    typed_rpm: float | None,
+    stated: RigFacts,
+    *,
+    name: str,
+    command: int,
+    at: WindSetting,
+) -> WindForce:
+    """Return a mean force in the body frame, with wind and rotor speed. Raises FitError for an unknown speed."""
+    yaw_deg = YAW_DEG if stated.yaw_in_wind_deg is None else stated.yaw_in_wind_deg
+    if typed_rpm:
+        speed = float(rotor_speed_rad_s(typed_rpm, markers=stated.tachometer.markers or MARKERS))
+    else:
+        speed = 0.0 if at.is_reference else _speed_from_vibration(record, mean, name=name)
+    return WindForce(
+        name=name,
+        command=command,
+        setting=replace(at, azimuth_deg=stated.wind.azimuth_deg) if at.azimuth_deg is None else at,
+        force_n=turn_about_z(mean.force_n * (1, 1, -1 if stated.loadcell.flip_fz else 1), yaw_deg=yaw_deg),
+        force_std_n=std_turned_about_z(mean.std_n, yaw_deg=yaw_deg),
+        rotor_rad_s=speed,
+    )
+
+
+def _speed_from_vibration(record: WrenchRecord, mean: MeanForce, *, name: str) -> float:
+    """Return the speed of the loudest rotor, which stands for all four as the one at a tachometer does (C.3.1).
+
+    Raises FitError when it cannot be found.
+    """
+    rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
+    if rate_hz < _ESTIMATED_FROM_HZ:
+        raise FitError(f"{name}: {_UNKNOWN}, sampled at {rate_hz:.0f} Hz: 2000 are needed. Give the reading.")
+    begin_s, end_s = mean.window_s
+    # Blade pass of faster rotors would fold back where the rate is low.
+    expected = (_SLOWEST_RAD_S, _USUAL_RAD_S) if rate_hz < _ANY_FROM_HZ else None
+    try:
+        vibration = VibrationRecord(record, Rotors(expected_rad_per_s=expected))
+        found = vibration.speed_in(begin_s, min(begin_s + _ESTIMATED_S, end_s), rotors=1)
+    except CfidError as error:
+        raise FitError(f"{name}: {_UNKNOWN}: {error} Give the reading.") from None
+    if not found.accepted:
+        raise FitError(f"{name}: {_UNKNOWN}: {' '.join(texts(found.findings, 'rejection'))} Give the reading.")
+    return float(found.speed_rad_per_s)
+
+
+def _averaged(row: IndexedRun, record: WrenchRecord, how: WindReading) -> MeanForce:
+    try:
+        return (mean_force_thesis if how.method == "thesis" else mean_force)(
+            time_s=record.time_s,
+            force_n=record.force_n,
+            command=row.command,
+            status=record.status,
+            window_s=row.window_s,
+        )
+    except CfidError as error:
+        by_hand = f" {_BY_HAND}" if isinstance(error, FitError) else ""
+        raise type(error)(f"{row.where}: {row.loadcell}: {error}{by_hand}") from None
+
+
+def _settled(run: Run, record: WrenchRecord, began_s: float) -> tuple[tuple[Point, ...], list[Finding], list[Source]]:
+    """Reduce the staircase of a run: its pauses give the tare, in the wind and with still rotors."""
+    rows, commands = read_commands(run)
+    try:
+        found = reduce_staircase(
+            time_s=record.time_s,
+            channels=record.force_n,
+            status=record.status,
+            command_time_s=rows.time_s - began_s,
+            commands=commands,
+        )
+        settled = found.steady()
+    except CfidError as error:
+        raise type(error)(f"{run.folder}: {error}") from None
+    named = [replace(one, text=f"{record.name}: {one.text}", quantities=("drag.*",)) for one in found.findings]
+    return settled, named, [rows.source]
+
+
+def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:
+    """Return the tachometer's reading at a point, None where there is none."""
+    if readings is None:
+        return None
+    there = (readings.columns["command"] == point.command) & (readings.time_s - began_s >= point.begin_s)
+    typed = readings.columns["rpm"][there]
+    return float(typed[0]) if len(typed) else None
+
+
+def _volts(run: Run, began_s: float, points: Sequence[Point]) -> list[float]:
+    """Return the battery's mean voltage at each point, NaN where the vehicle logged none."""
+    rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None
+    if rows is None or "pm.vbat" not in rows.columns:
+        return [float("nan")] * len(points)
+    return list(map(float, mean_beside(points, rows.time_s - began_s, rows.columns["pm.vbat"])))
+
+
+def _notes(record: WrenchRecord) -> list[Finding]:
+    return [note("recording", text, "drag.*") for text in record.notes]
+
+
+def _vibration_used(typed_rpm: float | None, at: WindSetting) -> list[Finding]:
+    if typed_rpm or at.is_reference:
+        return []
+    text = "without a tachometer reading the rotors' speed is estimated from vibration."
+    return [note("drag-speed-from-vibration", text, "drag.*")]
+
+
+def _assumptions(stated: RigFacts, at: WindSetting, *, typed: bool) -> list[Finding]:
+    """Return notes on the facts that a run in wind or a reference needs and nobody stated."""
+    windy = not at.is_reference
+    needed: Mapping[str, tuple[str, bool]] = {
+        "yaw_deg": (f"a yaw of {YAW_DEG:g} degrees on the load cell is", stated.yaw_in_wind_deg is None),
+        "azimuth_deg": (
+            f"an azimuth of {AZIMUTH_DEG:.2f} degrees is",
+            windy and at.azimuth_deg is None and stated.wind.azimuth_deg is None,
+        ),
+        "markers": (
+            f"{MARKERS} markers of the tachometer are",
+            windy and typed and stated.tachometer.markers is None,
+        ),
+    }
+    return [note("fact-assumed", assumed(what, name), "drag.*") for name, (what, missing) in needed.items() if missing]

@@ -1,0 +1,134 @@
+"""Friction of the swing's axis from dropped weights: quantities, findings, lines and figures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from cfid.errors import ConfigError, DataError, check_positive
+from cfid.findings import warning
+from cfid.friction.drops import Drop, measure_drop
+from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
+from cfid.records.campaign import Rig
+from cfid.records.parameters import Parameter
+from cfid.records.result import Result
+from cfid.records.tables.angle import AngleRecord, Recording, angle_record
+from cfid.swing.data import rig_or_thesis
+from cfid.units import MM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def fit(
+    drops: Sequence[Recording],
+    *,
+    rig: Rig | None = None,
+    radius_m: float | None = None,
+    radius_std_m: float = 0.0,
+    gravity_mps2: float | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    method: Literal["default", "thesis"] = "default",
+) -> Result:
+    """Fit the friction of the swing's axis to weights dropped on a line wound around it; their labels have the grams.
+
+    The radius of the axis and gravity are those of the rig where they are not given: the rig given, else that of the
+    campaign which the recordings lie in, else the thesis'. The window of steady speed is found; `from_s` and `to_s`,
+    since the first sample, set it by hand.
+
+    Raises ConfigError for a radius that is not known, or that is zero or less, DataError for a recording without a
+    weight, or in which nothing turns.
+    """
+    check_positive(radius_m=radius_m, gravity_mps2=gravity_mps2)
+    records = [angle_record(drop) for drop in drops]
+    rig, notes = rig_or_thesis(records, rig)
+    gravity_mps2 = gravity_mps2 or rig.site.gravity_mps2
+    if radius_m is None:
+        radius_m, radius_std_m = _radius_m(rig)
+    else:
+        notes = ()
+    setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
+    measured = [_measured(record, **setup) for record in records]
+    if method == "thesis":
+        found = thesis_friction(measured)
+    else:
+        found = fit_friction(measured, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity_mps2)
+    unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]
+
+    def drawings() -> "dict[str, Figure]":
+        from cfid.friction.figures import drops_figure, friction_figure
+
+        labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(measured, records, strict=True)]
+        figures = {"friction_runs": drops_figure(measured, labels=labels)}
+        if len(unsettled) < len(measured):
+            figures["friction"] = friction_figure(measured, found, radius_m=radius_m, gravity_mps2=gravity_mps2)
+        return figures
+
+    return Result(
+        command="fit friction",
+        method=method,
+        quantities=_quantities(found, measured),
+        wanted=(VISCOUS, COULOMB),
+        quality={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
+        findings=(
+            *notes,
+            *(warning("recording", text) for record in records for text in record.notes),
+            *found.findings,
+            *(
+                warning("friction-drop-left-out", f"{record.name}: the speed never settles; it is left out.")
+                for record in unsettled
+            ),
+        ),
+        sources=tuple(record.source for record in records),
+        lines=tuple(_line(drop) for drop in measured),
+        drawings=drawings,
+        folder=records[0].path.parent if records else Path(),
+    )
+
+
+def _radius_m(rig: Rig) -> tuple[float, float]:
+    """Return the radius of the axis and its standard uncertainty."""
+    if rig.friction is None:
+        raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or give the radius.")
+    return MM * rig.friction.radius_mm, MM * rig.friction.radius_std_mm
+
+
+def _measured(record: AngleRecord, **setup: Any) -> Drop:
+    if record.label.weight_g is None:
+        raise DataError(f"{record.name}: does not say its weight in grams: name it, as in 20={record.name}.")
+    try:
+        return measure_drop(record.time_s, record.angle_rad, weight_kg=record.label.weight_g / 1000, **setup)
+    except DataError as error:
+        raise DataError(f"{record.path}: {error}") from None
+
+
+def _line(drop: Drop) -> str:
+    line = (
+        f"{1000 * drop.weight_kg:5g} g: {drop.speed_rad_per_s:6.1f} rad/s from {drop.from_s:.2f} to {drop.to_s:.2f} s, "
+    )
+    if not drop.settled:
+        return line + "never settles"
+    return line + f"{drop.coefficient_nms_per_rad:.4g} N m s/rad, tends to {drop.terminal_rad_per_s:.1f}"
+
+
+def _quantities(found: FrictionEstimate, drops: Sequence[Drop]) -> dict[str, Parameter]:
+    return {
+        VISCOUS: Parameter(value=found.viscous_nms_per_rad, std=found.viscous_std, unit="N m s/rad"),
+        COULOMB: Parameter(value=found.coulomb_nm, std=found.coulomb_std, unit="N m"),
+        SETUP_INERTIA: Parameter(value=found.setup_inertia_kg_m2, std=found.setup_inertia_std, unit="kg m^2"),
+        "friction.runs": Parameter(value=[_row(drop) for drop in drops], unit="as named"),
+    }
+
+
+def _row(drop: Drop) -> dict[str, Any]:
+    return {
+        "weight_g": 1000 * drop.weight_kg,
+        "settled": drop.settled,
+        "speed_rad_per_s": drop.speed_rad_per_s,
+        "speed_std_rad_per_s": drop.speed_std_rad_per_s,
+        "terminal_rad_per_s": drop.terminal_rad_per_s if drop.settled else None,
+        "coefficient_nms_per_rad": drop.coefficient_nms_per_rad if drop.settled else None,
+        "from_s": drop.from_s,
+        "to_s": drop.to_s,
+        "time_constant_s": drop.time_constant_s if drop.settled else None,
+    }

@@ -1,0 +1,141 @@
+"""Swings of one body about several mounts, each measured, ready to be made an inertia of."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.findings import Finding, warning
+from cfid.records.parameters import Source
+from cfid.records.tables.angle import AngleRecord, Recording, angle_record
+from cfid.swing.axis_inertias import MountedSwing
+from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, swing_in
+from cfid.swing.estimation import fit_swing
+from cfid.swing.free_swing import FreeSwing
+from cfid.swing.result import Method, rejections_of
+from cfid.swing.thesis import fit_damped_cosine
+
+Swing = Recording | KnownInertia
+Peaks = int | Mapping[str, int] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredSwings:
+    """All swings of a body, that of the empty fixture apart, with figures of quality and findings, by mount."""
+
+    mounted: tuple[MountedSwing, ...]
+    fixture: MountedSwing | None
+    quality: tuple[dict[str, Any], ...]
+    found: tuple[tuple[str, Finding], ...]
+    records: tuple[AngleRecord, ...]
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What a person reads of each swing."""
+        return tuple(_line(quality) for quality in self.quality)
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The files."""
+        return tuple(record.source for record in self.records)
+
+    @property
+    def folder(self) -> Path:
+        """Where the first recording lies."""
+        return self.records[0].path.parent if self.records else Path()
+
+    def findings(self, resting_on: Callable[[str], tuple[str, ...]]) -> tuple[Finding, ...]:
+        """Return the findings about recordings and swings; `resting_on` has the quantities that rest on a mount."""
+        return (
+            *(warning("recording", text) for record in self.records for text in record.notes),
+            *(
+                replace(finding, text=f"{mount}: {finding.text}", quantities=resting_on(mount))
+                for mount, finding in self.found
+            ),
+        )
+
+
+def records_of(swings: Sequence[Swing]) -> list[AngleRecord | KnownInertia]:
+    """Read what is not read yet."""
+    return [swing if isinstance(swing, KnownInertia) else angle_record(swing) for swing in swings]
+
+
+def measure(
+    swings: Sequence[AngleRecord | KnownInertia], *, body: str, peaks: Peaks, smallest_peak_rad: float, method: Method
+) -> MeasuredSwings:
+    """Fit every recording of a body, on the mount of its label; known axis inertias stay as they are.
+
+    Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
+    """
+    mounts = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
+    if mounts.count(FIXTURE) > 1:
+        raise ConfigError("more than one swing of the empty fixture: give one.")
+    check_peaks(peaks, mounts)
+    mounted, quality, found = [], [], []
+    for mount, swing in zip(mounts, swings, strict=True):
+        if isinstance(swing, KnownInertia):
+            mounted.append(MountedSwing(axis=mount, value=swing.value_kg_m2, std=swing.std_kg_m2, known=True))
+            quality.append({"axis": mount, "known_kg_m2": swing.value_kg_m2})
+            continue
+        free = swing_in(swing, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)
+        try:
+            value, std, figures, rejections = (_by_thesis if method == "thesis" else _by_default)(free)
+        except FitError as error:
+            raise FitError(f"{swing.path}: {error}") from None
+        mounted.append(MountedSwing(axis=mount, value=value, std=std))
+        quality.append({"axis": mount, "natural_frequency_squared_s2": value, "std_s2": std, **figures})
+        found += [(mount, finding) for finding in (*free.findings, *rejections)]
+    return MeasuredSwings(
+        mounted=tuple(swing for swing in mounted if swing.axis != FIXTURE),
+        fixture=next((swing for swing in mounted if swing.axis == FIXTURE), None),
+        quality=tuple(quality),
+        found=tuple(found),
+        records=tuple(swing for swing in swings if isinstance(swing, AngleRecord)),
+    )
+
+
+def _mount_of(record: AngleRecord, body: str) -> str:
+    """Return the mount that a recording's label names; one labelled as the fixture is the fixture's, on any axis."""
+    label = record.label
+    if label.body == FIXTURE:
+        return FIXTURE
+    if label.body is not None and label.body != body:
+        raise ConfigError(f"{record.name}: is labelled as a swing of the {label.body}, not of the {body}.")
+    if label.axis is None:
+        raise DataError(f"{record.name}: has no axis in its label: name it, as in AXIS={record.name}.")
+    return label.axis
+
+
+def _by_default(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
+    """Return W, its standard uncertainty, figures of quality and rejections.
+
+    Which damping terms explain the decay does not matter for an inertia: that note is left out.
+    """
+    fit = fit_swing(swing)
+    quality = {
+        "accepted": fit.accepted,
+        "peaks_used": swing.peaks_used,
+        "damping_terms": fit.terms,
+        "rms": fit.residual_rms_rad,
+        "distortion": fit.quality.distortion,
+        "drift": fit.quality.drift,
+    }
+    frequency, std = (found.natural_frequency_squared_s2 for found in (fit.coefficients, fit.std))
+    return frequency, std, quality, fit.quality.findings
+
+
+def _by_thesis(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Finding, ...]]:
+    cosine, rejections = fit_damped_cosine(swing), rejections_of(swing)
+    frequency, std = (found.natural_frequency_squared_s2 for found in (cosine.frequencies, cosine.std))
+    return frequency, std, {"accepted": not rejections, "peaks_used": swing.peaks_used}, rejections
+
+
+def _line(quality: Mapping[str, Any]) -> str:
+    if "known_kg_m2" in quality:
+        return f"{quality['axis']}: {quality['known_kg_m2']:.7g} kg m^2, as given"
+    frequency = f"W {quality['natural_frequency_squared_s2']:.7g} 1/s^2" if quality["accepted"] else "rejected"
+    line = f"{quality['axis']}: {frequency}, {quality['peaks_used']} peaks"
+    if "damping_terms" not in quality:
+        return f"{line}, damped cosine"
+    return f"{line}, waveform off by {100 * quality['distortion']:.2g} %, drift {100 * quality['drift']:+.2g} %"

@@ -1,0 +1,105 @@
+"""The test body measured against its drawing: quantities, findings, lines and figure."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from cfid.findings import Finding, rejected, rejection, warning
+from cfid.inertia.comparison import BodyComparison, compare
+from cfid.inertia.data import Peaks, Swing, measure, records_of
+from cfid.records.campaign import Rig
+from cfid.records.parameters import Parameter
+from cfid.records.result import Result
+from cfid.records.tables.angle import AngleRecord
+from cfid.swing.axis_inertias import AxisInertias, swung_test_body
+from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rig_or_thesis, surroundings
+from cfid.swing.free_swing import SMALLEST_PEAK_RAD
+from cfid.swing.result import Method
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+UNLIKELY_STD = 4.0
+ANOTHER_STD = 20.0  # no calliper is that wrong
+
+_UNIT = "kg m^2"
+
+
+def fit_testbody(
+    swings: Sequence[Swing],
+    *,
+    rig: Rig | None = None,
+    mass_kg: float | None = None,
+    gravity_mps2: float | None = None,
+    peaks: Peaks = None,
+    smallest_peak_rad: float = SMALLEST_PEAK_RAD,
+    method: Method = "default",
+) -> Result:
+    """Compare the test body's measured inertias with those of its drawing (table 2.5), one mount a swing.
+
+    Arguments and errors as those of `cfid.inertia.fit`; mounts and drawing are the rig's `testbody`.
+    """
+    given = records_of(swings)
+    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
+    body = drawn_body(rig, mass_kg)
+    measured = measure(given, body="testbody", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
+    check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
+    around = surroundings(rig, gravity_mps2, measured.fixture)
+    comparisons = compare(body, AxisInertias(measured.mounted, swung_test_body(body), around))
+    findings = (*notes, *measured.findings(_resting_on), *_differences(comparisons))
+    quantities = _quantities(comparisons)
+    differences = tuple(
+        f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
+        for c in comparisons
+        if f"testbody.error.{c.axis}" not in rejected(findings, quantities)
+    )
+
+    def drawings() -> "dict[str, Figure]":
+        from cfid.inertia.figures import testbody_figure
+
+        return {"testbody": testbody_figure(comparisons)}
+
+    return Result(
+        command="fit testbody",
+        method=method,
+        quantities=quantities,
+        wanted=("testbody.error.*",),
+        quality={"swings": measured.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
+        findings=findings,
+        sources=measured.sources,
+        lines=(*measured.lines, *differences),
+        drawings=drawings,
+        folder=measured.folder,
+    )
+
+
+def _quantities(comparisons: Sequence[BodyComparison]) -> dict[str, Parameter]:
+    found = {}
+    for c in comparisons:
+        for name, value, std, unit in (
+            ("calculated_kg_m2", c.calculated_kg_m2, c.calculated_std_kg_m2, _UNIT),
+            ("measured_kg_m2", c.measured_kg_m2, c.measured_std_kg_m2, _UNIT),
+            ("error", c.error, c.error_std, "1"),
+        ):
+            found[f"testbody.{name}.{c.axis}"] = Parameter(value=value, std=std or None, unit=unit)
+    return found
+
+
+def _resting_on(mount: str) -> tuple[str, ...]:
+    """Return the quantities that rest on the swing about a mount; all measured ones rest on that of the fixture."""
+    axis = "*" if mount == FIXTURE else mount
+    return f"testbody.measured_kg_m2.{axis}", f"testbody.error.{axis}"
+
+
+def _differences(comparisons: Sequence[BodyComparison]) -> Iterator[Finding]:
+    """Yield a finding for every swing that differs from the drawing."""
+    for c in comparisons:
+        text = (
+            f"{c.axis}: measured and calculated lie {c.deviations:.1f} standard uncertainties apart (limit "
+            f"{UNLIKELY_STD:g}). Check which axis was swung, the mount's distance, the body's lengths, and that "
+            "nothing slips."
+        )
+        if ANOTHER_STD <= c.deviations < math.inf:
+            yield rejection("testbody-another-axis", text, *_resting_on(c.axis))
+        elif UNLIKELY_STD < c.deviations < ANOTHER_STD:
+            yield warning("testbody-apart", text, *_resting_on(c.axis))

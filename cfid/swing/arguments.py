@@ -1,0 +1,54 @@
+"""Swings on the command line: AXIS=FILE, known axis inertias, and numbers of peaks."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cfid.console.inputs import Workplace, read_recording
+from cfid.errors import ConfigError
+from cfid.records.tables.angle import AngleRecord, Reading, labelled
+from cfid.swing.data import FIXTURE, KnownInertia
+
+
+def read_swings(words: Sequence[str], reading: Reading, workplace: Workplace) -> list[AngleRecord | KnownInertia]:
+    """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:STD, fixture=FILE, or a RUN whose label has the axis.
+
+    Raises ConfigError for numbers that are no inertia.
+    """
+    return [_swing(word, reading, workplace) for word in words]
+
+
+def _swing(word: str, reading: Reading, workplace: Workplace) -> AngleRecord | KnownInertia:
+    name, equals, rest = word.partition("=")
+    if not equals or Path(word).exists():
+        return read_recording(word, reading, workplace)
+    if known := _known_inertia(name, rest):
+        return known
+    record = read_recording(rest, reading, workplace)
+    if name == FIXTURE:
+        return labelled(record, body=FIXTURE)
+    return labelled(record, axis=name) if name else record
+
+
+def _known_inertia(name: str, text: str) -> KnownInertia | None:
+    value, colon, std = text.partition(":")
+    try:
+        numbers = float(value), float(std) if colon else 0.0
+    except ValueError:
+        return None
+    return KnownInertia(name, *numbers)
+
+
+def parse_peaks(text: str | None) -> int | dict[str, int] | None:
+    """Return the number of peaks that --peaks has for all axes, or for each: one number, or `x=11,z=16`.
+
+    Raises ConfigError when it is neither.
+    """
+    if text is None:
+        return None
+    try:
+        if "=" not in text:
+            return int(text)
+        pairs = (part.split("=") for part in text.split(","))
+        return {axis.strip(): int(count) for axis, count in pairs}
+    except ValueError:
+        raise ConfigError(f"--peaks {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None

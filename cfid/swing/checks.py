@@ -1,0 +1,117 @@
+"""Whether a fitted pendulum describes its record: misfit, waveform and drift, each with its limit.
+
+The limits lie between the two public records that cfid is checked with: a sound rig stays below each of them by a
+factor of three or more, and one with a soft arm and a dragging cable exceeds the limit of the waveform.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.estimate.blocks import block_means
+from cfid.findings import Finding, rejection
+from cfid.swing.model import OutputError, sample
+
+Array = npt.NDArray[np.float64]
+
+MISFIT_LIMIT = 0.02
+DISTORTION_LIMIT = 0.0015
+DRIFT_LIMIT = 0.01
+
+_ALL = "swing.*"
+_BLOCKS_A_PERIOD = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitQuality:
+    """How well a pendulum describes its record; all figures are relative.
+
+    `misfit`: rms of the residual's block means over the start angle. `distortion`: the same after each
+    period's own amplitude, phase and zero have been taken out, which leaves the waveform. `drift`: change
+    of W from the first to the second half of the window, with its standard uncertainty `drift_std`.
+    """
+
+    misfit: float
+    distortion: float
+    distortion_limit: float
+    drift: float
+    drift_std: float
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A rejection for each limit that is exceeded."""
+        found = []
+        if not self.misfit <= MISFIT_LIMIT:
+            found.append(
+                rejection(
+                    "swing-misfit",
+                    f"the best pendulum misses the record by {_percent(self.misfit)} of the start angle (limit "
+                    f"{_percent(MISFIT_LIMIT)}). Check the angle's unit, and that the body touched nothing.",
+                    _ALL,
+                )
+            )
+        if not self.distortion <= self.distortion_limit:
+            found.append(
+                rejection(
+                    "swing-waveform-distorted",
+                    f"within a period the motion differs from a pendulum's by {_percent(self.distortion)} of the "
+                    f"start angle (limit {_percent(self.distortion_limit)}). Likely causes: a soft arm, a cable, a "
+                    "loose mount, a hand.",
+                    _ALL,
+                )
+            )
+        if not abs(self.drift) <= max(DRIFT_LIMIT, 4 * self.drift_std):
+            found.append(
+                rejection(
+                    "swing-frequency-drift",
+                    f"the natural frequency squared changes by {100 * self.drift:+.2g} % from the first half of the "
+                    f"window to the second (limit {_percent(DRIFT_LIMIT)}). Tighten the mount, or use fewer peaks.",
+                    _ALL,
+                )
+            )
+        return tuple(found)
+
+
+def judge(fit: OutputError, time_s: Array, *, resolution_rad: float, drift: float, drift_std: float) -> FitQuality:
+    """Judge a fit to samples at `time_s` (n,) of an angle with the given resolution."""
+    start = float(np.max(np.abs(fit.trajectory.angle_rad)))
+    period = 2 * math.pi / math.sqrt(max(fit.coefficients.natural_frequency_squared_s2, 1e-9))
+    block = max(int(len(time_s) * period / (time_s[-1] - time_s[0])) // _BLOCKS_A_PERIOD, 1)
+    residual = fit.residual_rad
+    noise_variance = float(np.mean(np.diff(residual) ** 2)) / 2
+    distorted = block_means(_waveform_residual(fit, time_s, period), length=block)
+    # Noise and the encoder's steps leave something in the block means too.
+    allowed = (DISTORTION_LIMIT * start) ** 2 + 2 * noise_variance / block + resolution_rad**2 / 12
+    return FitQuality(
+        misfit=_rms(block_means(residual, length=block)) / start,
+        distortion=_rms(distorted) / start,
+        distortion_limit=math.sqrt(allowed) / start,
+        drift=drift,
+        drift_std=drift_std,
+    )
+
+
+def _waveform_residual(fit: OutputError, time_s: Array, period: float) -> Array:
+    """Return the residual less, in each period, its best fit by the model's angle, speed and a constant."""
+    trajectory = fit.trajectory
+    model = sample(trajectory, time_s)
+    nodes_s = trajectory.start_s + trajectory.step_s * np.arange(len(trajectory.speed_rad_per_s))
+    speed = np.interp(time_s, nodes_s, trajectory.speed_rad_per_s)
+    left = fit.residual_rad.copy()
+    edges = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], period))
+    for first, last in zip(edges, [*edges[1:], len(time_s)], strict=True):
+        part = slice(first, last)
+        local = np.stack([model[part], speed[part], np.ones(last - first)], axis=1)
+        if last - first > 2 * local.shape[1]:
+            left[part] -= local @ np.linalg.lstsq(local, left[part], rcond=None)[0]
+    return left
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.2g} %"

@@ -1,0 +1,181 @@
+"""`latency.fit` and `cfid tf latency`: round trips of table 3.2, and the vehicle's clock against the host's."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cfid import latency
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.latency.estimation import round_trips
+from cfid.records.campaign import RIG_FILE, new_rig_text
+from cfid.records.parameters import load_sections
+from cfid.records.run import DeviceRecord, Label, Run
+from cfid.records.run_writer import create_run
+from cfid.sim.radio import Direction, RadioTruth
+from tests.campaigns import Cfid
+
+RATE = 84 / 85
+ZERO_S = 1.75e9 - 100 / RATE  # the host's time when the vehicle's clock was zero
+MEAN_S, JITTER_S = 0.0285, 0.011  # one way
+LEAST_S = MEAN_S - JITTER_S
+
+
+def ping_run(folder: Path, *, count: int = 400, seed: int = 0, stamped: bool = True) -> Run:
+    """Write a run of pings like those of table 3.2."""
+    radio = RadioTruth(latency_s=MEAN_S, jitter_s=JITTER_S)
+    rng = np.random.default_rng(seed)
+    there, back = Direction(radio, rng), Direction(radio, rng)
+    sent_s = 1.75e9 + 20 * seed + 0.1 * np.arange(count)
+    reached_s = np.array([there.arrival_s(time_s) or 0.0 for time_s in sent_s])
+    arrived_s = np.array([back.arrival_s(time_s) or 0.0 for time_s in reached_s])
+    device_us = np.floor((reached_s - ZERO_S) * RATE * 1e6).astype(np.int64) % 2**32
+    columns = ("t", "rtt_s", *(("vehicle_us",) if stamped else ()))
+    writer = create_run(
+        folder / "runs",
+        kind="ping",
+        label=Label(note="just started up"),
+        devices={"pings": DeviceRecord(file="pings.csv", columns=columns)},
+        started=pd.Timestamp(sent_s[0], unit="s", tz="UTC").to_pydatetime(),
+        cfid_version="0",
+    )
+    writer.append("pings", (sent_s, np.round(arrived_s - sent_s, 7), device_us)[: len(columns)])
+    return writer.close("complete")
+
+
+def rtt_file(path: Path, *rtt_s: float) -> Path:
+    path.write_text("rtt_s\n" + "".join(f"{one:.4f}\n" for one in rtt_s))
+    return path
+
+
+def test_round_trips_have_the_statistics_of_table_3_2() -> None:
+    trips = round_trips(np.array([0.030, 0.060, 0.090, 0.060]))
+
+    assert trips.answers == 4
+    assert trips.mean_s == pytest.approx(0.060)
+    assert trips.std_s == pytest.approx(0.03 * np.sqrt(2 / 3))
+    assert trips.mean_std_s == pytest.approx(0.03 * np.sqrt(2 / 3) / 2)
+    assert trips.least_s == 0.030
+    assert trips.one_way_mean_s == pytest.approx(0.030)
+    assert trips.offset_bound_s == 0.015
+
+
+def test_a_run_gives_round_trips_and_the_vehicles_clock(tmp_path: Path) -> None:
+    run = ping_run(tmp_path)
+    result = latency.fit([run])
+    found = result.quantities
+    rtt_s = pd.read_csv(run.device_file("pings")).rtt_s
+
+    assert found["latency.rtt_mean_s"].value == pytest.approx(rtt_s.mean())
+    assert found["latency.rtt_mean_s"].std == pytest.approx(rtt_s.std() / 20)
+    assert found["latency.rtt_std_s"].value == pytest.approx(rtt_s.std())
+    assert found["latency.rtt_min_s"].value == rtt_s.min()
+    skew = found["latency.clock_skew"]
+    assert skew.value == pytest.approx(RATE - 1, abs=4 * skew.std)
+    assert skew.std < 1e-4
+    assert result.accepted
+    assert not result.findings
+
+
+def test_the_clocks_offset_and_skew_scatter_as_stated(tmp_path: Path) -> None:
+    offsets, skews = [], []
+    for seed in range(60):
+        found = latency.fit([ping_run(tmp_path, seed=seed, count=80)]).quantities
+        offset, skew = found["latency.clock_offset_s"], found["latency.clock_skew"]
+        # Half of the least round trip stands for the least one-way latency.
+        least_s = LEAST_S - found["latency.rtt_min_s"].value / 2
+        offsets.append((offset.value - ZERO_S - least_s) / offset.std)
+        skews.append((skew.value - (RATE - 1)) / skew.std)
+
+    assert 0.7 < np.std(offsets) < 1.4
+    assert 0.7 < np.std(skews) < 1.4
+
+
+def test_the_offset_is_within_a_millisecond_of_the_truth_where_both_ways_are_alike(tmp_path: Path) -> None:
+    offset = latency.fit([ping_run(tmp_path, count=3000)]).quantities["latency.clock_offset_s"]
+
+    assert offset.std < 1e-3
+    assert offset.value == pytest.approx(ZERO_S, abs=1e-3 + 3 * offset.std, rel=0)
+
+
+def test_several_runs_are_taken_together_with_the_clock_of_the_last_that_has_stamps(tmp_path: Path) -> None:
+    runs = [ping_run(tmp_path, seed=seed, count=100, stamped=seed < 2) for seed in range(3)]
+    together, last = latency.fit(runs), latency.fit([runs[1]])
+
+    assert together.quality["answers"] == 300
+    skew = together.quantities["latency.clock_skew"]
+    assert (skew.value, skew.std) == (
+        last.quantities["latency.clock_skew"].value,
+        last.quantities["latency.clock_skew"].std,
+    )
+
+
+def test_too_few_stamps_take_the_clock_away_and_leave_the_round_trips(tmp_path: Path) -> None:
+    result = latency.fit([ping_run(tmp_path, count=2)])
+
+    assert result.accepted
+    assert [(one.code, one.severity) for one in result.findings] == [("clock-stamps-too-few", "rejection")]
+    assert result.findings[0].concerns("latency.clock_skew")
+    assert set(result.quantities) == {"latency.rtt_mean_s", "latency.rtt_std_s", "latency.rtt_min_s"}
+
+
+def test_one_round_trip_has_no_standard_deviation(tmp_path: Path) -> None:
+    one, more = rtt_file(tmp_path / "one.csv", 0.05), rtt_file(tmp_path / "more.csv", 0.04, 0.06)
+    with pytest.raises(FitError, match=r"1 round trip\(s\) have no standard deviation: at least two are needed."):
+        latency.fit([one])
+    lines = latency.fit([one, more]).lines
+
+    assert lines[1].split() == ["one", "1", "50.0000", "-", "50.0000"]
+    assert lines[3].split() == ["all", "3", "50.0000", "10.0000", "40.0000"]
+
+
+def test_no_run_and_a_run_named_twice_are_refused(tmp_path: Path) -> None:
+    path = rtt_file(tmp_path / "rtt.csv", 0.05, 0.06)
+    with pytest.raises(ConfigError, match="at least one"):
+        latency.fit([])
+    with pytest.raises(DataError, match="rtt: the same pings as before"):
+        latency.fit([path, path])
+
+
+def test_the_command_keeps_what_it_found_in_the_campaign(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for seed in range(2):
+        ping_run(tmp_path, seed=seed, count=100)
+    ended = cfid("tf", "latency")
+
+    assert ended.returncode == 0, ended.stderr
+    assert "takes 2 complete runs of pings" in ended.stderr
+    assert ended.stdout.count("just started up") == 2
+    assert "all                               200" in ended.stdout
+    assert "ppm against this computer's" in ended.stdout
+    section = load_sections(tmp_path / "parameters.toml")["latency"]
+    assert set(section.parameters) == {
+        f"latency.{name}" for name in ("rtt_mean_s", "rtt_std_s", "rtt_min_s", "clock_offset_s", "clock_skew")
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("t,delay\n1,2\n2,3\n", 4, "no column rtt_s among t, delay"),
+        ("rtt_s\n0.05\n-0.05\n", 4, "rtt.csv:3: a round trip takes time."),
+        ("rtt_s\n0.05\n", 5, "at least two are needed"),
+    ],
+)
+def test_a_file_without_usable_round_trips_is_refused(
+    cfid: Cfid, tmp_path: Path, text: str, code: int, message: str
+) -> None:
+    (tmp_path / "rtt.csv").write_text(text)
+    ended = cfid("tf", "latency", "rtt.csv")
+
+    assert (ended.returncode, ended.stdout) == (code, "")
+    assert message in ended.stderr
+
+
+def test_without_files_or_a_campaign_there_is_nothing_to_read(cfid: Cfid) -> None:
+    missing, nowhere = cfid("tf", "latency", "missing.csv"), cfid("tf", "latency")
+
+    assert (missing.returncode, nowhere.returncode) == (4, 2)
+    assert "missing.csv: no such file." in missing.stderr
+    assert "no campaign here" in nowhere.stderr

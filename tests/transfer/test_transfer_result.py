@@ -1,0 +1,163 @@
+"""`transfer.fit`, `verify` and `read_sines` as a notebook calls them: runs in, quantities with findings out."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid import transfer
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.records.run import Run
+from cfid.sim.sine_bench import SimulatedSine
+from cfid.transfer.comparison import Comparison, GainAndLag
+from cfid.transfer.identification import identify_all
+from cfid.transfer.model import EQ_3_15
+from cfid.transfer.sines.plan import Sine
+from cfid.transfer.verification_result import Function
+from tests.transfer.sine_recordings import exact
+from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, noiseless, sines, write_index, write_run
+
+B0, A1 = 6.0705967e-8, 0.9745210
+
+
+@pytest.fixture(scope="module")
+def simulated() -> list[SimulatedSine]:
+    return sines((2, 5, 10, 20, 40), samples=2000)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory, simulated: list[SimulatedSine]) -> list[Run]:
+    folder = tmp_path_factory.mktemp("campaign")
+    return [write_run(folder, run, series="bench") for run in simulated]
+
+
+def test_runs_give_a_transfer_function_and_folders_the_same(runs: list[Run]) -> None:
+    result = transfer.fit(runs)
+    lag, gain = (result.quantities[f"tf.{name}"] for name in ("time_constant_s", "static_gain_n"))
+
+    assert result.accepted
+    assert abs(lag.value - LAG_S) < 4 * lag.std < 0.1 * LAG_S
+    assert abs(gain.value - GAIN_N) < 4 * gain.std < 0.1 * GAIN_N
+    assert transfer.fit([run.folder for run in runs]).quantities["tf.time_constant_s"] == lag
+    assert set(result.figures()) == {"tf_bode", "tf_step", "tf_run_bench"}
+
+
+def test_the_covariance_of_the_numbers_has_their_uncertainties_on_its_diagonal(runs: list[Run]) -> None:
+    result = transfer.fit(runs)
+    (covariance,) = result.covariances
+    stated = [std for key in covariance.of for std in np.atleast_1d(result.quantities[key].std).tolist()]
+
+    assert np.sqrt(np.diag(covariance.matrix)) == pytest.approx(stated)
+
+
+def test_a_result_is_verified_against_a_run_that_was_left_out(runs: list[Run]) -> None:
+    *used, left_out = [runs[0], runs[1], runs[3], runs[4], runs[2]]
+    verified = transfer.verify([left_out], transfer.fit(used))
+    again = transfer.verify(used[:1], transfer.fit(used))
+
+    assert verified.accepted
+    assert verified.quantities[f"tf.verify.{left_out.folder.name}.gain_ratio"].value == pytest.approx(1, abs=0.05)
+    assert "verification-reuses-run" not in {one.code for one in verified.findings}
+    assert "verification-reuses-run" in {one.code for one in again.findings}
+
+
+def test_a_run_that_differs_from_the_simulation_takes_away_its_own_quantities(
+    tmp_path: Path, simulated: list[SimulatedSine]
+) -> None:
+    weak = replace(simulated[3], counts=simulated[3].counts * 0.5)
+    good, bad = write_run(tmp_path, simulated[2]), write_run(tmp_path, weak)
+    pole = float(np.exp(-0.002 / LAG_S))
+    function = Function.of_coefficients([0, GAIN_N * (1 - pole)], [1, -pole], delay_s=-0.0274)
+    given = transfer.verify([good, bad], function).without_rejected()
+
+    assert not given.accepted
+    assert {key.split(".")[2] for key in given.quantities} == {good.folder.name}
+    assert len(given.lines) == 1
+
+
+def test_a_rejected_function_leaves_the_measured_responses(runs: list[Run]) -> None:
+    given = transfer.fit(runs, shape="first").without_rejected()
+
+    assert not given.accepted
+    assert set(given.quantities) == {"tf.sample_time_s", "tf.frequency_response"}
+    assert not given.covariances
+    assert not any("H(z)" in line or "static gain" in line for line in given.lines)
+
+
+def test_all_motors_count_as_one_by_the_vertical_force_alone(tmp_path: Path) -> None:
+    quiet = [replace(run, motor=0) for run in sines((2, 5, 10, 20), bench=noiseless())]
+    read = transfer.read_sines(index=write_index(tmp_path, {"": quiet}, cells=1), channel="Fz")
+    alone = transfer.read_sines(
+        index=write_index(tmp_path, {"": sines((2, 5, 10, 20), bench=noiseless())}, cells=1), channel="Fz"
+    )
+
+    assert "thrust-of-all-motors" in {one.code for one in read.findings}
+    assert read.runs[0].force_n == pytest.approx(alone.runs[0].force_n / 4)
+
+
+def test_an_arm_and_a_yaw_that_nobody_stated_are_noted_and_those_given_are_not(tmp_path: Path) -> None:
+    index = write_index(tmp_path, {"": sines((2, 5))})
+    assumed, given = transfer.read_sines(index=index), transfer.read_sines(index=index, arm_m=0.023, yaw_deg=-45.0)
+
+    assert [one.code for one in assumed.findings].count("fact-assumed") == 2
+    assert "fact-assumed" not in [one.code for one in given.findings]
+    assert given.runs[0].force_n == pytest.approx(2 * assumed.runs[0].force_n)  # half of the arm
+
+
+def test_nothing_to_read_and_no_run_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no sine to read"):
+        transfer.fit([])
+    with pytest.raises(DataError, match="no run folder"):
+        transfer.fit([tmp_path / "cell.csv"])
+
+
+def test_a_sine_is_the_same_in_run_toml_and_in_the_request() -> None:
+    sine = Sine(periods=12, samples=4000, amplitude=15000, motor=3, series="second")
+
+    assert Sine.of_run("sine_l12", sine.to_run()) == sine
+    assert sine.to_run() == {"l": 12, "n": 4000, "amplitude": 15000, "motor": 3, "series": "second"}
+    request = sine.request()
+    assert (request.motor, request.amplitude, request.samples) == (3, 15000, 4000)
+    assert request.omega == pytest.approx(sine.omega_rad, rel=1e-6)
+    assert sine.half_period_s == pytest.approx(4000 * 0.002 / 24)
+
+
+def test_sines_above_the_cut_off_and_without_frequency_are_left_out_with_a_note() -> None:
+    runs = exact(B0, A1, periods=[0, 4, 8, 40, 100, 101], samples=4000)
+    found = identify_all({"first": runs})
+
+    assert [run.sine.periods for run in found.used["first"]] == [4, 8, 40, 100]
+    assert [(one.code, one.severity) for one in found.findings[:2]] == [
+        ("sine-without-frequency", "note"),
+        ("sine-too-fast", "note"),
+    ]
+    assert found.findings[1].text == "first: l = 101 above the cut-off of 12.5 Hz left out."
+    with pytest.raises(FitError, match="no sine run is left up to"):
+        identify_all({"first": runs}, cutoff_hz=0.4)
+
+
+def test_a_series_that_is_too_short_for_itself_leaves_the_joint_function() -> None:
+    first, second = exact(B0, A1, periods=[4, 8, 40, 80], samples=4000), exact(B0, A1, periods=[20], samples=4000)
+    found = identify_all({"first": first, "second": second})
+
+    assert set(found.each) == {"first"}
+    (finding,) = [one for one in found.findings if one.code == "series-not-fitted"]
+    assert finding.quantities == ("tf.series.second.*",)
+
+
+@pytest.mark.parametrize(("ratio", "warned"), [(1.0, False), (1.09, False), (1.11, True), (0.91, False), (0.89, True)])
+def test_a_gain_more_than_a_tenth_off_the_thrust_maps_slope_is_warned_of(ratio: float, warned: bool) -> None:
+    ours = GainAndLag(ratio * 2e-6, 0.07)
+    beside = Comparison(2e-6, 30000, None)
+
+    assert [f"{100 * (ratio - 1):+.0f} % off" in one.text for one in beside.findings(ours)] == [True] * warned
+    assert beside.quality(ours)["static_gain_off_slope"] == pytest.approx(ratio - 1)
+
+
+def test_a_published_function_is_compared_by_its_gain_and_time_constant() -> None:
+    ours = GainAndLag(EQ_3_15.static_gain_n / 2, EQ_3_15.lags_s[0] / 4)
+    (line,) = Comparison(None, 30000, "eq3.15").lines(ours)
+
+    assert line == ("(3.15) of the thesis: static gain 2.383e-06 N (+100.0 %), time constant 77.49 ms (+300.0 %)")
+    assert GainAndLag(1e-6, None).text(ours).endswith("no decay that makes a time constant")
