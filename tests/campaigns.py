@@ -1,12 +1,15 @@
 """Files as an operator would have them, and the program run as an operator runs it."""
 
 import contextlib
+import fcntl
 import io
+import os
+import pickle
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -19,10 +22,13 @@ from cfid.records.campaign import find_campaign, load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
+from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
+Once = Callable[[str, Callable[[Path], None]], Path]
 
+LONGEST_S = 120.0
 RECORDINGS_SEED = 5
 
 _WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
@@ -45,8 +51,11 @@ def sentences(content: Mapping[str, Any]) -> list[str]:
 
 
 def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-W", "error", "-m", "cfid.cli.main", *words]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    with TemporaryFile("w+", encoding="utf-8") as out, TemporaryFile("w+", encoding="utf-8") as err:
+        code = started(words, cwd=folder, env=os.environ, stdout=out, stderr=err).wait(LONGEST_S)
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(["cfid", *words], code, out.read(), err.read())
 
 
 def in_this_process(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -70,6 +79,27 @@ def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
 
 
 @pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Make a folder once for all processes that run tests: the first that wants it makes it, the others wait."""
+    place = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = place.parent
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        folder, half = place / name, place / f"{name}.half"
+        with (place / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not folder.exists():
+                shutil.rmtree(half, ignore_errors=True)
+                half.mkdir()
+                make(half)
+                half.rename(folder)
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
 def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The rig.toml of a new campaign, under another name: a file to name, not a campaign to find."""
     path = tmp_path_factory.mktemp("rig") / "geometry.toml"
@@ -78,19 +108,27 @@ def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def recordings(rig_file: Path) -> list[SimulatedRun]:
+def recordings(once: Once, rig_file: Path) -> list[SimulatedRun]:
     """Swings of vehicle and test body, and dropped weights: simulated once for all that takes them as files or runs."""
-    return record_chapter_2(load_rig(rig_file), USUAL_TRUTH, np.random.default_rng(RECORDINGS_SEED))[0]
+
+    def simulate(folder: Path) -> None:
+        runs, _ = record_chapter_2(load_rig(rig_file), USUAL_TRUTH, np.random.default_rng(RECORDINGS_SEED))
+        (folder / "runs.pickle").write_bytes(pickle.dumps(runs))
+
+    kept: list[SimulatedRun] = pickle.loads((once("recordings", simulate) / "runs.pickle").read_bytes())
+    return kept
 
 
 @pytest.fixture(scope="session")
-def files(tmp_path_factory: pytest.TempPathFactory, rig_file: Path, recordings: list[SimulatedRun]) -> Path:
+def files(once: Once, rig_file: Path, recordings: list[SimulatedRun]) -> Path:
     """A folder with the rig's geometry.toml and one CSV of times and counts for every recording."""
-    folder = tmp_path_factory.mktemp("files")
-    shutil.copy(rig_file, folder)
-    for i, run in enumerate(recordings):
-        write(folder / f"{name(run, i)}.csv", run)
-    return folder
+
+    def make(folder: Path) -> None:
+        shutil.copy(rig_file, folder)
+        for i, run in enumerate(recordings):
+            write(folder / f"{name(run, i)}.csv", run)
+
+    return once("files", make)
 
 
 def name(run: SimulatedRun, number: int) -> str:
@@ -104,20 +142,17 @@ def write(path: Path, run: SimulatedRun) -> None:
     np.savetxt(path, rows, fmt=("%.6f", "%d"), delimiter=",", header="t,phi", comments="")
 
 
-@pytest.fixture(scope="session")
-def _bodies(tmp_path_factory: pytest.TempPathFactory, recordings: list[SimulatedRun]) -> Path:
-    folder = tmp_path_factory.mktemp("bodies") / "campaign"
-    make_campaign(folder)
-    campaign = find_campaign(folder, start=folder)
-    assert campaign is not None
-    write_runs(campaign, recordings)
-    return folder
-
-
 @pytest.fixture
-def bodies(_bodies: Path, tmp_path: Path) -> Path:
+def bodies(once: Once, recordings: list[SimulatedRun], tmp_path: Path) -> Path:
     """A campaign of its own with swings of vehicle and test body, and dropped weights."""
-    return Path(shutil.copytree(_bodies, tmp_path / "bodies"))
+
+    def make(folder: Path) -> None:
+        make_campaign(folder)
+        campaign = find_campaign(folder, start=folder)
+        assert campaign is not None
+        write_runs(campaign, recordings)
+
+    return Path(shutil.copytree(once("bodies", make), tmp_path / "bodies"))
 
 
 @pytest.fixture(scope="session")

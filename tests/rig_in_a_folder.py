@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -35,10 +34,11 @@ from cfid.sim.pty import PtyPort
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand
 from cfid.wire.rdt import Request, encode_request
+from tests.processes import started
 
 LOADCELL_HZ = 700  # of 7000: a tenth of the work, the same code
 ENCODER_HZ = 100
-LONGEST_S = 30.0  # that anything may take, on a busy computer
+LONGEST_S = 120.0  # that anything may take, on a busy computer
 
 _SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: )")
 
@@ -98,13 +98,12 @@ class Said(NamedTuple):
 class Command:
     """A running `cfid`."""
 
-    def __init__(self, words: tuple[object, ...], *, lab: "Lab", wrapper: tuple[str, ...] = (), **options: Any) -> None:
+    def __init__(self, words: tuple[object, ...], *, lab: "Lab", **options: Any) -> None:
         self._lab = lab
         self._files = [lab.folder / f".{name}{len(lab.commands)}" for name in ("out", "err")]
-        command = [*wrapper, sys.executable, "-W", "error", "-m", "cfid.cli.main", *map(str, words)]
         with self._files[0].open("wb") as out, self._files[1].open("wb") as err:
             options = {"stdout": out, "stderr": err, **options}
-            self.process = subprocess.Popen(command, cwd=lab.folder, env=lab.environment, **options)
+            self.process = started(words, cwd=lab.folder, env=lab.environment, **options)
 
     @property
     def err(self) -> str:

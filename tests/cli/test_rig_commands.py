@@ -87,7 +87,7 @@ def test_logs_of_a_simulated_rig_say_so_and_meet_its_faults(lab: Lab) -> None:
 
 
 def test_a_simulated_rig_tells_where_its_vehicle_is_and_traces_its_motors(lab: Lab) -> None:
-    with rig_sim(lab, "--trace", "motors.txt", "--fault", "crazyflie.reboot_after_s=2") as sim:
+    with rig_sim(lab, "--trace", "motors.txt", "--fault", "crazyflie.reboot_after_s=5") as sim:
         uri = tomllib.loads((lab.folder / SIM_FILE).read_text())["devices"]["crazyflie"]["uri"]
         host, _, port = uri.removeprefix("udp://").partition(":")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:

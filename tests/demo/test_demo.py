@@ -15,6 +15,7 @@ from cfid.records.campaign import find_campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import load_sections
 from cfid.sim.demo import DEMO_TRUTH, simulate_demo
+from tests.campaigns import Cfid
 
 SECTIONS = {
     "inertia",
@@ -66,25 +67,23 @@ def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(
     assert (folder / "parameters.toml").read_bytes() == before
 
 
-def test_a_demo_that_was_killed_says_what_to_delete(tmp_path: Path) -> None:
+def test_a_demo_that_was_killed_says_what_to_delete(cfid: Cfid, tmp_path: Path) -> None:
     folder = tmp_path / "demo"
     running = subprocess.Popen(command(folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline_s = time.monotonic() + 60
-    while not list(folder.glob("runs/*")) and time.monotonic() < deadline_s:
+    while not (folder / "rig.toml").exists() and time.monotonic() < deadline_s:
         time.sleep(0.02)
     os.kill(running.pid, signal.SIGKILL)
     running.wait()
-    again = subprocess.run(command(folder), capture_output=True, text=True, check=False)
+    again = cfid("demo", folder)
 
     assert again.returncode == 2
     assert f"{folder} holds a campaign already: delete it" in again.stderr
 
 
-def test_a_truth_that_is_none_makes_no_folder(tmp_path: Path) -> None:
+def test_a_truth_that_is_none_makes_no_folder(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / "truth.toml").write_text("[rotors]\nnonsense = 1\n")
-    said = subprocess.run(
-        command(tmp_path / "demo", "--truth", tmp_path / "truth.toml"), capture_output=True, text=True, check=False
-    )
+    said = cfid("demo", tmp_path / "demo", "--truth", tmp_path / "truth.toml")
 
     assert said.returncode == 2
     assert "rotors.nonsense: there is no such key" in said.stderr
@@ -115,9 +114,9 @@ def test_a_demo_over_the_wires_measures_in_real_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("left", ["parameters.toml", "fits", "runs/2026-11-21_083012_swing_x"])
-def test_a_demo_does_not_mix_with_what_another_left(tmp_path: Path, left: str) -> None:
+def test_a_demo_does_not_mix_with_what_another_left(cfid: Cfid, tmp_path: Path, left: str) -> None:
     (tmp_path / left).mkdir(parents=True)
-    said = subprocess.run(command(tmp_path), capture_output=True, text=True, check=False)
+    said = cfid("demo", tmp_path)
 
     assert said.returncode == 2
     assert "holds a campaign already: delete it" in said.stderr

@@ -45,9 +45,10 @@ def _tests() -> dict[str, str]:
     found: dict[str, str] = defaultdict(str)
     for path in (ROOT / "tests").rglob("test_*.py"):
         source = path.read_text()
+        lines = source.splitlines(keepends=True)
         for node in ast.parse(source).body:
             if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
-                found[node.name] += str(ast.get_source_segment(source, node))
+                found[node.name] += "".join(lines[node.lineno - 1 : node.end_lineno])
     return found
 
 

@@ -119,7 +119,7 @@ def test_where_the_link_can_be_shared_nobody_is_killed_and_what_remains_is_told(
     with driving(bench, radio, "ignores") as driver:
         began_s = time.monotonic()
         stop_vehicle(bench.uri, AppPorts(), say=said.append)
-        assert bench.history[-1][0] - began_s < 1.0
+        assert bench.stopped_after(began_s) < 1.0
         assert driver.poll() is None
         assert said == [
             f"process {driver.pid} (python) does not end and still holds the vehicle. It may start the motors again. "

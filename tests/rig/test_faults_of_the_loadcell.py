@@ -408,7 +408,7 @@ def test_a_latched_threshold_is_a_note_and_no_fault(lab: Lab) -> None:
 
 
 def test_a_box_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: Lab) -> None:
-    log = lab.start(*LOG)
+    log = lab.start(*LOG, anew=True)
     log.wait_for_rows(FIRST)
     second = lab.cfid(*LOG, streaming=True)
     checked = lab.cfid("rig", "check", streaming=True)

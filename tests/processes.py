@@ -1,0 +1,176 @@
+"""`cfid` in processes of their own, forked from one that has imported it: they start at once, and are real otherwise.
+
+Nine tenths of what `python -m cfid.cli.main log encoder` costs the processor is imports. A forked process is signalled,
+suspended, typed to and killed like any other; only what the kernel calls it is the name of the one it was forked from.
+"""
+
+import atexit
+import contextlib
+import functools
+import gc
+import importlib
+import json
+import os
+import pkgutil
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+from cfid.sim.app_core import load_library
+from tests.places import ROOT
+
+_ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # what commands that reach devices have in common
+_NUMBER = 8  # characters of a number that is reported
+
+
+def started(
+    words: Iterable[object], *, anew: bool = False, wrapper: Sequence[str] = (), **options: Any
+) -> "Forked | subprocess.Popen[bytes]":
+    """Start `cfid`: forked, or `anew`, by a wrapper, or after a function in a Python of its own."""
+    arguments = [str(word) for word in words]
+    if not (anew or wrapper or "preexec_fn" in options):
+        return Forked(arguments, **options)
+    command = [*wrapper, sys.executable, "-W", "error", "-m", "cfid.cli.main", *arguments]
+    return subprocess.Popen(command, **{"stdin": subprocess.DEVNULL, **options})
+
+
+class Forked:
+    """A running `cfid`, with as much of `subprocess.Popen` as tests use; output goes to files."""
+
+    def __init__(
+        self,
+        words: Sequence[str],
+        *,
+        cwd: Path,
+        env: Mapping[str, str],
+        stdout: int | IO[Any],
+        stderr: int | IO[Any],
+        stdin: int | IO[Any] = subprocess.DEVNULL,
+    ) -> None:
+        self.returncode: int | None = None
+        self.stdin: IO[bytes] | None = None
+        self._reports, report = os.pipe()
+        with contextlib.ExitStack() as opened:
+            opened.callback(os.close, report)
+            if stdin == subprocess.DEVNULL:
+                stdin = opened.enter_context(Path(os.devnull).open("rb"))
+            elif stdin == subprocess.PIPE:
+                stdin, end = os.pipe()
+                opened.callback(os.close, stdin)
+                self.stdin = os.fdopen(end, "wb")
+            files = [file if isinstance(file, int) else file.fileno() for file in (stdin, stdout, stderr)]
+            wanted = json.dumps([list(words), str(cwd), dict(env)]).encode()
+            socket.send_fds(_nursery(), [wanted], [*files, report])
+        self.pid = self._reported()
+
+    def poll(self) -> int | None:
+        """Return the exit code, or minus the signal that ended it; None while it runs."""
+        if self.returncode is None and self._has_reported(0.0):
+            self.returncode = os.waitstatus_to_exitcode(self._reported())
+            os.close(self._reports)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        if self.returncode is None and not self._has_reported(timeout):
+            raise subprocess.TimeoutExpired("cfid", timeout or 0.0)
+        code = self.poll()
+        assert code is not None
+        return code
+
+    def communicate(self, typed: bytes = b"", timeout: float | None = None) -> None:
+        """Type something, close the keyboard, and wait for the end."""
+        assert self.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it ended before it read all
+            self.stdin.write(typed)
+            self.stdin.close()
+        self.wait(timeout)
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+    def _has_reported(self, within_s: float | None) -> bool:
+        return bool(select.select([self._reports], [], [], within_s)[0])
+
+    def _reported(self) -> int:
+        return int(os.read(self._reports, _NUMBER))
+
+
+@functools.cache
+def _nursery() -> socket.socket:
+    """Start the process that others are forked from; it ends with this one."""
+    ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with its:
+        # `motors stop` signals a process of this user whose command line has the word cfid, and no other.
+        command = [sys.executable, "-W", "error", "-m", "tests.processes", "cfid", str(its.fileno())]
+        process = subprocess.Popen(command, pass_fds=[its.fileno()], cwd=ROOT)
+
+    def end() -> None:
+        ours.close()
+        process.wait()
+
+    atexit.register(end)
+    return ours
+
+
+def _import_all() -> None:
+    for room in map(importlib.import_module, _ROOMS):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
+    load_library()  # compiled once for all
+    gc.freeze()  # a child that leaves does not look through all this
+
+
+def _born(asking: socket.socket) -> list[str]:
+    """Fork a process for everything that is asked and return its words in it; end here when nobody asks any more."""
+    while True:
+        wanted, handles, _, _ = socket.recv_fds(asking, 1 << 20, 4)
+        if not wanted:
+            asking.close()
+            sys.exit()
+        if os.fork() == 0:
+            break
+        for handle in handles:
+            os.close(handle)
+        with contextlib.suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+    asking.close()
+    *files, report = handles
+    _keep(report)
+    os.close(report)
+    for number, handle in enumerate(files):
+        os.dup2(handle, number)
+        os.close(handle)
+    words, folder, environment = json.loads(wanted)
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)  # noqa: SIM115 - as Python opens them
+    sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    return [str(word) for word in words]
+
+
+def _keep(report: int) -> None:
+    """Fork once more and return in the child; wait for its end here, and report its number and how it ended."""
+    child = os.fork()
+    if child:
+        os.write(report, f"{child:{_NUMBER}}".encode())
+        _, status = os.waitpid(child, 0)
+        os.write(report, f"{status:{_NUMBER}}".encode())
+        os._exit(0)
+
+
+if __name__ == "__main__":
+    _import_all()
+    from cfid.cli.main import main
+
+    main(_born(socket.socket(fileno=int(sys.argv[2]))))
