@@ -179,7 +179,7 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
     assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
     doubted = cfid("fit", "speed", "--table", str(table), "--no-figures")
     assert doubted.returncode == 5
-    assert "another number of markers" in doubted.stderr
+    assert "check the number of its reflective markers" in doubted.stderr
 
 
 def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_where_nobody_stated_them(

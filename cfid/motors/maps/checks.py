@@ -22,7 +22,7 @@ _FEWEST = 5  # points that say what is usual among them
 _FAR = 0.25  # of the largest command, from where speeds lie close to a line
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
-_MARKERS = "has the propeller another number of markers than was divided by?"
+_MARKERS = "check the number of its reflective markers."
 
 
 def check_thrust(command: Array, thrust_n: Array) -> None:
