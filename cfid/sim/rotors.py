@@ -134,7 +134,7 @@ def _into_the_cell(yaw_deg: float) -> Array:
 
 
 def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:
-    """Return the wrench per newton of each rotor (20, 6): steady, then cosine and sine of once and twice its angle."""
+    """Return the wrench of one newton of each rotor (20, 6): steady, then cosine and sine of its angle and twice it."""
     x_m, y_m = truth.arm_m * _ARMS.T
     steady = np.zeros((4, 6))
     steady[:, 2] = 1
