@@ -26,10 +26,10 @@ from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import Address, NetFTBox
 from cfid.sim.netft_faults import Datagram, FaultyNetFT
-from cfid.sim.netft_server import LOOPBACK, NetFTServer, Ports
+from cfid.sim.netft_server import LOOPBACK, BoxPorts, NetFTServer
 from cfid.sim.pty import PtyPort
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand
@@ -163,7 +163,7 @@ class Lab:
         self.environment = {**os.environ, **places, "NO_COLOR": "1", "COLUMNS": "100"}
         self._reactor = reactor
         now_s = reactor.seconds()
-        cell = LoadCell(LoadCellTruth(), np.random.default_rng(4))
+        cell = SimulatedLoadCell(LoadCellTruth(), np.random.default_rng(4))
         netft = NetFTBox(
             load_cell=cell, plant=_load, rate_hz=LOADCELL_HZ, buffer_size=14, first_ft_sequence=500_000, powered_s=now_s
         )
@@ -176,7 +176,7 @@ class Lab:
         self.port = self.in_reactor(self.plug.open)
         self.point_at(self.ports)
 
-    def point_at(self, ports: Ports, *, port: object = None, address: str = LOOPBACK) -> None:
+    def point_at(self, ports: BoxPorts, *, port: object = None, address: str = LOOPBACK) -> None:
         """Write rig.toml with the devices at these places."""
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
         (self.folder / RIG_FILE).write_text(

@@ -95,9 +95,9 @@ def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
 
 def _stop(uri: str, setting: "CrazyflieLink") -> None:
     from cfid.rig.emergency import stop_vehicle
-    from cfid.wire.app import Ports
+    from cfid.wire.app import AppPorts
 
-    ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
+    ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
     stopped = stop_vehicle(uri, ports, say=note)
     _tell_stopped(uri, stopped.kind, stopped.after_s)
     if stopped.state is not None and stopped.state.remedy:

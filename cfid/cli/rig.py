@@ -15,7 +15,7 @@ from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.rig.check import Finding
+    from cfid.rig.check import DeviceAnswer
     from cfid.rig.loop import Ending, Loop
     from cfid.sim.propulsion import OnMotors
     from cfid.sim.service import SimulatedRig
@@ -33,7 +33,7 @@ def check(
     """
     from cfid.console.campaign import here
     from cfid.rig.check import check_encoder, check_loadcell
-    from cfid.rig.check_crazyflie import check_crazyflie
+    from cfid.rig.check_crazyflie import check_vehicle
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
     found = here(campaign)
@@ -43,7 +43,7 @@ def check(
     findings = {
         "encoder": check_encoder(devices.encoder, counts_per_turn=found.rig.encoder.counts_per_turn),
         "loadcell": check_loadcell(devices.loadcell),
-        "crazyflie": check_crazyflie(devices.crazyflie),
+        "crazyflie": check_vehicle(devices.crazyflie),
     }
     _print_findings(findings, simulated=simulated, json=json)
     faulty = [name for name, answers in findings.items() if any(answer.state == "fault" for answer in answers)]
@@ -51,7 +51,7 @@ def check(
         raise DeviceError(f"not ready: {', '.join(faulty)}.")
 
 
-def _print_findings(findings: "dict[str, list[Finding]]", *, simulated: bool, json: bool) -> None:
+def _print_findings(findings: "dict[str, list[DeviceAnswer]]", *, simulated: bool, json: bool) -> None:
     if json:
         import json as encoder
 
@@ -103,7 +103,7 @@ def sim(
     """
     from cfid.console.campaign import here
     from cfid.rig.loop import run_until_done
-    from cfid.sim.motor_trace import motor_trace
+    from cfid.sim.motor_trace import trace_motors
 
     if for_s is not None:
         positive(for_s, "--for")
@@ -112,7 +112,7 @@ def sim(
     async def main(loop: "Loop", ending: "Ending") -> None:
         with (
             TemporaryDirectory(prefix="cfid-sim-") as folder,
-            motor_trace(options.trace, begin_s=loop.seconds()) as on_motors,
+            trace_motors(options.trace, begin_s=loop.seconds()) as on_motors,
         ):
             rig = _simulated(found, loop, Path(folder), options, on_motors)
             await _serve(found, rig, ending, for_s=for_s, seed=options.seed)

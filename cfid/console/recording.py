@@ -125,7 +125,7 @@ def record(
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
     """Record a run; return it, if its folder could be made, and what ended it too early."""
     from cfid.records.run import read_run
-    from cfid.rig.log import log
+    from cfid.rig.log import record_run
 
     folders: list[Path] = []
 
@@ -134,7 +134,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
         live.tell(f"recording into {folder} ({_until(plan)})")
 
     try:
-        return log(plan, devices, show=live.show, begun=begun), None
+        return record_run(plan, devices, show=live.show, begun=begun), None
     except CfidError as error:
         with contextlib.suppress(DataError):
             if folders:

@@ -72,13 +72,13 @@ def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simul
 
 def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
     """Connect to a vehicle and say what of it the operator should know. Raises DeviceError."""
-    from cfid.rig.ready_vehicle import ready_vehicle
+    from cfid.rig.ready_vehicle import connect_vehicle
 
-    vehicle = ready_vehicle(setting, held)
+    vehicle = connect_vehicle(setting, held)
     note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
     if vehicle.firmware.kind != "app":
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
-    if setting.stop_below_v is not None and not vehicle.tells_battery:
+    if setting.stop_below_v is not None and not vehicle.reports_battery:
         note("the vehicle does not tell its battery's voltage: stop_below_v of rig.toml does nothing.")
     if vehicle.state is not None:
         note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")

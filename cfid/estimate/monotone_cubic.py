@@ -110,7 +110,7 @@ class _Bound(NamedTuple):
     @property
     def excess(self) -> float:
         """By how much chi-squared exceeds its degrees of freedom."""
-        return float(np.sum((self.fit.residual / self.std_n) ** 2)) - self.fit.freedom
+        return float(np.sum((self.fit.residual / self.std_n) ** 2)) - self.fit.degrees_of_freedom
 
     def with_spread(self) -> PolynomialFit:
         """Return the cubic with the covariance of what the constraint makes of other unconstrained estimates."""

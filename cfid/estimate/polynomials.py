@@ -44,7 +44,7 @@ class PolynomialFit:
     residual: Array
     weight: Array
     point_std: Array
-    freedom: int
+    degrees_of_freedom: int
     inflation: float | None
     scale: float | None
     quantile: float
@@ -216,7 +216,7 @@ def _fit(
         residual=solved.residual * given,
         weight=solved.weight,
         point_std=math.sqrt(scatter) * given,
-        freedom=freedom,
+        degrees_of_freedom=freedom,
         inflation=None if std is None else math.sqrt(variance),
         scale=solved.scale,
         quantile=float(ndtri(0.975) if known else stdtrit(freedom, 0.975)) if known or freedom else math.nan,

@@ -69,7 +69,15 @@ def _correlation(one: PointFit, other: PointFit) -> float:
     left, right = (np.eye(len(each.fit.x)) - each.fit.hat for each in (one, other))
     freedom = float(np.sum((left @ overlap) * (overlap @ right)))
     first, second = (each.fit.weight * each.fit.residual / each.fit.point_std for each in (one, other))
-    size = float(np.sqrt(first @ first / max(one.fit.freedom, 1) * (second @ second) / max(other.fit.freedom, 1)))
+    size = float(
+        np.sqrt(
+            first
+            @ first
+            / max(one.fit.degrees_of_freedom, 1)
+            * (second @ second)
+            / max(other.fit.degrees_of_freedom, 1)
+        )
+    )
     if not (freedom >= _FEWEST and size > 0):  # nan neither
         return 0.0
     return float(np.clip(first @ overlap @ second / freedom / size, -1.0, 1.0))

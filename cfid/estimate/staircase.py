@@ -25,6 +25,7 @@ from cfid.estimate.windows import (
     prepared,
     steady_stretch,
 )
+from cfid.findings import Finding, warning
 from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -36,7 +37,7 @@ _DRIFT, _WAVE, _REST_WAVE = 0.05, 0.005, 0.001  # within a window, of a step's h
 _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
 _FEWEST_AT_REST = 2  # readings: a tare that is not sure is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
-_NO_REST_AFTER = "no steady rest after the last command: what the load cell drifted by then is not known."
+_NO_BASELINE_AFTER = "no steady baseline after the last command: how far the load cell drifted is not known."
 
 
 class NeverRanError(DataError):
@@ -98,7 +99,18 @@ class Staircase:
     tare_after: Level | None
     drift: Array | None
     spikes: int
-    warnings: tuple[str, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is to be known of its means: steps that are left out, a drift that nobody knows."""
+        unsettled = [point for point in self.points if not point.settled]
+        return (
+            *([] if self.tare_after else [warning("no-baseline-after", _NO_BASELINE_AFTER)]),
+            *(
+                warning("step-left-out", f"command {point.command}: {point.reason}; it is left out.")
+                for point in unsettled
+            ),
+        )
 
     def steady(self) -> tuple[Point, ...]:
         """Return the points that settled. Raises FitError when none did."""
@@ -209,7 +221,6 @@ def _reduced(
         tare_after=after,
         drift=(after.mean - before.mean) / (after.time_s - before.time_s) if after else None,
         spikes=record.spikes,
-        warnings=() if after else (_NO_REST_AFTER,),
     )
 
 

@@ -1,1 +1,13 @@
-"""Motors on the stand: staircases recorded, maps, steps, rotor speed from vibration."""
+"""Motors and rotors: staircases of commands to maps of thrust, speed and torque; vibration; steps."""
+
+from typing import TYPE_CHECKING
+
+from cfid.lazy import attached
+
+if TYPE_CHECKING:
+    from cfid.motors import maps as maps
+    from cfid.motors import steps as steps
+    from cfid.motors import vibration as vibration
+    from cfid.motors.data import reduce_run as reduce_run
+
+__getattr__, __dir__ = attached(__name__, {"maps": "", "steps": "", "vibration": "", "reduce_run": "data"})

@@ -13,9 +13,9 @@ from cfid.console.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_o
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.rig.procedures import Staircase
+    from cfid.rig.procedures import StaircasePlan
 
-_STAIRS = "Staircase"
+_STAIRS = "StaircasePlan"
 LARGEST_COMMAND = 65535
 
 
@@ -43,9 +43,9 @@ class StairOptions:
         bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_STAIRS)
     ] = False
 
-    def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "Staircase":
+    def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
         """Return the staircase. Raises ConfigError for one without steps."""
-        from cfid.rig.procedures import Staircase
+        from cfid.rig.procedures import StaircasePlan
 
         steps = tuple(range(self.from_, self.to + 1, self.step or step))
         if not steps:
@@ -53,7 +53,7 @@ class StairOptions:
         steps += steps[-2::-1] if self.down else ()
         hold_s = hold_s if self.hold is None else positive(self.hold, "--hold")
         rest_s = rest_s if self.rest is None else positive(self.rest, "--rest")
-        return Staircase(steps=steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
+        return StaircasePlan(steps=steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
 
 
 Note = Annotated[str | None, typer.Option(help="A note, kept with the run.")]
@@ -78,7 +78,7 @@ def thrust(
     from cfid.motors.resume import interrupted, missing
     from cfid.records.run import Label
     from cfid.rig.log import Plan, ready_loadcell
-    from cfid.rig.procedures import climb
+    from cfid.rig.procedures import run_staircase
 
     campaign, devices, simulated = rig_of(keep.campaign)
     wanted = stairs.stairs(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
@@ -98,7 +98,7 @@ def thrust(
             runs_folder=campaign.runs_folder,
             kind="thrust",
             label=Label(note=note),
-            procedure=lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task),
+            procedure=lambda there, loop: run_staircase(wanted, there["commands"], loop=loop, tell=live.task),
             facts=campaign.rig.facts,
             asked=wanted.asked,
             simulated=simulated,
@@ -107,7 +107,7 @@ def thrust(
         record("log thrust", plan, parts, live, keep)
 
 
-def announce(stairs: "Staircase") -> None:
+def announce(stairs: "StaircasePlan") -> None:
     """Say what a staircase would do."""
     from cfid.rig.procedures import clock
 

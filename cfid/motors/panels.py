@@ -1,4 +1,4 @@
-"""The panels of motors' records: a thrust staircase with its steps and their means, a spectrum with its lines."""
+"""The panels of motors' records: a thrust staircase with its steps and their means."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -34,9 +34,6 @@ _THRUST = "thrust (N)"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WINDOW: dict[str, Any] = {"fc": to_rgba(WINDOW, 0.2), "ec": WINDOW, "lw": 0.4}
 _UNUSED: dict[str, Any] = {"fc": to_rgba(DOUBT, 0.15), "ec": DOUBT, "hatch": "////", "lw": 0.8}
-_DECADES = 4.0  # of a spectrum that are shown
-_ROW = 0.052  # of the panel, for a row of labels
-_CHARACTER = 0.0112  # of the panel's width
 
 
 def scientific(value: float, std: float, *, unit: str = "") -> str:
@@ -230,44 +227,3 @@ def _name_unused(axes: Axes, steps: Sequence[Point]) -> None:
             ha="center", va="top",
         )  # fmt: skip
         free = middle + _NAME_WIDTH * (end - begin)
-
-
-def draw_spectrum(axes: Axes, frequency_hz: Array, amplitude: Array, *, lines: Sequence[tuple[str, float]]) -> None:
-    """Draw amplitudes (m,), logarithmic, and above them flags with the label and frequency of each line."""
-    flags = sorted(((hz, f"{label} {hz:.0f} Hz") for label, hz in lines if hz <= frequency_hz[-1]), reverse=True)
-    widths = [_CHARACTER * (len(text) + 1) for _, text in flags]
-    ends = [hz / (1 - width) for (hz, _), width in zip(flags, widths, strict=True)]
-    end_hz = 1.02 * max(ends) if ends else float(frequency_hz[-1])
-    shown = (frequency_hz > 0) & (frequency_hz <= end_hz)
-    highest = float(amplitude[shown].max())
-    if highest <= 0:
-        return
-    lowest = max(highest / 10**_DECADES, float(np.median(amplitude[shown])) / 3)
-    drawn = frequency_hz[shown], np.maximum(amplitude[shown], lowest)
-    draw_line(axes, *drawn, color=RECORDED, lw=0.8, label="amplitude")
-    axes.set_yscale("log")
-    axes.set_xlim(0.0, end_hz)
-    rows = flag_rows([hz / end_hz for hz, _ in flags], widths)
-    decades = np.log10(highest / lowest) / (1 - _ROW * (max(rows, default=-1) + 1.5))
-    axes.set_ylim(lowest, lowest * 10**decades)
-    for (hz, text), row in zip(flags, rows, strict=True):
-        foot = float(drawn[1][np.abs(drawn[0] - hz).argmin()])
-        top = highest * 10 ** (decades * _ROW * (row + 1.2))
-        axes.vlines(hz, foot, top, color=MODEL, lw=0.9, label=text)
-        axes.annotate(
-            text, (hz, top), xytext=(2, 1), textcoords="offset points", va="top", size=8, color=MODEL, parse_math=False
-        )
-
-
-def flag_rows(places: Sequence[float], widths: Sequence[float]) -> list[int]:
-    """Return the row of each flag, its pole at its left, given from the right to the left: no two touch.
-
-    A flag that would reach its neighbour's goes above it, where no pole of a neighbour at its right comes.
-    """
-    begins: list[float] = []
-    rows = []
-    for place, width in zip(places, widths, strict=True):
-        row = next((i for i, begin in enumerate(begins) if place + width <= begin), len(begins))
-        begins[row:] = [place]
-        rows.append(row)
-    return rows

@@ -10,7 +10,6 @@ from scipy.linalg import block_diag
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_polynomial
-from cfid.units import FULL_COMMAND as FULL_COMMAND  # noqa: PLC0414, maps.result takes it from here
 from cfid.units import RPM
 
 Array = npt.NDArray[np.float64]

@@ -17,7 +17,7 @@ from cfid.motors.command import Note, StairOptions, announce
 if TYPE_CHECKING:
     from cfid.rig.log import Device
     from cfid.rig.loop import Loop
-    from cfid.rig.procedures import Staircase
+    from cfid.rig.procedures import StaircasePlan
     from cfid.rig.ready_vehicle import ReadyVehicle
 
 _INSTRUMENT = "Instrument"
@@ -120,7 +120,7 @@ def scales(
 
 def _climb(
     kind: str,
-    wanted: "Staircase",
+    wanted: "StaircasePlan",
     stairs: StairOptions,
     instrument: "Callable[[ReadyVehicle], list[Device]]",
     *,
@@ -162,8 +162,8 @@ def _climb(
         record(f"log {kind}", plan, parts, live, keep)
 
 
-def _procedure(wanted: "Staircase", question: str | None, live: LiveLine) -> Any:
-    from cfid.rig.procedures import climb, read_at_steps
+def _procedure(wanted: "StaircasePlan", question: str | None, live: LiveLine) -> Any:
+    from cfid.rig.procedures import read_at_steps, run_staircase
     from cfid.rig.questions import Questions
 
     async def read(there: Any, loop: "Loop") -> None:
@@ -180,4 +180,4 @@ def _procedure(wanted: "Staircase", question: str | None, live: LiveLine) -> Any
 
     if question is not None:
         return read
-    return lambda there, loop: climb(wanted, there["commands"], loop=loop, tell=live.task)
+    return lambda there, loop: run_staircase(wanted, there["commands"], loop=loop, tell=live.task)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.run import Run
     from cfid.records.tables.table import Array
-    from cfid.rig.procedures import Staircase
+    from cfid.rig.procedures import StaircasePlan
 
 _ENOUGH = 0.98  # of the time that a step is held
 
@@ -34,7 +34,7 @@ def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
     return of_kind[-1]
 
 
-def missing(folder: Path, *, kind: str) -> "Staircase":
+def missing(folder: Path, *, kind: str) -> "StaircasePlan":
     """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
     The latter counts where no reading was asked for. Raises ConfigError when the run is no staircase
@@ -71,16 +71,16 @@ def held_steps(run: "Run") -> list[int]:
     return [step for step in stairs.steps if _was_done(step, done)]
 
 
-def _stairs(run: "Run") -> "Staircase":
-    from cfid.rig.procedures import Staircase
+def _stairs(run: "Run") -> "StaircasePlan":
+    from cfid.rig.procedures import StaircasePlan
 
     asked = run.header.asked
-    return Staircase(
+    return StaircasePlan(
         steps=tuple(asked["steps"]), motors=tuple(asked["motors"]), hold_s=asked["hold_s"], rest_s=asked["rest_s"]
     )
 
 
-def _held(stairs: "Staircase", time_s: "Array", commands: "Array") -> Counter[int]:
+def _held(stairs: "StaircasePlan", time_s: "Array", commands: "Array") -> Counter[int]:
     """Return how often each command was held long enough."""
     column = commands[:-1, stairs.motors[0] - 1]
     long_enough = time_s[1:] - time_s[:-1] >= _ENOUGH * stairs.hold_s

@@ -1,1 +1,1 @@
-"""Real devices: opens ports, records what they send into runs, and says what is wrong with them."""
+"""Real devices: opens ports, records what they send into runs, and reports what is wrong with them."""

@@ -1,4 +1,4 @@
-"""Where a device is, in one spelling: two ways to write an address must not be two devices."""
+"""Resolves a device's address into one spelling, so that two spellings of it are not two devices."""
 
 import os
 import socket
@@ -11,7 +11,7 @@ _RATES = ("250K", "1M", "2M")
 def resolved(device: str) -> str:
     """Return the address of a vehicle or the path of a port as the kernel or cflib resolves it.
 
-    What is neither, and what cannot be resolved, stays as it is.
+    Anything else, and an address that cannot be resolved, is returned unchanged.
     """
     scheme, separator, rest = device.partition("://")
     try:
@@ -27,16 +27,16 @@ def resolved(device: str) -> str:
 
 
 def _udp(device: str) -> str:
-    """Let the kernel say whom a socket would reach: `localhost`, `127.1` and `0.0.0.0` are all 127.0.0.1."""
+    """Return the address that the kernel would connect to: `localhost`, `127.1` and `0.0.0.0` are all 127.0.0.1."""
     where = urlsplit(device)
-    with socket.socket(type=socket.SOCK_DGRAM) as asked:
-        asked.connect((where.hostname or "", where.port or 0))
-        host, port = asked.getpeername()
+    with socket.socket(type=socket.SOCK_DGRAM) as probe:
+        probe.connect((where.hostname or "", where.port or 0))
+        host, port = probe.getpeername()
     return f"udp://{host}:{port}"
 
 
 def _radio(device: str) -> str:
-    """Fill in what cflib fills in: channel 2, 2 Mbit/s, address E7E7E7E7E7; the query says nothing of where it is."""
+    """Fill in cflib's defaults, channel 2, 2 Mbit/s, address E7E7E7E7E7, and drop the query, which locates nothing."""
     where = urlsplit(device)
     channel, rate, address, *_ = [*where.path.strip("/").split("/"), "", "", ""]
     dongle = str(int(where.netloc)) if where.netloc.isdigit() else where.netloc.upper()

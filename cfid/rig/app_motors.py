@@ -1,4 +1,4 @@
-"""Motors driven by cfid's app on the vehicle, which stops them itself when it hears no more of us."""
+"""Drives motors through cfid's app on the vehicle, which stops them itself when keep-alives stay away."""
 
 import secrets
 from collections.abc import Awaitable, Callable
@@ -13,11 +13,11 @@ from cfid.rig.recorder import sleep
 from cfid.rig.supervisor import Supervisor
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
-from cfid.wire.app import AppState, Flags, PingChannel, SineChannel, ThrustChannel, Verdict
+from cfid.wire.app import AppState, AppVerdict, Flags, PingChannel, SineChannel, ThrustChannel
 from cfid.wire.crtp import Packet
 
 _EVERY_S = 0.1  # five keep-alives in the time that the app waits for one
-_DEAF_S = 0.4  # without an answer to any of them
+_UNANSWERED_S = 0.4  # without an answer to any of them
 _STOP_S = 0.1
 _STOPS = 10
 _ALLOWED_S = 0.7  # for a brushed vehicle to arm itself again, which takes it 0.16 s
@@ -40,11 +40,11 @@ class AppMotors:
         self._commands: Four | None = None  # as the app confirmed them; None: not known, or the sine's own
         self._settled_at = 0  # the number of the last keep-alive that was sent before that
         self._answered_s = 0.0
-        self._heard = self._kept_out = self._stopped = self.playing = False
+        self._owns_motors = self._kept_out = self._stopped = self.playing = False
         self._fault = ""
-        self._taken_back: tuple[AppState, float] | None = None  # when the app first drove something else
+        self._taken_back: tuple[AppState, float] | None = None  # the first state in which the app drove something else
         self._next: DelayedCall | None = None
-        vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._hear)
+        vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._take_state)
 
     def start(self) -> None:
         """Begin to send keep-alives."""
@@ -52,10 +52,10 @@ class AppMotors:
         self._keep_alive()
 
     async def set(self, commands: Four) -> float:
-        """Bring the motors that differ to their commands; a vehicle at rest that has to be armed is armed first."""
+        """Set the motors whose commands differ; a resting vehicle that needs arming is armed first."""
         self._limits.check_four(commands)
         before, self._commands = self._commands, None
-        await self._be_heard()
+        await self._own_motors()
         if before in (None, STILL) and any(commands):
             await self._make_ready()
         at_once = len(set(commands)) == 1
@@ -68,25 +68,25 @@ class AppMotors:
         return sent_s[0] if sent_s else float(self._vehicle.loop.seconds())
 
     async def be_ready(self, request: app.SineRequest) -> None:
-        """Wait until the app hears keep-alives, an earlier sine has reported its end, and motors may run."""
+        """Wait until the app takes keep-alives, the previous sine has reported completion, and motors may run."""
         self._limits.check_sine(request)
-        await self._be_heard()
+        await self._own_motors()
         await self._let_sine_end()
         await self._make_ready()
 
     async def play(self, request: app.SineRequest) -> None:
-        """Start a sine; its crossings and its end are for `Crossings` to hear."""
+        """Start a sine; `Crossings` receives its crossings and its end."""
         self._limits.check_sine(request)
         packet = Packet(self._ports.sine, SineChannel.START, app.encode_sine(request, self._owner))
         self._commands = None
-        await self._be_heard()
+        await self._own_motors()
 
         async def started() -> int | None:
             answer = await self._vehicle.ask(packet, app.decode_sine_answer, channel=SineChannel.ANSWER)
             return None if answer is None else answer.verdict
 
-        # A request that was sent again, its first answer lost, finds the sine running.
-        await self._insist(started, "play a sine", also=Verdict.SINE_IS_RUNNING)
+        # A request that was repeated because the first answer was lost finds the sine running.
+        await self._insist(started, "play a sine", also=AppVerdict.SINE_IS_RUNNING)
 
     def check(self) -> None:
         """Raise DeviceError when the app stopped the motors, or does not answer."""
@@ -95,27 +95,27 @@ class AppMotors:
             raise DeviceError(self._fault)
         if self._taken_back is not None:
             state, taken_s = self._taken_back
-            # The supervisor's state, which says why, may come a moment later.
+            # The supervisor's state, which gives the reason, may come a moment later.
             if self._supervisor.seen_s > taken_s or self._vehicle.loop.seconds() - taken_s > _WHY_S:
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}.")
-        deaf_s = self._vehicle.loop.seconds() - self._answered_s
-        if self._next is not None and deaf_s > _DEAF_S:
+        unanswered_s = self._vehicle.loop.seconds() - self._answered_s
+        if self._next is not None and unanswered_s > _UNANSWERED_S:
             raise DeviceError(
-                f"{self._vehicle.uri}: the app answered no keep-alive for {deaf_s:.1f} s; it stops the motors "
-                f"{app.KEEP_ALIVE_S:g} s after the last it hears."
+                f"{self._vehicle.uri}: the app answered no keep-alive for {unanswered_s:.1f} s; it stops the motors "
+                f"{app.KEEP_ALIVE_S:g} s after the last one it receives."
             )
 
     async def stop(self) -> float:
-        """Take back the keep-alives and let the app report that all commands are zero.
+        """End the keep-alives, and wait until the app reports that all commands are zero.
 
-        Then see that nothing overrides it, and that a vehicle with idle thrust is disarmed.
+        Then make sure that nothing overrides it, and that a vehicle with idle thrust is disarmed.
         """
         self._stopped = True
         began_s = self._vehicle.loop.seconds()
         if self._next is not None and self._next.active():
             self._next.cancel()
         self._next = self._commands = None
-        if self._kept_out:  # nothing of ours ever counted, and what turns is another program's
+        if self._kept_out:  # no command of this program took effect: the motors that turn are another program's
             return 0.0
         self._number += 1
         number = self._number
@@ -131,7 +131,7 @@ class AppMotors:
             confirmed = False
         if not confirmed:
             raise StopError(
-                f"{self._vehicle.uri}: the app did not confirm that the motors stopped. It stops them by itself "
+                f"{self._vehicle.uri}: the app did not confirm that the motors stopped. It stops them itself "
                 f"{app.KEEP_ALIVE_S:g} s after the last keep-alive: look before you touch."
             )
         await self._end_overriding()
@@ -155,7 +155,7 @@ class AppMotors:
         if not self._limits.idle_thrust:
             return
         try:
-            disarmed = await self._supervisor.see_disarmed()
+            disarmed = await self._supervisor.confirm_disarmed()
         except DeviceError:
             disarmed = False
         if not disarmed:
@@ -164,7 +164,7 @@ class AppMotors:
             )
 
     async def _set_one(self, request: app.ThrustRequest) -> float:
-        """Set one motor, or all; return when the request that was accepted was sent."""
+        """Set one motor, or all; return the time at which the accepted request was sent."""
 
         def own(payload: bytes) -> app.ThrustAnswer | None:
             answer = app.decode_thrust_answer(payload)
@@ -179,23 +179,23 @@ class AppMotors:
         return await self._insist(taken, f"take command {request.command}")
 
     async def _insist(
-        self, attempt: Callable[[], Awaitable[int | None]], what: str, *, also: Verdict = Verdict.ACCEPTED
+        self, attempt: Callable[[], Awaitable[int | None]], what: str, *, also: AppVerdict = AppVerdict.ACCEPTED
     ) -> float:
-        """Attempt something until it is accepted, and return when that attempt began.
+        """Attempt something until it is accepted, and return the time at which that attempt began.
 
-        The supervisor disarms a resting vehicle after seconds; a brushed one is back in a moment.
+        The supervisor disarms a resting vehicle after some seconds; a brushed one is ready again in a moment.
         """
         end_s = self._vehicle.loop.seconds() + _ALLOWED_S
         while True:
             self._refuse_when_stopped()
             began_s: float = self._vehicle.loop.seconds()
             verdict = await attempt()
-            if verdict != Verdict.MOTORS_NOT_ALLOWED or began_s > end_s:
+            if verdict != AppVerdict.MOTORS_NOT_ALLOWED or began_s > end_s:
                 break
             await self._make_ready()
         if verdict is None:
-            raise DeviceError(f"{self._vehicle.uri}: the app does not answer when asked to {what}.")
-        if verdict not in (Verdict.ACCEPTED, also):
+            raise DeviceError(f"{self._vehicle.uri}: the app does not answer the request to {what}.")
+        if verdict not in (AppVerdict.ACCEPTED, also):
             raise DeviceError(f"{self._vehicle.uri}: the app does not {what}: {_verdict(verdict)}.")
         return began_s
 
@@ -208,19 +208,19 @@ class AppMotors:
         self._refuse_when_stopped()
 
     async def _let_sine_end(self) -> None:
-        """Wait until an earlier sine has reported its end, a second after its motors stopped."""
+        """Wait until the previous sine has reported completion, a second after its motors stopped."""
         end_s = self._vehicle.loop.seconds() + _SINE_ENDS_S
         while Flags.SINE_RUNNING in (await self._state()).flags:
             if self._vehicle.loop.seconds() > end_s:
                 raise DeviceError(f"{self._vehicle.uri}: another sine is playing: `cfid motors stop` ends it.")
             await sleep(self._vehicle.loop, _AGAIN_S)
 
-    async def _be_heard(self) -> None:
-        """See once that a keep-alive has arrived and counted, before which the app refuses every command."""
+    async def _own_motors(self) -> None:
+        """Wait once until the app accepts a keep-alive of this program: before that it refuses every command."""
         end_s = self._vehicle.loop.seconds() + _OTHERS_S
-        while not self._heard:
+        while not self._owns_motors:
             if Flags.NOT_OWNER not in (await self._state()).flags:
-                self._heard = True
+                self._owns_motors = True
             elif self._vehicle.loop.seconds() > end_s:
                 self._kept_out = True
                 raise DeviceError(
@@ -253,14 +253,14 @@ class AppMotors:
         except DeviceError as error:
             self._fault = str(error)
 
-    def _hear(self, payload: bytes, arrived_s: float) -> None:
-        """Compare what the app drives with what it was commanded, unless that was on its way just then."""
+    def _take_state(self, payload: bytes, arrived_s: float) -> None:
+        """Compare the commands that the app drives with those it was sent, unless those were still on their way."""
         state = app.decode_state(payload)
         if state is None:
             return
         self._answered_s = arrived_s
         self.playing = Flags.SINE_RUNNING in state.flags
-        if self._stopped or not self._heard:
+        if self._stopped or not self._owns_motors:
             return
         if Flags.NOT_OWNER in state.flags:
             self._fault = f"{self._vehicle.uri}: another program stopped the motors of this vehicle."
@@ -268,12 +268,12 @@ class AppMotors:
             self._taken_back = self._taken_back or (state, arrived_s)
 
     def _why(self, taken_back: AppState) -> str:
-        """Return why the app took commands back, with the state that the supervisor has reported since."""
+        """Return why the app dropped the commands, from the state that the supervisor has reported since."""
         seen = self._supervisor.state
         if Flags.MOTORS_ALLOWED in taken_back.flags and (seen is None or seen.can_fly):
-            return "it heard no keep-alive for a while, or its supervisor was away for a moment"
+            return "it received no keep-alive for a while, or its supervisor did not let motors run for a moment"
         if seen is None or seen.can_fly:
-            return app.VERDICTS[Verdict.MOTORS_NOT_ALLOWED]
+            return app.VERDICTS[AppVerdict.MOTORS_NOT_ALLOWED]
         return f"it is {seen.name}{': ' if seen.remedy else ''}{seen.remedy}"
 
     def _refuse_when_stopped(self) -> None:

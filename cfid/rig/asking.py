@@ -1,4 +1,4 @@
-"""What a vehicle is asked over an open link before a loop runs: its state, a log variable, a parameter."""
+"""Reads a vehicle's state, a log variable or a parameter over an open link, before a loop runs."""
 
 import time
 from typing import TypeVar
@@ -47,7 +47,7 @@ def state_of(link: Link) -> VehicleState | None:
 
 
 def logged(link: Link, name: str) -> float | None:
-    """Return the value of a log variable, None where there is no such one. Raises DeviceError when the link is gone."""
+    """Return a log variable's value, None where it does not exist. Raises DeviceError when the link is gone."""
     variable = link.variable(name)
     if variable is None:
         return None
@@ -66,12 +66,12 @@ def logged(link: Link, name: str) -> float | None:
     value = link.ask(start, row, within_s=_ROW_S)
     for end in (crtp.encode_stop_log(_BLOCK), crtp.encode_delete_log(_BLOCK)):
         link.send(Packet(LOG_PORT, LOG_CONTROL_CHANNEL, end))
-    time.sleep(0.02)  # the link closes without looking whether that has left
+    time.sleep(0.02)  # closing the link does not wait until these have left
     return value
 
 
 def parameter_of(link: Link, name: str) -> float | None:
-    """Return a parameter's value, None where there is no such one. Raises DeviceError when the link is gone."""
+    """Return a parameter's value, None where there is none of that name. Raises DeviceError when the link is gone."""
     parameter = link.parameter(name)
     if parameter is None:
         return None
@@ -87,5 +87,5 @@ def parameter_of(link: Link, name: str) -> float | None:
 
 def _answered(link: Link, answer: Answer | None, what: str) -> Answer:
     if answer is None:
-        raise DeviceError(f"{link.uri}: the vehicle does not answer for {what}: the link loses packets.")
+        raise DeviceError(f"{link.uri}: the vehicle did not report {what}: the link loses packets.")
     return answer

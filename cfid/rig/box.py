@@ -1,4 +1,4 @@
-"""The load cell's box over HTTP and TCP: its settings read, set and read back, and a single reading."""
+"""Reads and sets the configuration of the load cell's box over HTTP, and takes single readings over TCP."""
 
 import http.client
 import socket
@@ -15,18 +15,18 @@ _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
 
 
 def resolved(box: LoadCellBox) -> LoadCellBox:
-    """Return the box with its address as a number, from which its datagrams come whatever name leads to it.
+    """Return the box with its numeric address, which is the source of its datagrams.
 
     Raises DeviceError when there is no such address.
     """
     try:
         number = socket.gethostbyname(box.address) if box.address else ""
-    except (OSError, UnicodeError):  # UnicodeError: what cannot be a name at all
+    except (OSError, UnicodeError):  # UnicodeError: not a name at all
         number = ""
     if not number:
         raise DeviceError(
             f"'{box.address}' is no address in this network: set devices.loadcell.address in rig.toml to the box' own, "
-            f"{netft.DEFAULT_ADDRESS} as it is delivered."
+            f"{netft.DEFAULT_ADDRESS} as delivered."
         )
     return box.model_copy(update={"address": number})
 
@@ -34,7 +34,7 @@ def resolved(box: LoadCellBox) -> LoadCellBox:
 def read_settings(box: LoadCellBox) -> netft.Settings:
     """Return the box' active configuration.
 
-    Raises DeviceError when the box does not answer, or says what makes no sense.
+    Raises DeviceError when the box does not answer, or its page is invalid.
     """
     try:
         index = netft.active_configuration(_page(box, netft.configuration_query(0)))
@@ -47,9 +47,9 @@ def read_settings(box: LoadCellBox) -> netft.Settings:
 
 
 def set_rate(box: LoadCellBox, *, buffered: bool) -> netft.Settings:
-    """Set how often the box sends, and how many records at once; return its settings read back.
+    """Set the box' rate and its records per datagram; return its settings as read back.
 
-    Raises DeviceError when the box keeps other ones.
+    Raises DeviceError when the box keeps others.
     """
     size = buffer_size(box.rate_hz) if buffered else 1
     before = read_settings(box)
@@ -61,18 +61,18 @@ def set_rate(box: LoadCellBox, *, buffered: bool) -> netft.Settings:
         raise DeviceError(f"{box.address}: RDT is off and stays off: enable it on the box' web page, Communications.")
     if after.rate_hz != box.rate_hz or after.buffer_size != size:
         raise DeviceError(
-            f"{box.address}: asked for {box.rate_hz} Hz and {size} records a datagram, the box keeps "
-            f"{after.rate_hz} Hz and {after.buffer_size}. It has {netft.FASTEST_HZ}/n Hz: set devices.loadcell.rate_hz "
-            f"in rig.toml to such a rate, {after.rate_hz} for instance."
+            f"{box.address}: set to {box.rate_hz} Hz and {size} records a datagram, the box keeps "
+            f"{after.rate_hz} Hz and {after.buffer_size}. Its rates are {netft.FASTEST_HZ}/n Hz: set "
+            f"devices.loadcell.rate_hz in rig.toml to such a rate, {after.rate_hz} for instance."
         )
     return after
 
 
 def take_bias(box: LoadCellBox) -> bool:
-    """Let the box take the present load as zero; return whether its settings show another bias than before.
+    """Bias the box to the present load; return whether its settings then show another bias than before.
 
-    The request is not answered, and ends a stream: only whoever holds the box may do this. Raises DeviceError when
-    the box is out of reach.
+    The box does not answer this request, and it ends the stream: only the holder of the box may send it. Raises
+    DeviceError when the box is out of reach.
     """
     before = read_settings(box).bias
     request = rdt.encode_request(rdt.Request(rdt.Command.BIAS))
@@ -93,7 +93,7 @@ def buffer_size(rate_hz: float) -> int:
     return max(1, min(40, round(rate_hz * _BUFFERED_S)))
 
 
-def read_once(box: LoadCellBox) -> netft.Reading:
+def read_once(box: LoadCellBox) -> netft.LoadReading:
     """Return a single reading over TCP. Raises DeviceError."""
     where = f"{box.address} TCP {box.tcp_port}"
     try:
@@ -135,7 +135,7 @@ def _reason(error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return f"no answer within {_TIME_OUT_S:g} s"
     if isinstance(error, ConnectionRefusedError):
-        return "nobody listens there (connection refused)"
+        return "no program listens there (connection refused)"
     if isinstance(error, http.client.HTTPException) and not isinstance(error, OSError):
-        return "what answers there speaks no HTTP: another device"
+        return "the device that answers there does not speak HTTP: it is another one"
     return getattr(error, "strerror", None) or str(error) or type(error).__name__

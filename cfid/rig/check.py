@@ -1,4 +1,4 @@
-"""Asks each device who it is and how it is set, and says what is wrong and what to do; changes no setting."""
+"""Checks each device's identity and settings, and reports what is wrong and what to do; changes no setting."""
 
 import socket
 import time
@@ -25,8 +25,8 @@ _REACH = "check power, cable, and devices.loadcell.address in rig.toml"
 State = Literal["ok", "warning", "fault"]
 
 
-class Finding(NamedTuple):
-    """What was asked of a device, what it answered, and what to do if that is not as it should be."""
+class DeviceAnswer(NamedTuple):
+    """A question to a device, its answer, and what to do where the answer is not as it should be."""
 
     asked: str
     state: State
@@ -34,135 +34,139 @@ class Finding(NamedTuple):
     advice: str = ""
 
 
-def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list[Finding]:
-    """Ask the encoder's interface who it is, and for its word's width and a position.
+def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list[DeviceAnswer]:
+    """Check the identity of the encoder's interface, its word's width and a position.
 
-    One that a log of ours holds is left alone: its replies would go to either of the two.
+    An interface that a recording holds is left alone: replies could go to either of the two.
     """
     try:
         for port in ports_to_ask(setting.port):
             if holder := holder_of(lock_name(port)):
                 held = f"{port} is held by {holder}"
-                return [Finding("port", "ok", held, "not asked: it would take replies from there")]
+                return [DeviceAnswer("port", "ok", held, "skipped: the check would take replies from it")]
         found = find_encoder(setting.port, counts_per_turn=counts_per_turn, configure=False)
     except DeviceError as error:
-        return [Finding("port", "fault", str(error), "plug it in, or set devices.encoder.port in rig.toml")]
-    named = Finding("port", "ok", f"{found.port}: {found.version}, serial number {found.serial_number}")
-    wanted = word_bits(counts_per_turn)
+        return [DeviceAnswer("port", "fault", str(error), "plug it in, or set devices.encoder.port in rig.toml")]
+    named = DeviceAnswer("port", "ok", f"{found.port}: {found.version}, serial number {found.serial_number}")
+    expected_bits = word_bits(counts_per_turn)
     bits = f"{found.word_bits} bits"
-    if wanted not in (None, found.word_bits):
-        advice = f"rig.toml's counts_per_turn asks for {wanted} bits: `cfid log encoder` sets them"
-        return [named, Finding("word", "warning", bits, advice)]
+    if expected_bits not in (None, found.word_bits):
+        advice = f"rig.toml's counts_per_turn needs {expected_bits} bits: `cfid log encoder` sets them"
+        return [named, DeviceAnswer("word", "warning", bits, advice)]
     stamped = "with the device's own stamps" if found.stamped else "without stamps"
     if counts_per_turn == RLS_13BIT_IN_22 and not decode_words(np.array([found.position])).valid[0]:
         advice = "no 13-bit position in 22 bits: set encoder.counts_per_turn in rig.toml to its counts per turn"
-        return [named, Finding("word", "fault", f"{bits}, position {found.position}", advice)]
-    return [named, Finding("word", "ok", f"{bits}, position {found.position}, {stamped}")]
+        return [named, DeviceAnswer("word", "fault", f"{bits}, position {found.position}", advice)]
+    return [named, DeviceAnswer("word", "ok", f"{bits}, position {found.position}, {stamped}")]
 
 
-def check_loadcell(setting: LoadCellBox) -> list[Finding]:
-    """Ask the load cell's box over HTTP, TCP and UDP.
+def check_loadcell(setting: LoadCellBox) -> list[DeviceAnswer]:
+    """Check the load cell's box over HTTP, TCP and UDP.
 
-    While a log of ours holds it, UDP is left alone: the box answers one client only, and a second one takes
+    While a recording holds it, UDP is left alone: the box answers one client only, and a second one takes
     the stream from the first.
     """
     try:
         setting = loadcell_box.resolved(setting)
     except DeviceError as error:
-        return [Finding("address", "fault", str(error))]
+        return [DeviceAnswer("address", "fault", str(error))]
     settings, over_http = _http(setting)
     over_tcp = _tcp(setting, settings)
     found = [over_http, over_tcp]
     where = f"{setting.address}:{setting.rdt_port}"
     try:
         if holder := holder_of(where):
-            held = Finding("RDT, UDP", "ok", f"held by {holder}", "not asked: it would take the stream from there")
+            held = DeviceAnswer(
+                "RDT, UDP", "ok", f"held by {holder}", "skipped: the check would take the stream from it"
+            )
             return [*found, held]
         if over_tcp.state == "fault" if settings is None else not settings.rdt_enabled:
             return found
         with DeviceLock.take(where):
             return [*found, *_udp(setting, settings, alive=over_tcp.state != "fault")]
-    except DeviceError as error:  # its lock was taken just now, or is of no use
-        return [*found, Finding("RDT, UDP", "fault", str(error), "ask again when nothing else uses the box")]
+    except DeviceError as error:  # another program took its lock just now
+        return [*found, DeviceAnswer("RDT, UDP", "fault", str(error), "check again when nothing else uses the box")]
 
 
-def _http(setting: LoadCellBox) -> tuple[Settings | None, Finding]:
+def _http(setting: LoadCellBox) -> tuple[Settings | None, DeviceAnswer]:
     try:
         settings = loadcell_box.read_settings(setting)
     except DeviceError as error:
-        return None, Finding(
+        return None, DeviceAnswer(
             "settings, HTTP", "fault", str(error), "power, cable, devices.loadcell.address in rig.toml"
         )
-    told = (
+    shown = (
         f"{settings.product}, firmware {settings.firmware}, calibration {settings.calibration_serial} "
         f"({settings.configuration}), {settings.counts_per_force:g} counts/{settings.force_unit}, "
         f"{settings.counts_per_torque:g} counts/{settings.torque_unit}, {settings.rate_hz} Hz, "
         f"{settings.buffer_size} records a datagram"
     )
     if not settings.rdt_enabled:
-        return settings, Finding("settings, HTTP", "warning", told, "RDT is off: `cfid log loadcell` switches it on")
+        return settings, DeviceAnswer(
+            "settings, HTTP", "warning", shown, "RDT is off: `cfid log loadcell` switches it on"
+        )
     if settings.rate_hz != setting.rate_hz:
-        advice = f"rig.toml asks for {setting.rate_hz} Hz: `cfid log loadcell` sets them"
-        return settings, Finding("settings, HTTP", "warning", told, advice)
-    return settings, Finding("settings, HTTP", "ok", told)
+        advice = f"rig.toml states {setting.rate_hz} Hz: `cfid log loadcell` sets them"
+        return settings, DeviceAnswer("settings, HTTP", "warning", shown, advice)
+    return settings, DeviceAnswer("settings, HTTP", "ok", shown)
 
 
-def _tcp(setting: LoadCellBox, settings: Settings | None) -> Finding:
+def _tcp(setting: LoadCellBox, settings: Settings | None) -> DeviceAnswer:
     try:
         reading = loadcell_box.read_once(setting)
     except DeviceError as error:
-        return Finding("reading, TCP", "fault", str(error), _REACH)
+        return DeviceAnswer("reading, TCP", "fault", str(error), _REACH)
     status = read_status(reading.status << 16, settings.family if settings else "netft")
     if status.faults:
-        return Finding(
+        return DeviceAnswer(
             "reading, TCP", "fault", ", ".join(status.faults), "take the load off; switch the box off and on"
         )
     if status.warnings:
-        return Finding("reading, TCP", "warning", ", ".join(status.warnings), "no fault: recordings go on")
-    return Finding("reading, TCP", "ok", "healthy")
+        return DeviceAnswer("reading, TCP", "warning", ", ".join(status.warnings), "not a fault: recordings go on")
+    return DeviceAnswer("reading, TCP", "ok", "healthy")
 
 
-def _udp(setting: LoadCellBox, settings: Settings | None, *, alive: bool) -> list[Finding]:
+def _udp(setting: LoadCellBox, settings: Settings | None, *, alive: bool) -> list[DeviceAnswer]:
     rate_hz = settings.rate_hz if settings else rdt.INTERNAL_HZ
-    wanted = max(int(rate_hz * _STREAM_S), 2)
+    expected = max(int(rate_hz * _STREAM_S), 2)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         granted = enlarge(line)
-        got, foreign = _streamed(line, (setting.address, setting.rdt_port), wanted)
-    buffer = Finding("receive buffer", "ok", f"{granted >> 10} KiB")
+        got, foreign = _streamed(line, (setting.address, setting.rdt_port), expected)
+    buffer = DeviceAnswer("receive buffer", "ok", f"{granted >> 10} KiB")
     if granted < RECEIVE_BUFFER_BYTES:
         advice = f"the system caps it: `sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}`"
-        buffer = Finding("receive buffer", "warning", f"{granted >> 10} KiB", advice)
+        buffer = DeviceAnswer("receive buffer", "warning", f"{granted >> 10} KiB", advice)
     others = f", {foreign} datagrams from other addresses" if foreign else ""
-    return [_stream(got, wanted, others, alive=alive), buffer]
+    return [_stream(got, expected, others, alive=alive), buffer]
 
 
-def _stream(got: int, wanted: int, others: str, *, alive: bool) -> Finding:
-    answer = f"{got} of {wanted} records{others}"
-    if got >= wanted:
-        return Finding("RDT, UDP", "ok", answer)
+def _stream(got: int, expected: int, others: str, *, alive: bool) -> DeviceAnswer:
+    answer = f"{got} of {expected} records{others}"
+    if got >= expected:
+        return DeviceAnswer("RDT, UDP", "ok", answer)
     if not got and alive:
-        advice = "the box is alive, its datagrams do not come back: open UDP in this computer's firewall"
+        advice = "the box answers TCP, but its datagrams do not arrive: open UDP in this computer's firewall"
     elif not got:
-        advice = "no answer by any way: power, cable, address"
+        advice = "no answer over TCP or UDP: check power, cable and address"
     else:
-        advice = "the stream broke off: another client asks the same box, or the network drops datagrams"
-    return Finding("RDT, UDP", "fault", answer, advice)
+        advice = "the stream broke off: another client uses the same box, or the network drops datagrams"
+    return DeviceAnswer("RDT, UDP", "fault", answer, advice)
 
 
-def _streamed(line: socket.socket, box: tuple[str, int], wanted: int) -> tuple[int, int]:
-    """Ask for so many records, and return how many came and how many datagrams came from elsewhere."""
+def _streamed(line: socket.socket, box: tuple[str, int], records: int) -> tuple[int, int]:
+    """Request records; return how many came, and how many datagrams came from other addresses."""
     got = foreign = 0
     try:
-        line.sendto(rdt.encode_request(rdt.Request(rdt.Command.BUFFERED, wanted)), box)
+        line.sendto(rdt.encode_request(rdt.Request(rdt.Command.BUFFERED, records)), box)
         end_s = time.monotonic() + _STREAM_S + _WAIT_S
-        while got < wanted and (left_s := end_s - time.monotonic()) > 0:
+        while got < records and (left_s := end_s - time.monotonic()) > 0:
             line.settimeout(left_s)
             datagram, source = line.recvfrom(2048)
             if source == box and rdt.is_block(len(datagram)):
                 got += len(datagram) // rdt.RECORD_BYTES
             else:
                 foreign += source != box
-    except OSError:  # the time is over, or the network has no way to the box
+    except OSError:  # the time is over, or the network has no route to the box
         pass
     finally:
         _stop(line, box)
@@ -172,5 +176,5 @@ def _streamed(line: socket.socket, box: tuple[str, int], wanted: int) -> tuple[i
 def _stop(line: socket.socket, box: tuple[str, int]) -> None:
     try:
         line.sendto(rdt.encode_request(rdt.Request(rdt.Command.STOP)), box)
-    except OSError:  # it was never asked for anything, then
+    except OSError:  # no request left either, then
         return

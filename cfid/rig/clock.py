@@ -1,4 +1,4 @@
-"""Times of samples: the host's clock, which a step of the wall clock does not bend, and a device's own beside it."""
+"""Times samples on the host's monotonic clock, which steps of the wall clock do not shift, and on a device's clock."""
 
 import time
 from collections import deque
@@ -17,13 +17,13 @@ _FASTEST_CORRECTION = 5e-4  # of the time that passed: 0.07 microseconds from on
 
 @dataclass(frozen=True)
 class HostClock:
-    """Unix time on the monotonic clock, tied together once."""
+    """Unix time derived from the monotonic clock by an offset that is measured once."""
 
     unix_less_monotonic_s: float
 
     @classmethod
     def now(cls) -> Self:
-        """Tie them together; of a few tries the one that was least interrupted counts."""
+        """Measure the offset; of a few attempts the least interrupted one counts."""
         tries = [(time.monotonic(), time.time(), time.monotonic()) for _ in range(5)]
         before, unix, after = min(tries, key=lambda read: read[2] - read[0])
         return cls(unix - (before + after) / 2)
@@ -36,10 +36,10 @@ class HostClock:
 class SampleClock:
     """Instants of samples that a device counts, on the host's clock.
 
-    What arrives is late by a delay that is never below a smallest one. So the device's count, times its
-    nominal step, gives the instants but for an offset, and the offset is that of the quickest arrivals of
-    the last two seconds. It is followed so slowly that neighbouring samples keep their distance. The smallest
-    delay itself stays in the times: a constant of well below a millisecond on a wire of one's own.
+    Arrivals are late by a delay with a lower bound. So the device's count, times its nominal step, gives the instants
+    up to an offset, which the quickest arrivals of the last two seconds determine. The offset is corrected so slowly
+    that neighbouring samples keep their distance. The smallest delay itself stays in the times: on a dedicated cable
+    it is a constant well below a millisecond.
     """
 
     def __init__(self, *, ticks_per_s: float) -> None:
@@ -51,12 +51,12 @@ class SampleClock:
         self._quickest: deque[float] = deque(maxlen=_REMEMBERED_BLOCKS)
 
     def restart(self) -> None:
-        """Forget the count: the device began a new one."""
+        """Forget the count: the device started a new one."""
         self._last_ticks = None
         self._quickest.clear()
 
     def predicted_s(self, ticks: int) -> float:
-        """Return when a sample is expected to come that has this count."""
+        """Return when a sample with this count is expected to arrive."""
         return float(self._unwrapped(np.array([ticks], np.uint32))[0] / self._ticks_per_s + self._offset_s)
 
     def instants_s(
@@ -64,8 +64,8 @@ class SampleClock:
     ) -> Array:
         """Return the instants of samples with the counts `ticks` (n,), which wrap at 2^32.
 
-        `arrived` (m,) are those samples with which a datagram ended, `arrival_s` (m,) when it came, and `read_s` is
-        when they were read: as long as no arrival is known, that is when the last one came.
+        `arrived` (m,) are the samples that ended a datagram, `arrival_s` (m,) the times at which it arrived. `read_s`
+        is when the samples were read: it stands for the last arrival as long as none is known.
         """
         counts = self._unwrapped(ticks)
         self._last_ticks = int(counts[-1])

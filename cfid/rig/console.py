@@ -1,4 +1,4 @@
-"""The thesis' console (C.2.1), with keys: what is typed becomes commands for the motors, and a stop always works."""
+"""The thesis' console (C.2.1) with single keys: turns typed lines into motor commands; a stop always works."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ STEP = 500  # of the arrow keys
 _STOPS = {"", "s", "p", "stop"}
 _QUITS = {"q", "quit", "exit"}
 _ALL = {"a", "all"}
-_STOP_KEYS = {"s", "p", "q", ESCAPE}  # at once, wherever the line stands
+_STOP_KEYS = {"s", "p", "q", ESCAPE}  # at once, whatever is typed so far
 _LETTERS = set("0123456789 ,alAL")  # of an order
 
 
 @dataclass(frozen=True)
 class Order:
-    """What the motors shall do, and which of them the arrow keys are for from now on."""
+    """The motors' commands, and the motors that the arrow keys change from now on."""
 
     commands: Four
     chosen: tuple[int, ...]
@@ -38,7 +38,7 @@ class Order:
 
 
 def order(line: str, before: Order, limits: Limits) -> Order:
-    """Return what a typed line orders. Raises ConfigError for one that makes no sense, or beyond the limits."""
+    """Return the order in a typed line. Raises ConfigError for an invalid one, or one beyond the limits."""
     word = line.strip().lower()
     if word in _QUITS:
         return Order(STILL, before.chosen, quit=True)
@@ -57,7 +57,7 @@ def order(line: str, before: Order, limits: Limits) -> Order:
 
 
 def nudged(before: Order, key: str, limits: Limits) -> Order:
-    """Return what an arrow key orders: a little more or less for the motors named last, within the limits.
+    """Return the order of an arrow key: slightly more or less for the motors named last, within the limits.
 
     From zero they step to the slowest command that the vehicle's rotors allow, and from there back to zero.
     """
@@ -77,24 +77,24 @@ def nudged(before: Order, key: str, limits: Limits) -> Order:
 
 
 class Console:
-    """Obeys the keyboard. A stop goes before everything that was typed and is not done yet."""
+    """Executes what the keyboard orders. A stop overtakes every order that is still waiting."""
 
     def __init__(self, commands: MotorCommands, limits: Limits, *, loop: Any, tell: Say, say: Say) -> None:
-        """Take motors that stand; `tell` shows them and what is typed, `say` says a sentence."""
+        """Take motors that stand; `tell` shows their commands and the typed text, `say` prints a message."""
         self._commands, self._limits, self._tell, self._say = commands, limits, tell, say
-        self._keyboard = Keyboard(self._hear, loop=loop, keys=True)
+        self._keyboard = Keyboard(self._take, loop=loop, keys=True)
         self._waiting: deque[str | None] = deque()  # lines, arrows and stops; None for the end of the input
         self._woken: Deferred[None] = Deferred()
         self._doing: Deferred[None] | None = None
-        self._overtaken = False  # what was being done, by a stop
+        self._overtaken = False  # a stop cancelled the order in progress
         self._now, self._typed = Order(STILL, ()), ""
 
     async def run(self) -> None:
-        """Obey until the operator quits or the input ends.
+        """Execute orders until the operator quits or the input ends.
 
-        At a terminal nonsense stops the motors and is answered with a sentence; in a script it raises ConfigError.
+        At a terminal an invalid order stops the motors and prints a message; in a script it raises ConfigError.
         """
-        self._keyboard.open()  # what was typed before is discarded: nobody had read yet what the keys do
+        self._keyboard.open()  # discards what was typed before: the operator had not read yet what the keys do
         self._say(HELP)
         try:
             while not self._now.quit:
@@ -102,23 +102,23 @@ class Console:
                 if not self._waiting:
                     self._woken = Deferred()
                     await self._woken
-                heard = self._waiting.popleft()
-                if heard is None:
+                typed = self._waiting.popleft()
+                if typed is None:
                     return
-                await self._obey(self._wanted(heard))
+                await self._execute(self._order_of(typed))
         finally:
             self._keyboard.close()
 
-    def _hear(self, heard: str | None) -> None:
-        if heard is None and self._keyboard.keys:  # Ctrl-D, or the terminal hung up
+    def _take(self, typed: str | None) -> None:
+        if typed is None and self._keyboard.keys:  # Ctrl-D, or the terminal hung up
             self._stop("q")
-        elif not self._keyboard.keys or heard is None or heard in (UP, DOWN):
-            self._add(heard)
-        elif self._stops(heard):
+        elif not self._keyboard.keys or typed is None or typed in (UP, DOWN):
+            self._add(typed)
+        elif self._stops(typed):
             self._typed = ""
-            self._stop(heard)
+            self._stop(typed)
         else:
-            line, self._typed = edited(self._typed, heard, allowed=_LETTERS)
+            line, self._typed = edited(self._typed, typed, allowed=_LETTERS)
             if line is not None:
                 self._add(line) if line.strip() else self._stop("")
         self._show()
@@ -134,19 +134,19 @@ class Console:
             self._doing.cancel()
         self._add("q" if key.lower() == "q" else "")
 
-    def _add(self, heard: str | None) -> None:
-        self._waiting.append(heard)
+    def _add(self, typed: str | None) -> None:
+        self._waiting.append(typed)
         if not self._woken.called:
             self._woken.callback(None)
 
-    async def _obey(self, wanted: Order) -> None:
+    async def _execute(self, new: Order) -> None:
         try:
-            self._limits.check_four(wanted.commands)
+            self._limits.check_four(new.commands)
         except ConfigError as error:  # one motor that stops may leave the others too slow
             self._say(f"{error} The motors are stopped.")
-            wanted = Order(STILL, wanted.chosen)
-        self._now = wanted
-        self._doing = Deferred.fromCoroutine(self._commands.set(wanted.commands))
+            new = Order(STILL, new.chosen)
+        self._now = new
+        self._doing = Deferred.fromCoroutine(self._commands.set(new.commands))
         try:
             await self._doing
         except CancelledError:
@@ -155,11 +155,11 @@ class Console:
         finally:
             self._doing, self._overtaken = None, False
 
-    def _wanted(self, heard: str) -> Order:
-        if heard in (UP, DOWN):
-            return self._nudged(heard)
+    def _order_of(self, typed: str) -> Order:
+        if typed in (UP, DOWN):
+            return self._nudged(typed)
         try:
-            return order(heard, self._now, self._limits)
+            return order(typed, self._now, self._limits)
         except ConfigError as error:
             if not self._keyboard.keys:
                 raise
@@ -167,7 +167,7 @@ class Console:
             return Order(STILL, self._now.chosen)
 
     def _nudged(self, key: str) -> Order:
-        """Take together all arrow keys that wait."""
+        """Combine all waiting arrow keys into one order."""
         found = nudged(self._now, key, self._limits)
         while self._waiting and self._waiting[0] in (UP, DOWN):
             found = nudged(found, str(self._waiting.popleft()), self._limits)
@@ -185,7 +185,7 @@ def _part(part: str, before: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
         command = int(last)
         motors = MOTORS if named and named[0] in _ALL else tuple(int(word) for word in named) or before
     except ValueError:
-        raise ConfigError(f"'{part.strip()}' is no order. There are:\n{HELP}") from None
+        raise ConfigError(f"'{part.strip()}' is not an order. Orders are:\n{HELP}") from None
     if not motors:
         raise ConfigError(f"'{part.strip()}' names no motor: `1 3 20000` does.")
     for motor in motors:

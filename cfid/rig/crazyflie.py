@@ -1,6 +1,6 @@
-"""The link to a vehicle: the one module that meets cflib and its threads, and adds the time-outs that it lacks.
+"""Opens the link to a vehicle: the module that handles cflib and its threads, and adds the time-outs that it lacks.
 
-Packets come on cflib's thread and are stamped there. Until a loop is attached, they are waited for one by one.
+Packets arrive on cflib's thread and get their times there. Before a loop is attached, `ask` waits for them one by one.
 """
 
 import contextlib
@@ -30,28 +30,28 @@ Arrived = tuple[Packet, float]
 OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
 
 _SILENT_S = 2.0  # without any packet
-_STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nobody sends it again
+_STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nothing repeats it
 _CONNECT_S = 30.0  # tables of a real vehicle come in a second, and in twenty where one packet in ten is lost
 _FOREIGN_TRIES = 3  # connections in which something answered, but never as a Crazyflie does
 _CLOSE_S = 2.5
-_HEARD_EVERY_S = 0.02
-_MOST_LEAVING = 64  # packets that wait for the driver
+_CHECK_EVERY_S = 0.02
+_LONGEST_QUEUE = 64  # packets that wait for the driver
 
 
 class RepeatingUdp(UdpDriver):  # type: ignore[misc]
-    """cflib's UDP driver, with requests repeated until they are answered: datagrams get lost too."""
+    """cflib's UDP driver, which repeats requests until they are answered: datagrams get lost too."""
 
     def __init__(self) -> None:
-        """Make a driver that is not connected yet."""
+        """Create a driver that is not connected yet."""
         super().__init__()
         self.needs_resending = True
 
 
-class Leaving:
-    """A packet on its way out; `at_s` is when the driver got it, on the monotonic clock."""
+class QueuedPacket:
+    """A packet on its way out; `at_s` is when the driver took it, on the monotonic clock."""
 
     def __init__(self, packet: Packet) -> None:
-        """Wait for a turn."""
+        """Start as not yet sent."""
         self.packet = packet
         self.at_s: float | None = None
 
@@ -60,21 +60,21 @@ class Link:
     """An open link to a vehicle, whose tables have been read. Made by `connect`."""
 
     def __init__(self, uri: str, cf: Crazyflie) -> None:
-        """Take over a Crazyflie of cflib's that opens its link now."""
+        """Take a Crazyflie of cflib's that opens its link now."""
         self.uri = uri
         self.fault = ""
-        self.heard_s = 0.0
+        self.received_s = 0.0
         self._cf = cf
         self._arrived: queue.SimpleQueue[Arrived] = queue.SimpleQueue()
-        self._leaving: queue.Queue[Leaving | None] = queue.Queue(_MOST_LEAVING)
+        self._leaving: queue.Queue[QueuedPacket | None] = queue.Queue(_LONGEST_QUEUE)
         self._wake: Callable[[], None] = lambda: None
 
     @classmethod
     def connect(cls, uri: str) -> Self:
         """Open the link and read the vehicle's tables.
 
-        An attempt that a lost packet stopped is repeated while there is time. Raises DeviceError that says how far it
-        came: no such address, no radio, silent, no Crazyflie, too old, a link that loses packets.
+        An attempt that a lost packet stopped is repeated while there is time. Raises DeviceError naming how far it
+        got: no such address, no radio, no answer, not a Crazyflie, too old, a link that loses packets.
         """
         _prepare_cflib()
         begun_s, answered, foreign = time.monotonic(), False, 0
@@ -83,8 +83,8 @@ class Link:
             try:
                 if link._opened(begun_s + _CONNECT_S):
                     return link
-                answered = answered or bool(link.heard_s)
-                foreign += bool(link.heard_s) and link.firmware_protocol < 0
+                answered = answered or bool(link.received_s)
+                foreign += bool(link.received_s) and link.firmware_protocol < 0
                 link._give_up(time.monotonic() - begun_s, answered=answered, foreign=foreign >= _FOREIGN_TRIES)
             except BaseException:
                 link.close()
@@ -104,15 +104,15 @@ class Link:
         """Return a parameter by its name, as `motorPowerSet.enable`."""
         return _entry(self._cf.param.toc, name)
 
-    def send(self, packet: Packet) -> Leaving:
-        """Send a packet, on a thread of its own, and return when it left, once it has.
+    def send(self, packet: Packet) -> QueuedPacket:
+        """Queue a packet for the sending thread; the returned object gets the time at which it left.
 
-        cflib would block the caller where a radio takes no more, and hold a lock while it reports that. Raises
-        DeviceError where it would say nothing: when the link is gone.
+        cflib would block the caller where a radio takes no more packets, and hold a lock while it reports that. When
+        the link is gone, this raises DeviceError, where cflib would ignore the packet.
         """
         if self.fault or self._cf.link is None:
             raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
-        leaving = Leaving(packet)
+        leaving = QueuedPacket(packet)
         try:
             self._leaving.put_nowait(leaving)
         except queue.Full:
@@ -123,9 +123,9 @@ class Link:
     def ask(
         self, packet: Packet, read: Callable[[Packet], Answer | None], *, within_s: float = 0.2, tries: int = 3
     ) -> Answer | None:
-        """Send a packet until one comes for which `read` returns something; None when none does.
+        """Send a packet until `read` returns something for a packet that arrives; None when it never does.
 
-        Only before a loop is attached, which takes the packets from then on.
+        Only before a loop is attached: from then on the loop takes the packets.
         """
         for _ in range(tries):
             self.send(packet)
@@ -140,12 +140,12 @@ class Link:
         return None
 
     def attach(self, wake: Callable[[], None]) -> None:
-        """Call `wake`, on cflib's thread, whenever a packet has come: it makes a loop call `arrived`."""
+        """Call `wake`, on cflib's thread, whenever a packet has arrived: it makes a loop call `arrived`."""
         self._wake = wake
         wake()
 
     def arrived(self) -> list[Arrived]:
-        """Return the packets that came since the last call, each with its time on the monotonic clock."""
+        """Return the packets that arrived since the last call, each with its time on the monotonic clock."""
         packets: list[Arrived] = []
         while True:
             try:
@@ -154,7 +154,7 @@ class Link:
                 return packets
 
     def close(self) -> None:
-        """Close the link. cflib takes up to two seconds, in which a radio must be given back and a socket need not."""
+        """Close the link. cflib takes up to two seconds for that; only for a radio or a cable is it awaited."""
         self._wake = lambda: None
         with contextlib.suppress(queue.Full):
             self._leaving.put_nowait(None)
@@ -164,9 +164,9 @@ class Link:
             closing.join(_CLOSE_S)
 
     def _close(self) -> None:
-        """Close the driver, then cflib's own part, which without a driver sends no last setpoint.
+        """Close the driver first, so that cflib, when it closes its own part, cannot send a last setpoint.
 
-        That setpoint, grown old, would lock the vehicle where motors ran within the last two seconds.
+        That setpoint would grow old, and lock a vehicle whose motors ran within the last two seconds.
         """
         driver, self._cf.link = self._cf.link, None
         if driver is not None:
@@ -176,18 +176,18 @@ class Link:
     def _give_up(self, spent_s: float, *, answered: bool, foreign: bool) -> None:
         if not answered and spent_s > _SILENT_S:
             raise DeviceError(
-                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and does this name its channel, "
-                "data rate and address?"
+                f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and does this URI state its "
+                "channel, data rate and address?"
             )
         if foreign and self.firmware_protocol < 0:
             raise DeviceError(
-                f"{self.uri}: what answers there is no Crazyflie, or its link loses most packets: it answered "
-                f"{_FOREIGN_TRIES} connections and never named its protocol."
+                f"{self.uri}: the device that answers is no Crazyflie, or its link loses most packets: it answered "
+                f"{_FOREIGN_TRIES} connections and never stated its protocol."
             )
         if spent_s > _CONNECT_S:
             raise DeviceError(
-                f"{self.uri}: answers, but no connection was completed within {_CONNECT_S:g} s: the link loses "
-                "packets. Bring the vehicle closer, change the channel, or quieten the network."
+                f"{self.uri}: the vehicle answers, but no connection was completed within {_CONNECT_S:g} s: the link "
+                "loses packets. Bring the vehicle closer, change the channel, or quieten the network."
             )
 
     def _opened(self, end_s: float) -> bool:
@@ -196,20 +196,20 @@ class Link:
         cf = self._cf
         cf.connected.add_callback(lambda uri: connected.set())
         cf.param.request_update_of_all_params = lambda: None  # cfid reads the few values that it needs
-        # cflib's own way closes the link from whichever thread met the error, and waits for itself there.
+        # cflib itself would close the link from the thread that met the error, and wait there for that same thread.
         cf._link_error_cb = self._failed
         cf.connection_failed.add_callback(lambda uri, reason: self._failed(reason))
         cf.packet_received.add_callback(self._received)
         begun_s = time.monotonic()
         threading.Thread(target=cf.open_link, args=(self.uri,), daemon=True).start()
         threading.Thread(target=self._send_all, daemon=True).start()
-        while not connected.wait(_HEARD_EVERY_S):
+        while not connected.wait(_CHECK_EVERY_S):
             self._check_answers()
             if time.monotonic() > end_s:
                 return False
-            if time.monotonic() - max(self.heard_s, begun_s) > self._patience_s:
+            if time.monotonic() - max(self.received_s, begun_s) > self._patience_s:
                 return False
-            if self.heard_s and self.firmware_protocol < 0 and time.monotonic() - begun_s > _STUCK_S:
+            if self.received_s and self.firmware_protocol < 0 and time.monotonic() - begun_s > _STUCK_S:
                 return False
         self._stamp(cf.link)
         self._check_answers()
@@ -217,8 +217,8 @@ class Link:
 
     @property
     def _patience_s(self) -> float:
-        """How long an attempt waits for a packet: a radio repeats its own and may find the vehicle late."""
-        return _STUCK_S if self.heard_s or self.uri.startswith("udp:") else _SILENT_S
+        """How long an attempt waits for a packet: a radio repeats its packets, and may reach the vehicle late."""
+        return _STUCK_S if self.received_s or self.uri.startswith("udp:") else _SILENT_S
 
     def _check_answers(self) -> None:
         if self.fault:
@@ -230,8 +230,8 @@ class Link:
             )
 
     def _failed(self, reason: str) -> None:
-        told = str(reason).strip().splitlines() or ["no reason was given"]
-        detail = next((line for line in told if line.startswith("Exception:")), told[0]).removeprefix("Exception:")
+        lines = str(reason).strip().splitlines() or ["no reason was given"]
+        detail = next((line for line in lines if line.startswith("Exception:")), lines[0]).removeprefix("Exception:")
         self._fail(_meaning(self.uri, detail))
 
     def _fail(self, what: str) -> None:
@@ -252,7 +252,7 @@ class Link:
             driver.send_packet(sent)
 
     def _stamp(self, driver: Any) -> None:
-        """Let packets be stamped where the driver has just read them: before another thread takes them up."""
+        """Stamp packets right after the driver has read them, before another thread takes them."""
         queued = driver.in_queue.put
 
         def put(packet: Any, *more: Any) -> None:
@@ -262,8 +262,8 @@ class Link:
         driver.in_queue.put = put
 
     def _received(self, packet: Any) -> None:
-        self.heard_s = getattr(packet, "arrived_s", None) or time.monotonic()
-        self._arrived.put((Packet(packet.port, packet.channel, bytes(packet.data)), self.heard_s))
+        self.received_s = getattr(packet, "arrived_s", None) or time.monotonic()
+        self._arrived.put((Packet(packet.port, packet.channel, bytes(packet.data)), self.received_s))
         self._wake()
 
 
@@ -273,22 +273,22 @@ def find_vehicle() -> str:
     found: list[str] = []
     for driver in (RadioDriver, UsbDriver):
         try:
-            with contextlib.redirect_stdout(io.StringIO()):  # cflib prints there that no radio is plugged in
+            with contextlib.redirect_stdout(io.StringIO()):  # cflib prints when no radio is plugged in
                 found += [str(uri) for uri, _ in driver().scan_interface(None)]
         except Exception as error:  # cflib lets through whatever its drivers raise
-            raise DeviceError(f"no vehicle can be looked for: {error}.") from None
+            raise DeviceError(f"the search for a vehicle failed: {error}.") from None
     if not found:
         raise DeviceError(
             "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in "
             "rig.toml, or --uri, names one directly."
         )
     if len(found) > 1:
-        raise DeviceError(f"several vehicles answer: {', '.join(found)}. Say which with --uri.")
+        raise DeviceError(f"several vehicles answer: {', '.join(found)}. Choose one with --uri.")
     return found[0]
 
 
 def _prepare_cflib() -> None:
-    """Load cflib's drivers once, and keep its log from stderr, which is for sentences."""
+    """Load cflib's drivers once, and keep its log from stderr, which is for cfid's messages."""
     logging.getLogger("cflib").setLevel(logging.CRITICAL)
     if not cflib.crtp.CLASSES:
         cflib.crtp.init_drivers()
@@ -296,24 +296,24 @@ def _prepare_cflib() -> None:
 
 
 def _table_cache() -> Path:
-    """Return where cflib keeps tables it has read once: over a radio they take seconds."""
+    """Return the folder in which cflib caches tables: over a radio, reading them takes seconds."""
     folder = user_cache_path("cfid") / "crazyflie-tables"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # cflib does without, then
+    except OSError:  # cflib then works without a cache
         return Path()
     return folder
 
 
 def _meaning(uri: str, reason: str) -> str:
     if "unreachable" in reason:
-        return "the network has no way there."
+        return "the network has no route to it."
     if "refused" in reason:
-        return "nobody listens there: the vehicle is off, or the address is wrong."
+        return "no program listens there: the vehicle is off, or the address is wrong."
     if "No driver found" in reason:
-        return "is no address of a vehicle; one looks like radio://0/80/2M/E7E7E7E7E7."
+        return "this is not the address of a vehicle, such as radio://0/80/2M/E7E7E7E7E7."
     if "radio" in reason.lower() and uri.startswith("radio"):
-        return f"no Crazyradio: {reason.strip()}. Plug it in; on Linux its udev rules have to be installed."
+        return f"no Crazyradio: {reason.strip()}. Plug it in; on Linux, install its udev rules."
     return f"the link failed: {reason.strip()}."
 
 

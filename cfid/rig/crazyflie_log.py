@@ -1,4 +1,4 @@
-"""What the vehicle logs as an instrument: battery, motors and what else it measures, up to a row a millisecond."""
+"""Records what the vehicle logs: battery, motors and its other measurements, up to a row a millisecond."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,7 +24,7 @@ _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
 
 
 class CrazyflieLog:
-    """One log block of the vehicle; `t` is when a row came, `vehicle_ms` when the vehicle made it (it wraps)."""
+    """One log block of the vehicle; `t` is when a row arrived, `vehicle_ms` when the vehicle made it (it wraps)."""
 
     name = "crazyflie"
 
@@ -38,7 +38,7 @@ class CrazyflieLog:
         loop: Any,
         clock: HostClock,
     ) -> None:
-        """Take variables that the vehicle has, 26 bytes of them at most; a battery below `stop_below_v` ends it."""
+        """Take variables that the vehicle has, 26 bytes at most; a battery below `stop_below_v` ends the run."""
         self.columns = ("t", "vehicle_ms", *names)
         self.latest: dict[str, float] = {}
         self._names, self._period_ms, self._stop_below_v = names, period_ms, stop_below_v
@@ -48,16 +48,16 @@ class CrazyflieLog:
         self._last_ms: int | None = None
         self._low_since_s: float | None = None
         self._rejected = 0
-        self._asked, self._heard_s = False, 0.0
+        self._streaming, self._received_s = False, 0.0
         self._refusal: BaseException | None = None
-        vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._hear)
+        vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
 
     def start(self) -> None:
-        """Ask for the rows; a refusal shows in the next block."""
+        """Request the rows; a refusal shows in the next block."""
         Deferred.fromCoroutine(self._begin()).addErrback(self._refused)
 
     def take(self) -> Block:
-        """Hand over the rows, and say when the battery is too low. Raises DeviceError when the vehicle refused."""
+        """Return the rows, with a fault when the battery is too low. Raises DeviceError when the vehicle refused."""
         if self._refusal is not None:
             raise self._refusal
         rows, self._rows = self._rows, []
@@ -71,22 +71,22 @@ class CrazyflieLog:
         return Block((times_s, stamps_ms, *map(self._column, values, self._variables)), self._missing(stamps_ms), fault)
 
     async def stop(self) -> None:
-        """Ask for no more; a vehicle that is out of reach sends none anyway."""
-        self._asked = False
+        """End the stream, unless the vehicle is out of reach."""
+        self._streaming = False
         if not self._vehicle.wire.fault:
             self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, crtp.encode_stop_log(_BLOCK))
 
     def close(self) -> None:
-        """Do nothing: the link is closed by whoever opened it."""
+        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how many rows made no sense."""
+        """Return the number of invalid rows."""
         return {"rejected": self._rejected}
 
     async def _begin(self) -> None:
         await self._control(LogCommand.CREATE, crtp.encode_create_log(_BLOCK, self._variables))
         await self._control(LogCommand.START_MS, crtp.encode_start_log(_BLOCK, self._period_ms))
-        self._asked, self._heard_s = True, self._loop.seconds()
+        self._streaming, self._received_s = True, self._loop.seconds()
 
     def _refused(self, failure: Failure) -> None:
         self._refusal = failure.value
@@ -98,22 +98,22 @@ class CrazyflieLog:
 
         answer = await self._vehicle.ask(Packet(LOG_PORT, LOG_CONTROL_CHANNEL, payload), own)
         if answer is None or answer.error not in (0, _EXISTS):
-            told = "no answer" if answer is None else f"error {answer.error}"
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not log {', '.join(self._names)}: {told}.")
+            reason = "no answer" if answer is None else f"error {answer.error}"
+            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not log {', '.join(self._names)}: {reason}.")
 
-    def _hear(self, payload: bytes, arrived_s: float) -> None:
+    def _take_row(self, payload: bytes, arrived_s: float) -> None:
         row = crtp.decode_log_row(_BLOCK, self._variables, payload)
-        if not self._asked:  # of a run before, whose stop was still on its way
+        if not self._streaming:  # a row of an earlier run, whose stop was still on its way
             return
         if row is None:
             self._rejected += payload[:1] == bytes([_BLOCK])
             return
         self._rows.append((arrived_s, *row))
-        self._heard_s = arrived_s
+        self._received_s = arrived_s
         self.latest = dict(zip(self._names, row[1], strict=True))
 
     def _column(self, values: Sequence[float], variable: Variable) -> Any:
-        """Return a column as the vehicle said it: a float32 with no more digits than it has."""
+        """Return a column as the vehicle sent it: a float32 with no more digits than it has."""
         if variable.kind in "fe":
             return np.array([float(str(np.float32(value))) for value in values])
         return np.array(values, dtype=np.int64)
@@ -126,12 +126,12 @@ class CrazyflieLog:
         return sum(max(step - 1, 0) for step in steps)
 
     def _watch(self) -> None:
-        """Raise DeviceError when the rows broke off: another client may have reset the log, the battery's with it."""
-        silent_s = self._loop.seconds() - self._heard_s
-        if self._asked and silent_s > max(_SILENT_S, _SILENT_PERIODS * self._period_ms / 1000):
+        """Raise DeviceError when rows stop arriving, the voltage with them: another client may have reset the log."""
+        silent_s = self._loop.seconds() - self._received_s
+        if self._streaming and silent_s > max(_SILENT_S, _SILENT_PERIODS * self._period_ms / 1000):
             raise DeviceError(
-                f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s, its battery is not watched: "
-                "does another program talk to it?"
+                f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s, so its battery is not "
+                "monitored: does another program use it?"
             )
 
     def _watch_battery(self, now_s: float) -> str:
@@ -145,12 +145,12 @@ class CrazyflieLog:
             return ""
         return (
             f"{self._vehicle.uri}: the battery is at {volts:.2f} V, below the {self._stop_below_v:g} V of "
-            "devices.crazyflie.stop_below_v in rig.toml: charge it and go on with --resume."
+            "devices.crazyflie.stop_below_v in rig.toml: charge it and continue with --resume."
         )
 
 
 def _found(vehicle: Vehicle, name: str) -> Variable:
     variable = vehicle.wire.variable(name)
     if variable is None:
-        raise DeviceError(f"{vehicle.uri}: this firmware logs no {name}.")
+        raise DeviceError(f"{vehicle.uri}: this firmware does not log {name}.")
     return variable

@@ -1,4 +1,4 @@
-"""A sine on board as an instrument: its crossings of the middle as they are reported, and its end."""
+"""Plays a sine on board, and records its crossings of the middle as they are reported, and its end."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,16 +12,16 @@ from cfid.rig.motors import STOPPED, Firmware, SinePlayer
 from cfid.rig.recorder import Block, no_rows
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
-from cfid.wire.app import Crossing, Done, Outcome, SineChannel, SineRequest
+from cfid.wire.app import AppOutcome, Crossing, Done, SineChannel, SineRequest
 
 _FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
-_REST_S = 1.0  # from the motors' end to the byte that says so (C.2.4)
-_LAST_WORD_S = 0.5  # that it may be late
-_MARGIN_S = 2.0  # for the way, and for a vehicle whose clock runs slow
+_DONE_AFTER_S = 1.0  # from the motors' stop to the byte that reports the end (C.2.4)
+_DONE_LATE_S = 0.5  # how late that byte may be
+_MARGIN_S = 2.0  # for the link, and for a vehicle whose clock runs slow
 
 
 class Crossings:
-    """The reports of one sine. `t` is when they came; index and time on board stand beside where there are any."""
+    """The reports of one sine: `t` is when they arrived; the app adds sample index and time on board."""
 
     name = "crossings"
 
@@ -38,11 +38,11 @@ class Crossings:
         self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
         self._end: Done | None = None
-        self._running = self._asked = False
+        self._running = self._started = False
         self._played_s = 0.0
         self._stopped_in_s: float | None = None
-        vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._hear_crossing)
-        vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._hear_done)
+        vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._take_crossing)
+        vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._take_done)
 
     @staticmethod
     def columns_of(firmware: Firmware) -> tuple[str, ...]:
@@ -51,7 +51,7 @@ class Crossings:
         return (*old, "sample", "vehicle_us", "report") if firmware.kind == "app" else old
 
     def start(self) -> None:
-        """Begin to watch over the motors."""
+        """Begin to monitor the motors."""
         self._running = True
         self._player.start()
 
@@ -61,12 +61,12 @@ class Crossings:
             raise DeviceError(STOPPED)
         await self._player.be_ready(request)
         lasts_s = request.samples / app.SAMPLES_PER_S
-        self._asked, self._done, self._samples = True, Deferred(), request.samples
+        self._started, self._done, self._samples = True, Deferred(), request.samples
         self._played_s = self._loop.seconds() + lasts_s
         await self._player.play(request)
-        longest_s = lasts_s + _REST_S
-        silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample came")
-        late = self._loop.callLater(1.1 * longest_s + _MARGIN_S, self._complain, "no word of its end came")
+        longest_s = lasts_s + _DONE_AFTER_S
+        silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample arrived")
+        late = self._loop.callLater(1.1 * longest_s + _MARGIN_S, self._complain, "no report of its end arrived")
         try:
             done = await self._done
         finally:
@@ -74,12 +74,12 @@ class Crossings:
             for timer in (silent, late):
                 if timer.active():
                     timer.cancel()
-        if done.outcome not in (None, Outcome.FINISHED):
+        if done.outcome not in (None, AppOutcome.FINISHED):
             raise DeviceError(f"{self._vehicle.uri}: the sine {_outcome(done)}, after {done.samples} samples.")
         return done
 
     def take(self) -> Block:
-        """Hand over the reports. Raises DeviceError when the vehicle is out of reach."""
+        """Return the reports. Raises DeviceError when the vehicle is out of reach."""
         if self._running:
             self._player.check()
         reports, self._reports = self._reports, []
@@ -96,10 +96,10 @@ class Crossings:
             self._stopped_in_s = await self._player.stop()
 
     def close(self) -> None:
-        """Do nothing: the link is closed by whoever opened it."""
+        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what the vehicle reported at the end, how many payloads made no sense, and how long the stop took."""
+        """Return what the vehicle reported at the end, the number of invalid payloads, and how long the stop took."""
         end = self._end._asdict() if self._end is not None else {}
         stopped = {} if self._stopped_in_s is None else {"stopped_in_s": round(self._stopped_in_s, 4)}
         known = {key: value for key, value in end.items() if value is not None}
@@ -110,21 +110,21 @@ class Crossings:
         if self._done is not None and not self._done.called and not begun:
             self._done.errback(DeviceError(f"{self._vehicle.uri}: the sine did not run: {what}."))
 
-    def _hear_crossing(self, payload: bytes, arrived_s: float) -> None:
-        if not self._asked:  # an earlier sine's
+    def _take_crossing(self, payload: bytes, arrived_s: float) -> None:
+        if not self._started:  # of an earlier sine
             return
         crossing = app.decode_crossing(payload)
         if crossing is None or (crossing.sample is not None) != self._stamped:
             self._rejected += 1
             return
         self._reports.append((arrived_s, crossing))
-        if crossing.sample == self._samples and self._done is not None:  # the motors are off; `a` may be lost
-            self._loop.callLater(_REST_S + _LAST_WORD_S, self._finish, self._done, Done(None, crossing.sample))
+        if crossing.sample == self._samples and self._done is not None:  # the motors are off; the byte `a` may be lost
+            self._loop.callLater(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
         if not self._stamped:
             self._next_report += 1
 
-    def _hear_done(self, payload: bytes, arrived_s: float) -> None:
-        if not self._asked or (not self._stamped and arrived_s < self._played_s):  # an earlier sine's
+    def _take_done(self, payload: bytes, arrived_s: float) -> None:
+        if not self._started or (not self._stamped and arrived_s < self._played_s):  # of an earlier sine
             return
         done = app.decode_done(payload)
         if done is None:
@@ -138,7 +138,7 @@ class Crossings:
             waiting.callback(done)
 
     def _missing(self, reports: list[Crossing]) -> int:
-        """Return how many reports the vehicle numbered and the link lost."""
+        """Return how many numbered reports the link lost."""
         missing = 0
         for report in reports:
             if report.number is not None:

@@ -1,4 +1,4 @@
-"""Polls an E201 at the places of a grid of times, and gives each answer to the poll that it answers, or to none."""
+"""Polls an E201 on a grid of times, and assigns each answer to its poll, or to none."""
 
 import math
 from collections.abc import Callable
@@ -9,22 +9,22 @@ from twisted.internet.base import DelayedCall
 from cfid.rig.e201_port import SLOWEST_REPLY_S
 from cfid.wire import e201
 
-_LATEST_S = 0.01  # that a busy computer, or the system's own queue before a port, holds a poll up now and then
-_NAME_S = 0.05  # without a name, after which it is asked for again
-_LAST_NAME_S = 0.1  # after a name, in which one that was asked for later would have come too
-_SETTLE_S = 0.005  # after the last name, should it have a second line
+_LATEST_S = 0.01  # delay of a poll by a busy computer, or by the system's queue in front of a port
+_NAME_S = 0.05  # without a name, after which it is requested again
+_LAST_NAME_S = 0.1  # after a name, in which one that was requested later would have arrived too
+_SETTLE_S = 0.005  # after the last name, in case it has a second line
 
 
 class Polls:
-    """Positions of an E201, one asked for at a time.
+    """Positions of an E201, polled one at a time.
 
-    An answer does not say which question it answers, but answers come in the order of the questions. So
-    whenever one is late, garbled or too many, the device is asked for its name: once that has come, no older
-    answer is on its way.
+    An answer does not identify its poll, but answers come in the order of the polls. So whenever an answer is late,
+    garbled or unexpected, this class requests the device's name: once the name has arrived, no older answer can be on
+    its way.
 
-    A place of the grid that is ten milliseconds, or a whole period, ago is not polled any more; what is less late
-    is made up for. `sent` and `answered` count polls, `skipped` places, `late` answers to polls that were given
-    up, `unasked` those that were one too many.
+    A grid point that is more than ten milliseconds, and a whole period, in the past is skipped; a poll that is less
+    late is caught up. `sent` and `answered` count polls, `skipped` grid points, `late` answers to polls that were
+    given up, `unasked` answers without a poll.
     """
 
     def __init__(
@@ -36,14 +36,14 @@ class Polls:
         send: Callable[[bytes], None],
         loop: Any,
     ) -> None:
-        """Take how to ask, and how far the places of the grid are apart."""
+        """Take the polling command and the period of the grid."""
         self.sent = self.answered = self.skipped = self.late = self.unasked = 0
         self._reader, self._command, self._send, self._loop = reader, command, send, loop
         self._period_s, self._latest_s = period_s, max(period_s, _LATEST_S)
-        self._waiting = self._in_doubt = self._ended = False
-        self._unnamed = 0  # names that were asked for and have not come
+        self._waiting = self._resyncing = self._ended = False
+        self._unnamed = 0  # names that were requested and have not arrived
         self._timer: DelayedCall | None = None
-        self._begun_s = self._asked_s = 0.0
+        self._begun_s = self._polled_s = 0.0
         self._place = 0
 
     @property
@@ -53,29 +53,29 @@ class Polls:
 
     @property
     def unanswered(self) -> int:
-        """How many polls got no position, the one not counted that may still get it."""
+        """How many polls got no position, without the one that may still get it."""
         return self.sent - self.answered - (self._waiting and not self._ended)
 
     def begin(self) -> None:
-        """Poll from now on: this is the first place of a new grid."""
+        """Poll from now on: this is the first point of a new grid."""
         self._cancel()
-        self._in_doubt = self._ended = False
+        self._resyncing = self._ended = False
         self._begun_s, self._place = self._loop.seconds(), 0
         self._poll()
 
     def end(self) -> None:
-        """Poll no more; the last answer is still taken if it comes."""
+        """Stop polling; the last answer still counts if it arrives."""
         self._ended = True
         self._cancel()
 
-    def received(self, data: bytes) -> e201.Reading | None:
+    def received(self, data: bytes) -> e201.EncoderReading | None:
         """Return the position that answers the poll, if these bytes complete it."""
-        if self._waiting and self._loop.seconds() - self._asked_s >= SLOWEST_REPLY_S:
-            self._doubt()
+        if self._waiting and self._loop.seconds() - self._polled_s >= SLOWEST_REPLY_S:
+            self._resync()
         names, rejected = self._reader.names, self._reader.rejected
         readings = self._reader.feed(data)
         garbled = self._reader.rejected > rejected
-        if self._in_doubt:
+        if self._resyncing:
             self.late += len(readings)
             self._take_names(self._reader.names - names)
             return None
@@ -86,18 +86,18 @@ class Polls:
             return readings[0]
         if readings or garbled:
             self.unasked += len(readings)
-            self._doubt()
+            self._resync()
         return None
 
     def _poll(self) -> None:
         self.sent += 1
         self._waiting = True
-        self._asked_s = self._loop.seconds()
+        self._polled_s = self._loop.seconds()
         self._send(self._command)
-        self._later(SLOWEST_REPLY_S, self._doubt)
+        self._later(SLOWEST_REPLY_S, self._resync)
 
     def _wait_for_next(self, latest_s: float) -> None:
-        """Poll at the next place of the grid that is not longer ago than that, at once if its time has come."""
+        """Poll at the next grid point that is at most `latest_s` in the past, at once if its time has come."""
         now_s = self._loop.seconds()
         oldest = math.ceil((now_s - self._begun_s - latest_s) / self._period_s)
         place = max(self._place + 1, oldest)
@@ -109,32 +109,32 @@ class Polls:
         elif not self._ended:
             self._poll()
 
-    def _doubt(self) -> None:
-        """Give up what is under way, and let it run out."""
+    def _resync(self) -> None:
+        """Give up the poll under way, and discard answers until the device has sent its name."""
         self._waiting = False
-        self._in_doubt = not self._ended
+        self._resyncing = not self._ended
         self._unnamed = 0
-        if self._in_doubt:
-            self._ask_name()
+        if self._resyncing:
+            self._request_name()
 
-    def _ask_name(self) -> None:
+    def _request_name(self) -> None:
         self._unnamed += 1
         self._send(e201.VERSION)
-        self._later(_NAME_S, self._ask_name)
+        self._later(_NAME_S, self._request_name)
 
     def _take_names(self, count: int) -> None:
         if not count:
             return
         self._unnamed -= count
-        more = self._unnamed > 0  # are on their way, or were lost
-        self._later(_LAST_NAME_S if more else _SETTLE_S, self._trust)
+        more = self._unnamed > 0  # further names are on their way, or were lost
+        self._later(_LAST_NAME_S if more else _SETTLE_S, self._resume)
 
-    def _trust(self) -> None:
-        self._in_doubt = False
+    def _resume(self) -> None:
+        self._resyncing = False
         self._wait_for_next(self._period_s)
 
     def _later(self, delay_s: float, act: Callable[[], None]) -> None:
-        """Do something later, instead of what was to be done before."""
+        """Schedule an action, in place of the one scheduled before."""
         self._cancel()
         if not self._ended:
             self._timer = self._loop.callLater(delay_s, act)

@@ -1,4 +1,4 @@
-"""Which serial port is the encoder's, and what it says of itself; asks in turn and waits for each answer."""
+"""Finds the encoder's serial port, and reads its identity and a position, one question at a time."""
 
 import contextlib
 import os
@@ -18,18 +18,21 @@ from cfid.wire.rls import RLS_13BIT_IN_22, WORD_BITS
 
 SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
 
-PORT_ERRORS = (OSError, termios.error)  # pyserial's own error is an OSError; a plug pulled while it opens is not
+PORT_ERRORS = (
+    OSError,
+    termios.error,
+)  # pyserial's own error is an OSError; the one of a plug pulled while it opens is not
 
 _ANSWER_S = 0.5
 _DRAIN_S = 0.02
 _LONGEST_DRAIN_S = 0.3
-_LONGEST_S = 4.0  # for all questions to all ports: a log that ends has to wait for them
+_LONGEST_S = 4.0  # for all questions to all ports: a recording that ends has to wait for them
 _TRIES = 3
 _BAUD = 115200  # of no meaning on USB
 
 
-class Found(NamedTuple):
-    """An encoder interface: its port, what it says it is, its word's width, a position, and whether it is stamped."""
+class FoundPort(NamedTuple):
+    """An encoder interface: its port, version, serial number, word width, a position, and whether that is stamped."""
 
     port: str
     version: str
@@ -39,18 +42,20 @@ class Found(NamedTuple):
     stamped: bool
 
 
-def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str = "", configure: bool = True) -> Found:
-    """Find the encoder on a port, or look for it when `port` is empty; set the word's width that counts ask for.
+def find_encoder(
+    port: str, *, counts_per_turn: float | str, serial_number: str = "", configure: bool = True
+) -> FoundPort:
+    """Find the encoder on a port, or on any port when `port` is empty; set the word's width that the counts imply.
 
-    With a `serial_number` only that one will do; without `configure` nothing is set. Raises DeviceError that
-    says what every candidate answered, after five seconds at most.
+    A `serial_number` restricts the search to that encoder; without `configure` nothing is set. Raises DeviceError
+    with the answers of all candidates, after five seconds at most.
     """
     end_s = time.monotonic() + _LONGEST_S
     candidates = ports_to_ask(port)
     if not candidates:
         raise DeviceError(
-            "no encoder interface is plugged in: no serial port calls itself an E201, nor has its maker's number. "
-            "Plug it in, or name its port: devices.encoder.port in rig.toml, or --port."
+            "no encoder interface is plugged in: no serial port has the name E201 or its maker's USB number. "
+            "Plug it in, or set its port: devices.encoder.port in rig.toml, or --port."
         )
     reasons = []
     for candidate in candidates:
@@ -61,7 +66,7 @@ def find_encoder(port: str, *, counts_per_turn: float | str, serial_number: str 
             continue
         if serial_number in ("", found.serial_number):
             return found
-        reasons.append(f"{candidate}: is the encoder {found.serial_number}, not {serial_number}.")
+        reasons.append(f"{candidate}: this is the encoder {found.serial_number}, not {serial_number}.")
     raise DeviceError(" ".join(reasons))
 
 
@@ -71,7 +76,7 @@ def ports_to_ask(port: str) -> list[str]:
 
 
 def _candidates(ports: Iterable[ListPortInfo]) -> Iterator[str]:
-    """Yield ports that may be an E201's: by their name first, by the maker of their chip last."""
+    """Yield ports that may be an E201's: first by name, then by the maker of the chip."""
     ports = list(ports)
     named = [info for info in ports if e201.PRODUCT in (info.product or info.description or "")]
     yield from (info.device for info in named)
@@ -79,12 +84,12 @@ def _candidates(ports: Iterable[ListPortInfo]) -> Iterator[str]:
 
 
 def lock_name(port: str) -> str:
-    """Return the name under which a port is locked, whatever link leads to it."""
+    """Return the name under which a port is locked, with symbolic links resolved."""
     return os.path.realpath(port)
 
 
 def word_bits(counts_per_turn: float | str) -> int | None:
-    """Return the width of word that a number of counts asks for, or None when it asks for none in particular."""
+    """Return the word width in bits that a number of counts per turn implies, or None when it implies none."""
     if counts_per_turn == RLS_13BIT_IN_22:
         return WORD_BITS
     counts = int(float(counts_per_turn))
@@ -93,7 +98,7 @@ def word_bits(counts_per_turn: float | str) -> int | None:
     return bits if fits else None
 
 
-def _ask(port: str, *, counts_per_turn: float | str, configure: bool, end_s: float) -> Found:
+def _ask(port: str, *, counts_per_turn: float | str, configure: bool, end_s: float) -> FoundPort:
     if holder := holder_of(lock_name(port)):
         raise DeviceError(f"{port} is held by {holder}. End that first.")
     with _opened(port) as line:
@@ -104,10 +109,10 @@ def _ask(port: str, *, counts_per_turn: float | str, configure: bool, end_s: flo
         reply_s = min(interview.reply_s(command) for _ in range(_TRIES))
         if reply_s > SLOWEST_REPLY_S:
             raise DeviceError(
-                f"{port}: replies after {1e3 * reply_s:.0f} ms, too late to say at what time the encoder stood there: "
-                "plug it into this computer itself."
+                f"{port}: replies after {1e3 * reply_s:.0f} ms (limit {1e3 * SLOWEST_REPLY_S:.0f} ms), too late to "
+                "time a position: plug it directly into this computer."
             )
-        return Found(
+        return FoundPort(
             port=port,
             version=_text(version),
             serial_number=_text(interview.ask(e201.SERIAL_NUMBER)),
@@ -127,45 +132,45 @@ def _opened(port: str) -> Iterator[serial.Serial]:
 
 
 class _Interview:
-    """Questions to what is on a port, one at a time. Whatever it answers, they come to an end.
+    """Questions to the device on a port, one at a time, each with a time limit.
 
-    Raises DeviceError when it is no E201, or does not let itself be asked.
+    Raises DeviceError for a device that is not an E201, or cannot be questioned.
     """
 
     def __init__(self, port: str, line: serial.Serial, *, end_s: float) -> None:
         self._port, self._line, self._end_s = port, line, end_s
 
     def introduced(self) -> bytes:
-        """Return what it calls itself; an output that a killed log left on is switched off before."""
+        """Return its version text; first switch off a continuous output that a killed recording left on."""
         self._line.write(e201.STOP_CONTINUOUS)
         version = self.ask(e201.VERSION)
         if not e201.names_e201(version):
-            said = f"answers '{_text(version)}'" if version else "gives no answer"
-            raise DeviceError(f"{self._port}: {said} where an E201 encoder interface says its name: another device.")
+            answer = f"answers '{_text(version)}'" if version else "gives no answer"
+            raise DeviceError(f"{self._port}: {answer} where an E201 encoder interface sends its name: another device.")
         return version
 
-    def width(self, wanted: int | None) -> int | None:
-        """Return the bits of its word, set to those that are wanted, if any; None when it does not say."""
+    def width(self, expected: int | None) -> int | None:
+        """Return its word's width in bits, after setting it to `expected`, if given; None when it does not state it."""
         found = e201.word_width(self.ask(e201.WORD_WIDTH))
-        if wanted in (None, found):
+        if expected in (None, found):
             return found
-        self._send(e201.set_word_width(wanted))
+        self._send(e201.set_word_width(expected))
         found = e201.word_width(self.ask(e201.WORD_WIDTH))
-        if found != wanted:
+        if found != expected:
             raise DeviceError(
-                f"{self._port}: the word width was set to {wanted} bits, but reads {found or 'nothing'}: check "
+                f"{self._port}: the word width was set to {expected} bits, but reads {found or 'nothing'}: check "
                 "encoder.counts_per_turn in rig.toml."
             )
         return found
 
-    def position(self, bits: int) -> tuple[bytes, e201.Reading]:
-        """Return a position, and the command that it answers: the one with stamps, unless that is not known."""
+    def position(self, bits: int) -> tuple[bytes, e201.EncoderReading]:
+        """Return a position, and the command that it answers: the one with stamps where the device has it."""
         for command in (e201.STAMPED_POSITION, e201.POSITION):
             readings = e201.PositionReader(word_bits=bits).feed(self.ask(command) + b"\r")
             if readings:
                 return command, readings[0]
         raise DeviceError(
-            f"{self._port}: an E201, but it reads no position: is the encoder plugged into it, and powered?"
+            f"{self._port}: an E201, but it reports no position: is the encoder plugged into it, and powered?"
         )
 
     def reply_s(self, command: bytes) -> float:
@@ -177,14 +182,14 @@ class _Interview:
         return time.monotonic() - begin_s
 
     def ask(self, question: bytes) -> bytes:
-        """Return the reply to a question, without its end; what came before is dropped."""
+        """Return the reply to a question, without its end; anything received before is dropped."""
         self._send(question)
         return self._reply()
 
     def _send(self, command: bytes) -> None:
         if time.monotonic() > self._end_s:
             raise DeviceError(
-                f"{self._port}: not asked, the ports before took too long: name the encoder's in rig.toml."
+                f"{self._port}: not checked, the other ports took too long: set devices.encoder.port in rig.toml."
             )
         self._drain()
         self._line.write(command)
@@ -193,7 +198,7 @@ class _Interview:
         end_s = time.monotonic() + _LONGEST_DRAIN_S
         while self._line.read(4096):
             if time.monotonic() > end_s:
-                raise DeviceError(f"{self._port}: sends without being asked, and goes on when told to stop: no E201.")
+                raise DeviceError(f"{self._port}: sends unprompted, even after the command to stop: not an E201.")
 
     def _reply(self) -> bytes:
         reply = b""
@@ -208,16 +213,16 @@ def _text(reply: bytes) -> str:
 
 
 def why_not_open(error: Exception) -> str:
-    """Say why a port cannot be opened, and what to do."""
+    """Return why a port cannot be opened, and what to do."""
     number = getattr(error, "errno", None)
     text = str(error)
     if number == 13 or "Permission" in text:
         return "this user may not open it: join the group that owns it (dialout on most systems), and log in again."
     if number == 2 or "No such file" in text:
         there = ", ".join(info.device for info in list_ports.comports())
-        return f"no such port. There are: {there or 'none'}."
+        return f"no such port. Available: {there or 'none'}."
     if number in (11, 16) or "exclusively lock" in text or "busy" in text:
         return "another program has it open: close that first."
     if number in (21, 25) or "Inappropriate ioctl" in text:
-        return "this is no serial port."
+        return "this is not a serial port."
     return f"{text}."

@@ -1,4 +1,4 @@
-"""The stamps that an E201 gives its positions: unwrapped, and compared with when they came."""
+"""Unwraps the stamps that an E201 gives its positions, and compares them with the times of arrival."""
 
 from collections import deque
 
@@ -12,15 +12,15 @@ from cfid.wire.e201 import STAMP_BITS
 _WRAP = 1 << STAMP_BITS
 _LARGEST_JUMP_US = 1 << 31
 _REMEMBERED_BLOCKS = 40  # two seconds of them
-_STEADY_S = 0.01  # by which the quickest answers of those differ, if stamps count microseconds at all
+_STEADY_S = 0.01  # largest difference between the quickest answers, if stamps count microseconds at all
 
 Microseconds = npt.NDArray[np.int64]
 
 
 class Stamps:
-    """The device's clock beside the host's.
+    """Compares the device's clock with the host's.
 
-    That stamps count microseconds no manual says: what follows from it is believed only while it is so.
+    No manual states that stamps count microseconds: they are used only as long as they agree with the host's clock.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Stamps:
         self._quickest.clear()
 
     def unwrapped(self, stamps_us: list[int]) -> Microseconds:
-        """Continue 32-bit stamps (n,); an answer that is late by half a range does not exist."""
+        """Unwrap 32-bit stamps (n,); no answer is late by half of their range."""
         begin_us = stamps_us[0] if self._last_us is None else self._last_us
         steps = (np.diff(stamps_us, prepend=begin_us % _WRAP) + _LARGEST_JUMP_US) % _WRAP - _LARGEST_JUMP_US
         continued = begin_us + np.cumsum(steps)
@@ -41,7 +41,7 @@ class Stamps:
         return np.asarray(continued)
 
     def late(self, stamps_us: Microseconds, came_s: Array) -> npt.NDArray[np.bool_]:
-        """Return which of the positions (n,) came too long after they were taken to be their polls' answers."""
+        """Return which positions (n,) arrived too long after they were taken to answer their polls."""
         behind_s = came_s - 1e-6 * stamps_us
         known = self._quickest
         steady = len(known) == _REMEMBERED_BLOCKS and max(known) - min(known) < _STEADY_S

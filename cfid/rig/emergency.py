@@ -1,4 +1,4 @@
-"""A stop that needs nobody's help: the process that drives the vehicle is asked to end, and then not waited for."""
+"""Stops a vehicle's motors, whatever program drives them, without waiting for that program."""
 
 import contextlib
 import os
@@ -8,48 +8,48 @@ from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
 from cfid.rig.holder import Holder
-from cfid.rig.line import Line, open_line
+from cfid.rig.line import VehicleLine, open_line
 from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import Acknowledged, Kind, stop_over
-from cfid.wire.app import Ports
+from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState
 
 Say = Callable[[str], None]
-Open = Callable[[str], Line]
+Open = Callable[[str], VehicleLine]
 
 _LETS_GO_S = 0.3
-_CLOSES_S = 3.0  # a radio: it is given back up to 2.5 s after the motors stopped
+_CLOSES_S = 3.0  # a radio: a holder releases it up to 2.5 s after the motors stopped
 _WAKES_S = 0.5
 _DIES_S = 1.0
 
 
 class Stopped(NamedTuple):
-    """Motors that the vehicle reports stopped, how long after the first packet, what runs on it, and its state."""
+    """A stop that the vehicle confirmed: its firmware, the time since the first packet in s, and its state."""
 
     kind: Kind
     after_s: float
     state: VehicleState | None = None
 
 
-def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) -> Stopped:
-    """Stop a vehicle's motors, whoever drives it, and read back that they stopped.
+def stop_vehicle(uri: str, ports: AppPorts, *, say: Say, opened: Open = open_line) -> Stopped:
+    """Stop a vehicle's motors, whatever drives them, and read back that they stopped.
 
     Raises DeviceError for a vehicle that cannot be reached, StopError when motors may still be running.
     """
     holder = _end_holder(uri)
-    line = _beside(holder, uri, opened, say)
+    line = _second_line(holder, uri, opened, say)
     with contextlib.ExitStack() as held:
-        with contextlib.suppress(DeviceError):  # whoever has it now is no reason to let motors run
+        with contextlib.suppress(DeviceError):  # another holder is no reason to let motors run
             held.enter_context(DeviceLock.take(uri))
         acknowledged = None
         if line is not None:
             with contextlib.closing(line):
                 acknowledged = stop_over(line, ports)
-        from cfid.rig.read_back import read_back  # imports cflib, which the motors need not wait for
+        from cfid.rig.read_back import confirm_stop  # imports cflib, which the motors need not wait for
 
         try:
-            kind, acknowledged, state = read_back(uri, ports, acknowledged)
+            kind, acknowledged, state = confirm_stop(uri, ports, acknowledged)
         except StopError:
             raise
         except DeviceError as error:
@@ -61,7 +61,7 @@ def stop_vehicle(uri: str, ports: Ports, *, say: Say, opened: Open = open_line) 
 
 
 def _end_holder(uri: str) -> Holder | None:
-    """Ask the process that holds the vehicle to end; return it when it goes on holding it, or cannot be asked."""
+    """Signal the process that holds the vehicle to end; return it when it keeps the vehicle or cannot be signalled."""
     holder = find_holder(uri)
     if holder is None or holder.process == os.getpid():
         return None
@@ -70,10 +70,10 @@ def _end_holder(uri: str) -> Holder | None:
     return None if holder.wait_until_it_lets_go(_LETS_GO_S) else holder
 
 
-def _beside(holder: Holder | None, uri: str, opened: Open, say: Say) -> Line | None:
-    """Open a link beside the holder's. A radio or a cable has one user: it has to be taken from the holder.
+def _second_line(holder: Holder | None, uri: str, opened: Open, say: Say) -> VehicleLine | None:
+    """Open a second link besides the holder's. A radio or a cable has one user: the holder has to give it up.
 
-    Return None where no holder is the reason that none can be opened; connecting in full will say what is.
+    Return None where none can be opened though there is no holder; connecting in full then reports the reason.
     """
     try:
         return opened(uri)
@@ -82,13 +82,13 @@ def _beside(holder: Holder | None, uri: str, opened: Open, say: Say) -> Line | N
             return None
         if not _freed(holder, say):
             raise StopError(
-                f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and cannot be ended from here. ({error})"
+                f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and this user cannot end it. ({error})"
             ) from None
     return opened(uri)
 
 
 def _freed(holder: Holder, say: Say) -> bool:
-    """Have a holder give back its radio: by itself, or killed."""
+    """Return whether a holder gave up its radio, on a signal or killed."""
     patience_s = _WAKES_S if holder.is_suspended else _CLOSES_S
     holder.send(signal.SIGCONT)  # one that was suspended has a SIGTERM waiting
     if holder.wait_until_it_lets_go(patience_s):
@@ -100,21 +100,21 @@ def _freed(holder: Holder, say: Say) -> bool:
 
 
 def _not_read_back(error: DeviceError, acknowledged: Acknowledged | None, *, driven: bool) -> DeviceError:
-    """Return what to say of a vehicle that could not be asked again."""
+    """Return the error for a vehicle that could not be read back."""
     if acknowledged is not None and (acknowledged.by_app or acknowledged.by_parameters):
         return StopError(
-            f"the motors were stopped, which the vehicle acknowledged after {1e3 * acknowledged.after_s:.0f} ms, but "
-            f"not confirmed when it was asked again: look before you touch. ({error})"
+            f"the vehicle acknowledged after {1e3 * acknowledged.after_s:.0f} ms that its motors stopped, but the stop "
+            f"could not be read back: look before you touch. ({error})"
         )
     return StopError(f"{MAY_BE_RUNNING}: {error}") if driven else error
 
 
 def _what_remains(holder: Holder, kind: Kind) -> str:
     if not holder.is_ours:
-        return f"{holder} still drives the vehicle, and may start its motors again. It cannot be ended from here."
+        return f"{holder} still drives the vehicle, and may start its motors again. This user cannot end it."
     if holder.is_suspended:
         return (
-            f"{holder} is suspended and still holds the vehicle. It ends once it goes on: kill -CONT {holder.process}"
+            f"{holder} is suspended and still holds the vehicle. It ends once it continues: kill -CONT {holder.process}"
         )
     again = "" if kind == "app" else " It may start the motors again."
-    return f"{holder} does not end and holds the vehicle still.{again} End it: kill -KILL {holder.process}"
+    return f"{holder} does not end and still holds the vehicle.{again} End it: kill -KILL {holder.process}"

@@ -1,4 +1,4 @@
-"""The encoder as an instrument: polls its interface, or listens to it, and finds it again after a pulled plug."""
+"""Records the encoder: polls its interface or takes its continuous output, and finds it again after a pulled plug."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -10,23 +10,23 @@ from twisted.python.failure import Failure
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.e201_polls import Polls
-from cfid.rig.e201_port import SLOWEST_REPLY_S, Found
+from cfid.rig.e201_port import SLOWEST_REPLY_S, FoundPort
 from cfid.rig.e201_stamps import Stamps
 from cfid.rig.recorder import Block, Say, no_rows, sleep
 from cfid.wire import e201
 from cfid.wire.rls import RLS_13BIT_IN_22, decode_words
 
-_QUIET_S = 0.02  # without a position, after which a continuous output is off
+_QUIET_S = 0.02  # without a position, after which the continuous output counts as off
 _LOOK_S = 0.005
 _STOPS = 3
 _ABSENT_S = 3.0
 _PAUSE_S = 0.25  # without a position, which is a gap
-_PERIODS = 3  # of a slow rate, that are neither
+_PERIODS = 3  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
-_FORMAT_SAMPLES = 50  # after which words that all fail their check are of another kind
+_FORMAT_SAMPLES = 50  # after which words of which most fail their check have another format
 
 
-class Line(Protocol):
+class SerialLine(Protocol):
     """An open serial port."""
 
     def write(self, data: bytes) -> None:
@@ -37,21 +37,21 @@ class Line(Protocol):
 
 
 class Receiver(Protocol):
-    """What an open port talks to."""
+    """What takes the data of an open port."""
 
     def received(self, data: bytes) -> None:
-        """Take what came."""
+        """Take received bytes."""
 
     def disconnected(self) -> None:
         """The port is gone."""
 
 
-OpenLine = Callable[[str, Receiver], Line]
-Find = Callable[[], Found]
+OpenLine = Callable[[str, Receiver], SerialLine]
+Find = Callable[[], FoundPort]
 
 
 class Encoder:
-    """An E201 that is polled at a rate, or that sends by itself.
+    """An E201 that is polled at a rate, or that sends continuously.
 
     `open_line` opens a port, `find` looks for the interface again after its plug was pulled.
     """
@@ -60,7 +60,7 @@ class Encoder:
 
     def __init__(
         self,
-        found: Found,
+        found: FoundPort,
         *,
         open_line: OpenLine,
         find: Find,
@@ -71,7 +71,7 @@ class Encoder:
         clock: HostClock,
         say: Say,
     ) -> None:
-        """Take what was found and how to sample it."""
+        """Take the interface that was found, and how to sample it."""
         self._found, self._open_line, self._find = found, open_line, find
         self._checked = counts_per_turn == RLS_13BIT_IN_22
         self._period_s = 1 / rate_hz
@@ -80,11 +80,11 @@ class Encoder:
         stamped = None if continuous else found.stamped
         self._reader = e201.PositionReader(word_bits=found.word_bits, stamped=stamped)
         self._polls = None if continuous else self._new_polls()
-        self._line: Line | None = None
+        self._line: SerialLine | None = None
         self._times: list[float] = []
-        self._readings: list[e201.Reading] = []
-        self._heard_s = 0.0
-        self._unanswered = 0  # polls, when a position came last
+        self._readings: list[e201.EncoderReading] = []
+        self._received_s = 0.0
+        self._unanswered = 0  # polls, when the last position arrived
         self._gone_s: float | None = None
         self._gaps: list[dict[str, float | str]] = []
         self._missing = self._late = self._failed_check = self._taken = self._counted = 0
@@ -97,11 +97,11 @@ class Encoder:
 
     def start(self) -> None:
         """Open the port and begin to sample."""
-        self._heard_s = self._loop.seconds()
+        self._received_s = self._loop.seconds()
         self._attach()
 
     def received(self, data: bytes) -> None:
-        """Take what the port received."""
+        """Take the bytes that the port received."""
         if self._polls is None:
             readings = self._reader.feed(data)
         else:
@@ -122,7 +122,7 @@ class Encoder:
         self._search()
 
     def take(self) -> Block:
-        """Hand over what came. Raises DeviceError when a plugged encoder is silent."""
+        """Return the new rows. Raises DeviceError when a plugged encoder is silent."""
         if not self._readings:
             self._watch()
             return Block(no_rows(len(self.columns)), self._newly_lost())
@@ -144,18 +144,18 @@ class Encoder:
         return Block([column[kept] for column in columns], self._newly_lost(), self._wrong_format())
 
     async def stop(self) -> None:
-        """End the polling, or the continuous output and see that it ended; take what is under way."""
+        """End the polling, or the continuous output and make sure that it ended; take what is under way."""
         self._stopped = True
         if self._polls is not None:
             await self._last_answer(self._polls)
         elif self._line is not None:
             await self._quieten(self._line)
         now_s = self._loop.seconds()
-        if now_s - self._heard_s > self._longest(_PAUSE_S):
+        if now_s - self._received_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
         if self._gone_s is not None:
             raise DeviceError(
-                f"{self._found.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and never back."
+                f"{self._found.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
             )
 
     def close(self) -> None:
@@ -207,8 +207,8 @@ class Encoder:
         while polls.waiting and self._line is not None and self._loop.seconds() < end_s:
             await sleep(self._loop, _LOOK_S)
 
-    async def _quieten(self, line: Line) -> None:
-        """Ask the interface to send no more until it is quiet; one that is not is said."""
+    async def _quieten(self, line: SerialLine) -> None:
+        """Ask the interface to stop sending until it is quiet; report one that goes on."""
         for _ in range(_STOPS):
             line.write(e201.STOP_CONTINUOUS)
             await sleep(self._loop, _QUIET_S)
@@ -216,44 +216,44 @@ class Encoder:
             await sleep(self._loop, _QUIET_S)
             if len(self._readings) == came:
                 return
-        self._say(f"{self._found.port} goes on sending after {_STOPS} requests to stop: plug it out and in again.")
+        self._say(f"{self._found.port} keeps sending after {_STOPS} requests to stop: unplug it and plug it in again.")
 
-    def _keep(self, readings: list[e201.Reading], now_s: float) -> None:
+    def _keep(self, readings: list[e201.EncoderReading], now_s: float) -> None:
         self._times += [now_s] * len(readings)
         self._readings += readings
-        if now_s - self._heard_s > self._longest(_PAUSE_S):
+        if now_s - self._received_s > self._longest(_PAUSE_S):
             self._note_gap(now_s, "no position came")
-        self._heard_now(now_s)
+        self._note_position(now_s)
 
-    def _heard_now(self, now_s: float) -> None:
-        self._heard_s = now_s
+    def _note_position(self, now_s: float) -> None:
+        self._received_s = now_s
         self._unanswered = 0 if self._polls is None else self._polls.unanswered
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without positions; all that the rate would have had there are lost, asked for or not."""
-        begin_s, to_s = self._clock.unix_s(np.array([self._heard_s, end_s])).tolist()
+        """Note a span without positions; every sample that the rate implies there is lost, polled or not."""
+        begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})
         if self._polls is not None:
-            expected = round((end_s - self._heard_s) / self._period_s) - 1
+            expected = round((end_s - self._received_s) / self._period_s) - 1
             self._missing += max(expected - (self._polls.unanswered - self._unanswered), 0)
 
     def _longest(self, usual_s: float) -> float:
-        """Return for how long nothing may come before it means something."""
+        """Return how long a silence may be at this rate before it is significant."""
         return max(usual_s, _PERIODS * self._period_s)
 
     def _watch(self) -> None:
-        silent_s = self._loop.seconds() - self._heard_s
+        silent_s = self._loop.seconds() - self._received_s
         if self._gone_s is None and not self._stopped and silent_s > self._longest(_ABSENT_S):
             polled = "" if self._polls is None else ", though polled"
             if self._polls is not None and self._polls.late:
-                polled += f" (its answers come later than {1e3 * SLOWEST_REPLY_S:.0f} ms)"
+                polled += f" (its answers take longer than {1e3 * SLOWEST_REPLY_S:.0f} ms)"
             raise DeviceError(
-                f"{self._found.port}: the encoder's interface gives no position for {silent_s:.0f} s{polled}: "
-                "plug it out and in again; `cfid rig check` asks it what is wrong."
+                f"{self._found.port}: the encoder's interface sent no position for {silent_s:.0f} s{polled}: "
+                "unplug it and plug it in again; `cfid rig check` looks for the cause."
             )
 
     def _newly_lost(self) -> int:
-        """Count what is missing since the last block; of a continuous output only what was garbled is known."""
+        """Count samples lost since the last block; of a continuous output only garbled ones are known."""
         unread = self._reader.rejected if self._polls is None else self._polls.unanswered
         lost = unread + self._missing + self._late + self._failed_check
         newly, self._counted = lost - self._counted, lost
@@ -268,17 +268,17 @@ class Encoder:
         )
 
     def _search(self) -> None:
-        """Look for the interface beside the loop, since an answer may take half a second."""
+        """Look for the interface on another thread, since an answer may take half a second."""
         if self._stopped:
             return
-        asked = deferToThreadPool(self._loop, self._loop.getThreadPool(), self._find)
-        asked.addCallback(self._back).addErrback(self._not_yet)  # it may be gone again before it is opened
+        search = deferToThreadPool(self._loop, self._loop.getThreadPool(), self._find)
+        search.addCallback(self._back).addErrback(self._not_yet)  # it may be gone again before it is opened
 
     def _not_yet(self, failure: Failure) -> None:
         failure.trap(DeviceError)
         self._loop.callLater(_SEARCH_S, self._search)
 
-    def _back(self, found: Found) -> None:
+    def _back(self, found: FoundPort) -> None:
         if self._stopped or self._gone_s is None:
             return
         now_s, self._found = self._loop.seconds(), found
@@ -286,6 +286,6 @@ class Encoder:
         self._note_gap(now_s, "unplugged")
         self._say(f"{found.port}: the encoder is back after {now_s - self._gone_s:.1f} s")
         self._gone_s = None
-        self._heard_now(now_s)
+        self._note_position(now_s)
         if self._stamps is not None:
             self._stamps.forget()

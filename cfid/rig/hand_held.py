@@ -1,4 +1,4 @@
-"""What a hand holds or types, as instruments: a UT372 tachometer, scales, typed readings. Opens no port itself."""
+"""Records hand-held instruments, a UT372 tachometer and scales, and typed readings; opens no port itself."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
@@ -13,11 +13,11 @@ from cfid.wire import ut372
 from cfid.wire.scales import ScalesReader
 
 _SILENT_S = 10.0
-_SHOWN_BYTES = 30  # of what is unreadable: a packet of the tachometer, or a line of scales
+_SHOWN_BYTES = 30  # of unreadable data: a packet of the tachometer, or a line of scales
 
 
 class _Rows:
-    """Rows until they are taken."""
+    """Collects rows until they are taken."""
 
     def __init__(self, columns: int, clock: HostClock) -> None:
         self._columns, self._clock = columns, clock
@@ -35,10 +35,10 @@ class _Rows:
 
 
 class Readings:
-    """What the operator reads off an instrument at a motor command, and types; `t` is when it was typed."""
+    """Readings that the operator types at a motor command; `t` is when a reading was typed."""
 
     def __init__(self, name: str, value_name: str, *, loop: Any, clock: HostClock) -> None:
-        """Take what the file and its last column are called."""
+        """Take the names of the file and of its last column."""
         self.name, self.columns = name, ("t", "command", value_name)
         self._loop, self._rows = loop, _Rows(3, clock)
 
@@ -50,7 +50,7 @@ class Readings:
         self._rows.add(self._loop.seconds(), command, value)
 
     def take(self) -> Block:
-        """Hand over what was typed."""
+        """Return the readings typed since the last call."""
         return self._rows.take()
 
     async def stop(self) -> None:
@@ -60,55 +60,55 @@ class Readings:
         """Do nothing."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return nothing: the rows say all."""
+        """Return nothing: the rows are complete."""
         return {}
 
 
-class Speech(Protocol):
-    """What an instrument sends by itself, several times a second, and how it is read."""
+class RowParser(Protocol):
+    """Turns the bytes that an instrument sends unprompted, several times a second, into rows."""
 
     name: str
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Of its rows, the time first."""
+        """The columns of its rows, the time first."""
 
     @property
     def rejected(self) -> int:
-        """How much of what came was no reading."""
+        """How many packets or lines were no reading."""
 
     def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
         """Take bytes, and return the values of rows without their time."""
 
     def explain(self) -> str:
-        """Return what it may be when bytes come and no row."""
+        """Return the likely cause when bytes arrive but no row."""
 
     def facts(self) -> Mapping[str, Any]:
-        """Return what run.toml says at the end."""
+        """Return what goes into run.toml at the end."""
 
 
-class Ut372Speech:
-    """A UT372's. Rows are turns a minute as they are measured: no counts, no held numbers, no largest, least or mean.
+class Ut372Parser:
+    """Parses a UT372's packets. Rows are present speeds in revolutions per minute, not counts, holds or statistics.
 
-    A row's time is when its last byte came, a tenth of a second after the first.
+    A row's time is when its last byte arrived, a tenth of a second after the first.
     """
 
     name = "tachometer"
     columns = ("t", "rpm")
 
     def __init__(self) -> None:
-        """Have read nothing."""
+        """Start without data."""
         self._reader = ut372.Ut372Reader()
         self._set_aside = 0
         self._shows_else = False
 
     @property
     def rejected(self) -> int:
-        """How many packets were none."""
+        """How many packets were invalid."""
         return self._reader.rejected
 
     def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        """Return speeds, and set everything else aside."""
+        """Return speeds, and count other readings without keeping them."""
         for reading in self._reader.feed(data):
             self._shows_else = reading.counted or reading.held or reading.statistic
             self._set_aside += self._shows_else
@@ -119,26 +119,26 @@ class Ut372Speech:
         """Return which keys to press."""
         if self._shows_else:
             return "COUNT, HOLD, MAX, MIN or AVE is lit. Press its keys until only RPM is."
-        return f"its set-up is open, the port does not run at {ut372.BAUD} baud, or it is another device."
+        return f"its set-up menu is open, the port does not run at {ut372.BAUD} baud, or it is another device."
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how many packets were none, and how many showed something else than a speed now."""
+        """Return how many packets were invalid, and how many showed something other than the present speed."""
         return {"rejected": self.rejected, "set_aside": self._set_aside}
 
 
-class ScalesSpeech:
-    """That of scales on a serial port; `stable` is 1 or 0, and -1 where they do not say it."""
+class ScalesParser:
+    """Parses the lines of scales; `stable` is 1 or 0, and -1 where a line does not state it."""
 
     name = "scales"
     columns = ("t", "grams", "stable")
 
     def __init__(self) -> None:
-        """Have read nothing."""
+        """Start without data."""
         self._reader = ScalesReader()
 
     @property
     def rejected(self) -> int:
-        """How many lines were none."""
+        """How many lines were invalid."""
         return self._reader.rejected
 
     def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
@@ -147,58 +147,58 @@ class ScalesSpeech:
             yield grams, -1 if stable is None else int(stable)
 
     def explain(self) -> str:
-        """Return what may be set otherwise."""
+        """Return which settings may differ."""
         return "overload, another speed, frame (8N1) or unit (g, kg, mg, lb, oz) than expected, or another device."
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how many lines were none."""
+        """Return how many lines were invalid."""
         return {"rejected": self.rejected}
 
 
 class HandHeld:
-    """An instrument on a port of its own, on which readings come by themselves."""
+    """An instrument that sends readings unprompted on a port of its own."""
 
-    def __init__(self, port: str, speech: Speech, *, listen: Listen, loop: Any, clock: HostClock) -> None:
-        """Take a port and what opens it, `ut372_ports` or `serial_ports`; nothing is opened yet."""
-        self.name, self.columns = speech.name, speech.columns
-        self.latest: tuple[float, float] | None = None  # the last value, and when it came on the monotonic clock
-        self._where, self._speech, self._listen, self._loop = port, speech, listen, loop
-        self._rows = _Rows(len(speech.columns), clock)
+    def __init__(self, port: str, parser: RowParser, *, listen: Listen, loop: Any, clock: HostClock) -> None:
+        """Take a port and the function that opens it, from `ut372_ports` or `serial_ports`; nothing is opened yet."""
+        self.name, self.columns = parser.name, parser.columns
+        self.latest: tuple[float, float] | None = None  # the last value, and when it arrived on the monotonic clock
+        self._where, self._parser, self._listen, self._loop = port, parser, listen, loop
+        self._rows = _Rows(len(parser.columns), clock)
         self._port: Port | None = None
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._unread_bytes = self._counted = 0
         self._last_bytes = b""
         self._gone = self._stopped = False
 
     def start(self) -> None:
-        """Open the port. Raises DeviceError that says why it cannot be opened."""
-        self._heard_s = self._loop.seconds()
+        """Open the port. Raises DeviceError naming why it cannot be opened."""
+        self._received_s = self._loop.seconds()
         self._port = self._listen(self._where, self)
 
     def received(self, data: bytes) -> None:
-        """Take what the port received."""
+        """Take the bytes that the port received."""
         now_s = self._loop.seconds()
         self._unread_bytes += len(data)
         self._last_bytes = (self._last_bytes + data)[-_SHOWN_BYTES:]
-        for values in self._speech.read(data):
+        for values in self._parser.read(data):
             self._rows.add(now_s, *values)
             self.latest = values[0], now_s
-            self._heard_s, self._unread_bytes = now_s, 0
+            self._received_s, self._unread_bytes = now_s, 0
 
     def disconnected(self) -> None:
         """Note that the plug was pulled."""
         self._gone = True
 
     def take(self) -> Block:
-        """Hand over what came. Raises DeviceError after ten seconds without a reading, or a pulled plug."""
+        """Return the new rows. Raises DeviceError after ten seconds without a reading, or a pulled plug."""
         block = self._rows.take()
         if not len(block.columns[0]) and not self._stopped:
             self._watch()
-        before, self._counted = self._counted, self._speech.rejected
+        before, self._counted = self._counted, self._parser.rejected
         return block._replace(lost=self._counted - before)
 
     async def stop(self) -> None:
-        """Expect no more."""
+        """Expect no further reading."""
         self._stopped = True
 
     def close(self) -> None:
@@ -209,15 +209,15 @@ class HandHeld:
             port.close()
 
     def facts(self) -> Mapping[str, Any]:
-        """Return how much of what came was no reading."""
-        return self._speech.facts()
+        """Return how many packets or lines were no reading."""
+        return self._parser.facts()
 
     def _watch(self) -> None:
-        silent_s = self._loop.seconds() - self._heard_s
+        silent_s = self._loop.seconds() - self._received_s
         if self._gone:
-            raise DeviceError(f"{self._where}: the {self.name} was unplugged: plug it in and begin again.")
+            raise DeviceError(f"{self._where}: the {self.name} was unplugged: plug it in and start again.")
         if silent_s >= _SILENT_S:
             unread = f"{self._unread_bytes} bytes without a reading, {self._last_bytes!r} the last: "
-            nothing = "nothing: not switched on, not set to send all the time, or not on this port."
-            sent = unread + self._speech.explain() if self._unread_bytes else nothing
+            nothing = "nothing: it is off, not set to send continuously, or not on this port."
+            sent = unread + self._parser.explain() if self._unread_bytes else nothing
             raise DeviceError(f"{self._where}: in {silent_s:.0f} s the {self.name} sent {sent}")

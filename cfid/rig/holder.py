@@ -1,4 +1,4 @@
-"""The process that holds a lock, as the kernel knows it, and signals that reach that process or none."""
+"""Finds the process that holds a lock, from the kernel's records, and signals that process and no other."""
 
 import contextlib
 import os
@@ -15,14 +15,14 @@ _PROCESSES = Path("/proc")
 _CREDENTIALS = struct.Struct("3i")  # process, user and group of a peer
 _START_FIELD = 19  # of /proc/PID/stat, counted from the state behind the name
 _SHOWN_CHARACTERS = 40
-_CLOSELY_S = 0.01
+_POLL_S = 0.01
 
 
 @dataclass(frozen=True)
 class Holder:
     """A process that holds a lock's socket; `process` is 0 where the kernel does not show it to this user.
 
-    `is_ours` says that it may be signalled: this user's, a cfid, and seen by the kernel with the socket open.
+    `is_ours` means that it may be signalled: a cfid of this user that has the socket open, as the kernel reports.
     """
 
     process: int
@@ -33,7 +33,7 @@ class Holder:
     is_ours: bool = False
 
     def __str__(self) -> str:
-        """Say who it is; whose, where it is not this user's."""
+        """Return its number, its program and, where it is not this user's, its owner."""
         if not self.process:
             return "another user's process"
         whose = "" if self.user == os.geteuid() else f" of {_user_name(self.user)}"
@@ -51,10 +51,10 @@ class Holder:
         return bool(stat and int(stat[_START_FIELD]) == self.started and _has_open(self.process, self.inode))
 
     def send(self, *numbers: signal.Signals) -> bool:
-        """Send signals to the process if it is ours and still holds the lock, never to one that got its number.
+        """Send signals to the process if it is ours and still holds the lock, never to one that reuses its number.
 
-        Return whether they were sent. What is seen after the handle was opened is true of the process behind it, or
-        that one is dead and a signal to it goes nowhere.
+        Return whether they were sent. The check comes after the handle was opened: it is about the process behind the
+        handle, unless that one is dead, and then the signal reaches none.
         """
         if not self.is_ours:
             return False
@@ -74,34 +74,34 @@ class Holder:
         return True
 
     def wait_until_it_lets_go(self, within_s: float) -> bool:
-        """Wait until it holds the lock no more; False when it still does after so many seconds."""
+        """Wait until it has released the lock; return False when it still holds it after `within_s`."""
         end_s = time.monotonic() + within_s
         while self.holds:
             if time.monotonic() > end_s:
                 return False
-            time.sleep(_CLOSELY_S)
+            time.sleep(_POLL_S)
         return True
 
 
 def found_holder(name: str, inode: int) -> Holder | None:
-    """Return who holds the abstract socket of this name; None if nobody does.
+    """Return the process that holds the abstract socket of this name; None if none does.
 
-    `inode` is its number as /proc/net/unix has it, 0 where that is not certain: names of others may contain lines
-    that look like it. Who listens is what a connection says; that this process still has the socket open, its files.
+    `inode` is the socket's number in /proc/net/unix, 0 where that is uncertain: the names of other sockets may contain
+    lines that look like it. A connection identifies the process that listens; its open files show that it still does.
     """
     if inode and _has_open(os.getpid(), inode):
         return _described(os.getpid(), inode)
-    with socket.socket(socket.AF_UNIX) as asked:
-        asked.setblocking(False)
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.setblocking(False)
         try:
-            asked.connect(f"\0{name}")
-        except BlockingIOError:  # it is held, and was asked too often
+            probe.connect(f"\0{name}")
+        except BlockingIOError:  # it is held, and its queue of connections is full
             process = next((found for found in _own_processes() if _has_open(found, inode)), 0)
             return _described(process, inode) if process else Holder(0, -1, inode)
         except OSError:
             return None
         process, user, _ = _CREDENTIALS.unpack(
-            asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            probe.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
     if user == os.geteuid() and _has_open(process, inode):
         return _described(process, inode)
@@ -131,19 +131,19 @@ def _own_processes() -> Iterator[int]:
 
 
 def _has_open(process: int, inode: int) -> bool:
-    """Return whether a process has the socket of a number above zero open, as far as this user may see that."""
+    """Return whether a process has the socket with this inode open, as far as this user may see that; none has 0."""
     if not inode:
         return False
-    wanted = f"socket:[{inode}]"
+    target = f"socket:[{inode}]"
     try:
         with os.scandir(f"/proc/{process}/fd") as handles:
-            return any(_read_link(handle.path) == wanted for handle in handles)
+            return any(_read_link(handle.path) == target for handle in handles)
     except OSError:  # it ended just now
         return False
 
 
 def _stat(process: int) -> list[str] | None:
-    """Return the kernel's account of a process from its state on; None without one. Its name may hold anything."""
+    """Return the fields of /proc/PID/stat from the state on, which follow the name; None without such a process."""
     try:
         return (_PROCESSES / str(process) / "stat").read_text(errors="replace").rpartition(")")[2].split()
     except OSError:
@@ -158,11 +158,11 @@ def _command_line(process: int) -> str:
 
 
 def _program(process: int) -> str:
-    """Return what was started, as it would be typed; it is only shown, and cannot paint a terminal."""
+    """Return the command line as it would be typed, for display: only printable characters, and shortened."""
     arguments = _command_line(process).rstrip("\0").split("\0")
     place = next((i for i, word in enumerate(arguments) if _is_entry(word)), None)
-    words = ["cfid", *arguments[place + 1 :]] if place is not None else [Path(arguments[0]).name]
-    shown = "".join(letter if letter.isprintable() else " " for letter in " ".join(words))
+    typed = ["cfid", *arguments[place + 1 :]] if place is not None else [Path(arguments[0]).name]
+    shown = "".join(letter if letter.isprintable() else " " for letter in " ".join(typed))
     return shown if len(shown) <= _SHOWN_CHARACTERS else f"{shown[:_SHOWN_CHARACTERS]}..."
 
 

@@ -1,4 +1,4 @@
-"""What the operator types, heard by the loop while everything else goes on: whole lines, or single keys."""
+"""Reads what the operator types, whole lines or single keys, in the loop while recording goes on."""
 
 import contextlib
 import os
@@ -15,32 +15,32 @@ UP, DOWN, ESCAPE = "up", "down", "escape"
 
 _ENTER = ("\n", "\r")
 _BACKSPACE = ("\x7f", "\b")
-_CTRL_D = "\x04"  # a terminal that hands over single keys hands over this one too
+_CTRL_D = "\x04"  # a terminal that passes single keys passes this one too
 _ARROWS = {"A": UP, "B": DOWN}
 _SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*([A-Za-z~])")  # of a key that is no letter
-_REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # what comes of it when its beginning came alone
+_REST = re.compile(r"^[\[O][0-9;]*([A-Za-z~])")  # the rest of it when the escape came alone
 
 
 class Keyboard:
-    """Standard input. With `keys` and on a terminal each key is heard at once, else a line at a time.
+    """Standard input. With `keys` and on a terminal it is read key by key, else line by line.
 
-    `hear` is called with a line (without its end) or, with `keys`, with a key: a letter, `up`, `down`,
-    `escape`; None when the input has ended.
+    `handle` is called with a line (without its end) or, with `keys`, with a key: a letter, `up`, `down`,
+    `escape`; with None when the input has ended.
     """
 
-    def __init__(self, hear: Callable[[str | None], None], *, loop: Any, keys: bool = False) -> None:
-        """Take what hears; nothing is read yet. Raises ConfigError where there is no standard input."""
+    def __init__(self, handle: Callable[[str | None], None], *, loop: Any, keys: bool = False) -> None:
+        """Take the handler of input; nothing is read yet. Raises ConfigError where there is no standard input."""
         if sys.stdin is None:
             raise ConfigError("there is no standard input to type into.")
-        self._hear, self._loop = hear, loop
+        self._handle, self._loop = handle, loop
         self.keys = keys and sys.stdin.isatty()
         self._restore: Callable[[], None] = lambda: None
         self._rest = ""
-        self._escaped = False  # the last that came was an escape, perhaps the beginning of an arrow
+        self._escaped = False  # the input ended with an escape, perhaps the beginning of an arrow
         self._open = False
 
     def open(self) -> None:
-        """Begin to listen; a terminal that does not let itself be set, to a job in the background, has no input."""
+        """Begin to listen; a terminal that refuses the setting, as from a background job, counts as ended input."""
         self._open = True
         if self.keys:
             try:
@@ -51,7 +51,7 @@ class Keyboard:
         self._loop.addReader(self)
 
     def close(self) -> None:
-        """Listen no more, and leave the terminal as it was."""
+        """Stop listening, and restore the terminal."""
         if self._open:
             self._open = False
             self._loop.removeReader(self)
@@ -66,7 +66,7 @@ class Keyboard:
         return "keyboard"
 
     def doRead(self) -> None:  # noqa: N802 - Twisted's name
-        """Read what was typed; a terminal that hung up has no more."""
+        """Read what was typed; a terminal that hung up has ended."""
         try:
             typed = os.read(self.fileno(), 4096).decode(errors="replace")
         except OSError:
@@ -77,13 +77,13 @@ class Keyboard:
         if self.keys:
             typed, ended, _ = typed.partition(_CTRL_D)
             for key in self._keys_in(typed):
-                self._hear(key)
+                self._handle(key)
             if ended:
                 self._end()
             return
         *lines, self._rest = (self._rest + typed).split("\n")
         for line in lines:
-            self._hear(line.strip())
+            self._handle(line.strip())
 
     def _keys_in(self, typed: str) -> Iterator[str]:
         """Yield letters, arrows and escape; other keys that send a sequence are left out."""
@@ -105,11 +105,11 @@ class Keyboard:
     def _end(self) -> None:
         if self._open:
             self.close()
-            self._hear(None)
+            self._handle(None)
 
 
 def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tuple[str | None, str]:
-    """Return the line that a key completes, None while it is not, and what is typed of the next."""
+    """Return the line that a key completes, None while it is incomplete, and the text typed of the next line."""
     if key in _ENTER:
         return typed, ""
     if key in _BACKSPACE:
@@ -119,12 +119,12 @@ def edited(typed: str, key: str, *, allowed: Container[str] | None = None) -> tu
 
 
 def _single_keys(handle: int) -> Callable[[], None]:
-    """Let a terminal hand over each key, and return what puts it back."""
+    """Let a terminal pass each key at once, and return a function that restores it."""
     before = termios.tcgetattr(handle)
     tty.setcbreak(handle)
 
     def restore() -> None:
         with contextlib.suppress(termios.error):  # it hung up
-            termios.tcsetattr(handle, termios.TCSANOW, before)  # one that takes nothing must not be waited for
+            termios.tcsetattr(handle, termios.TCSANOW, before)  # without waiting for a terminal that takes no output
 
     return restore

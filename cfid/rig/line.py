@@ -1,4 +1,4 @@
-"""The thinnest link to a vehicle: packets there and back, and no table. Open in a moment, for a stop."""
+"""Opens a minimal link to a vehicle, without its tables: it is ready in a moment, for a stop."""
 
 import contextlib
 import socket
@@ -11,26 +11,26 @@ from cfid.errors import DeviceError
 from cfid.wire.crtp import LONGEST_PAYLOAD, Packet, decode_packet, encode_packet
 
 
-class Line(Protocol):
+class VehicleLine(Protocol):
     """Packets to and from a vehicle."""
 
     def send(self, packet: Packet) -> None:
-        """Send a packet, as far as the link takes it."""
+        """Send a packet, if the link takes it."""
 
     def receive(self, within_s: float) -> Packet | None:
         """Return the next packet, None when none comes in time."""
 
     def close(self) -> None:
-        """Give the link back."""
+        """Release the link."""
 
 
-def open_line(uri: str) -> Line:
-    """Open the link to a vehicle. Raises DeviceError, for a radio that another process has in use too."""
+def open_line(uri: str) -> VehicleLine:
+    """Open the link to a vehicle. Raises DeviceError, also for a radio that another process uses."""
     return _Datagrams(uri) if uri.startswith("udp://") else _Driver(uri)
 
 
 class _Datagrams:
-    """A socket: importing cflib takes as long as all the rest of a stop."""
+    """A UDP socket instead of cflib, whose import takes as long as the rest of a stop."""
 
     def __init__(self, uri: str) -> None:
         where = urlsplit(uri)
@@ -42,7 +42,7 @@ class _Datagrams:
             raise DeviceError(f"{uri}: {error}.") from None
 
     def send(self, packet: Packet) -> None:
-        with contextlib.suppress(OSError):  # nobody listens there just now
+        with contextlib.suppress(OSError):  # no program listens there at the moment
             self._socket.send(encode_packet(packet))
 
     def receive(self, within_s: float) -> Packet | None:
@@ -60,7 +60,7 @@ class _Datagrams:
 
 
 class _Driver:
-    """cflib's own driver of a radio or a USB cable, without its tables and its close, which commands the vehicle."""
+    """cflib's driver of a radio or a USB cable, without cflib's tables and its close, which commands the vehicle."""
 
     def __init__(self, uri: str) -> None:
         import cflib.crtp
@@ -69,10 +69,10 @@ class _Driver:
             cflib.crtp.init_drivers()
         try:
             self._driver: Any = cflib.crtp.get_link_driver(uri, lambda *_: None, lambda *_: None)
-        except Exception as error:  # whatever its drivers, and those of USB, raise
+        except Exception as error:  # its drivers, and those of USB, raise errors of any kind
             raise DeviceError(f"{uri}: {error}.") from None
         if self._driver is None:
-            raise DeviceError(f"{uri}: is no address of a vehicle.")
+            raise DeviceError(f"{uri}: this is not the address of a vehicle.")
 
     def send(self, packet: Packet) -> None:
         from cflib.crtp.crtpstack import CRTPPacket

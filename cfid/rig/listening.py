@@ -1,4 +1,4 @@
-"""Ports that are only listened to: serial ones, and the USB bridge of a UT372, found on Linux; knows no readings."""
+"""Opens ports that cfid only listens to: serial ports, and the USB bridge of a UT372, which it finds on Linux."""
 
 import os
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from cfid.rig.e201_port import PORT_ERRORS, why_not_open
 from cfid.rig.encoder import Receiver
 from cfid.wire import ut372
 
-SCALES_BAUD = 9600  # as most are set when they are sold
+SCALES_BAUD = 9600  # the factory setting of most scales
 
 _HIDIOCSFEATURE = 3 << 30 | len(ut372.SET_BAUD) << 16 | ord("H") << 8 | 0x06  # linux/hidraw.h
 _USB_ID = f"{ut372.USB_VENDOR:04x}:{ut372.USB_PRODUCT:04x}"
@@ -22,7 +22,8 @@ _HID_ID = f"HID_ID=0003:{ut372.USB_VENDOR:08X}:{ut372.USB_PRODUCT:08X}"  # 3 is 
 _NOT_ALLOWED = (
     'this user may not open it. Write the line SUBSYSTEM=="hidraw", '
     f'ATTRS{{idVendor}}=="{ut372.USB_VENDOR:04x}", ATTRS{{idProduct}}=="{ut372.USB_PRODUCT:04x}", TAG+="uaccess", '
-    'GROUP="dialout", MODE="0660" into /etc/udev/rules.d/60-ut372.rules, then plug the tachometer out and in again.'
+    'GROUP="dialout", MODE="0660" into /etc/udev/rules.d/60-ut372.rules, then unplug the tachometer and plug it '
+    "in again."
 )
 
 
@@ -37,11 +38,11 @@ Listen = Callable[[str, Receiver], Port]
 
 
 def serial_ports(loop: Any, *, baud: int = SCALES_BAUD) -> Listen:
-    """Return what opens serial ports, 8N1; it raises DeviceError."""
+    """Return a function that opens serial ports, 8N1; it raises DeviceError."""
 
     def opened(port: str, receiver: Receiver) -> Port:
         try:
-            return _SerialEar(port, receiver, baud=baud, loop=loop)
+            return _SerialPort(port, receiver, baud=baud, loop=loop)
         except PORT_ERRORS as error:
             raise DeviceError(f"{port}: {why_not_open(error)}") from None
 
@@ -49,12 +50,12 @@ def serial_ports(loop: Any, *, baud: int = SCALES_BAUD) -> Listen:
 
 
 def ut372_ports(loop: Any) -> Listen:
-    """Return what opens a UT372's hidraw device, or a serial port it is wired to; it raises DeviceError."""
+    """Return a function that opens a UT372's hidraw device, or a serial port it is wired to; it raises DeviceError."""
     listen = serial_ports(loop, baud=ut372.BAUD)
 
     def opened(port: str, receiver: Receiver) -> Port:
         if Path(port).resolve().name.startswith("hidraw"):
-            return HidrawEar(_open_hidraw(port), receiver, loop=loop)
+            return HidrawPort(_open_hidraw(port), receiver, loop=loop)
         return listen(port, receiver)
 
     return opened
@@ -63,18 +64,18 @@ def ut372_ports(loop: Any) -> Listen:
 def find_ut372(root: Path = Path("/")) -> str:
     """Return the hidraw device of the one UT372 that is plugged in; `root` holds dev and sys (Linux only).
 
-    Raises DeviceError that says what there is, and what to do.
+    Raises DeviceError naming what was found, and what to do.
     """
     found = [node.name for node in sorted((root / "sys/class/hidraw").glob("*")) if _is_bridge(node)]
     if not found:
         raise DeviceError(
-            f"no UT372 is plugged in: there is no USB device {_USB_ID} (looked for on Linux alone). Plug it in and "
-            "switch it on, or name the port it is on, or type what it shows."
+            f"no UT372 is plugged in: there is no USB device {_USB_ID} (the search works on Linux only). Plug it in, "
+            "switch it on, or set its port, or type what it shows."
         )
     if len(found) > 1:
         raise DeviceError(
             f"{len(found)} devices may be the UT372: /dev/{', /dev/'.join(found)}; multimeters have the same cable. "
-            "Name the tachometer's port, or plug the others out."
+            "Set the tachometer's port, or unplug the others."
         )
     path = root / "dev" / found[0]
     if not os.access(path, os.R_OK | os.W_OK):
@@ -90,7 +91,7 @@ def _is_bridge(node: Path) -> bool:
 
 
 def _open_hidraw(path: str) -> int:
-    """Open the bridge and set its speed, which it does not have by itself (sigrok's wiki, WCH CH9325)."""
+    """Open the bridge and set its baud rate, which it has not by default (sigrok's wiki, WCH CH9325)."""
     import fcntl
 
     try:
@@ -98,16 +99,16 @@ def _open_hidraw(path: str) -> int:
     except PermissionError:
         raise DeviceError(f"{path}: {_NOT_ALLOWED}") from None
     except OSError as error:
-        raise DeviceError(f"{path}: {error.strerror}: plug the tachometer out and in again.") from None
+        raise DeviceError(f"{path}: {error.strerror}: unplug the tachometer and plug it in again.") from None
     try:
         fcntl.ioctl(handle, _HIDIOCSFEATURE, ut372.SET_BAUD)
     except OSError as error:
         os.close(handle)
-        raise DeviceError(f"{path}: its speed cannot be set ({error.strerror}): this is no UT372.") from None
+        raise DeviceError(f"{path}: its baud rate cannot be set ({error.strerror}): this is not a UT372.") from None
     return handle
 
 
-class _SerialEar(protocol.Protocol):
+class _SerialPort(protocol.Protocol):
     """An open serial port."""
 
     def __init__(self, port: str, receiver: Receiver, *, baud: int, loop: Any) -> None:
@@ -124,11 +125,11 @@ class _SerialEar(protocol.Protocol):
         self._port.loseConnection()
 
 
-class HidrawEar:
-    """The bridge's reports as the serial bytes in them."""
+class HidrawPort:
+    """An open bridge, which passes on the serial bytes in its reports."""
 
     def __init__(self, handle: int, receiver: Receiver, *, loop: Any) -> None:
-        """Take over an open device, each read of which is a report."""
+        """Take an open device; each read of it returns a report."""
         self._handle, self._receiver, self._loop = handle, receiver, loop
         loop.addReader(self)
 
@@ -152,7 +153,7 @@ class HidrawEar:
             self.connectionLost(None)
             return
         data = ut372.unpack_report(report)
-        self._receiver.received(report if data is None else data)  # another device's: counted as unreadable
+        self._receiver.received(report if data is None else data)  # another device's report counts as unreadable
 
     def connectionLost(self, reason: object) -> None:  # noqa: N802 - Twisted's name
         """Take the end of the device as a pulled plug."""

@@ -1,4 +1,4 @@
-"""The load cell as an instrument: asks its box for a stream, keeps it alive, and stops it again."""
+"""Records the load cell: requests a stream from its box, renews it, and stops it."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -9,7 +9,7 @@ from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, Inbox
 from cfid.rig.rdt_status_watch import StatusWatch
-from cfid.rig.rdt_times import Arrivals, RecordTimes, arrivals_of
+from cfid.rig.rdt_times import RecordTimes, TimedArrivals, arrivals_of
 from cfid.rig.recorder import Block, Say, no_rows, sleep
 from cfid.wire import rdt
 from cfid.wire.netft import Settings
@@ -17,20 +17,20 @@ from cfid.wire.rdt_order import RecordOrder
 
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
 
-_SILENT_S = 1.0  # without a record, after which the stream is asked for again, if four datagrams would have come
-_BROKEN_S = 0.4  # without a record beside motors, after which they are stopped
-_ABSENT_S = 3.0  # of it at the start, after which it is given up
-_DEAD_S = 10.0  # of it later on, which leaves time to put a cable back
+_SILENT_S = 1.0  # without a record, and for four datagrams at least: then the stream is requested again
+_BROKEN_S = 0.4  # without a record while motors run, after which they are stopped
+_ABSENT_S = 3.0  # of silence at the start, after which the stream is given up
+_DEAD_S = 10.0  # of silence later on, which leaves time to plug a cable in again
 _BREAKS_WITHIN_S = 30.0
-_MOST_BREAKS = 3  # of a stream within that time, after which someone must be taking it
-_PAUSE_S = 0.05  # without a record at the end, beside four datagrams, which is a gap
+_MOST_BREAKS = 3  # of a stream within that time, after which another client must be taking it
+_PAUSE_S = 0.05  # without a record at the end, in addition to four datagrams, which counts as a gap
 _QUIET_S = 0.03  # without a datagram, after which the box has stopped: a full buffer takes 20 ms
 _STOPS = 5
 _LONGEST_STOP_S = 1.4
 
 
 class StreamPort(Protocol):
-    """What carries requests to the box and fills the inbox: a UDP port, or a wire inside a test."""
+    """Sends requests to the box and fills the inbox: a UDP port, or a simulated one in a test."""
 
     buffer_bytes: int
 
@@ -38,7 +38,7 @@ class StreamPort(Protocol):
         """Send to the box."""
 
     def drain(self) -> None:
-        """Put into the inbox what has come."""
+        """Move received datagrams into the inbox."""
 
     def close(self) -> None:
         """Close the port."""
@@ -65,7 +65,7 @@ class LoadCell:
     ) -> None:
         """Take the box' settings as read, and an open port with its inbox.
 
-        One that is not `patient` waits for no stream that breaks off: beside motors nothing is worth waiting for.
+        Without `patient` a stream that breaks off ends the run at once, as it must while motors run.
         """
         self._settings, self._inbox, self._port, self._where = settings, inbox, port, where
         self._loop, self._clock, self._say = loop, clock, say
@@ -75,7 +75,7 @@ class LoadCell:
         self._order = RecordOrder()
         self._times = RecordTimes(rate_hz=settings.rate_hz)
         self._status = StatusWatch(where=where, family=settings.family, say=say)
-        self._heard_s = self._asked_s = 0.0
+        self._received_s = self._requested_s = 0.0
         self._last_ft: int | None = None
         self._fresh = True
         self._missing = self._counted = 0
@@ -87,19 +87,19 @@ class LoadCell:
         self._broken_s = max(_BROKEN_S, 4 * self._datagram_s)
 
     def start(self) -> None:
-        """Ask for the stream."""
+        """Request the stream."""
         if self._port.buffer_bytes < RECEIVE_BUFFER_BYTES:
             self._say(
                 f"the system caps the receive buffer at {self._port.buffer_bytes >> 10} KiB where "
-                f"{RECEIVE_BUFFER_BYTES >> 10} are wanted: a busy computer may lose samples. "
+                f"{RECEIVE_BUFFER_BYTES >> 10} are needed: a busy computer may lose samples. "
                 f"`sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}` allows them."
             )
         self._streaming = True
-        self._heard_s = self._loop.seconds()
-        self._ask()
+        self._received_s = self._loop.seconds()
+        self._request()
 
     def take(self) -> Block:
-        """Hand over the records that came, in order and timed by the box' own count."""
+        """Return the new records, in order and timed by the box' own count."""
         self._port.drain()
         inbox, now_s = self._inbox, self._loop.seconds()
         every = rdt.decode_records(inbox.data)
@@ -114,7 +114,7 @@ class LoadCell:
         arrivals = arrivals_of(records, every.ft_sequence[ends], came_s, read_s=now_s)
         if self._fresh and self._last_ft is not None:
             self._resume(records, arrivals)
-        self._fresh, self._heard_s, self._last_ft = False, now_s, int(records.ft_sequence[-1])
+        self._fresh, self._received_s, self._last_ft = False, now_s, int(records.ft_sequence[-1])
         counts = records.counts
         return Block(
             (
@@ -129,7 +129,7 @@ class LoadCell:
         )
 
     async def stop(self) -> None:
-        """Ask the box to stop until it is quiet; one that does not stop is said.
+        """Ask the box to stop until it is quiet; report one that does not stop.
 
         Raises DeviceError when the box had fallen silent already: the recording has no end then.
         """
@@ -138,7 +138,7 @@ class LoadCell:
         self._streaming = False
         self._port.drain()
         now_s = self._loop.seconds()
-        silent_s = 0.0 if self._inbox.ends else now_s - self._heard_s
+        silent_s = 0.0 if self._inbox.ends else now_s - self._received_s
         if self._last_ft is not None and silent_s > _PAUSE_S + 4 * self._datagram_s:
             self._missing += round(silent_s * self._times.rate_hz)
             self._note_gap(now_s, "silent at the end")
@@ -147,7 +147,7 @@ class LoadCell:
             raise DeviceError(self._silence(silent_s))
 
     async def _quieten(self) -> None:
-        """Ask the box to stop, twice at least, until it was silent for the time of two datagrams."""
+        """Ask the box to stop, at least twice, until it was silent for the time of two datagrams."""
         needed_s = max(_QUIET_S, 2 * self._datagram_s)
         every_s = min(needed_s, _LONGEST_STOP_S / _STOPS)
         quiet_s = 0.0
@@ -160,7 +160,7 @@ class LoadCell:
             if request and quiet_s >= needed_s:
                 return
         if not quiet_s:
-            self._say(f"{self._where} goes on streaming after {_STOPS} requests to stop: switch it off and on.")
+            self._say(f"{self._where} keeps streaming after {_STOPS} requests to stop: switch it off and on.")
 
     def close(self) -> None:
         """Close the port."""
@@ -182,13 +182,13 @@ class LoadCell:
             },
             "gaps": self._gaps,
             "receive_buffer_bytes": self._port.buffer_bytes,
-            "said": sorted(self._status.said),
+            "said": sorted(self._status.reported),
         }
 
-    def _ask(self) -> None:
+    def _request(self) -> None:
         self._order.begin()
         self._fresh = True
-        self._asked_s = self._loop.seconds()
+        self._requested_s = self._loop.seconds()
         self._port.send(rdt.encode_request(rdt.Request(self._command)))
 
     def _newly_lost(self) -> int:
@@ -197,8 +197,8 @@ class LoadCell:
         return newly
 
     def _watch(self, now_s: float) -> None:
-        """Ask again for a stream that broke off; give up one that stays away or is taken away again and again."""
-        silent_s = now_s - self._heard_s
+        """Request a stream again that broke off; give up one that stays away, or breaks off repeatedly."""
+        silent_s = now_s - self._received_s
         if self._streaming and not self._patient and self._last_ft is not None and silent_s > self._broken_s:
             self._given_up = True
             raise DeviceError(self._silence(silent_s))
@@ -208,16 +208,16 @@ class LoadCell:
             self._given_up = True
             raise DeviceError(self._silence(silent_s))
         if self._last_ft is not None and not self._fresh:
-            self._say(f"{self._where} is silent; asking again")
+            self._say(f"{self._where} is silent; requesting the stream again")
             self._breaks_s = [past_s for past_s in self._breaks_s if now_s - past_s < _BREAKS_WITHIN_S] + [now_s]
         if len(self._breaks_s) >= _MOST_BREAKS:
             self._given_up = True
             raise DeviceError(
                 f"{self._where}: the stream broke off {_MOST_BREAKS} times in {_BREAKS_WITHIN_S:g} s: another client "
-                "takes it, and the box answers only one. End that program; `cfid rig check` tells more."
+                "takes it, and the box serves only one. End that program; `cfid rig check` shows more."
             )
-        if now_s - self._asked_s > self._silent_s:
-            self._ask()
+        if now_s - self._requested_s > self._silent_s:
+            self._request()
 
     def _silence(self, silent_s: float) -> str:
         unread = {
@@ -226,19 +226,19 @@ class LoadCell:
             "records that contradict the stream": self._order.arrivals.rejected,
         }
         others = "".join(f" {count} {name} came." for name, count in unread.items() if count)
-        what = "sent nothing" if self._last_ft is None else f"sent no more for {silent_s:.1f} s"
-        asked = ", though asked again and again" if self._patient else ""
+        what = "sent nothing" if self._last_ft is None else f"sent nothing more for {silent_s:.1f} s"
+        requested = ", despite repeated requests" if self._patient else ""
         return (
-            f"{self._where} {what}{asked}.{others} No power, no network, another client, or a "
-            "firewall that keeps UDP out: `cfid rig check` tells which."
+            f"{self._where} {what}{requested}.{others} Likely causes: no power, no network, another client, or a "
+            "firewall that blocks UDP. `cfid rig check` finds which."
         )
 
-    def _resume(self, records: rdt.Records, arrivals: Arrivals) -> None:
-        """With the first records of a new request, note the gap and count what the box sampled in it."""
+    def _resume(self, records: rdt.Records, arrivals: TimedArrivals) -> None:
+        """At the first records of a new request, note the gap and count the samples that the box took in it."""
         assert self._last_ft is not None and self._order.step is not None
         now_s, step = arrivals.read_s, self._order.step
         passed = (int(records.ft_sequence[0]) - self._last_ft) % (1 << 32)
-        most = (now_s - self._heard_s + _SILENT_S) * self._times.rate_hz * step
+        most = (now_s - self._received_s + _SILENT_S) * self._times.rate_hz * step
         if passed > most or self._times.began_anew(records, arrivals):
             reason = "the box was restarted"
             self._times.restart()
@@ -246,8 +246,8 @@ class LoadCell:
             reason = "the stream broke off"
             self._missing += max(passed // step - int(records.rdt_sequence[0]), 0)
         self._note_gap(now_s, reason)
-        self._say(f"{self._where}: {reason}; records again after {now_s - self._heard_s:.1f} s")
+        self._say(f"{self._where}: {reason}; records again after {now_s - self._received_s:.1f} s")
 
     def _note_gap(self, end_s: float, reason: str) -> None:
-        begin_s, to_s = self._clock.unix_s(np.array([self._heard_s, end_s])).tolist()
+        begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
         self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})

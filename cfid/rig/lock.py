@@ -1,7 +1,7 @@
-"""Who holds a device: one process of this computer at a time, and the next is told which.
+"""Locks devices: one process of this computer at a time holds a device, and the next one learns which.
 
 A lock is a socket bound to the device's name in Linux's abstract namespace. The kernel lets one process bind a name,
-whatever its user, and frees it when that process ends. There is no file that anybody could plant, link, fill or own.
+whatever its user, and frees it when that process ends. No file is involved that a user could plant, link, fill or own.
 """
 
 import hashlib
@@ -37,9 +37,9 @@ class DeviceLock:
     def take(cls, device: str) -> Self:
         """Hold a device, named by where it is, in any spelling.
 
-        Raises DeviceError that says who holds it.
+        Raises DeviceError naming the holder.
         """
-        if sys.platform != "linux":  # no abstract names: nobody is kept off there
+        if sys.platform != "linux":  # no abstract names: no other process is kept out there
             return cls(None)
         bound = socket.socket(socket.AF_UNIX)
         try:
@@ -52,7 +52,7 @@ class DeviceLock:
         return cls(bound)
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the device."""
         if self._bound is not None:
             self._bound.close()
             self._bound = None
@@ -67,27 +67,27 @@ class DeviceLock:
 
 
 def find_holder(device: str) -> Holder | None:
-    """Return the process that holds a device, which may be this one; None if nobody does."""
+    """Return the process that holds a device, which may be this one; None if none does."""
     name = _name(device)
     inodes = [inode for held, inode in _held() if held == name]
     return found_holder(name, inodes[0] if len(inodes) == 1 else 0)
 
 
 def holder_of(device: str) -> str:
-    """Return who else holds a device, empty if nobody does."""
+    """Return the other process that holds a device, as text; empty if none does."""
     holder = find_holder(device)
     return "" if holder is None or holder.process == os.getpid() else str(holder)
 
 
 def vehicles_held() -> list[str]:
-    """Return the addresses of the vehicles that other processes hold, however they were found."""
+    """Return the addresses of the vehicles that other processes hold."""
     start = _start()
     devices = [unquote(name.removeprefix(start)) for name, _ in _held() if name.startswith(start)]
     return [device for device in devices if device.startswith(_VEHICLES) and holder_of(device)]
 
 
 def _held() -> Iterator[tuple[str, int]]:
-    """Yield names that are held on this computer, each with the number of its socket."""
+    """Yield the names locked on this computer, each with the inode of its socket."""
     try:
         lines = _SOCKETS.read_text(errors="replace").split("\n")
     except OSError:
@@ -99,7 +99,7 @@ def _held() -> Iterator[tuple[str, int]]:
 
 
 def _name(device: str) -> str:
-    """Return the one name of a device, however it is spelt; printable, so that /proc shows it as it is."""
+    """Return the one name of a device in any spelling; printable, so that /proc shows it unchanged."""
     name = _start() + quote(resolved(device), safe="/:")
     if len(name) > _LONGEST:
         digest = hashlib.sha256(name.encode()).hexdigest()
@@ -108,6 +108,6 @@ def _name(device: str) -> str:
 
 
 def _start() -> str:
-    """Return how the names of all locks begin."""
+    """Return the common beginning of the names of all locks."""
     own_set = os.environ.get(_SET_VARIABLE, "")
     return f"cfid/{hashlib.sha256(own_set.encode()).hexdigest()[:12]}/" if own_set else "cfid/"

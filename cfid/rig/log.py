@@ -1,4 +1,4 @@
-"""One logged run: devices opened and locked, recorded until the end, closed in whatever way it ends."""
+"""Records one run: locks and opens devices, records until the end, and closes them however it ends."""
 
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
@@ -32,9 +32,9 @@ Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of
 
 @dataclass(frozen=True, kw_only=True)
 class Device:
-    """A device that was asked and locked: how run.toml describes it, and how it is opened in a loop.
+    """A device that was checked and locked: its description in run.toml, and how a loop opens it.
 
-    One that is `eventful` may have nothing to say; any other has rows, or something is wrong.
+    An `eventful` device may have no rows; any other device without rows is a fault.
     """
 
     record: DeviceRecord
@@ -44,10 +44,10 @@ class Device:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What is to be recorded, where to and for how long; None is until the operator ends it.
+    """What to record, where to and for how long; None means until the operator ends it.
 
-    With a `procedure` the run lasts as long as that takes, and one that is ended before is interrupted.
-    `facts` of the rig and what was `asked` go into run.toml as they are.
+    With a `procedure` the run lasts as long as that takes, and counts as interrupted when it ends before.
+    The rig's `facts` and the request, `asked`, go into run.toml unchanged.
     """
 
     runs_folder: Path
@@ -63,14 +63,14 @@ class Plan:
 def ready_encoder(
     setting: EncoderPort, held: ExitStack, *, counts_per_turn: float | str, continuous: bool, say: Say
 ) -> Device:
-    """Find the encoder, hold it, and say how it is recorded. Raises DeviceError."""
+    """Find and lock the encoder; return how it is recorded. Raises DeviceError."""
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
     names = [lock_name(found.port)]
     holding = held.enter_context(ExitStack())
     holding.enter_context(DeviceLock.take(names[0]))
 
     def again() -> Any:
-        """Find it after its plug was pulled; where it has another port then, hold that one instead."""
+        """Find it after its plug was pulled; where it then has another port, lock that one instead."""
         there = find_encoder(setting.port, counts_per_turn=counts_per_turn, serial_number=found.serial_number)
         name = lock_name(there.port)
         if name != names[-1]:
@@ -109,15 +109,15 @@ def ready_encoder(
 def ready_loadcell(
     setting: LoadCellBox, held: ExitStack, *, buffered: bool, bias: bool, say: Say, patient: bool = True
 ) -> Device:
-    """Hold the load cell, set its rate, read its settings, and say how it is recorded. Raises DeviceError.
+    """Lock the load cell, set its rate and read its settings; return how it is recorded. Raises DeviceError.
 
-    One that is not `patient` ends the run as soon as its stream breaks off.
+    Without `patient` the run ends as soon as its stream breaks off.
     """
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where))
     if bias and not loadcell_box.take_bias(setting):
-        say(f"{where}: the box' page shows the bias it had before. Look whether the load reads zero now.")
+        say(f"{where}: the box' page still shows the earlier bias. Check that the load reads zero now.")
     settings = loadcell_box.set_rate(setting, buffered=buffered)
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
@@ -152,14 +152,14 @@ def ready_loadcell(
     return Device(record=record, open=opened)
 
 
-def log(
+def record_run(
     plan: Plan, devices: Sequence[Device], *, show: Callable[[Recorder], None], begun: Callable[[Path], None]
 ) -> Run:
-    """Record the devices into a new run until the plan's time is over or a signal comes.
+    """Record the devices into a new run until the plan's time is over or a signal arrives.
 
-    `begun` is told the run's folder, `show` is called after every block. A run that was ended by a signal is
-    complete: what was asked for is there. Raises DeviceError or DataError with the first failure, the run
-    closed as failed with what came until then; KeyboardInterrupt when it was ended before the first row.
+    `begun` gets the run's folder, `show` is called after every block. Without a procedure, a run that a signal ended
+    is complete. Raises DeviceError or DataError with the first failure, with the run closed as failed and all rows
+    until then kept; KeyboardInterrupt when it was ended before the first row.
     """
 
     async def main(loop: Loop, ending: Ending) -> Run:
@@ -175,9 +175,9 @@ def drive(
     show: Callable[[Recorder], None],
     stopped: Callable[[float], None],
 ) -> None:
-    """Do a procedure with devices and keep nothing of it; `stopped` gets the seconds that the motors' stop took.
+    """Carry out a procedure without recording it; `stopped` gets the seconds that the motors' stop took.
 
-    Raises DeviceError like `log`; the motors are stopped and checked in every case.
+    Raises DeviceError like `record_run`; in every case the motors are stopped and checked.
     """
 
     async def main(loop: Loop, ending: Ending) -> None:
@@ -225,8 +225,8 @@ async def _recorded(
         for instrument in sampled:
             if not run.rows(instrument.name):
                 raise DeviceError(
-                    f"{instrument.name}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` asks it what is "
-                    "wrong."
+                    f"{instrument.name}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` looks for the "
+                    "cause."
                 )
         early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal else ""
         if plan.procedure is not None:

@@ -1,4 +1,4 @@
-"""The event loop of the rig: Twisted's, on a clock that nobody can set, and ended by a signal as by itself."""
+"""The rig's event loop: Twisted's on the monotonic clock, with signals that end it in order."""
 
 import contextlib
 import signal
@@ -13,8 +13,8 @@ from twisted.python.failure import Failure
 
 Result = TypeVar("Result")
 
-# A program that is killed or suspended leaves motors to themselves. So every signal that does either, and can be
-# caught, asks for the end; but for those of a processor's fault, after which no handler of Python's would run.
+# A program that is killed or suspended leaves motors running. So every signal that does either and can be caught
+# requests the end, except those of a processor's fault, after which no handler of Python's would run.
 _UNCATCHABLE = {"SIGKILL", "SIGSTOP"}
 _FAULTS = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"}
 _HARMLESS = {"SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"}
@@ -38,16 +38,16 @@ class Loop(SelectReactor):
 
 
 class Ending:
-    """The operator's wish to end: `signal` names what asked for it, empty until then."""
+    """A request to end: `signal` names what requested it, and is empty until then."""
 
     def __init__(self, loop: Any) -> None:
-        """Start without one; `loop` is Twisted's, or its Clock in a test."""
+        """Start without a request; `loop` is Twisted's, or its Clock in a test."""
         self.signal = ""
         self._loop = loop
         self._waiting: list[Deferred[None]] = []
 
-    def ask(self, name: str) -> None:
-        """Ask for the end; only the first time counts."""
+    def request(self, name: str) -> None:
+        """Request the end; only the first request counts."""
         if not self.signal:
             self.signal = name
             waiting, self._waiting = self._waiting, []
@@ -55,7 +55,7 @@ class Ending:
                 deferred.callback(None)
 
     def within(self, for_s: float | None) -> "Deferred[None]":
-        """Return a Deferred that fires when the end is asked for, or after so many seconds."""
+        """Return a Deferred that fires when the end is requested, or after `for_s` seconds."""
         deferred: Deferred[None] = Deferred()
         if self.signal:
             deferred.callback(None)
@@ -72,16 +72,16 @@ class Ending:
 
 
 def until_over(ending: Ending, running: "Deferred[None]") -> "Deferred[None]":
-    """Return a Deferred that fires when a procedure is over, or when the end is asked for.
+    """Return a Deferred that fires when a procedure is over, or when the end is requested.
 
-    In the second case, and when it is cancelled, the procedure is cancelled before anything else happens: nothing
-    that it might still do comes after the devices' stop.
+    In the second case, and when the Deferred is cancelled, the procedure is cancelled first: it can do nothing after
+    the devices' stop.
     """
-    asked: list[None] = []
+    requested = False
     first: Deferred[None] = Deferred(lambda _: running.cancel())
 
     def over(result: object) -> None:
-        if first.called or asked:
+        if first.called or requested:
             return
         if isinstance(result, Failure):
             first.errback(result)
@@ -89,8 +89,9 @@ def until_over(ending: Ending, running: "Deferred[None]") -> "Deferred[None]":
             first.callback(None)
 
     def end(_: object) -> None:
+        nonlocal requested
         if not first.called:
-            asked.append(None)
+            requested = True
             running.cancel()
             first.callback(None)
 
@@ -102,9 +103,9 @@ def until_over(ending: Ending, running: "Deferred[None]") -> "Deferred[None]":
 def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) -> Result:
     """Run a coroutine in a loop of its own and return its result, or raise what it raised.
 
-    Signals only ask for the end, those that the program was told to ignore not even that (nohup): the coroutine
-    stops its devices and closes its files. Once it has, a signal ends the program at once, should a thread that
-    still waits for a device keep it.
+    Signals only request the end, and ignored ones (nohup) not even that: the coroutine stops its devices and closes
+    its files. After that a signal ends the program at once, in case a thread that still waits for a device keeps it
+    running.
     """
     loop = Loop()
     ending = Ending(loop)
@@ -112,15 +113,15 @@ def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) 
 
     def done(result: Result | Failure) -> None:
         outcome.append(result)
-        for number in _heeded():
+        for number in _ending_signals():
             signal.signal(number, signal.SIG_DFL)
-        loop.callLater(0, loop.stop)  # one turn later: ports that were told to close do it in their next one
+        loop.callLater(0, loop.stop)  # one turn later: ports close in their next turn
 
     def begin() -> None:
         Deferred.fromCoroutine(main(loop, ending)).addBoth(done)
 
     loop.callWhenRunning(begin)
-    with _asking(loop, ending):
+    with _signals_to(loop, ending):
         loop.run(installSignalHandlers=False)
     result = outcome[0]
     if isinstance(result, Failure):
@@ -129,16 +130,16 @@ def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) 
 
 
 @contextlib.contextmanager
-def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
+def _signals_to(loop: Loop, ending: Ending) -> Iterator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
-        # A handler runs between any two steps of the program: the loop takes it up when it is ready.
+        # A handler runs between any two steps of the program: the loop handles the request when it is ready.
         if number in _REPEATED:
             signal.signal(number, signal.SIG_IGN)
-        loop.callFromThread(ending.ask, signal_name(number))
+        loop.callFromThread(ending.request, signal_name(number))
 
-    before = {number: signal.signal(number, handle) for number in _heeded()}
-    # The handler itself runs in this thread alone. A signal that meets another thread, or this one just before it
-    # begins to wait, would be slept through: the interpreter's own part of the handler wakes the loop.
+    before = {number: signal.signal(number, handle) for number in _ending_signals()}
+    # The handler itself runs in this thread only. A signal that reaches another thread, or this one just before it
+    # begins to wait, would go unnoticed until the wait ends: the interpreter's part of the handler wakes the loop.
     woken = signal.set_wakeup_fd(loop.waker.o, warn_on_full_buffer=False)
     try:
         yield
@@ -149,13 +150,13 @@ def _asking(loop: Loop, ending: Ending) -> Iterator[None]:
 
 
 def signal_name(number: int) -> str:
-    """Return what a signal is called; those for real time are counted from the first."""
+    """Return a signal's name; real-time signals are numbered from the first."""
     try:
         return signal.Signals(number).name
     except ValueError:
         return f"SIGRTMIN+{number - signal.SIGRTMIN}"
 
 
-def _heeded() -> list[int]:
-    """Return the signals that ask for the end, but for those that are ignored, or another library's own."""
+def _ending_signals() -> list[int]:
+    """Return the signals that request the end, except those that are ignored or handled outside Python."""
     return [number for number in ENDING_SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]

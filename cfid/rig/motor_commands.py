@@ -1,4 +1,4 @@
-"""The motors as an instrument: what was commanded and when; whatever ends the recording stops them first."""
+"""Records motor commands and their times; whatever ends the recording stops the motors first."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,20 +25,20 @@ class MotorCommands:
         self._stopped_in_s: float | None = None
 
     def start(self) -> None:
-        """Begin to watch over the motors."""
+        """Begin to monitor the motors."""
         self._running = True
         self._motors.start()
         self._rows.append((self._loop.seconds(), STILL))
 
     async def set(self, commands: Four) -> None:
-        """Bring the motors to commands. Raises ConfigError or DeviceError."""
+        """Set the motors' commands. Raises ConfigError or DeviceError."""
         if not self._running:
             raise DeviceError(STOPPED)
         sent_s = await self._motors.set(commands)
         self._rows.append((sent_s, commands))
 
     def take(self) -> Block:
-        """Hand over the changes. Raises DeviceError when the motors can no longer be commanded."""
+        """Return the changes. Raises DeviceError when the motors can no longer be commanded."""
         if self._running:
             self._motors.check()
         rows, self._rows = self._rows, []
@@ -55,7 +55,7 @@ class MotorCommands:
             self._stopped_in_s = await self._motors.stop()
 
     def close(self) -> None:
-        """Do nothing: the link is closed by whoever opened it."""
+        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return how long the motors' stop took to be confirmed."""

@@ -1,6 +1,6 @@
-"""The vehicle's motors: set within the limits of rig.toml, watched while they run, stopped and checked.
+"""Defines what motors do for the rig, within the limits of rig.toml, and finds out how a vehicle's are driven.
 
-Which of three ways a vehicle has is asked of it: cfid's app, the thesis' modules of 2015, or stock firmware.
+A vehicle has one of three ways: cfid's app, the thesis' modules of 2015, or stock firmware.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,9 +14,9 @@ from cfid.wire.app import (
     LARGEST_COMMAND,
     MIDDLE,
     PROTOCOLS,
+    AppPorts,
     Hello,
     PingChannel,
-    Ports,
     SineRequest,
     decode_hello,
 )
@@ -28,11 +28,11 @@ Four = tuple[int, int, int, int]
 STILL: Four = (0, 0, 0, 0)
 MAY_BE_RUNNING = "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTERY"
 
-STOPPED = "the motors were stopped: nothing is commanded any more."
+STOPPED = "the motors were stopped: no further command is sent."
 
 OWNERS_SINCE = 2  # version of the app
 _DSHOT_SHIFT = 5  # of a command's 16 bits, 11 are carried
-_DSHOT_NONE = 47  # throttles up to here are none
+_DSHOT_NONE = 47  # values up to here are no throttle
 _HELLO_S = 0.3
 _HELLOS = 5
 
@@ -41,20 +41,20 @@ class Motors(Protocol):
     """Four motors of a vehicle."""
 
     def start(self) -> None:
-        """Begin to watch over them."""
+        """Begin to monitor them."""
 
     async def set(self, commands: Four) -> float:
-        """Bring all four to commands; return when the first request that counted was sent, on the monotonic clock.
+        """Set all four commands; return when the first accepted request was sent, on the monotonic clock.
 
         May be cancelled half-way; the next call then sets all of them. Raises ConfigError beyond the limits,
         DeviceError when the vehicle does not obey, or once `stop` was called.
         """
 
     def check(self) -> None:
-        """Raise DeviceError when the vehicle stopped them by itself, or can no longer be reached."""
+        """Raise DeviceError when the vehicle itself stopped them, or can no longer be reached."""
 
     async def stop(self) -> float:
-        """Stop them for good and return how many seconds that took to be confirmed.
+        """Stop them for good; return after how many seconds the stop was confirmed.
 
         Raises StopError when it is not certain.
         """
@@ -65,13 +65,13 @@ class SinePlayer(Motors, Protocol):
 
     @property
     def playing(self) -> bool:
-        """Whether the vehicle said lately that it plays."""
+        """Whether the vehicle's latest report states that it plays."""
 
     async def be_ready(self, request: SineRequest) -> None:
-        """Wait for an earlier sine's last word. Raises ConfigError beyond the limits, DeviceError for another's."""
+        """Wait for the previous sine to end. Raises ConfigError beyond the limits, DeviceError if it does not end."""
 
     async def play(self, request: SineRequest) -> None:
-        """Let it begin. Raises ConfigError beyond the limits, DeviceError when the vehicle refuses."""
+        """Start a sine. Raises ConfigError beyond the limits, DeviceError when the vehicle refuses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ class Limits:
             raise ConfigError(f"command {shown}: commands go from 0 to {self.largest_command}{by}.")
 
     def slowest_command(self, motors: Sequence[int]) -> int:
-        """Return the least command above zero that these motors, and the others at zero, may have."""
+        """Return the smallest command above zero for these motors while the others are at zero."""
         if not self.idle_thrust:
             return 0
         throttle = (self.idle_thrust >> _DSHOT_SHIFT) - _DSHOT_NONE
@@ -103,7 +103,7 @@ class Limits:
         return (_DSHOT_NONE + (throttle + 1) // 2) << _DSHOT_SHIFT
 
     def check_turning(self, motors: Sequence[int], smallest: int, largest: int) -> None:
-        """Raise ConfigError where motors shall turn at commands beyond the limits; zero is none of them."""
+        """Raise ConfigError for motors that are to turn, at commands beyond the limits; no command may be zero."""
         self.check(largest, smallest)
         slowest = self.slowest_command(motors)
         if smallest < slowest:
@@ -115,11 +115,11 @@ class Limits:
             )
 
     def refuse_idling(self, motors: Sequence[int]) -> None:
-        """Raise ConfigError where the other motors would idle and what they lift be measured too."""
+        """Raise ConfigError where the other motors would idle, so that their thrust would be measured too."""
         if self.idle_thrust and set(motors) != set(MOTORS):
             raise ConfigError(
                 f"--motor {','.join(map(str, motors))}: this vehicle's other rotors idle at {self.idle_thrust} "
-                "meanwhile, and the load cell would feel them too: measure all four (--motor 1,2,3,4)."
+                "meanwhile, and the load cell would measure them too: run all four (--motor 1,2,3,4)."
             )
 
     def check_four(self, commands: Four) -> None:
@@ -130,7 +130,7 @@ class Limits:
             self.check_turning(turning, min(command for command in commands if command), max(commands))
 
     def check_sine(self, request: SineRequest) -> None:
-        """Raise ConfigError for a sine whose crest or trough is beyond them; the vehicle clips what no motor can do."""
+        """Raise ConfigError for a sine whose crest or trough is beyond the limits, clipped to the range of commands."""
         motors = MOTORS if request.motor == ALL_MOTORS_SINE else (request.motor,)
         self.check_turning(motors, max(MIDDLE - request.amplitude, 0), min(MIDDLE + request.amplitude, LARGEST_COMMAND))
 
@@ -140,7 +140,7 @@ class Firmware:
     """What runs on the vehicle: `app` is cfid's, `thesis` the modules of 2015, `stock` neither."""
 
     kind: Literal["app", "thesis", "stock"]
-    ports: Ports
+    ports: AppPorts
     hello: Hello | None = None
 
     @property
@@ -149,8 +149,8 @@ class Firmware:
         return self.hello is not None and self.hello.protocol >= OWNERS_SINCE
 
 
-class Asked(Protocol):
-    """A link that is asked before a loop runs, as `crazyflie.Link` is one."""
+class OpenLink(Protocol):
+    """A link that answers questions before a loop runs, such as `crazyflie.Link`."""
 
     uri: str
 
@@ -163,27 +163,27 @@ class Asked(Protocol):
         """Return a parameter."""
 
 
-def firmware_of(link: Asked, ports: Ports) -> Firmware:
-    """Ask a vehicle which way it has. Raises DeviceError for one without any."""
+def firmware_of(link: OpenLink, ports: AppPorts) -> Firmware:
+    """Find out how a vehicle's motors are driven. Raises DeviceError where they cannot be."""
 
     def answer(packet: Packet) -> Hello | str | None:
         if packet.port != ports.ping:
             return None
         return decode_hello(packet.payload) or ("thesis" if not packet.payload else None)
 
-    heard = link.ask(Packet(ports.ping, PingChannel.HELLO, b""), answer, within_s=_HELLO_S, tries=_HELLOS)
-    if isinstance(heard, Hello):
-        if heard.protocol not in PROTOCOLS:
+    found = link.ask(Packet(ports.ping, PingChannel.HELLO, b""), answer, within_s=_HELLO_S, tries=_HELLOS)
+    if isinstance(found, Hello):
+        if found.protocol not in PROTOCOLS:
             raise DeviceError(
-                f"{link.uri}: the app on the vehicle speaks version {heard.protocol}, this cfid "
+                f"{link.uri}: the app on the vehicle speaks version {found.protocol}, this cfid "
                 f"{' and '.join(map(str, PROTOCOLS))}: flash the app that came with it (firmware_patches/README.md)."
             )
-        return Firmware(kind="app", ports=ports, hello=heard)
-    if heard:
+        return Firmware(kind="app", ports=ports, hello=found)
+    if found:
         return Firmware(kind="thesis", ports=ports)
-    # Stock firmware is what answers everything but this: a link that is dead says nothing of either.
+    # Stock firmware answers everything except the hello; a dead link answers nothing, so the echo distinguishes them.
     if link.ask(Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(1)), _echoed, within_s=_HELLO_S, tries=_HELLOS) is None:
-        raise DeviceError(f"{link.uri}: the vehicle answers no more: the link is lost.")
+        raise DeviceError(f"{link.uri}: the vehicle no longer answers: the link is lost.")
     if link.parameter("motorPowerSet.enable") is not None:
         return Firmware(kind="stock", ports=ports)
     raise DeviceError(

@@ -1,4 +1,4 @@
-"""Round trips to the vehicle and back as an instrument (section 3.4.4, C.2.6)."""
+"""Records round trips to the vehicle and back (section 3.4.4, C.2.6)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +17,7 @@ _LOST_S = 1.0  # without an answer: seventeen times the thesis' mean
 
 
 class Pings:
-    """A row for each answer: `t` when the ping left, the round trip, and the vehicle's clock where it is told."""
+    """A row for each answer: `t` when the ping left, the round trip, and the vehicle's time where it reports one."""
 
     name = "pings"
 
@@ -34,7 +34,7 @@ class Pings:
         return ("t", "rtt_s", "vehicle_us") if firmware.kind == "app" else ("t", "rtt_s")
 
     def start(self) -> None:
-        """Do nothing: each ping is asked for."""
+        """Do nothing: `ping` sends each ping."""
 
     async def ping(self) -> float | None:
         """Send one and wait for its answer; return the round trip in seconds, None when it was lost."""
@@ -48,10 +48,10 @@ class Pings:
                 return crtp.decode_echo(payload) == number or None
             if self._firmware.kind == "thesis":
                 return not payload or None
-            told = app.decode_ping_answer(request.payload, payload)
-            if told is not None:
-                vehicle_us.append(told)
-            return True if told is not None else None
+            time_us = app.decode_ping_answer(request.payload, payload)
+            if time_us is not None:
+                vehicle_us.append(time_us)
+            return True if time_us is not None else None
 
         times_s = await self._vehicle.times_of_answer(request, own, within_s=_LOST_S)
         if times_s is None:
@@ -62,7 +62,7 @@ class Pings:
         return arrived_s - sent_s
 
     def take(self) -> Block:
-        """Hand over the round trips."""
+        """Return the round trips since the last call."""
         lost, self._lost = self._lost, 0
         rows, self._rows = self._rows, []
         if not rows:
@@ -71,10 +71,10 @@ class Pings:
         return Block((self._clock.unix_s(sent_s), np.round(rtt_s, 7), vehicle_us)[: len(self.columns)], lost)
 
     async def stop(self) -> None:
-        """Do nothing: nothing is under way that would not end by itself."""
+        """Do nothing: a ping under way ends by its time limit."""
 
     def close(self) -> None:
-        """Do nothing: the link is closed by whoever opened it."""
+        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return how many were sent."""

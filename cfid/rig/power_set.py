@@ -1,4 +1,4 @@
-"""The parameters motorPowerSet, which override everything else on the vehicle, cfid's app included."""
+"""Reads and clears the parameters motorPowerSet, which override everything else on the vehicle, cfid's app included."""
 
 from cfid.errors import DeviceError
 from cfid.rig.vehicle import Vehicle
@@ -6,11 +6,11 @@ from cfid.units import MOTORS
 from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, Variable, decode_read_parameter, encode_read_parameter
 
 _WITHIN_S = 0.1
-_TRIES = 20  # a link that is disturbed for two seconds gets the stop through all the same
+_TRIES = 20  # so that the stop gets through a link that is disturbed for two seconds
 
 
 class PowerSet:
-    """The five parameters of a vehicle; `enable` 1 lets each motor do what its own parameter says."""
+    """The five parameters of a vehicle; with `enable` at 1 each motor runs at its own parameter's command."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         """Take a vehicle that has them. Raises DeviceError for one that lacks any."""
@@ -19,7 +19,7 @@ class PowerSet:
         self.each = [self._parameter(f"m{motor}") for motor in MOTORS]
 
     async def clear(self) -> None:
-        """Let none of them count, zero all and read them back. Raises DeviceError when that is not confirmed."""
+        """Disable them, set all to zero and read them back. Raises DeviceError when that is not confirmed."""
         for parameter in (self.enable, *self.each):
             await self._vehicle.write_parameter(parameter, 0, within_s=_WITHIN_S, tries=_TRIES)
         for parameter in (self.enable, *self.each):
@@ -30,7 +30,7 @@ class PowerSet:
         """Return whether they drive the motors. Raises DeviceError without an answer."""
         value = await self._read(self.enable)
         if value is None:
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not tell motorPowerSet.enable.")
+            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not report motorPowerSet.enable.")
         return value != 0
 
     async def _read(self, parameter: Variable) -> float | None:

@@ -1,4 +1,4 @@
-"""What is done with the motors while everything records: staircases, sines, pings. Coroutines, read top to bottom."""
+"""Drives the motors while everything records: staircases, sines and pings, each a coroutine."""
 
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from cfid.rig.recorder import sleep
 from cfid.units import MOTORS
 from cfid.wire.app import SAMPLES_PER_S, SineRequest
 
-Tell = Callable[[str], None]  # where the procedure is, for the live line
-Ask = Callable[[int], Awaitable[float | None]]  # what the operator reads at a command; None leaves it out
+Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
+Ask = Callable[[int], Awaitable[float | None]]  # returns the operator's reading at a command; None leaves it out
 
-SINE_REST_S = 1.0  # from the motors' end to the vehicle's word of it
+SINE_REST_S = 1.0  # from the motors' stop to the vehicle's report of it
 
 
 @dataclass(frozen=True, kw_only=True)
-class Staircase:
-    """Commands in turn for some of the motors, each held, with the motors at rest before, between and after."""
+class StaircasePlan:
+    """Commands in turn for some of the motors, each held, with a pause (motors off) before, between and after."""
 
     steps: tuple[int, ...]
     motors: tuple[int, ...]
@@ -36,7 +36,7 @@ class Staircase:
 
     @property
     def asked(self) -> dict[str, Any]:
-        """What run.toml says of it."""
+        """Its entry in run.toml."""
         return {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
 
     def commands(self, step: int) -> Four:
@@ -45,13 +45,13 @@ class Staircase:
 
 
 def four(command: int, motors: Sequence[int]) -> Four:
-    """Return a command for some of the motors 1 to 4, zero for the others."""
+    """Return the four commands: `command` for some of the motors 1 to 4, zero for the others."""
     m1, m2, m3, m4 = (command if motor in motors else 0 for motor in MOTORS)
     return m1, m2, m3, m4
 
 
-async def climb(stairs: Staircase, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
-    """Hold each command and rest (section 3.3.1); what is not on the stairs is recorded as rest."""
+async def run_staircase(stairs: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
+    """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
     await sleep(loop, stairs.rest_s)
     for count, step in enumerate(stairs.steps):
         left_s = (len(stairs.steps) - count) * (stairs.hold_s + stairs.rest_s)
@@ -63,19 +63,25 @@ async def climb(stairs: Staircase, commands: MotorCommands, *, loop: Any, tell: 
 
 
 async def nothing() -> None:
-    """Do nothing: whatever ends a procedure stops the motors."""
+    """Do nothing: the end of a procedure stops the motors."""
 
 
 async def hold(commands: MotorCommands, command: int, motors: Sequence[int], *, for_s: float | None, loop: Any) -> None:
-    """Hold one command for so many seconds, or until somebody ends it."""
+    """Hold one command for `for_s` seconds, or until the procedure is cancelled."""
     await commands.set(four(command, motors))
     await (Deferred[None]() if for_s is None else sleep(loop, for_s))
 
 
 async def read_at_steps(
-    stairs: Staircase, commands: MotorCommands, note: Callable[[int, float], None], ask: Ask, *, loop: Any, tell: Tell
+    stairs: StaircasePlan,
+    commands: MotorCommands,
+    note: Callable[[int, float], None],
+    ask: Ask,
+    *,
+    loop: Any,
+    tell: Tell,
 ) -> None:
-    """Hold each command until the operator has read an instrument, then rest (sections 3.3.1 and 3.3.2)."""
+    """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2)."""
     for count, step in enumerate(stairs.steps):
         tell(f"command {step} ({count + 1} of {len(stairs.steps)})")
         await commands.set(stairs.commands(step))
@@ -88,7 +94,7 @@ async def read_at_steps(
 
 
 async def play_sine(request: SineRequest, crossings: Crossings, *, before_s: float, loop: Any, tell: Tell) -> None:
-    """Rest, which gives the load cell's bias, then play one sine to its end (section 3.4.2)."""
+    """Pause, which gives the load cell's bias, then play one sine to its end (section 3.4.2)."""
     await sleep(loop, before_s)
     tell(f"playing, {clock(request.samples / SAMPLES_PER_S + SINE_REST_S)} left")
     await crossings.play(request)

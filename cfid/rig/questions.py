@@ -1,4 +1,4 @@
-"""Numbers that the operator reads off an instrument and types while motors run and everything records."""
+"""Asks the operator for readings of an instrument while motors run and everything records."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,29 +10,29 @@ from cfid.rig.keyboard import Keyboard, edited
 
 
 class Questions:
-    """Asks for numbers, one after the other. At a terminal `tell` shows what is typed; a script answers by lines."""
+    """Asks for numbers, one after the other. At a terminal `tell` shows the typed text; a script answers in lines."""
 
     def __init__(self, *, loop: Any, tell: Callable[[str], None], say: Callable[[str], None]) -> None:
-        """Take where questions are shown, and where sentences are said."""
+        """Take the functions that show questions and print messages."""
         self._tell, self._say = tell, say
-        self._heard: DeferredQueue[str | None] = DeferredQueue()
-        self._keyboard = Keyboard(self._heard.put, loop=loop, keys=True)
+        self._typed: DeferredQueue[str | None] = DeferredQueue()
+        self._keyboard = Keyboard(self._typed.put, loop=loop, keys=True)
 
     def open(self) -> None:
         """Listen to the keyboard from now on."""
         self._keyboard.open()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._keyboard.close()
 
     async def number(self, what: str) -> float | None:
-        """Return the number typed, None for an empty line: there is no reading. Asks again for what is no number.
+        """Return the number typed, None for an empty line, which means no reading. Asks again after an invalid line.
 
-        Raises ConfigError when the input ends, or when a script's line is no number.
+        Raises ConfigError when the input ends, or when a script's line is invalid.
         """
-        while self._keyboard.keys and self._heard.pending:  # typed before anybody asked
-            await self._heard.get()
+        while self._keyboard.keys and self._typed.pending:  # typed before the question
+            await self._typed.get()
         while True:
             line = await self._line(what)
             if not line:
@@ -43,7 +43,7 @@ class Questions:
                 value = -1.0
             if 0 <= value < float("inf"):
                 return value
-            wrong = f"'{line}' is no reading: a number, or nothing where there is none."
+            wrong = f"'{line}' is not a reading: type a number, or nothing where there is none."
             if not self._keyboard.keys:
                 raise ConfigError(wrong)
             self._say(wrong)
@@ -52,7 +52,7 @@ class Questions:
         typed = ""
         while True:
             self._tell(f"{what} > {typed}")
-            key = await self._heard.get()
+            key = await self._typed.get()
             if key is None:
                 raise ConfigError(f"{what}: standard input ended before the reading was typed.")
             if not self._keyboard.keys:

@@ -1,4 +1,4 @@
-"""The UDP port that a load cell streams to: a large buffer, the kernel's stamps, and few wake-ups."""
+"""Receives a load cell's stream over UDP, with a large buffer, the kernel's stamps, and few wake-ups."""
 
 import contextlib
 import socket
@@ -13,7 +13,7 @@ from twisted.internet.udp import Port
 from cfid.wire import rdt
 
 RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz, where the usual one holds 37 ms
-_PAUSE_S = 0.025  # what costs is to be woken up: the system collects datagrams meanwhile
+_PAUSE_S = 0.025  # wake-ups cost the most: the system collects datagrams meanwhile
 
 # Linux, asm-generic/socket.h; Python 3.11 has no names for them.
 _SO_TIMESTAMPNS = 35
@@ -22,13 +22,13 @@ _SO_RCVBUFFORCE = 33  # may exceed the system's limit, for those who may set tha
 _TIMESPEC = struct.Struct("@ll")
 _OVERFLOW = struct.Struct("@I")
 _LONGEST_DATAGRAM = 2048
-_CLOCK_STEP_S = 1e-3  # more than the wall clock drifts between two looks: it was set
+_CLOCK_STEP_S = 1e-3  # more than the wall clock drifts between two reads: it was set
 
 
 class Inbox:
-    """Datagrams from one address, end to end, with the time at which each came; others are counted and dropped.
+    """Datagrams from one address, end to end, with the arrival time of each; others are counted and dropped.
 
-    `overflowed` is what this computer dropped for want of room, as far as the system says so.
+    `overflowed` counts datagrams that this computer dropped because its buffer was full, where the system reports it.
     """
 
     def __init__(self, source: tuple[str, int]) -> None:
@@ -66,8 +66,8 @@ class RdtPort(Port):
         self._box = box
         self._inbox = inbox
         self._stamped = False
-        self._looked_s = time.monotonic()
-        self._unix_less_monotonic_s = time.time() - self._looked_s
+        self._read_s = time.monotonic()
+        self._unix_less_monotonic_s = time.time() - self._read_s
 
     def createInternetSocket(self) -> socket.socket:  # noqa: N802 - Twisted's name
         """Make the socket with its options."""
@@ -77,7 +77,7 @@ class RdtPort(Port):
         return made
 
     def send(self, datagram: bytes) -> None:
-        """Send to the box; one that cannot be reached shows by its silence."""
+        """Send to the box; if it cannot be reached, its silence shows that."""
         with contextlib.suppress(OSError):
             self.socket.sendto(datagram, self._box)
 
@@ -87,41 +87,41 @@ class RdtPort(Port):
             self.stopListening()
 
     def doRead(self) -> None:  # noqa: N802 - Twisted's name
-        """Take all that is there, and look again a little later."""
+        """Take all waiting datagrams, and read again a little later."""
         self.drain()
         self.stopReading()
         self.reactor.callLater(_PAUSE_S, self._read_again)
 
     def drain(self) -> None:
-        """Take all datagrams that are there."""
+        """Take all waiting datagrams."""
         if self.socket is None:
             return
         now_s = time.monotonic()
-        looked_s, self._looked_s = self._looked_s, now_s
+        read_s, self._read_s = self._read_s, now_s
         before_s, self._unix_less_monotonic_s = self._unix_less_monotonic_s, time.time() - now_s
         clock_was_set = abs(self._unix_less_monotonic_s - before_s) > _CLOCK_STEP_S
         try:
             while True:
                 if self._stamped:
                     data, ancillary, _, source = self.socket.recvmsg(_LONGEST_DATAGRAM, 64)
-                    arrival_s = now_s if clock_was_set else self._stamp(ancillary, looked_s, now_s)
+                    arrival_s = now_s if clock_was_set else self._stamp(ancillary, read_s, now_s)
                 else:
                     data, source = self.socket.recvfrom(_LONGEST_DATAGRAM)
                     arrival_s = now_s
                 self._inbox.add(data, source, arrival_s)
         except BlockingIOError:
             return
-        except OSError:  # an answer of the network that nobody listens: the silence will be told
+        except OSError:  # the network reports that no program listens: the silence will be reported
             return
 
     def _read_again(self) -> None:
         if self.connected:
             self.startReading()
 
-    def _stamp(self, ancillary: list[tuple[int, int, bytes]], looked_s: float, now_s: float) -> float:
-        """Return when the system took a datagram, on the monotonic clock; it stamps with the wall clock.
+    def _stamp(self, ancillary: list[tuple[int, int, bytes]], read_s: float, now_s: float) -> float:
+        """Return when the system received a datagram, on the monotonic clock; it stamps with the wall clock.
 
-        It came after the last look, which would have taken it else: a stamp that says otherwise is not believed.
+        It arrived after the last read, which would have taken it otherwise: a stamp before that is rejected.
         """
         arrival_s = now_s
         for _, kind, value in ancillary:
@@ -130,11 +130,11 @@ class RdtPort(Port):
                 arrival_s = seconds + 1e-9 * nanoseconds - self._unix_less_monotonic_s
             elif kind == _SO_RXQ_OVFL:
                 (self._inbox.overflowed,) = _OVERFLOW.unpack(value)
-        return arrival_s if looked_s - _CLOCK_STEP_S < arrival_s < now_s + _PAUSE_S else now_s
+        return arrival_s if read_s - _CLOCK_STEP_S < arrival_s < now_s + _PAUSE_S else now_s
 
 
 def enlarge(made: socket.socket) -> int:
-    """Ask for a large receive buffer and return what was granted: Linux answers with twice the figure it counts."""
+    """Request a large receive buffer; return the size granted, of which Linux reports the double."""
     for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF) if sys.platform == "linux" else (socket.SO_RCVBUF,):
         try:
             made.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)

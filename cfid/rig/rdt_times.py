@@ -1,4 +1,4 @@
-"""When the records of a load cell's stream were sampled, on the host's clock, by the box' own count."""
+"""Times the records of a load cell's stream on the host's clock, by the box' own count."""
 
 from typing import NamedTuple
 
@@ -9,43 +9,43 @@ from cfid.rig.clock import Array, SampleClock
 from cfid.wire import rdt
 
 _RESOLUTION_S = 1e-6  # of the time column
-_CONTRADICTION_S = 0.2  # between when a record came and when its count says: the count began anew
+_CONTRADICTION_S = 0.2  # between a record's arrival and the time of its count: the box started a new count
 
 
-class Arrivals(NamedTuple):
-    """Which records ended a datagram (m,), when those came (m,), and when all of it was read."""
+class TimedArrivals(NamedTuple):
+    """The records that ended a datagram (m,), their arrival times (m,), and the time at which all were read."""
 
     record: npt.NDArray[np.intp]
     came_s: Array
     read_s: float
 
 
-def arrivals_of(records: rdt.Records, ended: npt.NDArray[np.uint32], came_s: Array, *, read_s: float) -> Arrivals:
-    """Find the ends of datagrams among records in order; `ended` (m,) are their ft_sequence as they came."""
+def arrivals_of(records: rdt.Records, ended: npt.NDArray[np.uint32], came_s: Array, *, read_s: float) -> TimedArrivals:
+    """Find the ends of datagrams among records in order; `ended` (m,) are their ft_sequence in order of arrival."""
     first = records.ft_sequence[0]
     passed, passed_at_end = records.ft_sequence - first, ended - first
     place = np.searchsorted(passed, passed_at_end).clip(max=len(passed) - 1)
     there = passed[place] == passed_at_end
-    return Arrivals(place[there], came_s[there], read_s)
+    return TimedArrivals(place[there], came_s[there], read_s)
 
 
 class RecordTimes:
-    """Times of records that never go back. `rate_hz` is what the box tells, in whole hertz: 7000/3 as 2333."""
+    """Times of records, which never decrease. The box states `rate_hz` in whole hertz: 7000/3 as 2333."""
 
     def __init__(self, *, rate_hz: float) -> None:
-        """Take the rate as it was told."""
+        """Take the rate as the box states it."""
         self.rate_hz = float(rate_hz)
         self._samples: SampleClock | None = None
         self._last_s = -np.inf
 
     def learn(self, step: int) -> None:
-        """Take by how much ft_sequence steps from one record to the next, from which the rate follows."""
+        """Take the step of ft_sequence from one record to the next, which gives the exact rate."""
         if self._samples is None:
             ticks_per_s = ticks_per_s_of(self.rate_hz, step)
             self._samples = SampleClock(ticks_per_s=ticks_per_s)
             self.rate_hz = ticks_per_s / step
 
-    def began_anew(self, records: rdt.Records, arrivals: Arrivals) -> bool:
+    def began_anew(self, records: rdt.Records, arrivals: TimedArrivals) -> bool:
         """Return whether the count of the first records after a silence contradicts when they came."""
         if self._samples is None:
             return False
@@ -54,11 +54,11 @@ class RecordTimes:
         return bool(abs(came_s - predicted_s) > _CONTRADICTION_S)
 
     def restart(self) -> None:
-        """Forget the count: the box began a new one."""
+        """Forget the count: the box started a new one."""
         if self._samples is not None:
             self._samples.restart()
 
-    def instants_s(self, records: rdt.Records, arrivals: Arrivals) -> Array:
+    def instants_s(self, records: rdt.Records, arrivals: TimedArrivals) -> Array:
         """Return when records in order were sampled. The step has to be known."""
         assert self._samples is not None
         instants_s = self._samples.instants_s(

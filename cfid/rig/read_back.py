@@ -1,4 +1,4 @@
-"""Asks a vehicle that was stopped once more, over a whole link with its tables: is every command zero?"""
+"""Confirms a stop over a full link with the vehicle's tables: every command is zero, and no rotor idles."""
 
 import time
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from cfid.rig.asking import state_of
 from cfid.rig.crazyflie import Link
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
 from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
-from cfid.wire.app import Ports
+from cfid.wire.app import AppPorts
 from cfid.wire.crtp import (
     PARAMETER_PORT,
     READ_CHANNEL,
@@ -29,15 +29,15 @@ _TRIES = 20
 
 
 class ReadBack(NamedTuple):
-    """What runs on a vehicle, what acknowledged the stop, and the state that its supervisor is in."""
+    """A vehicle's firmware, what acknowledged the stop, and the state of its supervisor."""
 
     kind: Kind
     acknowledged: Acknowledged
     state: VehicleState | None
 
 
-def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> ReadBack:
-    """Read back that nothing drives the motors, and disarm rotors that idle.
+def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -> ReadBack:
+    """Read back that nothing drives the motors, and disarm a vehicle whose rotors idle.
 
     Without an acknowledgement by then, a stop is sent over this link. Raises DeviceError for a vehicle that cannot be
     reached, StopError when something still drives its motors.
@@ -45,10 +45,10 @@ def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> Read
     link = Link.connect(uri)
     try:
         if acknowledged is None or not (acknowledged.by_app or acknowledged.by_parameters):
-            acknowledged = stop_over(_Whole(link), ports)
+            acknowledged = stop_over(_FullLink(link), ports)
         kind: Kind = "app" if acknowledged.by_app else firmware_of(link, ports).kind
         if kind == "app" and not acknowledged.by_app:
-            acknowledged = stop_over(_Whole(link), ports)
+            acknowledged = stop_over(_FullLink(link), ports)
             if not acknowledged.by_app:
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
         for name in OVERRIDES:
@@ -60,8 +60,8 @@ def read_back(uri: str, ports: Ports, acknowledged: Acknowledged | None) -> Read
         link.close()
 
 
-class _Whole:
-    """A link as a stop takes it."""
+class _FullLink:
+    """Adapts a full link to `stop_over`."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -79,16 +79,16 @@ class _Whole:
         return self._came.pop(0) if self._came else None
 
     def close(self) -> None:
-        """Leave that to whoever opened it."""
+        """Do nothing: the code that opened the link closes it."""
 
 
 def _disarmed(link: Link) -> VehicleState | None:
-    """Return the vehicle's state, disarmed where its rotors would idle otherwise."""
+    """Return the vehicle's state, after disarming it where its rotors would idle otherwise."""
     end_s = time.monotonic() + _DISARMED_S
     while (state := state_of(link)) is not None and state.armed and not state.arms_itself:
         if time.monotonic() > end_s:
             raise StopError(f"{MAY_BE_RUNNING}: {link.uri}: the vehicle was not seen disarmed: its rotors may idle.")
-        link.send(encode_arming(wanted=False, protocol=link.firmware_protocol))
+        link.send(encode_arming(arm=False, protocol=link.firmware_protocol))
         time.sleep(_LOOK_S)
     return state
 
@@ -113,5 +113,5 @@ def _read(link: Link, parameter: Variable) -> float | None:
     ask = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
     found = link.ask(ask, value, within_s=_WITHIN_S, tries=_TRIES)
     if found is None:
-        raise DeviceError(f"{link.uri}: the vehicle answers no more: the link is lost.")
+        raise DeviceError(f"{link.uri}: the vehicle no longer answers: the link is lost.")
     return found

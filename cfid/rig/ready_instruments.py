@@ -1,8 +1,8 @@
-"""Hand-held instruments as devices of a run."""
+"""Prepares hand-held instruments as devices of a run."""
 
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
-from cfid.rig.hand_held import HandHeld, Readings, ScalesSpeech, Ut372Speech
+from cfid.rig.hand_held import HandHeld, Readings, ScalesParser, Ut372Parser
 from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
 from cfid.rig.log import Device, Open
 from cfid.rig.loop import Loop
@@ -10,26 +10,26 @@ from cfid.rig.recorder import Instrument
 
 
 def ready_tachometer(port: str | None) -> Device:
-    """Return a UT372, found by its USB numbers where no port is given. Raises DeviceError."""
+    """Return a UT372, which is found by its USB numbers where no port is given. Raises DeviceError."""
     where = port or find_ut372()
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
-        return HandHeld(where, Ut372Speech(), listen=ut372_ports(loop), loop=loop, clock=clock)
+        return HandHeld(where, Ut372Parser(), listen=ut372_ports(loop), loop=loop, clock=clock)
 
-    return _device("tachometer.csv", Ut372Speech.columns, opened, port=where)
+    return _device("tachometer.csv", Ut372Parser.columns, opened, port=where)
 
 
 def ready_scales(port: str, *, baud: int) -> Device:
     """Return scales on a serial port."""
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
-        return HandHeld(port, ScalesSpeech(), listen=serial_ports(loop, baud=baud), loop=loop, clock=clock)
+        return HandHeld(port, ScalesParser(), listen=serial_ports(loop, baud=baud), loop=loop, clock=clock)
 
-    return _device("scales.csv", ScalesSpeech.columns, opened, port=port, baud=baud)
+    return _device("scales.csv", ScalesParser.columns, opened, port=port, baud=baud)
 
 
 def typed_readings(value: str) -> Device:
-    """Return what the operator types, as `value`."""
+    """Return readings that the operator types, in a column named `value`."""
 
     def opened(loop: Loop, clock: HostClock) -> Instrument:
         return Readings("readings", value, loop=loop, clock=clock)

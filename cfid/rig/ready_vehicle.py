@@ -1,4 +1,4 @@
-"""A vehicle that was found, held, connected and asked what runs on it, ready to be recorded."""
+"""Finds, locks and connects a vehicle, and offers its instruments as devices of a run."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -26,24 +26,24 @@ from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.thesis_motors import ThesisMotors
 from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
-from cfid.wire.app import Ports
+from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState
 
 APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
 MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
 IDLE_THRUST = "powerDist.idleThrust"
-OBEYS_SINCE = 10  # version of the protocol; of its two releases the app compiles with the one that obeys
+OBEYS_SINCE = 10  # version of the protocol; of its two releases, the app compiles only with the one that obeys
 USUAL_MS = 10
 NO_APP = (
     "a sine is played on board: this needs cfid's app, or the thesis' module, on the vehicle "
-    "(firmware_patches/README.md says how)."
+    "(firmware_patches/README.md explains how)."
 )
 
 
 @dataclass
 class ReadyVehicle:
-    """A connected vehicle. Its instruments share one link, one watch and one set of motors."""
+    """A connected vehicle. Its instruments share one link, one supervisor and one set of motors."""
 
     link: Link
     firmware: Firmware
@@ -56,12 +56,12 @@ class ReadyVehicle:
 
     @property
     def limits(self) -> Limits:
-        """What rig.toml and its rotors allow its motors; parameters of stock firmware know no idle thrust."""
+        """The motors' limits by rig.toml and the rotors; the parameters of stock firmware ignore idle thrust."""
         idle_thrust = self.idle_thrust if self.firmware.kind == "app" else 0
         return Limits(largest_command=self.setting.largest_command, idle_thrust=idle_thrust)
 
     def refuse_unfit(self) -> None:
-        """Raise DeviceError for a vehicle whose motors cannot or must not be started as it is."""
+        """Raise DeviceError for a vehicle whose motors cannot or must not be started in its present state."""
         if self.state is not None and self.state.remedy:
             raise DeviceError(f"{self.uri}: the vehicle is {self.state.name}: {self.state.remedy}.")
         if self.firmware.kind == "app" and self.link.firmware_protocol < OBEYS_SINCE:
@@ -78,8 +78,8 @@ class ReadyVehicle:
             )
         if not self.idle_thrust:
             raise DeviceError(
-                f"{self.uri}: {IDLE_THRUST} is 0, and this vehicle arms only when its rotors idle: turn it off and on, "
-                "or set the parameter to 7000."
+                f"{self.uri}: {IDLE_THRUST} is 0, and this vehicle arms only while its rotors idle: turn it off and "
+                "on, or set the parameter to 7000."
             )
 
     @property
@@ -88,7 +88,7 @@ class ReadyVehicle:
         return self.link.uri
 
     @property
-    def tells_battery(self) -> bool:
+    def reports_battery(self) -> bool:
         """Whether its log has the battery's voltage."""
         return self.link.variable(BATTERY) is not None
 
@@ -106,7 +106,7 @@ class ReadyVehicle:
         return self._supervisor
 
     def motors(self, loop: Loop) -> Motors:
-        """Return its motors in a loop, driven in the way that its firmware has."""
+        """Return its motors in a loop, driven as its firmware allows."""
         vehicle, limits = self.vehicle(loop), self.limits
         if self._motors is None:
             if self.firmware.kind == "stock":
@@ -134,7 +134,7 @@ class ReadyVehicle:
         return self._device("commands.csv", MotorCommands.columns, opened, eventful=True)
 
     def crossings(self) -> Device:
-        """Return a sine's reports as a device of a run. Raises DeviceError for a vehicle that plays none."""
+        """Return a sine's reports as a device of a run. Raises DeviceError for a vehicle that cannot play one."""
         if self.firmware.kind == "stock":
             raise DeviceError(f"{self.uri}: {NO_APP}")
 
@@ -160,27 +160,27 @@ class ReadyVehicle:
         return self._device("supervisor.csv", SupervisorLog.columns, opened, eventful=True)
 
     def watch(self, period_ms: int = USUAL_MS) -> list[Device]:
-        """Return what is recorded beside any experiment with motors: the usual log and the supervisor's states."""
+        """Return what every experiment with motors records: the usual log and the supervisor's states."""
         return [self.usual_log(period_ms), self.supervisor_log()]
 
     def usual_log(self, period_ms: int = USUAL_MS) -> Device:
-        """Return what is worth logging beside any experiment; speeds where they are told."""
-        told = [names for names in (DECK_SPEEDS, MOTOR_SPEEDS) if self.link.variable(names[0]) is not None]
-        return self.log((BATTERY, *APPLIED, *(told[0] if told else ())), period_ms=period_ms)
+        """Return the log of every experiment: battery, motor commands, and speeds where the vehicle reports them."""
+        speeds = [names for names in (DECK_SPEEDS, MOTOR_SPEEDS) if self.link.variable(names[0]) is not None]
+        return self.log((BATTERY, *APPLIED, *(speeds[0] if speeds else ())), period_ms=period_ms)
 
     def speed_log(self, period_ms: int, *, deck: bool) -> Device:
-        """Return a log with the rotors' speeds, as the RPM deck or the brushless motors tell them.
+        """Return a log with the rotors' speeds, as the RPM deck or the brushless motors report them.
 
-        Raises DeviceError for a vehicle that tells none.
+        Raises DeviceError for a vehicle that reports none.
         """
         names = DECK_SPEEDS if deck else MOTOR_SPEEDS
         if self.link.variable(names[0]) is None:
-            what = "RPM deck" if deck else "motors that tell their speed"
-            raise DeviceError(f"{self.uri}: this vehicle has no {what}: it logs no {names[0]}.")
+            what = "RPM deck" if deck else "motors that report their speed"
+            raise DeviceError(f"{self.uri}: this vehicle has no {what}: it does not log {names[0]}.")
         return self.log((BATTERY, *names), period_ms=period_ms)
 
     def log(self, names: Sequence[str], *, period_ms: int) -> Device:
-        """Return variables that the vehicle logs as a device of a run; those that it does not have are left out."""
+        """Return a log of variables as a device of a run; those that the vehicle does not have are left out."""
         there = [name for name in names if self.link.variable(name) is not None]
 
         def opened(loop: Loop, clock: HostClock) -> Instrument:
@@ -204,23 +204,23 @@ class ReadyVehicle:
         eventful: bool = False,
         **more: Any,
     ) -> Device:
-        said = {
+        common = {
             "uri": self.uri,
             "firmware": self.firmware.kind,
             "crtp_version": self.link.firmware_protocol,
             "ports": self.firmware.ports._asdict(),
         }
-        record = DeviceRecord.model_validate({"file": file, "columns": tuple(columns), **said, **more})
+        record = DeviceRecord.model_validate({"file": file, "columns": tuple(columns), **common, **more})
         return Device(record=record, open=opened, eventful=eventful)
 
 
-def ready_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
-    """Find the vehicle, hold it, connect, and ask what runs on it. Raises DeviceError."""
+def connect_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:
+    """Find and lock the vehicle, connect, and find out its firmware and state. Raises DeviceError."""
     uri = setting.uri or find_vehicle()
     held.enter_context(DeviceLock.take(uri))
     link = Link.connect(uri)
     held.callback(link.close)
-    ports = Ports(setting.thrust_port, setting.sine_port, setting.ping_port)
+    ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
     firmware = firmware_of(link, ports)
     state, idle_thrust = state_of(link), parameter_of(link, IDLE_THRUST)
     needs_arming = state is not None and not state.arms_itself

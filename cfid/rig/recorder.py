@@ -1,4 +1,4 @@
-"""Records several instruments into one run: rows every 50 ms, on the disk itself every second; knows no device."""
+"""Records several instruments into one run: rows every 50 ms, synced to the disk every second; knows no device."""
 
 import contextlib
 from collections import deque
@@ -18,13 +18,13 @@ from cfid.errors import CfidError, DeviceError, StopError
 BLOCK_S = 0.05
 SYNC_S = 1.0
 _SHOWN_POINTS = 40
-_RATE_BLOCKS = 20  # over which the rate is told
+_RATE_BLOCKS = 20  # over which the rate is averaged
 
 Say = Callable[[str], None]
 
 
 class Block(NamedTuple):
-    """What an instrument has since the last block: columns (n,), samples lost, and a fault that ends the run.
+    """An instrument's data since the last block: columns (n,), samples lost, and a fault that ends the run.
 
     `status` is what the live line shows in place of values.
     """
@@ -36,7 +36,7 @@ class Block(NamedTuple):
 
 
 class Instrument(Protocol):
-    """A device that samples by itself and keeps what came until it is taken."""
+    """A device that samples on its own and keeps its rows until they are taken."""
 
     name: str
 
@@ -48,20 +48,20 @@ class Instrument(Protocol):
         """Begin to sample."""
 
     def take(self) -> Block:
-        """Hand over what came. Raises DeviceError when nothing comes any more."""
+        """Return the new rows. Raises DeviceError when no more data arrive."""
 
     async def stop(self) -> None:
-        """End the sampling and see that it ended; what came until then can still be taken."""
+        """End the sampling and make sure that it ended; rows until then can still be taken."""
 
     def close(self) -> None:
-        """Let go of ports and locks. May be called in any state, and twice."""
+        """Release ports and locks. May be called in any state, and twice."""
 
     def facts(self) -> Mapping[str, Any]:
-        """What run.toml shall say of it at the end."""
+        """Return what goes into run.toml at the end."""
 
 
 class Sink(Protocol):
-    """Where rows go: a run's writer, or nowhere."""
+    """Takes rows: a run's writer, or `Nowhere`."""
 
     def append(self, device: str, columns: Sequence[Any]) -> None:
         """Write one block. Raises DataError when it does not fit."""
@@ -70,30 +70,30 @@ class Sink(Protocol):
         """Count samples that are missing."""
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Add what is to be said of a device."""
+        """Add facts about a device."""
 
     def sync(self) -> None:
-        """Bring the rows to the disk itself."""
+        """Sync the rows to the disk."""
 
 
 class Nowhere:
-    """Takes rows that nobody wants to keep: motors are driven by hand."""
+    """Discards rows, for motors that are driven by hand."""
 
     def append(self, device: str, columns: Sequence[Any]) -> None:
-        """Forget a block."""
+        """Discard a block."""
 
     def count_lost(self, device: str, samples: int) -> None:
-        """Forget it."""
+        """Discard it."""
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Forget it."""
+        """Discard it."""
 
     def sync(self) -> None:
         """Do nothing."""
 
 
 class Progress:
-    """How an instrument does: rows, rate, losses, latest values; of bounded size."""
+    """An instrument's progress: rows, rate, losses and latest values, in bounded memory."""
 
     def __init__(self) -> None:
         """Start with nothing."""
@@ -116,7 +116,7 @@ class Progress:
 
     @property
     def rate_hz(self) -> float:
-        """Rows per second, lately."""
+        """Rows per second over the last blocks."""
         if len(self._blocks) < 2:
             return 0.0
         spent_s = self._blocks[-1][0] - self._blocks[0][0]
@@ -124,10 +124,10 @@ class Progress:
 
 
 class Recorder:
-    """Instruments and where they are recorded. `loop` is Twisted's, or its Clock in a test."""
+    """Records instruments into a sink. `loop` is Twisted's, or its Clock in a test."""
 
     def __init__(self, instruments: Sequence[Instrument], run: Sink, *, loop: Any, show: Callable[[], None]) -> None:
-        """Take what to record and where to; `show` is called after every block."""
+        """Take the instruments and the sink; `show` is called after every block."""
         self.progress = {instrument.name: Progress() for instrument in instruments}
         self.began_s = loop.seconds()
         self._instruments = instruments
@@ -144,10 +144,10 @@ class Recorder:
         return float(self._loop.seconds() - self.began_s)
 
     async def record(self, begin: "Callable[[], Deferred[None]]") -> None:
-        """Record until what `begin` begins has ended or something fails; then stop every device, the first one first.
+        """Record until the Deferred of `begin` fires or something fails; then stop every device, in order.
 
-        What a device sent before it stopped is written in each case. Raises the first failure, with the others
-        beside it: DeviceError or DataError, but for a fault of this program.
+        What a device sent before it stopped is written in every case. Raises the first failure with the others in its
+        message: DeviceError or DataError, unless the program itself is faulty.
         """
         self.began_s = self._loop.seconds()
         failed: list[Exception] = []
@@ -180,7 +180,7 @@ class Recorder:
             self._done.errback(error)
 
     def _write_blocks(self, count: int) -> None:
-        """Write what came, and come again on a grid that a slow disk does not shift."""
+        """Write the new rows, and schedule the next block on a grid that a slow disk does not shift."""
         try:
             for instrument in self._instruments:
                 self._write(instrument)
@@ -205,7 +205,7 @@ class Recorder:
             raise DeviceError(block.fault)
 
     def _sync(self) -> None:
-        """Bring rows to the disk itself beside the loop; a disk slower than that is not asked twice at once."""
+        """Sync rows to the disk on another thread, never twice at once."""
         if self._syncing or not hasattr(self._loop, "getThreadPool"):
             return
         self._syncing = True
@@ -216,7 +216,7 @@ class Recorder:
         deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync).addBoth(synced)
 
     async def _stop(self) -> list[Exception]:
-        """Stop every device, whatever the others do, and write what they still had; return what failed."""
+        """Stop every device, even if others fail, and write their last rows; return the failures."""
         if self._next_block is not None and self._next_block.active():
             self._next_block.cancel()
         failed: list[Exception] = []
@@ -233,7 +233,7 @@ class Recorder:
 
 
 def _together(failed: list[Exception]) -> Exception:
-    """Return the first failure, which says the later ones too; that motors may still run comes before all."""
+    """Return the first failure, with the later ones in its message; that motors may still run comes first."""
     first, *later = sorted(failed, key=lambda error: not isinstance(error, StopError))
     others = "\n".join(str(error) for error in later if isinstance(error, CfidError) and str(error) != str(first))
     if not others:
@@ -253,7 +253,7 @@ def _noted(failed: list[Exception]) -> Iterator[None]:
 
 
 def sleep(loop: Any, seconds: float) -> "Deferred[None]":
-    """Return a Deferred that fires after so many seconds of the loop's time."""
+    """Return a Deferred that fires after `seconds` of the loop's time."""
     return deferLater(loop, seconds, lambda: None)
 
 

@@ -1,4 +1,4 @@
-"""A serial port in the loop: bytes to and from whatever talks over it."""
+"""Opens serial ports in the loop, for bytes in both directions."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
 from cfid.rig.e201_port import PORT_ERRORS, why_not_open
-from cfid.rig.encoder import Line, OpenLine, Receiver
+from cfid.rig.encoder import OpenLine, Receiver, SerialLine
 
 
 class _Wire(Protocol):
@@ -22,7 +22,7 @@ class _Wire(Protocol):
         self._receiver.disconnected()
 
 
-class SerialLine:
+class _TwistedLine:
     """An open serial port."""
 
     def __init__(self, port: str, receiver: Receiver, *, loop: Any) -> None:
@@ -34,16 +34,16 @@ class SerialLine:
         self._port.write(data)
 
     def close(self) -> None:
-        """Send what is left, and close."""
+        """Send waiting bytes, and close."""
         self._port.loseConnection()
 
 
 def serial_lines(loop: Any) -> OpenLine:
-    """Return what opens serial ports in a loop; it raises DeviceError."""
+    """Return a function that opens serial ports in a loop; it raises DeviceError."""
 
-    def opened(port: str, receiver: Receiver) -> Line:
+    def opened(port: str, receiver: Receiver) -> SerialLine:
         try:
-            return SerialLine(port, receiver, loop=loop)
+            return _TwistedLine(port, receiver, loop=loop)
         except PORT_ERRORS as error:
             raise DeviceError(f"{port}: {why_not_open(error)}") from None
 

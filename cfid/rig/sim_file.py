@@ -1,4 +1,4 @@
-"""rig.sim.toml, which points the commands at a simulated rig for as long as its process lives."""
+"""Reads and writes rig.sim.toml, which points commands at a simulated rig while that rig's process lives."""
 
 import contextlib
 import fcntl
@@ -24,9 +24,9 @@ class _SimFile(BaseModel):
 
 
 def devices_in(folder: Path, rig: Rig) -> tuple[Devices, bool]:
-    """Return where a campaign's devices are, and whether they are simulated.
+    """Return the addresses of a campaign's devices, and whether they are simulated.
 
-    A rig.sim.toml whose process is gone counts for nothing. Raises ConfigError when it makes no sense.
+    A rig.sim.toml whose process has ended is ignored. Raises ConfigError when it is invalid.
     """
     path = folder / SIM_FILE
     if not _is_held(path):
@@ -43,7 +43,7 @@ def devices_in(folder: Path, rig: Rig) -> tuple[Devices, bool]:
 
 @contextlib.contextmanager
 def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
-    """Write rig.sim.toml and hold it; it goes at the end.
+    """Write rig.sim.toml and lock it; delete it at the end.
 
     Raises ConfigError when another simulated rig holds it, or it cannot be written.
     """
@@ -65,14 +65,14 @@ def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
 
 
 def _held(path: Path) -> int:
-    """Open the file and hold it: a lock ends with its process, however that ends."""
+    """Open and lock the file: the lock ends with its process, however that ends."""
     handle = os.open(path, os.O_RDWR)
     fcntl.flock(handle, fcntl.LOCK_EX)
     return handle
 
 
 def _is_held(path: Path) -> bool:
-    """Return whether a process holds the file."""
+    """Return whether a process has locked the file."""
     try:
         handle = os.open(path, os.O_RDWR)
     except OSError:

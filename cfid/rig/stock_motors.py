@@ -1,7 +1,8 @@
-"""Motors of stock firmware, by its parameters motorPowerSet: they override everything, and nothing ends them but us.
+"""Drives motors of stock firmware through its parameters motorPowerSet, which override everything on the vehicle.
 
-Disarming, tumble check and emergency stop do not reach these motors, and they go on when the link is lost. The
-supervisor sees them turn all the same, and locks the vehicle where an old setpoint is in force: it is relaxed first.
+Only cfid ends these commands: disarming, tumble check and emergency stop do not, and a lost link leaves the motors
+running. The supervisor still sees them turn, and would lock the vehicle where an old setpoint is in force: so cfid
+relaxes the setpoint first.
 """
 
 from cfid.errors import DeviceError, StopError
@@ -12,7 +13,7 @@ from cfid.wire.crtp import Variable
 from cfid.wire.supervisor import RELAX_SETPOINT
 
 _EACH = 1  # as motorPowerSet.enable
-_RELAXED = 3  # times, since that is not answered
+_RELAXED = 3  # times, since the vehicle does not answer that
 
 
 class StockMotors:
@@ -26,10 +27,10 @@ class StockMotors:
         self._stopped = False
 
     def start(self) -> None:
-        """Do nothing: the link itself is all that can be watched."""
+        """Do nothing: only the link can be monitored."""
 
     async def set(self, commands: Four) -> float:
-        """Write the commands that differ, and let them count. Motors that shall all stand do so at the first write."""
+        """Write the commands that differ, and enable them. To stop all motors, disable them first, in one write."""
         self._limits.check_four(commands)
         before, self._commands = self._commands, None
         began_s: float = self._vehicle.loop.seconds()
@@ -50,14 +51,15 @@ class StockMotors:
         self._vehicle.check()
 
     async def stop(self) -> float:
-        """Let the parameters count no more, set them to zero, and read all of them back."""
+        """Disable the parameters, set them to zero, and read all of them back."""
         self._stopped = True
         began_s = self._vehicle.loop.seconds()
         try:
             await self._parameters.clear()
         except DeviceError as error:
             raise StopError(
-                f"{MAY_BE_RUNNING}: stock firmware goes on without a link, and did not confirm the stop. ({error})"
+                f"{MAY_BE_RUNNING}: stock firmware keeps motors running without a link, and did not confirm the stop. "
+                f"({error})"
             ) from None
         return float(self._vehicle.loop.seconds() - began_s)
 

@@ -1,6 +1,6 @@
-"""The packets of a stop: they need none of the vehicle's tables, and are obeyed whoever sends them.
+"""Sends the packets of a stop, which need none of the vehicle's tables and are obeyed from any client.
 
-Firmware sets a parameter by its name (from 2019 on at least), and cfid's app takes a stop from anybody.
+Firmware sets a parameter by its name (at least from 2019 on), and cfid's app takes a stop from any client.
 """
 
 import errno
@@ -8,10 +8,10 @@ import time
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
-from cfid.rig.line import Line
+from cfid.rig.line import VehicleLine
 from cfid.units import MOTORS
 from cfid.wire import app
-from cfid.wire.app import PingChannel, Ports, ThrustChannel, ThrustRequest
+from cfid.wire.app import AppPorts, PingChannel, ThrustChannel, ThrustRequest
 from cfid.wire.crtp import BY_NAME_CHANNEL, PARAMETER_PORT, Packet, decode_set_by_name, encode_set_by_name
 
 Kind = Literal["app", "thesis", "stock"]
@@ -20,12 +20,12 @@ OVERRIDES = {"motorPowerSet.enable": "B", **{f"motorPowerSet.m{motor}": "H" for 
 
 _TURN_S = 0.1
 _TURNS = 20
-_TURNS_FOR_THE_APP = 3  # an app that is there answers one of them
-_SILENT_TURNS = 5  # of a vehicle that says nothing at all, which connecting in full will explain
+_TURNS_FOR_THE_APP = 3  # an app answers at least one of them
+_SILENT_TURNS = 5  # without any answer: connecting in full then finds the reason
 
 
 class Acknowledged(NamedTuple):
-    """What a vehicle answered to a stop: that the app's commands are zero, and the parameters motorPowerSet.
+    """What a vehicle acknowledged of a stop: that the app's commands are zero, and the parameters motorPowerSet.
 
     `after_s` counts from the first packet to the last of these answers.
     """
@@ -35,21 +35,21 @@ class Acknowledged(NamedTuple):
     after_s: float
 
 
-def stop_over(line: Line, ports: Ports) -> Acknowledged:
-    """Send a stop in all the ways there are, until the vehicle has acknowledged those that it has."""
+def stop_over(line: VehicleLine, ports: AppPorts) -> Acknowledged:
+    """Send every kind of stop until the vehicle has acknowledged those that it knows."""
     began_s = last_s = time.monotonic()
     number = 1 << 31 | time.time_ns() & (1 << 31) - 1  # no process that counts from zero has this one
     stop = Packet(ports.ping, PingChannel.STOP, app.encode_alive(number))
     old_stop = Packet(ports.thrust, ThrustChannel.SET, app.encode_thrust(ThrustRequest(0, app.ALL_MOTORS_THRUST)))
     unanswered = dict(OVERRIDES)
-    by_app = heard = False
+    by_app = answered = False
     for turn in range(_TURNS):
         for packet in [] if by_app else [stop, old_stop]:
             line.send(packet)
         for name, kind in unanswered.items():
             line.send(_clear(name, kind))
         for packet in _came(line):
-            heard = True
+            answered = True
             cleared = [name for name in unanswered if _is_cleared(name, packet)]
             if cleared:
                 del unanswered[cleared[0]]
@@ -60,13 +60,13 @@ def stop_over(line: Line, ports: Ports) -> Acknowledged:
             last_s = time.monotonic()
             if by_app and not unanswered:
                 return Acknowledged(True, True, last_s - began_s)
-        if (not unanswered and turn + 1 >= _TURNS_FOR_THE_APP) or (not heard and turn + 1 >= _SILENT_TURNS):
+        if (not unanswered and turn + 1 >= _TURNS_FOR_THE_APP) or (not answered and turn + 1 >= _SILENT_TURNS):
             break
     return Acknowledged(by_app, not unanswered, last_s - began_s)
 
 
-def _came(line: Line) -> Iterator[Packet]:
-    """Yield what comes within a turn."""
+def _came(line: VehicleLine) -> Iterator[Packet]:
+    """Yield the packets that arrive within a turn."""
     end_s = time.monotonic() + _TURN_S
     while (left_s := end_s - time.monotonic()) > 0:
         packet = line.receive(left_s)
@@ -79,13 +79,13 @@ def _clear(name: str, kind: str) -> Packet:
 
 
 def _is_cleared(name: str, packet: Packet) -> bool:
-    """Return whether a parameter is zero from now on; one that the firmware lacks overrides nothing."""
+    """Return whether a packet confirms that a parameter is zero, or that the firmware does not have it."""
     if packet[:2] != (PARAMETER_PORT, BY_NAME_CHANNEL):
         return False
     return decode_set_by_name(name, packet.payload) in (0, errno.ENOENT)
 
 
 def _is_stopped(packet: Packet, stop: Packet, number: int) -> bool:
-    """Return whether the app answers this very stop, with all four commands at zero."""
+    """Return whether the app answers the stop of this number, with all four commands at zero."""
     state = app.decode_state(packet.payload) if packet[:2] == stop[:2] else None
     return state is not None and state.number == number and not any(state.commands)

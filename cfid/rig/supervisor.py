@@ -1,6 +1,6 @@
-"""The vehicle's supervisor, watched: its state as an instrument of a run, and what waits for a state.
+"""Monitors the vehicle's supervisor: records its state, and waits for a state that a command needs.
 
-Firmware that answers for its state on port 9 is polled; older firmware logs the same word.
+Firmware that reports its state on port 9 is polled; older firmware logs the same word.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,41 +28,41 @@ from cfid.wire.supervisor import (
     encode_arming,
 )
 
-EVERY_S = 0.05  # the supervisor itself looks every 0.04 s
+EVERY_S = 0.05  # the supervisor itself updates every 0.04 s
 _BLOCK = 201
 _QUIET_S = 0.3  # without a logged state: the request for it was lost
 _ASK_S, _TRIES = 0.1, 5
 _AGAIN_S = 0.02
-_BACK_S = 1.0  # a vehicle is back from a timeout within 0.16 s
+_BACK_S = 1.0  # a vehicle is ready again within 0.16 s of a timeout
 _SPIN_UP_S = 2.5  # the firmware gives rotors 2 s to reach their idle speed
 _DISARMED_S = 0.6
 
 
 class Supervisor:
-    """The supervisor of a vehicle in a loop. Knows the latest state once it was asked, None where none is reported."""
+    """The supervisor of a vehicle in a loop, with the latest state reported, None until then."""
 
     def __init__(self, vehicle: Vehicle, *, protocol: int) -> None:
-        """Take a vehicle that speaks a version of the protocol."""
+        """Take a vehicle and its version of the protocol."""
         self.state: VehicleState | None = None
         self.seen_s = -np.inf
         self._vehicle, self._protocol = vehicle, protocol
         self._word = None if protocol >= PORT_SINCE else vehicle.wire.variable(INFO_VARIABLE)
         self._logged_s = -np.inf
-        self._heed: list[Callable[[VehicleState, float], None]] = []
-        vehicle.listen(SUPERVISOR_PORT, INFO_CHANNEL, self._hear)
-        vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._hear_row)
+        self._handlers: list[Callable[[VehicleState, float], None]] = []
+        vehicle.listen(SUPERVISOR_PORT, INFO_CHANNEL, self._take_answer)
+        vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
 
     @property
     def reports(self) -> bool:
         """Whether this firmware reports its state at all."""
         return self._protocol >= PORT_SINCE or self._word is not None
 
-    def watch(self, heed: Callable[[VehicleState, float], None]) -> None:
-        """Call `heed` with each state that is reported and the monotonic time of its arrival."""
-        self._heed.append(heed)
+    def watch(self, handle: Callable[[VehicleState, float], None]) -> None:
+        """Call `handle` with each state that is reported and the monotonic time of its arrival."""
+        self._handlers.append(handle)
 
     def ask(self) -> None:
-        """Ask for the state without waiting. Raises DeviceError when the link is gone."""
+        """Request the state without waiting. Raises DeviceError when the link is gone."""
         if self._protocol >= PORT_SINCE:
             self._vehicle.wire.send(ASK_STATE)
         elif self._word is not None and self._vehicle.loop.seconds() - max(self._logged_s, self.seen_s) > _QUIET_S:
@@ -74,15 +74,15 @@ class Supervisor:
                 self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, payload)
 
     def end(self) -> None:
-        """Ask for no more."""
+        """End the reports that were requested."""
         if self._logged_s > -np.inf and not self._vehicle.wire.fault:
             self._vehicle.send(LOG_PORT, LOG_CONTROL_CHANNEL, crtp.encode_stop_log(_BLOCK))
         self._logged_s = -np.inf
 
     async def wait(self, holds: Callable[[VehicleState], bool], *, within_s: float) -> VehicleState | None:
-        """Return the first state from now on for which something holds, None when none comes in time.
+        """Return the first state reported from now on for which `holds` is true, None when none arrives in time.
 
-        Returns the latest state at once where the firmware reports none. Raises DeviceError when the link is gone.
+        Returns the latest state at once where the firmware reports no state. Raises DeviceError when the link is gone.
         """
         begun_s = self._vehicle.loop.seconds()
         while self.reports:
@@ -94,39 +94,39 @@ class Supervisor:
                 return None
         return self.state
 
-    async def arm(self, *, wanted: bool = True) -> bool:
-        """Ask the vehicle to arm or disarm; return whether that was granted. Raises DeviceError without an answer."""
-        request = encode_arming(wanted=wanted, protocol=self._protocol)
+    async def request_arming(self, *, arm: bool = True) -> bool:
+        """Request to arm or disarm; return whether that was granted. Raises DeviceError without an answer."""
+        request = encode_arming(arm=arm, protocol=self._protocol)
 
         def answered(payload: bytes) -> bool | None:
             return decode_arming(payload, protocol=self._protocol)
 
         granted = await self._vehicle.ask(request, answered, within_s=_ASK_S, tries=_TRIES)
         if granted is None:
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not answer when asked to arm.")
+            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not answer the request to arm or disarm.")
         return granted
 
     async def make_ready(self) -> None:
-        """Bring the vehicle into a state in which motors may run, arming it where it does not do so by itself.
+        """Bring the vehicle into a state in which motors may run; arm it where it does not arm itself.
 
-        One that does gets disarmed first, so that its time begins anew: 30 s after it got ready and 3 s after it landed
-        it disarms itself, perhaps in the moment in which motors start. Raises DeviceError that names the state it
-        stays in.
+        A vehicle that arms itself is disarmed first, so that its timeouts start anew: it disarms itself 30 s after it
+        got ready and 3 s after it landed, perhaps in the moment in which motors start. Raises DeviceError naming the
+        state in which it stays.
         """
         state = await self.wait(lambda state: bool(state.remedy) or _settled(state), within_s=_BACK_S)
         if state is not None and state.arms_itself and not state.remedy:
-            await self.arm(wanted=False)
-            await sleep(self._vehicle.loop, EVERY_S)  # by then it has looked
+            await self.request_arming(arm=False)
+            await sleep(self._vehicle.loop, EVERY_S)  # within which it updates its state
             state = await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_BACK_S)
         elif state is not None and _waits_for_arming(state):
-            if not await self.arm():
+            if not await self.request_arming():
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle refuses to be armed.")
             state = await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_SPIN_UP_S)
         if self.reports and (state is None or not state.can_fly):
             raise DeviceError(f"{self._vehicle.uri}: {self._obstacle()}.")
 
-    async def see_disarmed(self) -> bool:
-        """Return whether the vehicle is disarmed, or needs not be: one that arms itself, or reports nothing."""
+    async def confirm_disarmed(self) -> bool:
+        """Return whether the vehicle is disarmed, or need not be: it arms itself, or reports no state."""
         await self.wait(lambda state: state.arms_itself or not state.armed, within_s=_DISARMED_S)
         return self.state is None or self.state.arms_itself or not self.state.armed
 
@@ -142,20 +142,20 @@ class Supervisor:
             "show 1000 to 3500 rpm at idle thrust. Is one blocked, or powerDist.idleThrust changed?"
         )
 
-    def _hear(self, payload: bytes, arrived_s: float) -> None:
+    def _take_answer(self, payload: bytes, arrived_s: float) -> None:
         state = decode_state(payload)
         if state is not None:
-            self._see(state, arrived_s)
+            self._note(state, arrived_s)
 
-    def _hear_row(self, payload: bytes, arrived_s: float) -> None:
+    def _take_row(self, payload: bytes, arrived_s: float) -> None:
         row = None if self._word is None else crtp.decode_log_row(_BLOCK, [self._word], payload)
         if row is not None:
-            self._see(VehicleState.of(int(row[1][0])), arrived_s)
+            self._note(VehicleState.of(int(row[1][0])), arrived_s)
 
-    def _see(self, state: VehicleState, arrived_s: float) -> None:
+    def _note(self, state: VehicleState, arrived_s: float) -> None:
         self.state, self.seen_s = state, arrived_s
-        for heed in self._heed:
-            heed(state, arrived_s)
+        for handle in self._handlers:
+            handle(state, arrived_s)
 
 
 def _waits_for_arming(state: VehicleState) -> bool:
@@ -163,12 +163,12 @@ def _waits_for_arming(state: VehicleState) -> bool:
 
 
 def _settled(state: VehicleState) -> bool:
-    """Return whether a state lasts until motors turn or somebody arms; the others pass in a few looks."""
+    """Return whether a state lasts until motors turn or a client arms; the others end within a few updates."""
     return state.can_fly or _waits_for_arming(state)
 
 
 class SupervisorLog:
-    """The supervisor as an instrument: a row for each change of its state word.
+    """Records the supervisor: a row for each change of its state word.
 
     A state in which no motor may run ends the run where motors are meant to turn.
     """
@@ -182,14 +182,14 @@ class SupervisorLog:
         self._rows: list[tuple[float, VehicleState]] = []
         self._states: list[VehicleState] = []
         self._next: DelayedCall | None = None
-        supervisor.watch(self._heed)
+        supervisor.watch(self._take)
 
     def start(self) -> None:
         """Begin to poll."""
         self._poll()
 
     def take(self) -> Block:
-        """Hand over the changes, with a fault for a state that ends a run: locked, crashed, tumbled, deck fault."""
+        """Return the changes, with a fault for a state that ends a run: locked, crashed, tumbled, deck fault."""
         rows, self._rows = self._rows, []
         state = self._supervisor.state
         fault = f"{self._vehicle.uri}: the vehicle is {state.name}: {state.remedy}." if state and state.remedy else ""
@@ -200,18 +200,18 @@ class SupervisorLog:
         return Block((times_s, words), fault=fault, status=_status(rows[-1][1]))
 
     async def stop(self) -> None:
-        """See the state once more, which the motors' stop may have changed, and poll no more."""
+        """Read the state once more, since the motors' stop may have changed it, and stop polling."""
         if self._next is not None and self._next.active():
             self._next.cancel()
         self._next = None
         try:
             await self._supervisor.wait(lambda state: True, within_s=_ASK_S * _TRIES)
             self._supervisor.end()
-        except DeviceError:  # the link is gone: the last state known stands
+        except DeviceError:  # the link is gone: the last known state stays
             return
 
     def close(self) -> None:
-        """Do nothing: the link is closed by whoever opened it."""
+        """Do nothing: the code that opened the link closes it."""
 
     def facts(self) -> Mapping[str, Any]:
         """Return the states before and after by name."""
@@ -226,14 +226,14 @@ class SupervisorLog:
         except DeviceError:  # the instruments that command the vehicle report it
             return
 
-    def _heed(self, state: VehicleState, arrived_s: float) -> None:
+    def _take(self, state: VehicleState, arrived_s: float) -> None:
         if not self._states or state != self._states[-1]:
             self._states.append(state)
             self._rows.append((arrived_s, state))
 
 
 def _status(state: VehicleState | None) -> str:
-    """Return what the live line shows of a state."""
+    """Return how the live line shows a state."""
     if state is None:
         return ""
     return "arming: waits for the rotors' idle speed" if state.name == "arming" else state.name

@@ -1,4 +1,4 @@
-"""Motors behind the thesis' firmware modules of 2015 (C.2.1, C.2.4), which obey and answer nothing."""
+"""Drives motors through the thesis' firmware modules of 2015 (C.2.1, C.2.4), which obey without answering."""
 
 import math
 
@@ -9,7 +9,7 @@ from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
 from cfid.wire.app import SineChannel, ThrustChannel
 
-_STOPS = 5  # sent, since none is answered
+_STOPS = 5  # stops sent, since none is answered
 _STOP_EVERY_S = 0.02
 
 
@@ -24,15 +24,15 @@ class ThesisMotors:
         self._stopped = False
 
     def start(self) -> None:
-        """Do nothing: the link itself is all that can be watched."""
+        """Do nothing: only the link can be monitored."""
 
     @property
     def playing(self) -> bool:
-        """Whether it plays is not told."""
+        """False: these modules do not report whether they play."""
         return False
 
     async def set(self, commands: Four) -> float:
-        """Send the commands that differ; whether they arrived only the link knows."""
+        """Send the commands that differ; these modules do not confirm them."""
         self._limits.check_four(commands)
         self._refuse_when_stopped()
         for place in range(4):
@@ -42,7 +42,7 @@ class ThesisMotors:
         return float(self._vehicle.loop.seconds())
 
     async def be_ready(self, request: app.SineRequest) -> None:
-        """Do no more than look at the request: these modules do not say what they play."""
+        """Check the request only: these modules do not report what they play."""
         self._limits.check_sine(request)
 
     async def play(self, request: app.SineRequest) -> None:
@@ -59,7 +59,7 @@ class ThesisMotors:
     async def stop(self) -> float:
         """Send zero for all motors several times.
 
-        Raises StopError when the link did not live until then, or a sine plays: this module cannot end one.
+        Raises StopError when the link was lost before, or a sine plays: the module cannot end one.
         """
         self._commands, self._stopped = STILL, True
         began_s = self._vehicle.loop.seconds()
@@ -69,7 +69,9 @@ class ThesisMotors:
                 await sleep(self._vehicle.loop, _STOP_EVERY_S)
             self._vehicle.check()
         except DeviceError as error:
-            raise StopError(f"{MAY_BE_RUNNING}: the modules of 2015 go on without a link. ({error})") from None
+            raise StopError(
+                f"{MAY_BE_RUNNING}: the modules of 2015 keep motors running without a link. ({error})"
+            ) from None
         left_s = self._plays_until_s - self._vehicle.loop.seconds()
         if left_s > 0:
             raise StopError(f"{MAY_BE_RUNNING}: the module of 2015 plays its sine to the end, {left_s:.0f} s more.")

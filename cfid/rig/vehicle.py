@@ -1,4 +1,4 @@
-"""A vehicle in a loop: requests and their answers over an open link, and a watch over the link itself."""
+"""Sends requests to a vehicle over an open link in a loop, awaits the answers, and monitors the link."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from cfid.wire.crtp import (
 )
 
 Answer = TypeVar("Answer")
-Hear = Callable[[bytes, float], None]
+Handler = Callable[[bytes, float], None]
 Place = tuple[int, int]  # port and channel
 
 SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are missing then
@@ -33,20 +33,20 @@ class Departure(Protocol):
 
 
 class Wire(Protocol):
-    """An open link, as `crazyflie.Link` is one."""
+    """An open link, such as `crazyflie.Link`."""
 
     uri: str
     fault: str
-    heard_s: float
+    received_s: float
 
     def send(self, packet: Packet) -> "Departure":
         """Send a packet without waiting. Raises DeviceError when the link is gone."""
 
     def attach(self, wake: Callable[[], None]) -> None:
-        """Call `wake` from any thread when packets have come."""
+        """Call `wake` from any thread when packets have arrived."""
 
     def arrived(self) -> list[tuple[Packet, float]]:
-        """Return the packets that came, with their times on the monotonic clock."""
+        """Return the packets that arrived, with their times on the monotonic clock."""
 
     def variable(self, name: str) -> Variable | None:
         """Return a log variable."""
@@ -56,14 +56,14 @@ class Wire(Protocol):
 
 
 class Vehicle:
-    """What procedures and instruments talk to; `loop` is Twisted's."""
+    """The vehicle for procedures and instruments; `loop` is Twisted's."""
 
     def __init__(self, wire: Wire, *, loop: Any) -> None:
-        """Take an open link; its packets are heard from now on."""
+        """Take an open link, and its packets from now on."""
         self.wire, self.loop = wire, loop
-        self._hearing: dict[Place, list[Hear]] = defaultdict(list)
+        self._handlers: dict[Place, list[Handler]] = defaultdict(list)
         self._woken = False
-        wire.arrived()  # what came before belongs to nobody here
+        wire.arrived()  # drops earlier packets
         wire.attach(self._wake)
 
     @property
@@ -71,21 +71,21 @@ class Vehicle:
         """Where the vehicle is."""
         return self.wire.uri
 
-    def listen(self, port: int, channel: int, hear: Hear) -> None:
-        """Call `hear` with payload and monotonic time of every packet that comes there."""
-        self._hearing[port, channel].append(hear)
+    def listen(self, port: int, channel: int, handle: Handler) -> None:
+        """Call `handle` with payload and monotonic time of every packet that arrives there."""
+        self._handlers[port, channel].append(handle)
 
     def send(self, port: int, channel: int, payload: bytes) -> None:
         """Send a packet. Raises DeviceError when the link is gone."""
         self.wire.send(Packet(port, channel, payload))
 
     def check(self) -> None:
-        """Raise DeviceError when the link failed or nothing comes any more."""
+        """Raise DeviceError when the link failed or no packet arrives any more."""
         if self.wire.fault:
             raise DeviceError(self.wire.fault)
-        silent_s = self.loop.seconds() - self.wire.heard_s
+        silent_s = self.loop.seconds() - self.wire.received_s
         if silent_s > SILENT_S:
-            raise DeviceError(f"{self.uri}: the link was lost: nothing came for {silent_s:.1f} s.")
+            raise DeviceError(f"{self.uri}: the link was lost: no packet for {silent_s:.1f} s.")
 
     async def ask(
         self,
@@ -96,7 +96,7 @@ class Vehicle:
         within_s: float = ANSWER_S,
         tries: int = TRIES,
     ) -> Answer | None:
-        """Send a request until a payload comes back for which `read` returns something; None when none does.
+        """Send a request until `read` returns something for a payload that arrives; None when it never does.
 
         The answer is expected on the request's port, on its channel unless another is given. Raises DeviceError
         when the link is gone.
@@ -114,7 +114,7 @@ class Vehicle:
     ) -> None:
         """Write a parameter, until the vehicle repeats the value. Raises DeviceError when it does not.
 
-        Not through cflib, whose queue stops for ever where one answer is lost.
+        cflib is not used: its queue stops for good where one answer is lost.
         """
 
         def written(payload: bytes) -> bool | None:
@@ -122,12 +122,12 @@ class Vehicle:
 
         request = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, value))
         if not await self.ask(request, written, within_s=within_s, tries=tries):
-            raise DeviceError(f"{self.uri}: the vehicle does not take a parameter.")
+            raise DeviceError(f"{self.uri}: the vehicle did not confirm a parameter.")
 
     async def times_of_answer(
         self, request: Packet, read: Callable[[bytes], bool | None], *, within_s: float
     ) -> tuple[float, float] | None:
-        """Send a request once and return when it left and when its answer came, None without an answer."""
+        """Send a request once; return when it left and when its answer arrived, None without an answer."""
         departure = self.wire.send(request)
         came = await self._next((request.port, request.channel), read, within_s)
         return None if came is None or departure.at_s is None else (departure.at_s, came[1])
@@ -137,7 +137,7 @@ class Vehicle:
     ) -> tuple[Answer, float] | None:
         came: Deferred[tuple[Answer, float] | None] = Deferred()
 
-        def hear(payload: bytes, arrived_s: float) -> None:
+        def handle(payload: bytes, arrived_s: float) -> None:
             answer = read(payload)
             if answer is not None and not came.called:
                 came.callback((answer, arrived_s))
@@ -147,21 +147,21 @@ class Vehicle:
                 came.callback(None)
 
         timer = self.loop.callLater(within_s, over)
-        self._hearing[place].append(hear)
+        self._handlers[place].append(handle)
         try:
             return await came
         finally:
-            self._hearing[place].remove(hear)
+            self._handlers[place].remove(handle)
             if timer.active():
                 timer.cancel()
 
     def _wake(self) -> None:
         if not self._woken:
             self._woken = True
-            self.loop.callFromThread(self._hear)
+            self.loop.callFromThread(self._dispatch)
 
-    def _hear(self) -> None:
+    def _dispatch(self) -> None:
         self._woken = False
         for packet, arrived_s in self.wire.arrived():
-            for hear in tuple(self._hearing[packet.port, packet.channel]):
-                hear(packet.payload, arrived_s)
+            for handle in tuple(self._handlers[packet.port, packet.channel]):
+                handle(packet.payload, arrived_s)

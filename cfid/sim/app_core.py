@@ -1,6 +1,6 @@
-"""The vehicle's app on this machine: the very C that runs on the vehicle.
+"""Runs the vehicle's app on this machine: the same C code that runs on the vehicle.
 
-Compiles the core, without what ties it to the firmware, into a shared object of this process; leaves no file behind.
+It compiles the core, without its connection to the firmware, into a shared object of this process and leaves no file.
 """
 
 import ctypes
@@ -23,7 +23,7 @@ _WAY_OUT = (
 )
 
 
-class Packet(ctypes.Structure):
+class CorePacket(ctypes.Structure):
     """`struct cfid_packet`."""
 
     _fields_ = [
@@ -34,7 +34,7 @@ class Packet(ctypes.Structure):
     ]
 
     @classmethod
-    def of(cls, service: int, channel: int, payload: bytes) -> "Packet":
+    def of(cls, service: int, channel: int, payload: bytes) -> "CorePacket":
         """Return a packet; raises ValueError for more than 30 bytes."""
         if len(payload) > _PAYLOAD:
             raise ValueError(f"{len(payload)} bytes of payload are more than {_PAYLOAD}")
@@ -70,20 +70,22 @@ class _Orders(ctypes.Structure):
 
 
 class AppCore:
-    """A core of the app, as the vehicle's firmware meets it."""
+    """A core of the app, with the interface that the vehicle's firmware uses."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
-        """Drive nothing, and have heard nothing."""
+        """Start without commands and without a client."""
         self._library = library
         self._core = ctypes.create_string_buffer(library.cfid_core_size())
         library.cfid_core_init(self._core)
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Take a request."""
-        self._library.cfid_core_receive(self._core, Packet.of(service, channel, payload), now_us, _Vehicle(*vehicle))
+        self._library.cfid_core_receive(
+            self._core, CorePacket.of(service, channel, payload), now_us, _Vehicle(*vehicle)
+        )
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
-        """Go on by a millisecond."""
+        """Advance by a millisecond."""
         orders = _Orders()
         self._library.cfid_core_tick(self._core, now_us, _Vehicle(*vehicle), orders)
         m1, m2, m3, m4 = orders.commands
@@ -91,9 +93,9 @@ class AppCore:
         return Orders(commands, orders.feeds, orders.idles_off, orders.disarms)
 
     def sent(self) -> list[Sent]:
-        """Hand over what is to be sent."""
+        """Return the packets to send."""
         packets = []
-        packet = Packet()
+        packet = CorePacket()
         while self._library.cfid_core_send(self._core, packet):
             packets.append((packet.service, packet.channel, packet.payload))
         return packets
@@ -123,7 +125,7 @@ def compiled(source: Path) -> ctypes.CDLL:
         made = Path(folder) / "cfid_core.so"
         command = [compiler, "-std=c11", "-O2", "-shared", "-fPIC", "-o", str(made), str(source), "-lm"]
         done = subprocess.run(command, capture_output=True, check=False)
-        if done.returncode != 0:  # a compiler without its headers or libraries is none
+        if done.returncode != 0:  # the compiler may lack its headers or libraries
             raise DeviceError(
                 f"{compiler} cannot compile the simulated vehicle's app (exit {done.returncode}): a complete gcc with "
                 f"its C library's headers is needed. {_WAY_OUT}"
@@ -132,7 +134,7 @@ def compiled(source: Path) -> ctypes.CDLL:
 
 
 def find_source() -> Path:
-    """Return where `cfid_core.c` is. Raises DeviceError where the installation lacks it."""
+    """Return the path of `cfid_core.c`. Raises DeviceError where the installation lacks it."""
     files = [place / "firmware_patches" / "cfid_app" / "src" / "cfid_core.c" for place in _PLACES]
     found = next((file for file in files if file.is_file()), None)
     if found is None:
@@ -141,8 +143,8 @@ def find_source() -> Path:
 
 
 def declared(library: ctypes.CDLL, *, vehicle: Any, orders: Any) -> ctypes.CDLL:
-    """Return the library with the signatures of `cfid_core.h`, given its types of the vehicle and of the orders."""
-    core, us, packet, flag = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(Packet), ctypes.c_bool
+    """Set the signatures of `cfid_core.h`, given its types of the vehicle and of the orders; return the library."""
+    core, us, packet, flag = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(CorePacket), ctypes.c_bool
     for name, result, *arguments in (
         ("cfid_core_size", ctypes.c_size_t),
         ("cfid_core_init", None, core),

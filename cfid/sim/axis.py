@@ -1,7 +1,7 @@
-"""What the encoder watches, at any time: a pendulum let go again and again, or a weight that drops again and again.
+"""Gives the encoder's angle at any time: of a pendulum released repeatedly, or a weight dropped repeatedly.
 
-A few dozen experiments are integrated beforehand, all at once, and then follow one another in turns: nothing is
-left to be integrated while a device has to answer.
+A few experiments are integrated beforehand, all at once, and then repeat in turn: no integration is left for the time
+in which a device has to answer.
 """
 
 import math
@@ -17,7 +17,7 @@ RELEASES = 16
 DROPS = 4
 
 _STEP_S = 2e-3
-_STEADIED_S = 0.35  # before any hand of `draw_release` lifts
+_STEADIED_S = 0.35  # ends before any hand of `draw_release` lifts
 _WOUND_UP_S = 4.0
 _FALLS_AFTER_S = 4.5
 
@@ -25,13 +25,13 @@ _FALLS_AFTER_S = 4.5
 class Axis:
     """An axis that repeats motions of PERIOD_S each, from time zero on; before that it stands still.
 
-    Each motion starts at zero. What the one before left is taken back at its start, within `return_s` and as
-    smoothly as a hand would: the pendulum is steadied, the line is wound up.
+    Each motion starts at zero. At its start the angle that the previous motion left returns to zero within `return_s`,
+    as smoothly as by hand: the pendulum is steadied, or the line wound up.
     """
 
     def __init__(self, motion: Motion, *, return_s: float, offset_rad: float) -> None:
         """Take k motions (n, k) in equal steps; the encoder's zero lies at -`offset_rad`."""
-        self._angles = motion.angle_rad.T.tolist()  # lists, since single numbers come out of them quicker
+        self._angles = motion.angle_rad.T.tolist()  # lists: reading single numbers from them is faster
         self._speeds = motion.speed_rad_per_s.T.tolist()
         self._step_s = float(motion.time_s[1] - motion.time_s[0])
         self._return_s = return_s
@@ -49,7 +49,7 @@ class Axis:
 
 
 def swinging(pendulum: Pendulum, *, rng: np.random.Generator) -> Axis:
-    """Return the axis of a pendulum that a hand deflects and lets go every PERIOD_S, each time otherwise.
+    """Return the axis of a pendulum that a hand deflects and releases every PERIOD_S, each time differently.
 
     After RELEASES of them, some five minutes, they repeat.
     """
@@ -59,7 +59,7 @@ def swinging(pendulum: Pendulum, *, rng: np.random.Generator) -> Axis:
 
 
 def dropping(weights: Sequence[DroppingWeight], *, rng: np.random.Generator) -> Axis:
-    """Return the axis that falling weights turn, one after the other, wound up again before each."""
+    """Return the axis that falling weights turn, one after the other; the line is wound up again before each."""
     motion = drop(weights, duration_s=PERIOD_S, wait_s=_FALLS_AFTER_S, step_s=_STEP_S)
     return Axis(motion, return_s=_WOUND_UP_S, offset_rad=rng.uniform(0, 2 * math.pi))
 

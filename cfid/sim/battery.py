@@ -1,4 +1,4 @@
-"""What feeds the motors: a supply of constant voltage, or a lithium cell that sags under load and runs empty."""
+"""Simulates the motors' supply: a constant voltage, or a lithium cell that sags under load and runs empty."""
 
 import math
 from typing import Annotated, Literal
@@ -14,11 +14,11 @@ _SECONDS_AN_HOUR = 3600
 
 
 class BatteryTruth(BaseModel):
-    """A `supply` holds `volts` whatever it feeds; of the other keys a `lipo` takes heed.
+    """A `supply` holds `volts` under any load; the other keys apply to `lipo` only.
 
-    `open_circuit_v` is the voltage of the unloaded cell at equal steps of charge, from empty to full; `charge` is
-    what it begins with. Of the electrical power the part `efficiency` reaches the rotors; `standby_a` is drawn
-    besides. The currents are near those in Bitcraze's table of the Crazyflie 2.0 (2015).
+    `open_circuit_v` is the voltage of the unloaded cell at equal steps of charge, from empty to full; `charge` is the
+    initial charge. The part `efficiency` of the electrical power reaches the rotors; `standby_a` is drawn in addition.
+    The currents are near those in Bitcraze's table of the Crazyflie 2.0 (2015).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -36,7 +36,7 @@ class BatteryTruth(BaseModel):
 
 
 class Battery:
-    """A supply or a cell, whose voltage is that of the last load until the next."""
+    """A supply or a cell; its voltage stays that of the last load until the next."""
 
     def __init__(self, truth: BatteryTruth) -> None:
         """Begin without a load."""
@@ -49,13 +49,13 @@ class Battery:
 
     @property
     def volts(self) -> float:
-        """The voltage under the load there is."""
+        """The voltage under the present load."""
         return min(self._volts, self.at_most_v)
 
     def load(self, *, power_w: float, for_s: float) -> None:
-        """Give the rotors `power_w` of mechanical power; it has been asked for since `for_s`.
+        """Supply the rotors with `power_w` of mechanical power, drawn for the last `for_s` seconds.
 
-        A cell that cannot give so much sags to half its voltage, where it gives most.
+        A cell that cannot supply it sags to half its voltage, where its power is largest.
         """
         truth = self._truth
         if truth.kind == "supply":

@@ -1,4 +1,4 @@
-"""A whole Crazyflie without a transport: packets in, and packets out with the times at which they leave."""
+"""Simulates a whole Crazyflie without a transport: packets in, and packets out with the times at which they leave."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -15,12 +15,12 @@ from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
 from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, ModulesOf2015, NoModules, Orders
 from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
-from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, LOOK_STEPS, Supervisor
+from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, UPDATE_STEPS, SimulatedSupervisor
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.motor_power_set import overriding
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
-from cfid.wire.app import PingChannel, Ports, encode_ping_answer
+from cfid.wire.app import AppPorts, PingChannel, encode_ping_answer
 from cfid.wire.crtp import (
     BY_NAME_CHANNEL,
     ECHO_CHANNEL,
@@ -36,31 +36,31 @@ from cfid.wire.crtp import (
 
 Platform = Literal["cf2", "cf21bl"]
 
-USUAL_PORTS = Ports()
+USUAL_PORTS = AppPorts()
 PROTOCOL = 12  # of CRTP, release 2026.08
 BOOT_S = 1.0
 
 _MEMORY_PORT, _SUPERVISOR_PORT, _PLATFORM_PORT = 4, 9, 13
 _SOURCE_CHANNEL, _NULL_CHANNEL = 1, 3
-# Answers that the firmware makes anew lack the link's bits in the header; others are the request itself, filled in.
-_MADE_ANEW = {(PARAMETER_PORT, 0), (LOG_PORT, 0)} | {
+# Answers in a packet of their own lack the link's bits in the header; others are the request's packet, filled in.
+_NEW_PACKET = {(PARAMETER_PORT, 0), (LOG_PORT, 0)} | {
     (port, channel) for port in (_MEMORY_PORT, _SUPERVISOR_PORT) for channel in range(4)
 }
-_LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds come behind it
+_LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds follow it
 _TICKS_PER_S = 1000
 _IDLE_OF_BRUSHLESS = 7000
 _RPM_PER_RAD_PER_S = 60 / math.tau
-_ATTENTIVE_TICKS = 2000  # without a motor or a request, before it goes to rest: longer than anything still to come
-_DEAF_S = 3.0  # without a packet; the vehicle then takes its client for gone and logs no more
-_SLACK = 1e-6  # of a tick, for times that were counted from ticks and back
+_ATTENTIVE_TICKS = 2000  # without a motor or a request, after which it sleeps: longer than any pending event
+_CLIENT_GONE_S = 3.0  # without a packet; the vehicle then takes its client for gone and stops logging
+_SLACK = 1e-6  # of a tick, for rounding between times and ticks
 
 
 class CrazyflieTruth(BaseModel):
-    """`app` has cfid's app, `stock` nothing besides the firmware, `old` the thesis' modules of 2015.
+    """Firmware `app` includes cfid's app, `stock` no addition, `old` the thesis' modules of 2015.
 
     Platform `cf2` is a Crazyflie 2.x, `cf21bl` a Crazyflie 2.1 Brushless: its motors report their speeds, 0 below
-    `stall_rpm`, have idle thrust, and run only after it was armed. An `rpm_deck` measures speeds too. The vehicle was
-    switched on `powered_for_s` before the rig opened; of its microseconds there are 1 + `clock_skew` in one.
+    `stall_rpm`, have idle thrust, and run only while armed. An `rpm_deck` measures speeds too. The vehicle was switched
+    on `powered_for_s` before the rig opened; its clock counts 1 + `clock_skew` microseconds in a true one.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -78,7 +78,7 @@ class CrazyflieTruth(BaseModel):
         return self.platform == "cf21bl"
 
 
-class Leaving(NamedTuple):
+class LeavingPacket(NamedTuple):
     """A packet, and when it leaves the vehicle."""
 
     time_s: float
@@ -86,10 +86,10 @@ class Leaving(NamedTuple):
 
 
 class Crazyflie:
-    """The vehicle; `load_app` makes the core of its app anew at each start, `on_motors` hears of each change.
+    """The vehicle; `load_app` creates the core of its app at each start, `on_motors` is called at each change.
 
     The stabilizer's loop takes a step a millisecond, by its sensors' clock. `rtos_ms` returns how many milliseconds the
-    operating system has counted when it takes one: time limits of the firmware count those.
+    operating system has counted at a step: the firmware's time limits use that count.
     """
 
     def __init__(
@@ -99,11 +99,11 @@ class Crazyflie:
         *,
         load_app: Callable[[], App],
         opened_s: float,
-        ports: Ports = USUAL_PORTS,
+        ports: AppPorts = USUAL_PORTS,
         on_motors: OnMotors = lambda time_s, motors: None,
         rtos_ms: Callable[[int], int] = lambda step: step,
     ) -> None:
-        """Start it as long before `opened_s` as its truth says."""
+        """Start it before `opened_s`, by the time that its truth states."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
         self._load_app = {"app": load_app, "stock": NoModules, "old": ModulesOf2015}[truth.firmware]
@@ -120,7 +120,7 @@ class Crazyflie:
 
     @property
     def volts(self) -> float:
-        """What feeds them."""
+        """The motors' supply voltage."""
         return self._propulsion.battery.volts
 
     @property
@@ -130,7 +130,7 @@ class Crazyflie:
 
     @property
     def rotors_rpm(self) -> list[float]:
-        """What the drivers of brushless motors report, nothing without them."""
+        """The speeds that the drivers of brushless motors report, empty without them."""
         if not self._truth.brushless:
             return []
         speeds = (self.speed_rad_per_s * _RPM_PER_RAD_PER_S).tolist()
@@ -138,47 +138,47 @@ class Crazyflie:
 
     @property
     def next_s(self) -> float | None:
-        """When it does something by itself, None while it rests."""
+        """When it next does something unprompted, None while it sleeps."""
         return self._time_s(self._ticks + 1) if self._awake else None
 
     def parameter_number(self, name: str) -> int:
         """Return a parameter's number on the link."""
         return list(self._parameters).index(name)
 
-    def receive(self, datagram: bytes, now_s: float) -> list[Leaving]:
-        """Hear a packet, whatever bytes it has, and return what leaves up to now, its answers last."""
+    def receive(self, datagram: bytes, now_s: float) -> list[LeavingPacket]:
+        """Take a packet of any bytes, and return the packets that leave up to now, its answers last."""
         sent = self.advance(now_s)
         packet = decode_packet(datagram)
         if packet is None or not self._on or now_s < self._ready_s:
             return sent
-        self._heard_s = now_s
-        return sent + [Leaving(now_s, answer) for answer in self._answers(packet, datagram[0], now_s)]
+        self._received_s = now_s
+        return sent + [LeavingPacket(now_s, answer) for answer in self._answers(packet, datagram[0], now_s)]
 
-    def advance(self, now_s: float) -> list[Leaving]:
-        """Go through all milliseconds up to now and return what leaves; times must not fall."""
-        sent: list[Leaving] = []
+    def advance(self, now_s: float) -> list[LeavingPacket]:
+        """Advance millisecond by millisecond up to now; return the packets that leave. Times must not decrease."""
+        sent: list[LeavingPacket] = []
         last = int((now_s - self._powered_s) * _TICKS_PER_S + _SLACK)
         while self._on and self._ticks < last:
             if self._awake:
                 self._ticks += 1
                 sent += self._tick(self._time_s(self._ticks))
             else:
-                self._rest(last)
+                self._sleep(last)
         self._propulsion.advance(now_s)
         return sent
 
     def turn(self, acc_z_g: float) -> None:
-        """Lay it so that gravity along its z axis is this: 1 upright, 0 on its side, -1 upside down."""
+        """Turn it until its z accelerometer shows `acc_z_g`: 1 upright, 0 on its side, -1 upside down."""
         self.acc_z_g = acc_z_g
         self._stay_awake()
 
     def power_off(self, at_s: float) -> None:
-        """Lose power: motors stand and nothing is heard until a restart."""
+        """Lose power: motors stop, and packets are ignored until a restart."""
         self._set(STILL, at_s)
         self._on = False
 
     def restart(self, at_s: float, *, boot_s: float = BOOT_S) -> None:
-        """Begin anew, after a moment without power: all that was set is forgotten, for `boot_s` nothing is heard."""
+        """Restart after a moment without power: all settings are lost, and packets are ignored for `boot_s`."""
         self._set(STILL, at_s)
         self._begin(at_s)
         self._ready_s = at_s + boot_s
@@ -187,7 +187,7 @@ class Crazyflie:
         truth = self._truth
         idle = _IDLE_OF_BRUSHLESS if truth.brushless else 0
         self._parameters = Parameters(parameters(rpm_deck=truth.rpm_deck, idle=idle))
-        self.supervisor = Supervisor(self._parameters, arms_itself=not truth.brushless)
+        self.supervisor = SimulatedSupervisor(self._parameters, arms_itself=not truth.brushless)
         self._log = Log(variables(self, rpm_deck=truth.rpm_deck, brushless=truth.brushless))
         self.commander = Commander(self._now_ms)
         self._glue = Glue(
@@ -206,12 +206,12 @@ class Crazyflie:
             ECHO_PORT: _answer_link,
         }
         self._on = True
-        self._powered_s = self._ready_s = self._heard_s = powered_s
-        self._ticks = self._rests_from = 0
+        self._powered_s = self._ready_s = self._received_s = powered_s
+        self._ticks = self._sleeps_from = 0
 
     @property
     def _awake(self) -> bool:
-        return self._on and (self._ticks < self._rests_from or self._log.streaming)
+        return self._on and (self._ticks < self._sleeps_from or self._log.streaming)
 
     @property
     def _idle(self) -> int:
@@ -227,7 +227,7 @@ class Crazyflie:
     def _microseconds(self, now_s: float) -> int:
         return int((now_s - self._powered_s) * (1 + self._truth.clock_skew) * 1e6)
 
-    def _tick(self, now_s: float) -> Iterator[Leaving]:
+    def _tick(self, now_s: float) -> Iterator[LeavingPacket]:
         now_us = self._microseconds(now_s)
         self._propulsion.advance(now_s)
         self._supervise()
@@ -236,17 +236,17 @@ class Crazyflie:
         if any(self._motors) or orders.feeds or self._glue.app.alive(now_us=now_us):
             self._stay_awake()
         for packet in self._app_packets():
-            yield Leaving(now_s, packet)
-        if self._log.streaming and now_s - self._heard_s > _DEAF_S:
+            yield LeavingPacket(now_s, packet)
+        if self._log.streaming and now_s - self._received_s > _CLIENT_GONE_S:
             self._log.reset()
         for row in self._log.due(self._ticks):
-            yield Leaving(now_s, _made_anew(LOG_PORT, LOG_DATA_CHANNEL, row))
+            yield LeavingPacket(now_s, _new_packet(LOG_PORT, LOG_DATA_CHANNEL, row))
 
     def _supervise(self) -> None:
-        """Let the commander and the supervisor do what is due in this millisecond."""
-        self.commander.go_on(self._ticks, can_fly=self.supervisor.can_fly)
-        if self._ticks % LOOK_STEPS == 0:
-            self.supervisor.look(
+        """Advance the commander and the supervisor by this millisecond."""
+        self.commander.advance(self._ticks, can_fly=self.supervisor.can_fly)
+        if self._ticks % UPDATE_STEPS == 0:
+            self.supervisor.update(
                 self._now_ms(),
                 acc_z_g=self.acc_z_g,
                 setpoint_ms=self.commander.setpoint_ms,
@@ -255,16 +255,16 @@ class Crazyflie:
                 rotors_rpm=self.rotors_rpm,
             )
 
-    def _rest(self, last: int) -> None:
-        """Go on to the supervisor's next look that can change something, or to `last`: all else is at rest."""
+    def _sleep(self, last: int) -> None:
+        """Skip to the supervisor's next update that can change something, or to `last`: nothing else happens."""
         settled = self.supervisor.settled_until(self._now_ms(), acc_z_g=self.acc_z_g)
         calm = last if settled is None else min(max(settled, self._ticks), last)
-        self._ticks = min((calm // LOOK_STEPS + 1) * LOOK_STEPS, last)
+        self._ticks = min((calm // UPDATE_STEPS + 1) * UPDATE_STEPS, last)
         self._supervise()
 
     def _driven(self, orders: Orders) -> Four:
-        """Return what the stabilizer drives; the modules of 2015 know no supervisor."""
-        commands = orders.commands or STILL  # a null setpoint makes the stock controller give nothing
+        """Return the commands that the stabilizer drives; the modules of 2015 ignore the supervisor."""
+        commands = orders.commands or STILL  # with a null setpoint the stock controller commands nothing
         if self._truth.firmware == "old":
             return commands
         if not self.supervisor.motors_may_run:
@@ -280,26 +280,26 @@ class Crazyflie:
             self._on_motors(now_s, motors)
 
     def _stay_awake(self) -> None:
-        self._rests_from = self._ticks + _ATTENTIVE_TICKS
+        self._sleeps_from = self._ticks + _ATTENTIVE_TICKS
 
     def _answers(self, packet: Packet, header: int, now_s: float) -> Iterator[bytes]:
         port, channel, payload = packet
         if port in self._services:
             yield from self._ask_app(packet, now_s)
         elif port in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
-            self.commander.hear(port, channel, payload)
+            self.commander.receive(port, channel, payload)
         elif port in self._answering:
             try:
                 answer = self._answering[port](channel, payload)
             except AbsentMemoryError:
-                self.power_off(now_s)  # on a failed assertion the firmware stops
+                self.power_off(now_s)  # the firmware stops on a failed assertion
                 return
             if answer is not None:
-                yield _made_anew(port, channel, answer) if packet[:2] in _MADE_ANEW else bytes([header]) + answer
+                yield _new_packet(port, channel, answer) if packet[:2] in _NEW_PACKET else bytes([header]) + answer
 
     def _answer_parameter(self, channel: int, payload: bytes) -> bytes | None:
         if channel in (WRITE_CHANNEL, BY_NAME_CHANNEL):
-            self._stay_awake()  # it may have to do with the motors
+            self._stay_awake()  # it may concern the motors
         return self._parameters.answer(channel, payload)
 
     def _answer_log(self, channel: int, payload: bytes) -> bytes | None:
@@ -321,7 +321,7 @@ class Crazyflie:
         now_us = self._microseconds(max(now_s, self._time_s(self._ticks)))  # never before its last tick
         service = self._services[port]
         if self._truth.firmware == "app" and (service, channel) == (PING, PingChannel.PING):
-            yield _made_anew(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
+            yield _new_packet(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
             return
         self._stay_awake()
         self._glue.receive(service, channel, payload, now_us=now_us)
@@ -329,15 +329,15 @@ class Crazyflie:
 
     def _app_packets(self) -> Iterator[bytes]:
         for service, channel, payload in self._glue.app.sent():
-            yield _made_anew(self._ports[service], channel, payload)
+            yield _new_packet(self._ports[service], channel, payload)
 
 
 def _answer_link(channel: int, payload: bytes) -> bytes | None:
-    """Return an echo, also to the empty packet that looks for vehicles; or who this is."""
+    """Return an echo, also of the empty packet that searches for vehicles, or the vehicle's name."""
     if channel == _SOURCE_CHANNEL:
         return b"Bitcraze Crazyflie".ljust(LONGEST_PAYLOAD, b"\0")
     return payload if channel == ECHO_CHANNEL or (channel == _NULL_CHANNEL and not payload) else None
 
 
-def _made_anew(port: int, channel: int, payload: bytes) -> bytes:
+def _new_packet(port: int, channel: int, payload: bytes) -> bytes:
     return bytes([port << 4 | channel]) + payload

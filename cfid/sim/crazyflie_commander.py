@@ -1,17 +1,17 @@
-"""The vehicle's commander: whose setpoint is in force, and since when. What a setpoint demands is not simulated."""
+"""Simulates the vehicle's commander: which setpoint is in force, and since when; not what a setpoint demands."""
 
 from collections.abc import Callable
 from enum import IntEnum
 
 SETPOINT_PORT, GENERIC_SETPOINT_PORT = 3, 7
 
-_HIGH_LEVEL_STEPS = 10  # of the loop, from one setpoint of the high-level commander to the next
+_HIGH_LEVEL_STEPS = 10  # of the loop, between two setpoints of the high-level commander
 _SET_CHANNEL, _META_CHANNEL = 0, 1
 _STOP_NOTIFIED = 0
 
 
 class Priority(IntEnum):
-    """Whose setpoint counts: the latest one of at least the priority of the one in force."""
+    """Which setpoint counts: the latest one of at least the priority of the one in force."""
 
     NOBODY = 0
     HIGH_LEVEL = 1
@@ -33,16 +33,16 @@ class Commander:
             self.setpoint_ms, self.priority = self._now_ms(), priority
 
     def relax(self) -> None:
-        """Let the high-level commander go on."""
+        """Pass control to the high-level commander."""
         self.priority = Priority.HIGH_LEVEL
 
-    def go_on(self, step: int, *, can_fly: bool) -> None:
-        """Let the high-level commander, which is at rest, set the null setpoint that is due."""
+    def advance(self, step: int, *, can_fly: bool) -> None:
+        """Set the null setpoint of the idle high-level commander where one is due."""
         if step % _HIGH_LEVEL_STEPS == 0 and can_fly:
             self.set(Priority.HIGH_LEVEL)
 
-    def hear(self, port: int, channel: int, payload: bytes) -> None:
-        """Take a client's setpoint, or its word that no more of them come."""
+    def receive(self, port: int, channel: int, payload: bytes) -> None:
+        """Take a client's setpoint, or its notice that no further setpoints follow."""
         if channel == _SET_CHANNEL:
             self.set(Priority.CLIENT)
         elif port == GENERIC_SETPOINT_PORT and channel == _META_CHANNEL and payload[:1] == bytes([_STOP_NOTIFIED]):

@@ -1,4 +1,4 @@
-"""A simulated Crazyflie as its clients meet it: over a radio, and with its faults; no port and no clock."""
+"""Simulates a Crazyflie behind a radio, with faults; no port and no clock."""
 
 import math
 from bisect import insort
@@ -6,8 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cfid.sim.crazyflie import PROTOCOL, Crazyflie, Leaving
-from cfid.sim.crazyflie_stops import is_stop, misnumbered, unheeded
+from cfid.sim.crazyflie import PROTOCOL, Crazyflie, LeavingPacket
+from cfid.sim.crazyflie_stops import answer_only, is_stop, misnumbered
 from cfid.sim.faults import CrazyflieFaults, within
 from cfid.sim.netft import Address
 from cfid.sim.propulsion import Four, Propulsion
@@ -17,15 +17,15 @@ from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet
 
 _OLD_PROTOCOL = 3
 _LOW_V = 2.9
-_ACTIVE_S = 1.0  # since it was heard last, a client counts as talking
+_ACTIVE_S = 1.0  # since its last packet, a client counts as active
 _ROUNDING_S = 1e-9
 
 Datagram = tuple[bytes, Address]
 
 
 @dataclass
-class Mishaps:
-    """What became of packets that did not pass, besides those that the radio lost."""
+class CrazyflieMishaps:
+    """Counts of packets that did not pass, without those that the radio lost."""
 
     dropped: int = 0
     dropped_to_vehicle: int = 0
@@ -33,8 +33,8 @@ class Mishaps:
     refused: int = 0
 
 
-class _Flying(NamedTuple):
-    """A packet on its way, or one that came; `ping` is what it carries, and when it was heard first."""
+class _InFlight(NamedTuple):
+    """A packet on its way; `ping` is the ping that it carries or answers, and when its client sent that."""
 
     arrives_s: float
     packet: bytes
@@ -58,16 +58,16 @@ class FaultyCrazyflie:
         self.vehicle = vehicle
         self.radio = radio
         self.faults = faults
-        self.mishaps = Mishaps()
+        self.mishaps = CrazyflieMishaps()
         self._propulsion = propulsion
         self._pings = ((ping_port, PingChannel.PING), (ECHO_PORT, ECHO_CHANNEL))
         self._opened_s = self._looked_s = opened_s
         self._client: Address | None = None
-        self._heard_s = opened_s
+        self._received_s = opened_s
         self._heard = self._sent = 0
         self._rebooted = self._tumbled = self._stopped = False
-        self._up: deque[_Flying] = deque()
-        self._down: deque[_Flying] = deque()
+        self._up: deque[_InFlight] = deque()
+        self._down: deque[_InFlight] = deque()
 
     @property
     def motors(self) -> Four:
@@ -75,21 +75,21 @@ class FaultyCrazyflie:
         return self.vehicle.motors
 
     def next_s(self, now_s: float) -> float | None:
-        """Return when something is due next, None while all is at rest."""
+        """Return when the next event is due, None while there is none."""
         times = [self.vehicle.next_s, *(queue[0].arrives_s for queue in (self._up, self._down) if queue)]
         times += self._turns(now_s, math.inf)
         return min((time_s for time_s in times if time_s is not None), default=None)
 
     def closed(self, now_s: float) -> bool:
-        """Return whether nobody listens any more."""
+        """Return whether the port is closed."""
         return within(now_s - self._opened_s, self.faults.closed_after_s, None)
 
-    def heard(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Take what a client sent."""
-        if self.faults.busy and client != self._client and now_s - self._heard_s < _ACTIVE_S and self._client:
+    def received(self, datagram: bytes, client: Address, now_s: float) -> None:
+        """Take a client's datagram."""
+        if self.faults.busy and client != self._client and now_s - self._received_s < _ACTIVE_S and self._client:
             self.mishaps.refused += 1
             return
-        self._client, self._heard_s = client, now_s
+        self._client, self._received_s = client, now_s
         self._heard += 1
         if self._silent(now_s):
             self.mishaps.silenced += 1
@@ -100,49 +100,49 @@ class FaultyCrazyflie:
             if arrives_s is not None:
                 packet = decode_packet(datagram)
                 ping = (packet, now_s) if packet is not None and packet[:2] in self._pings else None
-                self._up.append(_Flying(arrives_s, datagram, ping))
+                self._up.append(_InFlight(arrives_s, datagram, ping))
 
     def due(self, now_s: float) -> list[Datagram]:
-        """Go on up to now and return the datagrams that come out of the radio then."""
+        """Advance up to now and return the datagrams that leave the radio by then."""
         self.advance(now_s)
         came: list[Datagram] = []
         while self._down and self._down[0].arrives_s <= now_s:
             _, packet, ping = self._down.popleft()
             if ping is not None:
-                asked, heard_s = ping
-                self.radio.pings.append(Ping(asked.port, asked.payload, now_s - heard_s))
+                request, received_s = ping
+                self.radio.pings.append(Ping(request.port, request.payload, now_s - received_s))
             if self._client is not None:
                 came.append((packet, self._client))
         return came
 
     def advance(self, now_s: float) -> None:
-        """Let everything happen up to now, each at its time; times must not fall."""
+        """Process every event up to now at its own time; times must not decrease."""
         while self._up and self._up[0].arrives_s <= now_s:
             arrives_s, packet, ping = self._up.popleft()
-            self._go_on(arrives_s)
-            self._let_hear(packet, ping, arrives_s)
-        self._go_on(now_s)
+            self._advance_vehicle(arrives_s)
+            self._deliver(packet, ping, arrives_s)
+        self._advance_vehicle(now_s)
 
-    def _let_hear(self, datagram: bytes, ping: tuple[Packet, float] | None, at_s: float) -> None:
-        """Hand a packet to the vehicle, and what comes back to the radio; with a stop that may go wrong."""
+    def _deliver(self, datagram: bytes, ping: tuple[Packet, float] | None, at_s: float) -> None:
+        """Pass a packet to the vehicle and its answers to the radio, with the faults that concern a stop."""
         faults = self.faults
         if not is_stop(datagram, self.vehicle, ping_port=self._pings[0][0]):
             self._send(self.vehicle.receive(datagram, at_s), ping)
             return
-        heeded = not faults.stop_ignored
-        answers = self.vehicle.receive(datagram, at_s) if heeded else unheeded(datagram, self.vehicle, at_s)
+        ignored = faults.stop_ignored
+        answers = answer_only(datagram, self.vehicle, at_s) if ignored else self.vehicle.receive(datagram, at_s)
         if faults.stop_misnumbered:
             answers = [misnumbered(answer) for answer in answers]
         self._send(answers, late_s=faults.stop_late_s)
 
-    def _go_on(self, now_s: float) -> None:
+    def _advance_vehicle(self, now_s: float) -> None:
         for turn_s in (*self._turns(self._looked_s, now_s), now_s):
             self._send(self.vehicle.advance(turn_s))
-            self._suffer(turn_s)
+            self._apply_faults(turn_s)
         self._looked_s = now_s
 
     def _turns(self, after_s: float, until_s: float) -> list[float]:
-        """Return the times in between at which a fault begins that the vehicle feels, or that closes its port."""
+        """Return the times in between at which a fault of the vehicle begins or ends, or its port closes."""
         faults = self.faults
         tumble_s, for_s = faults.tumble_after_s, faults.tumble_for_s
         begins = (
@@ -156,8 +156,8 @@ class FaultyCrazyflie:
         times = (self._opened_s + begin_s for begin_s in begins if begin_s is not None)
         return sorted(time_s for time_s in times if after_s < time_s <= until_s)
 
-    def _suffer(self, now_s: float) -> None:
-        elapsed_s = now_s - self._opened_s + _ROUNDING_S  # a turn's own time, counted from zero and back, is not late
+    def _apply_faults(self, now_s: float) -> None:
+        elapsed_s = now_s - self._opened_s + _ROUNDING_S  # so that rounding does not put a fault after its own time
         faults, vehicle = self.faults, self.vehicle
         if within(elapsed_s, faults.reboot_after_s, None) and not self._rebooted:
             self._rebooted = True
@@ -176,7 +176,9 @@ class FaultyCrazyflie:
     def _silent(self, now_s: float) -> bool:
         return within(now_s - self._opened_s, self.faults.silent_after_s, self.faults.silent_for_s)
 
-    def _send(self, leaving: list[Leaving], ping: tuple[Packet, float] | None = None, *, late_s: float = 0.0) -> None:
+    def _send(
+        self, leaving: list[LeavingPacket], ping: tuple[Packet, float] | None = None, *, late_s: float = 0.0
+    ) -> None:
         for time_s, packet in leaving:
             self._sent += 1
             if self._silent(time_s):
@@ -186,7 +188,7 @@ class FaultyCrazyflie:
             else:
                 arrives_s = self.radio.from_vehicle.arrival_s(time_s)
                 if arrives_s is not None:
-                    insort(self._down, _Flying(arrives_s + late_s, packet, ping), key=lambda flying: flying.arrives_s)
+                    insort(self._down, _InFlight(arrives_s + late_s, packet, ping), key=lambda packet: packet.arrives_s)
 
 
 def _is_turn(number: int, every: int) -> bool:

@@ -1,4 +1,4 @@
-"""The memories that a plain vehicle has, as its memory port tells, reads and writes them."""
+"""Simulates the memory port of a vehicle without decks: lists, reads and writes its memories."""
 
 import errno
 import struct
@@ -13,11 +13,11 @@ _LONGEST = 24  # read at once
 
 
 class AbsentMemoryError(Exception):
-    """A memory that is not there was asked for, at which the firmware fails an assertion."""
+    """A request for a memory that does not exist, on which the firmware fails an assertion."""
 
 
 class _Memory(NamedTuple):
-    """A kind, a size in bytes, and what stands at an address."""
+    """A kind, a size in bytes, and the function that reads an address."""
 
     kind: int
     size: int
@@ -29,7 +29,7 @@ _MEMORIES = (_Memory(0x12, 4096, lambda address: 0), _Memory(0x15, 4096, lambda 
 
 
 def answer_memory(channel: int, payload: bytes) -> bytes | None:
-    """Return what comes back on the same channel, None for nothing. Raises AbsentMemoryError."""
+    """Return the answer on the same channel, None for none. Raises AbsentMemoryError."""
     if channel == _INFO_CHANNEL and payload[:1] == bytes([_COUNT]):
         return bytes([_COUNT, len(_MEMORIES)])
     if channel == _INFO_CHANNEL and payload[:1] == bytes([_INFO]):

@@ -1,6 +1,6 @@
-"""What a vehicle without cfid's app does on the app's ports: nothing, or what the thesis' modules of 2015 do.
+"""Simulates a vehicle without cfid's app: stock firmware, or the thesis' modules of 2015.
 
-Both look from outside like the app of `app_core`, so that the vehicle need not tell them apart.
+Both have the interface of the app in `app_core`, so that the vehicle treats all three alike.
 """
 
 import math
@@ -37,7 +37,7 @@ Sent = tuple[int, int, bytes]  # service, channel, payload
 
 
 class Seen(NamedTuple):
-    """What an app sees of its vehicle; `idle` is powerDist.idleThrust as its owner set it."""
+    """The vehicle's state as the app sees it; `idle` is powerDist.idleThrust as its owner set it."""
 
     can_fly: bool
     flying: bool
@@ -46,7 +46,7 @@ class Seen(NamedTuple):
 
 
 class Orders(NamedTuple):
-    """What an app wants until its next tick.
+    """An app's orders until its next tick.
 
     `commands` of the four motors, None to leave them to the stock controller; `feeds`: fresh null setpoints;
     `idles_off`: no idle thrust; `disarms`: now.
@@ -59,33 +59,33 @@ class Orders(NamedTuple):
 
 
 class App(Protocol):
-    """The three services on a vehicle, asked once a millisecond for its orders."""
+    """The three services on a vehicle, which give orders once a millisecond."""
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Take a request."""
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
-        """Go on by a millisecond."""
+        """Advance by a millisecond."""
 
     def sent(self) -> list[Sent]:
-        """Hand over what is to be sent."""
+        """Return the packets to send."""
 
     def alive(self, *, now_us: int) -> bool:
-        """Return whether it hears its client, or is busy."""
+        """Return whether its client's keep-alives are fresh, or a sine plays."""
 
 
 class NoModules:
     """Stock firmware."""
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
-        """Hear nothing."""
+        """Ignore the request."""
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         """Leave the motors alone."""
         return Orders()
 
     def sent(self) -> list[Sent]:
-        """Say nothing."""
+        """Return nothing."""
         return []
 
     def alive(self, *, now_us: int) -> bool:
@@ -94,36 +94,36 @@ class NoModules:
 
 
 class ModulesOf2015:
-    """Thrust, sine and ping as of C.2.1, C.2.4 and C.2.6: no watchdog, no answers, no supervisor asked."""
+    """Thrust, sine and ping as in C.2.1, C.2.4 and C.2.6: without watchdog, answers and supervisor."""
 
     def __init__(self) -> None:
-        """Let the motors stand."""
+        """Start with the motors off."""
         self._commands = STILL
         self._sent: deque[Sent] = deque()
-        self._wanted: SineRequest | None = None
+        self._waiting: SineRequest | None = None
         self._playing: SineRequest | None = None
         self._tick = 0
-        self._before = 0  # the sample before, also of the sine before
+        self._before = 0  # the previous sample, also of the previous sine
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
-        """Obey at once; a sine that comes while another one plays waits for its end."""
+        """Execute at once; a sine that arrives while another one plays waits for its end."""
         if service == PING:
             self._sent.append((PING, PingChannel.PING, b""))
         elif service == THRUST:
             self._set(decode_thrust(payload))
         else:
-            self._wanted = decode_sine(payload) or self._wanted
+            self._waiting = decode_sine(payload) or self._waiting
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
-        """Go on by a millisecond."""
-        if self._playing is None and self._wanted is not None:
-            self._playing, self._wanted, self._tick = self._wanted, None, 0
+        """Advance by a millisecond."""
+        if self._playing is None and self._waiting is not None:
+            self._playing, self._waiting, self._tick = self._waiting, None, 0
         if self._playing is not None:
             self._play(self._playing)
         return Orders(self._commands)
 
     def sent(self) -> list[Sent]:
-        """Hand over what is to be sent."""
+        """Return the packets to send."""
         sent = list(self._sent)
         self._sent.clear()
         return sent
@@ -143,7 +143,7 @@ class ModulesOf2015:
         if not between and sample < sine.samples:
             self._play_sample(sine, sample)
         last_tick = sine.samples * _TICKS_A_SAMPLE
-        if self._tick == max(last_tick, 1):  # right after the last sample, which the motors hardly feel
+        if self._tick == max(last_tick, 1):  # right after the last sample, too short for the motors to follow
             self._commands = STILL
             self._report(0)
         if self._tick >= last_tick + _TICKS_BEFORE_DONE:
@@ -169,7 +169,7 @@ class ModulesOf2015:
 
 
 def _value(sine: SineRequest, sample: int) -> int:
-    """Return u[n] of eq. 3.6 as C has it: the phase is a float, and what is no number becomes 0."""
+    """Return u[n] of eq. 3.6 as in C: the phase is a float, and NaN becomes 0."""
     phase = sine.omega * sample
     if not abs(phase) < _LARGEST_FLOAT:
         return 0

@@ -1,4 +1,4 @@
-"""The vehicle's parameters, as its parameter port tells and sets them."""
+"""Simulates the vehicle's parameter port: lists, reads and sets parameters."""
 
 import errno
 import struct
@@ -10,7 +10,7 @@ from cfid.wire.crtp import READ_CHANNEL, WRITE_CHANNEL
 
 _MISC_CHANNEL = 3
 _SET_BY_NAME, _EXTENDED_TYPE, _STORE, _STATE, _CLEAR, _DEFAULT, _EXTENDED_TYPE_V2, _DEFAULT_V2 = 0, 2, 3, 4, 5, 6, 7, 8
-_WITH_STATUS = (_EXTENDED_TYPE_V2, _DEFAULT_V2)  # a byte before what they tell
+_WITH_STATUS = (_EXTENDED_TYPE_V2, _DEFAULT_V2)  # whose answer has a status byte before the value
 _PERSISTENT = 1
 _NOT_STORED = b"\0"
 _NO_SUCH_ENTRY = bytes([errno.ENOENT])
@@ -19,7 +19,7 @@ _CODES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
 _HAS_EXTENDED_TYPE, _CORE, _READ_ONLY = 0x10, 0x20, 0x40
 
 
-class Parameter(NamedTuple):
+class FirmwareParameter(NamedTuple):
     """A name, a type as a letter of Python's struct, and the value after a start."""
 
     name: str
@@ -36,16 +36,16 @@ class Parameter(NamedTuple):
 
 
 class Parameters(Mapping[str, float]):
-    """Values by name, and what the port answers. Nothing is stored beyond a power cycle."""
+    """Values by name, and the port's answers. Nothing is stored beyond a power cycle."""
 
-    def __init__(self, parameters: Sequence[Parameter]) -> None:
-        """Begin with the values after a start."""
+    def __init__(self, parameters: Sequence[FirmwareParameter]) -> None:
+        """Start with the default values."""
         self._parameters = parameters
         self._values = {parameter.name: parameter.value for parameter in parameters}
         self._toc = Toc([Entry(parameter.name, _code(parameter)) for parameter in parameters])
 
     def __getitem__(self, name: str) -> float:
-        """Return the value that is set."""
+        """Return the present value."""
         return self._values[name]
 
     def __setitem__(self, name: str, value: float) -> None:
@@ -53,15 +53,15 @@ class Parameters(Mapping[str, float]):
         self._values[name] = value
 
     def __iter__(self) -> Iterator[str]:
-        """Go through the names, in the order of the table."""
+        """Iterate over the names, in the order of the table."""
         return iter(self._values)
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of parameters."""
         return len(self._values)
 
     def answer(self, channel: int, payload: bytes) -> bytes | None:
-        """Return what comes back on the same channel, None for nothing."""
+        """Return the answer on the same channel, None for none."""
         if channel == TOC_CHANNEL:
             return self._toc.answer(payload)
         return self._misc(payload) if channel == _MISC_CHANNEL else self._value(channel, payload)
@@ -79,7 +79,7 @@ class Parameters(Mapping[str, float]):
             return None
         return payload
 
-    def _set(self, parameter: Parameter, value: bytes) -> bool:
+    def _set(self, parameter: FirmwareParameter, value: bytes) -> bool:
         layout = struct.Struct("<" + parameter.kind)
         if len(value) < layout.size:
             return False
@@ -92,10 +92,11 @@ class Parameters(Mapping[str, float]):
         number = number_in(payload[1:])
         if number is None:
             return None
-        told = self._told(payload[0], self._parameters[number]) if number < len(self._parameters) else _NO_SUCH_ENTRY
-        return None if told is None else payload[:3] + told
+        known = number < len(self._parameters)
+        answer = self._answer_misc(payload[0], self._parameters[number]) if known else _NO_SUCH_ENTRY
+        return None if answer is None else payload[:3] + answer
 
-    def _told(self, command: int, parameter: Parameter) -> bytes | None:
+    def _answer_misc(self, command: int, parameter: FirmwareParameter) -> bytes | None:
         """Return what follows a parameter's number in the answer, None for no answer."""
         status = b"\0" if command in _WITH_STATUS else b""
         if command in (_EXTENDED_TYPE, _EXTENDED_TYPE_V2):
@@ -112,8 +113,8 @@ class Parameters(Mapping[str, float]):
         name, ends_too, rest = rest.partition(b"\0")
         if not (ends and ends_too):
             return None
-        wanted = (group + b"." + name).decode(errors="replace")
-        found = next((parameter for parameter in self._parameters if parameter.name == wanted), None)
+        full_name = (group + b"." + name).decode(errors="replace")
+        found = next((parameter for parameter in self._parameters if parameter.name == full_name), None)
         error = errno.ENOENT
         if found is not None:
             same = rest[:1] == bytes([_CODES[found.kind]])
@@ -123,6 +124,6 @@ class Parameters(Mapping[str, float]):
         return payload[: len(payload) - len(rest)] + bytes([error])
 
 
-def _code(parameter: Parameter) -> int:
+def _code(parameter: FirmwareParameter) -> int:
     flags = _HAS_EXTENDED_TYPE * parameter.persistent | _CORE * parameter.core | _READ_ONLY * parameter.read_only
     return _CODES[parameter.kind] | flags

@@ -1,4 +1,4 @@
-"""Serves a simulated Crazyflie over UDP, one packet a datagram, as cflib's driver for `udp://` wants it."""
+"""Serves a simulated Crazyflie over UDP, one packet a datagram, as cflib's driver for `udp://` expects."""
 
 import contextlib
 import socket
@@ -23,39 +23,39 @@ class CrazyflieServer:
         """Open nothing yet."""
         self._vehicle = vehicle
         self._reactor = reactor
-        self._address, self._wanted = address, port
+        self._address, self._requested_port = address, port
         self._port: Port | None = None
         self._socket: socket.socket | None = None
         self._timer: DelayedCall | None = None
 
     def open(self) -> str:
-        """Bind the port and return its address as cflib wants it. Raises twisted's CannotListenError."""
-        self._port = self._reactor.listenUDP(self._wanted, _Packets(self), self._address)
+        """Bind the port and return its address in cflib's form. Raises twisted's CannotListenError."""
+        self._port = self._reactor.listenUDP(self._requested_port, _Packets(self), self._address)
         self._socket = self._port.socket
         self._attend()
         return f"udp://{self._address}:{self._port.getHost().port}"
 
     def close(self) -> "Deferred[None]":
-        """Give the port back and leave the vehicle alone; fires when it is done."""
+        """Close the port and stop serving the vehicle; fires when it is done."""
         if self._timer is not None and self._timer.active():
             self._timer.cancel()
         return self._shut()
 
-    def heard(self, datagram: bytes, client: Address) -> None:
-        """Take a datagram that came in."""
-        self._vehicle.heard(datagram, client, self._reactor.seconds())
+    def received(self, datagram: bytes, client: Address) -> None:
+        """Take a datagram."""
+        self._vehicle.received(datagram, client, self._reactor.seconds())
         if self._timer is not None and self._timer.active():
             self._timer.cancel()
         self._attend()
 
     def _attend(self) -> None:
-        """Send what is due, and wait for what comes next. Without a port the vehicle goes on all the same."""
+        """Send due packets, and schedule the next event; the vehicle goes on even without a port."""
         now_s = self._reactor.seconds()
         if self._vehicle.closed(now_s):
             self._shut()
         for packet, client in self._vehicle.due(now_s):
             if self._socket is not None:
-                with contextlib.suppress(OSError):  # a full buffer or no way there: a radio loses packets too
+                with contextlib.suppress(OSError):  # a full buffer or no route: a radio loses packets too
                     self._socket.sendto(packet, client)
         next_s = self._vehicle.next_s(now_s)
         if next_s is not None:
@@ -71,4 +71,4 @@ class _Packets(DatagramProtocol):
         self._server = server
 
     def datagramReceived(self, datagram: bytes, addr: Address) -> None:  # noqa: N802 (twisted's name)
-        self._server.heard(datagram, addr)
+        self._server.received(datagram, addr)

@@ -1,15 +1,15 @@
-"""The vehicle's supervisor as the firmware has it: it looks 25 times a second, and what it finds decides its state.
+"""Simulates the firmware's supervisor: 25 times a second it checks its conditions, which decide its state.
 
-Times are the ticks that the firmware counts, milliseconds since power-on. Parameters motorPowerSet do not ask it.
+Times are the ticks that the firmware counts, milliseconds since power-on. The parameters motorPowerSet bypass it.
 """
 
 from collections.abc import Mapping, Sequence
 
 from cfid.sim import supervisor_states as states
 from cfid.sim.propulsion import Four
-from cfid.sim.supervisor_states import CAN_FLY, MOTORS_MAY_RUN, State, next_state
+from cfid.sim.supervisor_states import CAN_FLY, MOTORS_MAY_RUN, SupervisorState, next_state
 
-LOOK_STEPS = 40  # of the stabilizer's loop
+UPDATE_STEPS = 40  # of the stabilizer's loop
 INFO_CHANNEL = 0
 
 _FLYING_MS = 2000  # since the last command above idle thrust
@@ -27,23 +27,23 @@ _ARM, _RECOVER, _EMERGENCY_STOP, _WATCHDOG = 1, 2, 3, 4
 _TRAJECTORY_FINISHED = 1 << 9  # of the high-level commander, which never flies here
 
 
-class Supervisor:
-    """Arms itself with brushed motors; with brushless ones it is armed by a client, and watches their rotors.
+class SimulatedSupervisor:
+    """Arms itself with brushed motors; with brushless ones a client arms it, and it monitors their rotors.
 
-    `can_fly`: the app's commands count. `motors_may_run`: the stabilizer drives them, if only at idle thrust. `flying`:
-    until 2 s after the last thrust. `tumbled`: it lay on its side or its back at the last look.
+    `can_fly`: the app's commands take effect. `motors_may_run`: the stabilizer drives them, at least at idle thrust.
+    `flying`: until 2 s after the last thrust. `tumbled`: it lay on its side or its back at the last update.
     """
 
     def __init__(self, parameters: Mapping[str, float], *, arms_itself: bool) -> None:
-        """Begin as at power-on. `parameters` are the vehicle's, which hold time limits."""
-        self.state = State.NOT_INITIALIZED
+        """Start as at power-on. `parameters` are the vehicle's, which include time limits."""
+        self.state = SupervisorState.NOT_INITIALIZED
         self.can_fly = self.motors_may_run = self.flying = False
         self.bits = 0
         self._parameters = parameters
         self._arms_itself = arms_itself
         self.armed = self.crashed = self.tumbled = False
         self._stopped = False
-        self._watched_ms: int | None = None  # the emergency stop's watchdog, when heard last
+        self._watched_ms: int | None = None  # when the emergency stop's watchdog was last fed
         self._thrust_ms: int | None = None
         self._tilted_ms: int | None = None
         self._spinning_ms: int | None = None
@@ -52,22 +52,22 @@ class Supervisor:
         self._landed_ms: int | None = None
 
     def stop_for_good(self) -> None:
-        """Take an emergency stop: only a power cycle helps."""
+        """Take an emergency stop, which only a power cycle ends."""
         self._stopped = True
 
-    def request_arming(self, wanted: bool) -> bool:
+    def request_arming(self, arm: bool) -> bool:
         """Arm or disarm; return whether that was granted."""
-        if wanted and not self.armed and self.state is not State.PASSED:
+        if arm and not self.armed and self.state is not SupervisorState.PASSED:
             return False
-        self.armed = wanted
+        self.armed = arm
         return True
 
     def recover(self) -> bool:
-        """Take a crashed vehicle that was put upright for sound; return whether it is."""
+        """Clear the crashed state of a vehicle that was put upright; return whether it is cleared."""
         self.crashed = self.crashed and self.tumbled
         return not self.crashed
 
-    def look(
+    def update(
         self,
         now_ms: int,
         *,
@@ -77,9 +77,9 @@ class Supervisor:
         idle: int,
         rotors_rpm: Sequence[float],
     ) -> None:
-        """Gather the conditions, make one transition at most, and renew the bits.
+        """Gather the conditions, make at most one transition, and renew the bits.
 
-        `setpoint_ms` is when the setpoint in force came. `rotors_rpm` is empty where nothing reports speeds.
+        `setpoint_ms` is when the setpoint in force arrived. `rotors_rpm` is empty where nothing reports speeds.
         """
         if max(motors) > idle:
             self._thrust_ms = now_ms
@@ -88,21 +88,21 @@ class Supervisor:
         entered = next_state(self.state, conditions)
         if entered is not self.state:
             self._enter(entered, now_ms)
-        self.bits = self._told()
+        self.bits = self._reported_bits()
 
     def settled_until(self, now_ms: int, *, acc_z_g: float) -> int | None:
-        """Return up to when no look changes anything while motors and client rest, None for ever."""
+        """Return until when no update changes anything while motors are off and no client acts, None for no limit."""
         moving = self._is_flying(now_ms) or acc_z_g < _TILTED_G or self.tumbled
         if moving or self._emergency(now_ms) or self._watched_ms is not None:
-            return None if self.state is State.LOCKED else now_ms
-        if self.state is State.READY and self.armed:
+            return None if self.state is SupervisorState.LOCKED else now_ms
+        if self.state is SupervisorState.READY and self.armed:
             return self._entered_ms + int(self._parameters["supervisor.prefltTimeout"])
-        if self.state is State.LOCKED or (self.state is State.PASSED and not self.armed):
+        if self.state is SupervisorState.LOCKED or (self.state is SupervisorState.PASSED and not self.armed):
             return None
         return now_ms
 
     def answer(self, channel: int, payload: bytes, now_ms: int) -> bytes | None:
-        """Return what comes back on the same channel, None for nothing."""
+        """Return the answer on the same channel, None for none."""
         if not payload:
             return None
         command = payload[0]
@@ -122,7 +122,7 @@ class Supervisor:
         return None
 
     def _is_tumbled(self, now_ms: int, acc_z_g: float) -> bool:
-        """Return whether it lies on its side for a second or on its back for a tenth, if that is checked at all."""
+        """Return whether it lay on its side for a second or on its back for a tenth, if that check is enabled."""
         if acc_z_g >= _TILTED_G:
             self._tilted_ms = None
             return False
@@ -140,9 +140,9 @@ class Supervisor:
 
     def _conditions(self, now_ms: int, setpoint_ms: int) -> int:
         limits, in_state_ms = self._parameters, now_ms - self._entered_ms
-        # While it cannot fly, the firmware shows its supervisor an empty setpoint, as old as the vehicle is on.
+        # While it cannot fly, the firmware passes its supervisor the empty setpoint of power-on.
         age_ms = now_ms - (setpoint_ms if self.can_fly else 0)
-        spins_up, ready = self.state is State.ARMING, self.state is State.READY
+        spins_up, ready = self.state is SupervisorState.ARMING, self.state is SupervisorState.READY
         found = {
             states.ARMED: self.armed,
             states.IS_FLYING: self._is_flying(now_ms),
@@ -160,11 +160,11 @@ class Supervisor:
         return sum(condition for condition, holds in found.items() if holds)
 
     def _rotor_conditions(self, now_ms: int, rotors_rpm: Sequence[float]) -> int:
-        """Watch the rotors' speeds while they spin up, and for blocked ones while the vehicle may fly."""
+        """Check the rotors' speeds while they spin up, and for blocked rotors while the vehicle may fly."""
         if not rotors_rpm:
             return states.ROTORS_SPIN_UP
         speeds = [int(rpm) for rpm in rotors_rpm]
-        spinning = self.state is State.ARMING and all(speed in _SPINNING_RPM for speed in speeds)
+        spinning = self.state is SupervisorState.ARMING and all(speed in _SPINNING_RPM for speed in speeds)
         blocked = self.can_fly and any(speed in _BLOCKED_RPM for speed in speeds)
         self._spinning_ms = (self._spinning_ms or now_ms) if spinning else None
         self._blocked_ms = (self._blocked_ms or now_ms) if blocked else None
@@ -175,28 +175,28 @@ class Supervisor:
             found |= states.ROTOR_BLOCKED
         return found
 
-    def _enter(self, state: State, now_ms: int) -> None:
+    def _enter(self, state: SupervisorState, now_ms: int) -> None:
         self.state, self._entered_ms = state, now_ms
         self.can_fly, self.motors_may_run = state in CAN_FLY, state in MOTORS_MAY_RUN
-        self.flying = state in (State.FLYING, State.LEVEL_OUT)
+        self.flying = state in (SupervisorState.FLYING, SupervisorState.LEVEL_OUT)
         self._spinning_ms = self._blocked_ms = None
-        if state is State.LANDED:
+        if state is SupervisorState.LANDED:
             self._landed_ms = now_ms
-        if state is State.CRASHED:
+        if state is SupervisorState.CRASHED:
             self.crashed = True
         if not self.motors_may_run:
-            self.armed = self._arms_itself and state is State.PASSED
+            self.armed = self._arms_itself and state is SupervisorState.PASSED
 
-    def _told(self) -> int:
-        """Return the state as the firmware reports it, from the lowest bit on."""
+    def _reported_bits(self) -> int:
+        """Return the state word that the firmware reports."""
         flags = (
-            self.state is State.PASSED,
+            self.state is SupervisorState.PASSED,
             self.armed,
             self._arms_itself,
             self.can_fly,
             self.flying,
             self.tumbled,
-            self.state is State.LOCKED,
+            self.state is SupervisorState.LOCKED,
             self.crashed,
         )
         return sum(flag << place for place, flag in enumerate(flags)) | _TRAJECTORY_FINISHED

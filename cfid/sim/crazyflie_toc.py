@@ -1,4 +1,4 @@
-"""A table of contents as the vehicle tells it, entry by entry: what can be logged, or which parameters there are."""
+"""Simulates a vehicle's table of contents, of log variables or of parameters, sent entry by entry."""
 
 import struct
 import zlib
@@ -19,16 +19,16 @@ class Entry(NamedTuple):
 
 
 class Toc:
-    """What is told of entries, numbered as they come; `tail` ends the answer about the table as a whole."""
+    """Answers about entries, numbered in order; `tail` ends the answer about the whole table."""
 
     def __init__(self, entries: Sequence[Entry], *, tail: bytes = b"") -> None:
-        """Sum up the entries, so that a client knows a table that it has read before."""
-        told = [bytes([entry.code]) + entry.name.replace(".", "\0").encode() + b"\0" for entry in entries]
-        self._entries = told
-        self._info = bytes([_INFO]) + struct.pack("<HI", len(told), zlib.crc32(b"".join(told))) + tail
+        """Compute the checksum by which a client recognizes a table that it has read before."""
+        encoded = [bytes([entry.code]) + entry.name.replace(".", "\0").encode() + b"\0" for entry in entries]
+        self._entries = encoded
+        self._info = bytes([_INFO]) + struct.pack("<HI", len(encoded), zlib.crc32(b"".join(encoded))) + tail
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the payload that answers one on channel 0; an entry that is not there is an answer without one."""
+        """Return the answer to a payload on channel 0; for an entry that does not exist it has no entry."""
         if request[:1] == bytes([_INFO]):
             return self._info
         if request[:1] == bytes([_ITEM]):

@@ -1,4 +1,4 @@
-"""A whole campaign on the simulated rig: every experiment of the thesis, and the truth behind each parameter."""
+"""Simulates a whole campaign: every experiment of the thesis, and the true value of each parameter."""
 
 from collections.abc import Mapping
 
@@ -17,7 +17,7 @@ DEMO_TRUTH = SimTruth(radio=LATE_RADIO)
 
 
 def simulate_demo(rig: Rig, truth: SimTruth, *, seed: int) -> tuple[dict[str, float], list[SimulatedRun]]:
-    """Record everything; return also the true values, by the names that the parameters' numbers have."""
+    """Record everything; also return the true values, by the names of the parameters' numbers."""
     truth = as_mounted(truth, rig)
     of_swings, of_motors, of_wind = np.random.default_rng(seed).spawn(3)
     runs, testbody = record_chapter_2(rig, truth, of_swings)
@@ -39,7 +39,7 @@ def _of_bodies(truth: SimTruth, testbody: Mapping[str, float]) -> dict[str, floa
 
 
 def true_motors(truth: SimTruth) -> dict[str, float]:
-    """Return the truth of chapter 3: speed is linear in the command, thrust goes with its square (eq. 3.3, 3.4)."""
+    """Return the true values of chapter 3: speed is linear in the command, thrust quadratic in speed (eq. 3.3, 3.4)."""
     rotors = truth.rotors
     slope, idle, k = rotors.rad_per_s_per_command, rotors.idle_rad_per_s, rotors.thrust_ns2_per_rad2
     radio, bench = truth.radio, Bench(radio=truth.radio)

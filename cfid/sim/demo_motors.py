@@ -1,4 +1,4 @@
-"""Chapter 3 of the thesis on the simulated rig: a staircase, a tachometer, sines and pings; lists thinned."""
+"""Simulates chapter 3 of the thesis: a staircase, a tachometer, sines and pings, with fewer steps and runs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from cfid.sim.stepping import Array
 from cfid.sim.truth_file import SimTruth
 from cfid.sim.wind import WindTruth
 
-RATE_HZ, FULL_RATE_HZ = 1000.0, 7000.0  # the latter where vibration tells the speed: blade pass goes beyond 500 Hz
-STEPS = tuple(range(0, 64001, 4000))  # where the thesis has steps of 2000
+RATE_HZ, FULL_RATE_HZ = 1000.0, 7000.0  # the latter for speeds estimated from vibration: blade pass exceeds 500 Hz
+STEPS = tuple(range(0, 64001, 4000))  # the thesis has steps of 2000
 QUICK_STEPS = (20000, 40000, 60000)
 MOTORS = (1, 3)
 PERIODS = (2, 7, 20, 50, 100, 70, 33, 12, 4)  # of N = 4000 samples, up and down; the thesis has 43 runs
@@ -23,7 +23,7 @@ SAMPLES, AMPLITUDE = 4000, 20000
 PINGS = 300
 
 _HOLD_S, _REST_S = 2.5, 1.0
-_TACHOMETER = 4e-4  # relative, as a UT372's maker states it
+_TACHOMETER = 4e-4  # relative error, as the UT372's maker states it
 _PING_EVERY_S = 0.1
 _TIMES_A_LOG = 10  # ticks of the stand in 100 ms: the battery is logged ten times a second
 
@@ -31,15 +31,15 @@ _TIMES_A_LOG = 10  # ticks of the stand in 100 ms: the battery is logged ten tim
 def record_chapter_3(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
     """Record a staircase on the load cell, steps at its full rate, a tachometer, sines, and pings."""
     return [
-        record_stairs(truth, rng, steps=STEPS, motors=MOTORS, hold_s=_HOLD_S, rest_s=_REST_S),
-        record_stairs(truth, rng, steps=QUICK_STEPS, motors=(1,), hold_s=1.5, rest_s=1.5, rate_hz=FULL_RATE_HZ),
+        record_staircase(truth, rng, steps=STEPS, motors=MOTORS, hold_s=_HOLD_S, rest_s=_REST_S),
+        record_staircase(truth, rng, steps=QUICK_STEPS, motors=(1,), hold_s=1.5, rest_s=1.5, rate_hz=FULL_RATE_HZ),
         _speeds(truth, rng),
         *_sines(truth, rng),
         _pings(truth, rng),
     ]
 
 
-def record_stairs(
+def record_staircase(
     truth: SimTruth,
     rng: np.random.Generator,
     *,
@@ -52,7 +52,7 @@ def record_stairs(
     kind: str = "thrust",
     asked: Mapping[str, object] = MappingProxyType({}),
 ) -> SimulatedRun:
-    """Let some motors climb on the load cell, in a wind or none; `asked` is what run.toml says besides."""
+    """Run a staircase of some motors on the load cell, with or without wind; `asked` adds entries to run.toml."""
     when, duration_s = staircase_steps(steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
     stand = simulate_stand(
         rotors=truth.rotors,
@@ -64,17 +64,17 @@ def record_stairs(
         rng=rng,
         wind=wind,
     )
-    stairs = {"steps": list(steps), "motors": list(motors), "hold_s": hold_s, "rest_s": rest_s}
+    staircase = {"steps": list(steps), "motors": list(motors), "hold_s": hold_s, "rest_s": rest_s}
     return SimulatedRun(
         kind=kind,
         next_after_s=duration_s + PAUSE_S,
         devices=_of_stand(stand, truth, rate_hz),
-        asked={**stairs, **asked},
+        asked={**staircase, **asked},
     )
 
 
 def _of_stand(stand: StandRecord, truth: SimTruth, rate_hz: float) -> dict[str, SimulatedDevice]:
-    """Return what `cfid log thrust` keeps of a stand: commands, load cell, battery."""
+    """Return what `cfid log thrust` records on a stand: commands, load cell, battery."""
     cell = truth.loadcell
     logged = slice(None, None, _TIMES_A_LOG)
     ms = np.rint(1e3 * stand.tick_s[logged]).astype(np.int64)
@@ -96,13 +96,13 @@ def _of_stand(stand: StandRecord, truth: SimTruth, rate_hz: float) -> dict[str, 
 
 
 def shown_rpm(commands: Array, truth: SimTruth, rng: np.random.Generator) -> Array:
-    """Return what a tachometer shows of rotors at commands (n,): each marker that passes counts."""
+    """Return a tachometer's readings of rotors at commands (n,) in rpm; it counts every marker."""
     speed = truth.rotors.steady_rad_per_s(commands, volts=truth.rotors.nominal_v)
     return np.round(truth.rotors.markers * speed * 60 / math.tau * (1 + _TACHOMETER * rng.standard_normal(len(speed))))
 
 
 def _speeds(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
-    """Let an operator type what a tachometer shows."""
+    """Simulate an operator who types a tachometer's readings."""
     commands = np.array([step for step in STEPS if step > truth.rotors.dead_below_command], dtype=np.float64)
     shown = shown_rpm(commands, truth, rng)
     each_s = _HOLD_S + _REST_S
@@ -134,7 +134,7 @@ def _sines(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
     bench = Bench(rate_hz=RATE_HZ, radio=truth.radio, loadcell=truth.loadcell)
     found = simulate_sines(truth.rotors, periods=PERIODS, samples=SAMPLES, amplitude=AMPLITUDE, rng=rng, bench=bench)
     begin_s = [float(sine.time_s[0]) for sine in found]
-    after_s = [*np.diff(begin_s).tolist(), PAUSE_S]  # on one clock, as the vehicle's goes on from run to run
+    after_s = [*np.diff(begin_s).tolist(), PAUSE_S]  # on one clock, since the vehicle's runs through all runs
     return [_sine(sine, truth, float(next_s)) for sine, next_s in zip(found, after_s, strict=True)]
 
 
@@ -169,14 +169,14 @@ def _pings(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
     there_s: Array = np.array([_came(up, at_s) for at_s in sent_s])
     back_s: Array = np.array([_came(down, at_s) for at_s in there_s])
     vehicle_us = np.rint(1e6 * truth_clock(truth) * np.nan_to_num(there_s)).astype(np.int64)
-    heard = np.isfinite(back_s)
+    answered = np.isfinite(back_s)
     return SimulatedRun(
         kind="ping",
         next_after_s=float(sent_s[-1]) + PAUSE_S,
         devices={
             "pings": SimulatedDevice(
                 columns=("t", "rtt_s", "vehicle_us"),
-                values=(sent_s[heard], np.round(back_s - sent_s, 7)[heard], vehicle_us[heard]),
+                values=(sent_s[answered], np.round(back_s - sent_s, 7)[answered], vehicle_us[answered]),
             )
         },
         asked={"count": PINGS, "interval_s": _PING_EVERY_S},
@@ -184,7 +184,7 @@ def _pings(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
 
 
 def truth_clock(truth: SimTruth) -> float:
-    """Return how many of its seconds the vehicle counts in one."""
+    """Return how many seconds the vehicle's clock counts in a true one."""
     return 1 + truth.crazyflie.clock_skew
 
 

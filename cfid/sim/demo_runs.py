@@ -1,4 +1,4 @@
-"""A simulated run as a log would record it: devices with columns and values, and the label an operator gives."""
+"""Holds a simulated run as a recording would: devices with columns and values, and the operator's label."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ class SimulatedDevice:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRun:
-    """One recording with what was asked and the label that an operator would give it.
+    """One recording with its request (`asked`) and the label that an operator would give it.
 
     The next run begins `next_after_s` after this one did.
     """

@@ -1,4 +1,4 @@
-"""Chapter 2 of the thesis on the simulated rig: swings of vehicle and test body, and dropped weights."""
+"""Simulates chapter 2 of the thesis: swings of vehicle and test body, and dropped weights."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -23,7 +23,7 @@ _SPEED_SCATTER = 0.03  # of friction, from one drop to the next; the thesis' spe
 def record_chapter_2(
     rig: Rig, truth: SimTruth, rng: np.random.Generator
 ) -> tuple[list[SimulatedRun], Mapping[str, float]]:
-    """Draw the rig around its nominal numbers and record on it; return the test body's true inertias by axis, too."""
+    """Draw a rig around its nominal numbers and record on it; also return the test body's true inertias by axis."""
     vehicle = draw_truth(rig, inertia_kg_m2=truth.vehicle.inertia_kg_m2, rng=rng)
     body = draw_testbody(rig, rng=rng, gravity_mps2=vehicle.gravity_mps2)
     runs = [

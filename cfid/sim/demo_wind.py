@@ -1,10 +1,10 @@
-"""Chapter 4 of the thesis on the simulated rig: all commands in a few winds, and the references without."""
+"""Simulates chapter 4 of the thesis: all commands at a few wind settings, and the references without wind."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from cfid.sim.demo_motors import record_stairs, shown_rpm
+from cfid.sim.demo_motors import record_staircase, shown_rpm
 from cfid.sim.demo_runs import SimulatedDevice, SimulatedRun
 from cfid.sim.stand import STILL_AIR
 from cfid.sim.truth_file import SimTruth
@@ -13,13 +13,13 @@ from cfid.sim.wind import WindTruth
 COMMANDS = (10000, 20000, 30000, 40000, 50000)
 WINDS = ((0.0, 8.0, 3.2), (0.0, 12.0, 4.4), (48.4, 8.0, 2.9), (48.4, 12.0, 4.2), (77.9, 8.0, 2.8), (77.9, 12.0, 3.8))
 MOTORS = (1, 2, 3, 4)
-READ_STD = 0.05  # of the wind, as an operator reads its lowest and its highest speed
+READ_STD = 0.05  # relative, of the wind speed between the operator's lowest and highest reading
 
 _HOLD_S, _REST_S = 2.5, 1.0
 
 
 def record_chapter_4(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
-    """Record a run for each wind, from (angle in degrees, generator's volts, m/s), and one without."""
+    """Record a wind run for each setting (angle in degrees, fan voltage in V, speed in m/s), and one without wind."""
     still = _record(truth, STILL_AIR, {"fan_v": 0.0, "wind_min_mps": 0.0, "wind_max_mps": 0.0}, rng)
     return [still, *(_in_wind(truth, *wind, rng) for wind in WINDS)]
 
@@ -27,7 +27,7 @@ def record_chapter_4(truth: SimTruth, rng: np.random.Generator) -> list[Simulate
 def _in_wind(
     truth: SimTruth, angle_deg: float, fan_v: float, read_mps: float, rng: np.random.Generator
 ) -> SimulatedRun:
-    """Let a wind blow that is somewhere between the two that the operator read."""
+    """Record at a wind speed that lies anywhere between the operator's two readings."""
     low, high = read_mps * (1 - np.sqrt(3) * READ_STD), read_mps * (1 + np.sqrt(3) * READ_STD)
     acts = {"speed_mps": float(rng.uniform(low, high)), "angle_deg": angle_deg}
     asked = {
@@ -41,14 +41,14 @@ def _in_wind(
 
 
 def _record(truth: SimTruth, wind: WindTruth, asked: dict[str, float], rng: np.random.Generator) -> SimulatedRun:
-    climbed = record_stairs(
+    run = record_staircase(
         truth, rng, steps=COMMANDS, motors=MOTORS, hold_s=_HOLD_S, rest_s=_REST_S, wind=wind, kind="wind", asked=asked
     )
-    return replace(climbed, devices={**climbed.devices, "readings": _readings(truth, rng)})
+    return replace(run, devices={**run.devices, "readings": _readings(truth, rng)})
 
 
 def _readings(truth: SimTruth, rng: np.random.Generator) -> SimulatedDevice:
-    """Let an operator type what the tachometer shows at each command, just before it ends."""
+    """Simulate an operator who types the tachometer's reading at each command, just before the command ends."""
     commands = np.array(COMMANDS, dtype=np.float64)
     typed_s = _REST_S + _HOLD_S - 0.2 + (_HOLD_S + _REST_S) * np.arange(len(commands))
     return SimulatedDevice(

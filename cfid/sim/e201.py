@@ -1,6 +1,6 @@
-"""A simulated E201-9S encoder interface: commands to replies. No port, no clock, no faults.
+"""Simulates an E201-9S encoder interface: commands to replies. No port, no clock, no faults.
 
-What sensors of this kind say to `s` and `e` is not documented: these two replies are made up.
+The replies to `s` and `e` are not documented for sensors of this kind: those two are made up.
 """
 
 import math
@@ -20,9 +20,9 @@ _LONGEST_CATCH_UP_S = 0.5
 
 
 def ssi_word(position: int, *, bits: int) -> int:
-    """Return the word of `bits` 1 to 32 that a 13-bit encoder shifts out: the position, a zero, and so on anew.
+    """Return the word of `bits` 1 to 32 that a 13-bit encoder shifts out: the position and a zero, repeated.
 
-    13 bits are the plain position, fewer its top, and 22 the word of `cfid.wire.rls`.
+    13 bits are the plain position, fewer bits its top, and 22 the word of `cfid.wire.rls`.
     """
     once = position << 1
     width = POSITION_BITS + 1
@@ -30,10 +30,10 @@ def ssi_word(position: int, *, bits: int) -> int:
 
 
 class E201Device:
-    """An interface from the moment it got power; positions come from `angle_at`, seconds of `now_s` to rad.
+    """An interface from power-on; positions come from `angle_at`, which returns the angle in rad at a time in s.
 
-    Each reply comes with the delay in seconds after which it leaves: `reply_s`, which on real USB is up to the
-    next frame of 1 ms. The stamp of `!` counts microseconds from `first_stamp_us` at `powered_s` and wraps at 32 bits.
+    Each reply has the delay in seconds after which it leaves: `reply_s`, which on real USB lasts until the next
+    frame of 1 ms. The stamp of `!` counts microseconds from `first_stamp_us` at `powered_s` and wraps at 32 bits.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class E201Device:
     ) -> None:
         """Start with the encoder supplied and continuous output off."""
         self.word_bits = word_bits
-        self.stuck_at_bits: int | None = None  # read words of this width, whatever is set
+        self.stuck_at_bits: int | None = None  # reads words of this width, whatever is set
         self.stamps = True  # older interfaces may have none
         self._angle_at = angle_at
         self._reply_s = reply_s
@@ -59,11 +59,11 @@ class E201Device:
 
     @property
     def continuous(self) -> bool:
-        """Whether `due` has something to say, now or later."""
+        """Whether `due` returns replies, now or later."""
         return self._next_s is not None
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
-        """Return the replies to what was received, in any slicing; an unknown command is an error."""
+        """Return the replies to bytes received in pieces of any size; the reply to an unknown command is an error."""
         answers = (self._take(data[i : i + 1], now_s) for i in range(len(data)))
         return [(self._reply_s, answer + _END) for answer in answers if answer is not None]
 
@@ -92,26 +92,26 @@ class E201Device:
             return None
         if character in (e201.POSITION, e201.STAMPED_POSITION, e201.HEX_POSITION, e201.HEX_STAMPED_POSITION):
             return self._read(character, now_s)
-        return self._obey(character, now_s)
+        return self._execute(character, now_s)
 
-    def _obey(self, command: bytes, now_s: float) -> bytes | None:
+    def _execute(self, command: bytes, now_s: float) -> bytes | None:
         if command in (e201.CONTINUOUS, e201.STOP_CONTINUOUS):
             self._next_s = now_s if command == e201.CONTINUOUS else None
             return None
         if command in (e201.POWER_ON, e201.POWER_OFF):
             self._supplied = command == e201.POWER_ON
-            return self._tell(e201.SUPPLY)
-        return self._tell(command)
+            return self._answer(e201.SUPPLY)
+        return self._answer(command)
 
-    def _tell(self, question: bytes) -> bytes:
+    def _answer(self, question: bytes) -> bytes:
         supply = b"ON:5.02V:38mA" if self._supplied else b"OFF:0.00V:0mA"
-        told = {
+        answers = {
             e201.VERSION: f"{e201.PRODUCT} V1.30".encode(),
             e201.SERIAL_NUMBER: b"S00042",
             e201.SUPPLY: supply,
             e201.WORD_WIDTH: b"%02d" % self.word_bits,
         }
-        return told.get(question, b"Error")
+        return answers.get(question, b"Error")
 
     def _read(self, command: bytes, now_s: float) -> bytes:
         stamped = command in (e201.STAMPED_POSITION, e201.HEX_STAMPED_POSITION)
@@ -136,4 +136,4 @@ class E201Device:
         if not (digits.isdigit() and 1 <= int(digits) <= 32):
             return b"Error"
         self.word_bits = int(digits)
-        return self._tell(e201.WORD_WIDTH)
+        return self._answer(e201.WORD_WIDTH)

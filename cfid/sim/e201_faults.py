@@ -1,4 +1,4 @@
-"""A simulated E201 with its faults, between the device's core and its port; no port and no clock."""
+"""Adds faults to a simulated E201, between the device's core and its port; no port and no clock."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _STRANGER = b"Virtual ComPort V2.0\r"
 
 @dataclass
 class ReplyMishaps:
-    """How many replies met which fault."""
+    """Counts of replies by fault."""
 
     dropped: int = 0
     silenced: int = 0
@@ -22,7 +22,7 @@ class ReplyMishaps:
 
 
 class FaultyE201:
-    """The interface as its host meets it."""
+    """The interface with its faults."""
 
     def __init__(self, device: E201Device, faults: EncoderFaults, *, opened_s: float) -> None:
         """Count the faults' times from `opened_s`."""
@@ -35,17 +35,17 @@ class FaultyE201:
 
     @property
     def continuous(self) -> bool:
-        """Whether `due` has something to say, now or later."""
+        """Whether `due` returns replies, now or later."""
         return self._device.continuous
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
-        """Return what leaves after which delay in answer to `data`."""
+        """Return the replies to `data`, each with its delay."""
         if self.faults.not_an_e201:
             return [(0.0, _STRANGER)] if e201.VERSION in data else []
         return self._pass(self._device.received(data, now_s), now_s)
 
     def due(self, now_s: float) -> list[Reply]:
-        """Return what the continuous output has sent up to now."""
+        """Return the replies of the continuous output up to now."""
         return self._pass(self._device.due(now_s), now_s)
 
     def _pass(self, replies: list[Reply], now_s: float) -> list[Reply]:
@@ -70,7 +70,7 @@ class FaultyE201:
         return [(delay_s, reply[:middle]), (delay_s + _PIECES_APART_S, reply[middle:])]
 
     def _garbled(self, reply: bytes) -> bytes:
-        """Lose bytes, lose the end so that the reply joins the next, or put junk before it: in turns."""
+        """Remove bytes, remove the end so that the reply joins the next, or put junk before it, in turn."""
         kinds = (reply[:1] + reply[3:], reply[:-1], _JUNK + reply)
         garbled = kinds[self.mishaps.garbled % len(kinds)]
         self.mishaps.garbled += 1

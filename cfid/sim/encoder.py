@@ -1,4 +1,4 @@
-"""A polled rotary encoder: turns an axis' true motion into stamped counts; no port and no protocol."""
+"""Simulates a polled rotary encoder: turns an axis' true motion into stamped counts; no port and no protocol."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from cfid.wire.rls import STEPS_PER_TURN, encode_positions
 
 
 class Recording(NamedTuple):
-    """What a log of the encoder holds: stamps and raw counts, each (n,)."""
+    """A recording of the encoder: stamps and raw counts, each (n,)."""
 
     time_s: Array
     counts: npt.NDArray[np.int64]
@@ -26,7 +26,7 @@ class EncoderModel:
     `word` is the counts per turn or the name of a word format, as in rig.toml. The count is zero where the
     axis stands at -`offset_rad`. Intervals between samples are uniform within `poll_s` +- `poll_jitter_s`;
     a stamp misses its sample's instant by a normal error of standard deviation `stamp_error_s`. Raises
-    ValueError when the jitter would turn an interval around.
+    ValueError when the jitter would make an interval negative.
     """
 
     word: float | Literal["rls-13bit-in-22"] = "rls-13bit-in-22"
@@ -36,7 +36,7 @@ class EncoderModel:
     stamp_error_s: float = 5e-5
 
     def __post_init__(self) -> None:
-        """Refuse a loop that would poll backwards."""
+        """Reject a loop that would poll backwards."""
         if not 0 <= self.poll_jitter_s < self.poll_s:
             raise ValueError("poll_jitter_s lies between zero and poll_s")
 
@@ -49,11 +49,11 @@ def record(
     encoder: EncoderModel,
     rng: np.random.Generator,
 ) -> Recording:
-    """Poll an axis that moved as the plant's samples (each (m,), time rising) say.
+    """Poll an axis that moved by the plant's samples (each (m,), time increasing).
 
     Between them the angle is the cubic through angles and speeds: at 1 ms it misses a swing by less than
     1e-7 rad, where the direction of dry friction jumps too. A host never stamps backwards, so stamps whose
-    errors would cross are put in order; errors larger than `poll_s` therefore come out smaller than asked.
+    errors would cross are put in order; errors larger than `poll_s` therefore come out smaller than specified.
     """
     sampled_s = _sampling_instants(float(time_s[0]), float(time_s[-1]), encoder=encoder, rng=rng)
     sampled_rad = CubicHermiteSpline(time_s, angle_rad, speed_rad_per_s)(sampled_s)

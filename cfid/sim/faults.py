@@ -1,4 +1,4 @@
-"""What can go wrong with the rig's instruments and its vehicle, as settings that a command line or a test names."""
+"""Defines the faults of the simulated instruments and vehicle, and reads them from a command line."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -11,11 +11,11 @@ from cfid.errors import ConfigError
 class LoadCellFaults:
     """Faults of the box and its network; times are seconds since it was opened, 0 for a count means never.
 
-    Every n-th datagram is dropped, doubled, swapped with the next, or corrupted (cut short and one bit flipped
-    in turns). `silent`: no UDP. `restart`: the box loses power. `second_client`: somebody else takes the
-    stream. `slow_s` delays HTTP and TCP. `udp_blocked`: a firewall lets requests pass and no record. `status`
-    is shown from `status_after_s` on; 0x41 resets its latch. `refuse_settings`: comm.cgi is answered, and
-    changes nothing, nor does a bias. `saturate`: Fz is loaded beyond its range.
+    Every n-th datagram is dropped, duplicated, swapped with the next, or corrupted (cut short or one bit flipped, in
+    turn). `silent`: no UDP. `restart`: the box loses power. `second_client`: another client takes the stream. `slow_s`
+    delays HTTP and TCP. `udp_blocked`: a firewall passes requests but no record. `status` is shown from
+    `status_after_s` on; 0x41 resets its latch. `refuse_settings`: comm.cgi answers without changing anything, and a
+    bias has no effect. `saturate`: Fz is loaded beyond its range.
     """
 
     drop_every: int = 0
@@ -39,9 +39,9 @@ class LoadCellFaults:
 class EncoderFaults:
     """Faults of the encoder's interface and its cable; times are seconds since it was opened.
 
-    Every n-th reply is dropped, or corrupted (bytes lost, its end lost, junk put before it, in turns). `split`:
+    Every n-th reply is dropped, or corrupted (bytes lost, its end lost, or junk put before it, in turn). `split`:
     replies come in two pieces. `silent`: no replies. `unplug`: the port goes away. `slow_s` delays each reply.
-    `wrong_width`: words of so many bits are read whatever was set. `not_an_e201`: something else answers.
+    `wrong_width`: words have this many bits, whatever was set. `not_an_e201`: another device answers.
     """
 
     drop_every: int = 0
@@ -60,13 +60,13 @@ class EncoderFaults:
 class CrazyflieFaults:
     """Faults of the vehicle and its link; times are seconds since it was opened.
 
-    Every n-th packet from the vehicle, or to it, is dropped. `silent`: nothing passes either way. `closed`: nobody
-    listens any more, while the vehicle goes on. `busy`: while one client talks, no other is heard. `tumble`: it is
-    turned by `tumble_deg`, 180 upside down, 90 on its side. `emergency`: an emergency stop. `low_battery`: the voltage
-    falls to 2.9 V. `reboot`: it loses power for a moment. `old_protocol`: it speaks version 3.
+    Every n-th packet from the vehicle, or to it, is dropped. `silent`: no packet passes either way. `closed`: the port
+    is closed, while the vehicle goes on. `busy`: while one client is active, others are ignored. `tumble`: the vehicle
+    turns by `tumble_deg`, 180 upside down, 90 on its side. `emergency`: an emergency stop. `low_battery`: the voltage
+    falls to 2.9 V. `reboot`: the vehicle loses power for a moment. `old_protocol`: it speaks version 3.
 
-    A stop is the app's, or zero written to motorPowerSet.enable. `stop_ignored`: it is answered and motors go on.
-    `stop_late_s` delays its answer. `stop_misnumbered`: its answer bears another number.
+    A stop is the app's, or zero written to motorPowerSet.enable. `stop_ignored`: it is acknowledged, and the motors go
+    on. `stop_late_s` delays its answer. `stop_misnumbered`: its answer has another number.
     """
 
     silent_after_s: float | None = None
@@ -91,7 +91,7 @@ SOUND_LOADCELL = LoadCellFaults()
 SOUND_ENCODER = EncoderFaults()
 SOUND_CRAZYFLIE = CrazyflieFaults()
 
-# What the wire has room for, and how far a vehicle can be turned.
+# Limits of the protocols' fields, and of a turn of the vehicle.
 _LARGEST = {"encoder.wrong_width": 32, "loadcell.status": 0xFFFFFFFF, "crazyflie.tumble_deg": 180}
 
 _Faults = TypeVar("_Faults", EncoderFaults, LoadCellFaults, CrazyflieFaults)
@@ -99,20 +99,20 @@ _DEVICES = {"encoder": EncoderFaults, "loadcell": LoadCellFaults, "crazyflie": C
 
 
 def within(now_s: float, after_s: float | None, for_s: float | None) -> bool:
-    """Return whether a fault that begins `after_s` and lasts `for_s` (None: for ever) is there now."""
+    """Return whether a fault that begins at `after_s` and lasts `for_s` (None: without end) is present now."""
     return after_s is not None and after_s <= now_s < (float("inf") if for_s is None else after_s + for_s)
 
 
-def parse_faults(words: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults, CrazyflieFaults]:
-    """Read words like `loadcell.drop_every=100` or `encoder.split=true`, or several of them with commas between.
+def parse_faults(arguments: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults, CrazyflieFaults]:
+    """Read arguments such as `loadcell.drop_every=100` or `encoder.split=true`, or several separated by commas.
 
-    Raises ConfigError that names the unknown fault and lists those there are, or names the value.
+    Raises ConfigError naming an unknown fault, with the known ones, or an invalid value.
     """
     values: dict[str, str] = {}
-    for word in ",".join(words).split(",") if words else ():
-        name, _, value = word.partition("=")
+    for argument in ",".join(arguments).split(",") if arguments else ():
+        name, _, value = argument.partition("=")
         if name not in _known():
-            raise ConfigError(f"{word}: there is no fault '{name}'. There are: {', '.join(_known())}.")
+            raise ConfigError(f"{argument}: there is no fault '{name}'. Known faults: {', '.join(_known())}.")
         values[name] = value
     return (
         _made("encoder", EncoderFaults, values),
@@ -136,7 +136,7 @@ def _made(device: str, kind: type[_Faults], values: Mapping[str, str]) -> _Fault
 
 
 def _value(name: str, text: str, kinds: tuple[type, ...]) -> bool | float:
-    """Read a value as the first of the field's kinds, which are one number or truth, and perhaps None."""
+    """Read a value as the first of the field's types: a number or a bool, perhaps followed by None."""
     kind = kinds[0]
     if kind is bool:
         if text not in ("true", "false"):
@@ -147,7 +147,7 @@ def _value(name: str, text: str, kinds: tuple[type, ...]) -> bool | float:
     except ValueError:
         value = -1
     if not 0 <= value < float("inf") or value > _LARGEST.get(name, value):
-        wanted = "whole number" if kind is int else "number"
+        expected = "whole number" if kind is int else "number"
         limits = f"from zero to {_LARGEST[name]}" if name in _LARGEST else "of zero or more"
-        raise ConfigError(f"{name}: should be a {wanted} {limits}, not '{text}'.")
+        raise ConfigError(f"{name}: should be a {expected} {limits}, not '{text}'.")
     return value

@@ -1,4 +1,4 @@
-"""A hand that deflects a pendulum and lets it go; what swings afterwards is not its business."""
+"""Simulates a hand that deflects a pendulum and releases it; `plants` swings it."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ GRIP_RAD_PER_S = 250.0
 
 @dataclass(frozen=True, kw_only=True)
 class HandRelease:
-    """A hand that waits, lifts the pendulum by `angle_rad` from rest, holds it trembling, and lets it go.
+    """A hand that waits, deflects the pendulum by `angle_rad` from rest, holds it trembling, and releases it.
 
     The lift has minimum jerk (T. Flash and N. Hogan, J. Neurosci. 5, 1985); the grip is a stiff spring and
     damper that fades smoothly within `let_go_s`. Raises ValueError for a lift or a fade without duration.
@@ -31,13 +31,13 @@ class HandRelease:
     let_go_s: float = 0.02
 
     def __post_init__(self) -> None:
-        """Refuse a hand that would have to be infinitely quick."""
+        """Reject a hand that would have to be infinitely fast."""
         if not (self.lift_s > 0 and self.let_go_s > 0):
             raise ValueError("a hand needs time: lift_s and let_go_s are above zero")
 
     @property
     def free_s(self) -> float:
-        """From this time on nothing but the rig acts on the pendulum."""
+        """The time from which the hand no longer acts on the pendulum."""
         return self.wait_s + self.lift_s + self.hold_s + self.let_go_s
 
 
@@ -56,13 +56,13 @@ class Hands:
 
     @classmethod
     def on(cls, releases: Sequence[HandRelease], *, axis_inertia_kg_m2: Array, rest_rad: Array) -> Self:
-        """Lay a hand on each axis; a grip is as stiff as its axis asks for."""
+        """Put a hand on each axis; its grip's stiffness is proportional to the axis' inertia."""
         columns = np.array([astuple(release) for release in releases]).T
         return cls(np.vstack((axis_inertia_kg_m2, rest_rad, columns)))
 
     @property
     def free_s(self) -> float:
-        """When the last of them has let go."""
+        """The time at which the last hand has released its pendulum."""
         return float(np.max(self._fades + self._let_go))
 
     def select(self, which: Indices) -> "Hands":
@@ -83,6 +83,6 @@ class Hands:
 
 def _minimum_jerk(x: Array) -> tuple[Array, Array]:
     """The smooth way from 0 to 1 while x goes from 0 to 1, and its slope."""
-    x = np.minimum(np.maximum(x, 0), 1)  # four times as quick as clip on few axes
+    x = np.minimum(np.maximum(x, 0), 1)  # four times as fast as clip on few axes
     slope = x * (1 - x)
     return x * x * x * (10 + x * (6 * x - 15)), 30 * slope * slope

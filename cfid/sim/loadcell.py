@@ -1,4 +1,4 @@
-"""A six-axis load cell: wrench to counts and a status word, with its bias, drift, noise and limits."""
+"""Simulates a six-axis load cell: wrench to counts and a status word, with bias, drift, noise and limits."""
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +19,9 @@ Counts = npt.NDArray[np.int32]
 class LoadCellTruth(BaseModel):
     """A cell like ATI's Mini40 SI-20-1. Six numbers are Fx, Fy, Fz in N and Tx, Ty, Tz in Nm.
 
-    `bias` is what it shows unloaded, `drift_per_s` how that grows, `noise_std` one standard deviation of a sample.
-    Its x axis lies `yaw_deg` left of that of the vehicle on it: rotors turn their wrenches by that. With `flip_fz`
-    Fz and Tz count downwards.
+    `bias` is its reading unloaded, `drift_per_s` the bias' growth, `noise_std` the standard deviation of a sample. Its
+    x axis lies `yaw_deg` left of the vehicle's, and the rotors' wrenches are turned by that angle. With `flip_fz` Fz
+    and Tz count downwards.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -41,8 +41,8 @@ class LoadCellTruth(BaseModel):
         return np.repeat([self.counts_per_n, self.counts_per_nm], 3)
 
 
-class LoadCell:
-    """A cell that is read at rising times; its drift starts with the first reading."""
+class SimulatedLoadCell:
+    """A cell that is read at increasing times; its drift starts with the first reading."""
 
     def __init__(self, truth: LoadCellTruth, rng: np.random.Generator) -> None:
         """Start without a software bias."""
@@ -69,7 +69,7 @@ class LoadCell:
         return counts.astype(np.int32), np.where(beyond, np.uint32(SATURATED), np.uint32(0))
 
     def set_bias(self, counts: npt.ArrayLike) -> None:
-        """Subtract so many counts (6,) from each reading from now on."""
+        """Subtract counts (6,) from each reading from now on."""
         self.software_bias = np.asarray(counts, np.int64)
 
     def overload(self) -> None:

@@ -1,4 +1,4 @@
-"""A file in which another process sees what the vehicle's motors do: a line at each change."""
+"""Writes the motors' commands to a file for other processes, a line at each change."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,10 +9,10 @@ from cfid.sim.propulsion import STILL, Four, OnMotors
 
 
 @contextmanager
-def motor_trace(path: Path | None, *, begin_s: float) -> Iterator[OnMotors]:
-    """Give what appends `t m1 m2 m3 m4`, in seconds of the monotonic clock, and at once; nothing without a path.
+def trace_motors(path: Path | None, *, begin_s: float) -> Iterator[OnMotors]:
+    """Yield a function that appends `t m1 m2 m3 m4`, t in s of the monotonic clock; without a path it does nothing.
 
-    The first line says that the motors stand. Raises ConfigError when the file cannot be written.
+    The first line has all motors off. Raises ConfigError when the file cannot be written.
     """
     if path is None:
         yield lambda time_s, motors: None

@@ -1,4 +1,4 @@
-"""A simulated Net F/T box: RDT requests to datagrams, single readings and settings. No port, no clock, no faults."""
+"""Simulates a Net F/T box: RDT requests to datagrams, single readings and settings. No port, no clock, no faults."""
 
 import struct
 from collections.abc import Callable, Sequence
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.sim.loadcell import LoadCell
+from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft_settings import BoxSettings, Configuration, configurations_of
 from cfid.sim.stepping import Array
-from cfid.wire.netft import Reading, encode_reading
+from cfid.wire.netft import LoadReading, encode_reading
 from cfid.wire.rdt import INTERNAL_HZ, RECORD_BYTES, Command, Records, decode_request, encode_records
 
 Address = tuple[str, int]
@@ -25,14 +25,14 @@ _INT16_MAX = 32767
 _READ_CALIBRATION = 1
 _SCALES = struct.Struct(">HBBII6H")
 _HEADER = 0x1234
-# Manual of the Net F/T, READCALINFO: the numbers that units go by.
+# Manual of the Net F/T, READCALINFO: the codes of units.
 _FORCE_CODES = {"lbf": 1, "N": 2, "klbf": 3, "kN": 4, "kgf": 5}
 _TORQUE_CODES = {"lbf-in": 1, "lbf-ft": 2, "Nm": 3, "Nmm": 4, "kgf-cm": 5, "kNm": 6}
 
 
 @dataclass(kw_only=True)
 class _Stream:
-    """An answered request: who gets it, records a datagram, records to come (None: no end), next numbers."""
+    """An answered request: its client, records a datagram, records left (None: endless), next tick and number."""
 
     client: Address
     block: int
@@ -45,16 +45,16 @@ class _Stream:
 class NetFTBox:
     """The box from power-up on.
 
-    `plant` gives the wrench (n, 6) in N and Nm at times (n,) of the clock that `now_s` is of; these never fall.
-    Like the real box it has one client: a request takes the stream from whoever had it. Samples lie on a grid
+    `plant` returns the wrench (n, 6) in N and Nm at times (n,) of the clock of `now_s`, which never decrease.
+    Like the real box it has one client: a request takes the stream from any other client. Samples lie on a grid
     of `internal_hz` since power-up, which ft_sequence counts from `first_ft_sequence`; a new rate or buffer
-    holds from the next request on. `skipped_records` counts what was left out because `due` was not called.
+    applies from the next request on. `skipped_records` counts records omitted because `due` was not called.
     """
 
     def __init__(
         self,
         *,
-        load_cell: LoadCell,
+        load_cell: SimulatedLoadCell,
         plant: Plant,
         internal_hz: int = INTERNAL_HZ,
         rate_hz: float = INTERNAL_HZ,
@@ -84,11 +84,11 @@ class NetFTBox:
 
     @property
     def streaming(self) -> bool:
-        """Whether `due` has something to say, now or later."""
+        """Whether `due` returns datagrams, now or later."""
         return self._stream is not None
 
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Obey an RDT request; what is none, or asks for several units, is ignored."""
+        """Execute an RDT request; other datagrams, and requests for several units, are ignored."""
         request = decode_request(datagram)
         if request is None or request.command not in set(Command) - {Command.MULTI_UNIT}:
             return
@@ -110,8 +110,8 @@ class NetFTBox:
     def due(self, now_s: float) -> list[tuple[bytes, Address]]:
         """Return the datagrams whose samples have all been taken by now.
 
-        After a stall everything is caught up that is less than LONGEST_STALL_S old. The real box never stalls,
-        so older records count as sent: a client sees them as lost.
+        After a stall, records less than LONGEST_STALL_S old are caught up. The real box never stalls, so older records
+        count as sent: a client sees them as lost.
         """
         stream = self._stream
         if stream is None:
@@ -136,7 +136,7 @@ class NetFTBox:
         return self.settings.page(index, status=self.status)
 
     def apply(self, path_and_query: str) -> bool:
-        """Obey a setting; returns whether there is such a page."""
+        """Apply a setting; return whether there is such a page."""
         known = self.settings.apply(path_and_query)
         self.load_cell.set_bias(self.settings.bias_counts)
         if not self.settings.enabled:
@@ -144,7 +144,7 @@ class NetFTBox:
         return known
 
     def answer(self, command: bytes, now_s: float) -> bytes:
-        """Return what a command of 20 bytes over TCP is answered: READFT, READCALINFO, else nothing."""
+        """Return the answer to a command of 20 bytes over TCP: READFT, READCALINFO, else nothing."""
         if len(command) != COMMAND_BYTES or command[0] > _READ_CALIBRATION:
             return b""
         shown = self.settings.configuration
@@ -156,10 +156,10 @@ class NetFTBox:
             return _SCALES.pack(_HEADER, *units, *per_unit, *divisors.tolist())
         counts, status = self._current(now_s)
         values = np.clip(counts // divisors, -_INT16_MAX, _INT16_MAX)
-        return encode_reading(Reading(status >> 16, tuple(values.tolist())))
+        return encode_reading(LoadReading(status >> 16, tuple(values.tolist())))
 
     def restart(self, powered_s: float) -> None:
-        """Lose power and come up again at `powered_s`: no stream, ft_sequence from zero; settings are kept."""
+        """Lose power and start again at `powered_s`: no stream, ft_sequence from zero; settings are kept."""
         self._stream = None
         self._first_ft_sequence = 0
         self._powered_s = powered_s
@@ -184,7 +184,7 @@ class NetFTBox:
         return counts, status | np.uint32(self.status)
 
     def _current(self, now_s: float) -> tuple[npt.NDArray[np.int32], int]:
-        """Return counts (6,) and status, not from later than the stream's next sample: the plant cannot go back."""
+        """Return counts (6,) and status from before the stream's next sample, since the plant cannot go back."""
         tick = self._tick(now_s)
         if self._stream is not None:
             tick = min(tick, self._stream.next_tick - 1)
@@ -210,7 +210,7 @@ class NetFTBox:
         return int((now_s - self._powered_s) * self._internal_hz)
 
     def _bias(self, now_s: float) -> None:
-        """Make the present reading zero, from whatever it was biased by before."""
+        """Make the present reading zero, whatever the bias was before."""
         counts, _ = self._current(now_s)
         total = self.load_cell.software_bias + counts
         self.settings.bias_counts = tuple(total.tolist())

@@ -1,4 +1,4 @@
-"""A simulated Net F/T box with its faults, between the box' core and its sockets; no port and no clock."""
+"""Adds faults to a simulated Net F/T box, between the box' core and its sockets; no port and no clock."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from cfid.sim.netft import Address, NetFTBox
 from cfid.wire.rdt import RECORD_BYTES, Command, Request, decode_request, encode_request
 
 _BIAS = Request(Command.BIAS)
-_OTHER_CLIENT: Address = ("192.0.2.1", 49152)  # of the network that is reserved for examples
+_OTHER_CLIENT: Address = ("192.0.2.1", 49152)  # in the network reserved for examples
 
 Datagram = tuple[bytes, Address]
 
 
 @dataclass
-class Mishaps:
-    """What was done to datagrams, counted in records where it is records that a client misses or gets twice."""
+class NetftMishaps:
+    """Counts of faults, in records where a client misses records or gets them twice."""
 
     dropped_records: int = 0
     silenced_records: int = 0
@@ -28,13 +28,13 @@ class Mishaps:
 
 
 class FaultyNetFT:
-    """The box as its clients meet it. Until it says `alive`, nothing reaches it and it says nothing."""
+    """The box with its faults. While it is not `alive`, it takes and sends nothing."""
 
     def __init__(self, box: NetFTBox, faults: LoadCellFaults, *, opened_s: float, rng: np.random.Generator) -> None:
         """Count the faults' times from `opened_s`."""
         self.box = box
         self.faults = faults
-        self.mishaps = Mishaps()
+        self.mishaps = NetftMishaps()
         self._opened_s = opened_s
         self._rng = rng
         self._sent = 0
@@ -55,7 +55,7 @@ class FaultyNetFT:
 
     @property
     def streaming(self) -> bool:
-        """Whether `due` has something to say, now or later."""
+        """Whether `due` returns datagrams, now or later."""
         return self.box.streaming
 
     def alive(self, now_s: float) -> bool:
@@ -64,7 +64,7 @@ class FaultyNetFT:
         return not within(now_s - self._opened_s, self.faults.restart_after_s, self.faults.restart_for_s)
 
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Hear an RDT request."""
+        """Take an RDT request."""
         refused = self.faults.refuse_settings and decode_request(datagram) == _BIAS
         if self.alive(now_s) and not refused:
             self._held = None
@@ -88,7 +88,7 @@ class FaultyNetFT:
         return self.box.page(index)
 
     def apply(self, path_and_query: str) -> bool:
-        """Take a setting, or only pretend to; returns whether there is such a page."""
+        """Apply a setting, or only acknowledge it; return whether there is such a page."""
         if self.faults.refuse_settings and path_and_query.startswith("/comm.cgi"):
             return True
         return self.box.apply(path_and_query)
@@ -102,7 +102,7 @@ class FaultyNetFT:
         return any((faults.drop_every, faults.duplicate_every, faults.reorder_every, faults.corrupt_every))
 
     def _pass(self, datagram: Datagram) -> Iterable[Datagram]:
-        """Return what becomes of one datagram, and of one held back before it."""
+        """Return what is sent for one datagram, and for one held back before it."""
         self._sent += 1
         held, self._held = self._held, None
         passed = [] if held is None else [held]

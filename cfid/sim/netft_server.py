@@ -27,22 +27,22 @@ _LONGEST_HTTP_REQUEST = 8192
 _BLANK_LINE = b"\r\n\r\n"
 
 
-class Ports(NamedTuple):
-    """Where the box is reached: UDP for RDT, TCP for HTTP, TCP for single readings."""
+class BoxPorts(NamedTuple):
+    """The box' ports: UDP for RDT, TCP for HTTP, TCP for single readings."""
 
     rdt: int
     http: int
     tcp: int
 
 
-ANY_FREE = Ports(0, 0, 0)
+ANY_FREE = BoxPorts(0, 0, 0)
 
 
 class NetFTServer:
     """A box on three ports of one address; port 0 takes a free one.
 
-    It looks every `sending_every_s` what is due: a real box sends each record on its own, which costs much more
-    on both sides and looks the same in the records.
+    It sends due records every `sending_every_s`: a real box sends each record at its own time, which costs much more
+    on both sides and makes no difference in the records.
     """
 
     def __init__(
@@ -51,31 +51,31 @@ class NetFTServer:
         *,
         reactor: PosixReactorBase,
         address: str = LOOPBACK,
-        ports: Ports = ANY_FREE,
+        ports: BoxPorts = ANY_FREE,
         sending_every_s: float = SENDING_EVERY_S,
     ) -> None:
         """Open nothing yet."""
         self._box = box
         self._reactor = reactor
         self._address = address
-        self._wanted = ports
+        self._requested = ports
         self._every_s = sending_every_s
         self._open: list[UdpPort | TcpPort] = []
         self._socket: socket.socket | None = None
         self._timer: DelayedCall | None = None
 
-    def open(self) -> Ports:
+    def open(self) -> BoxPorts:
         """Bind the ports. Raises twisted's CannotListenError when one is taken."""
-        udp: UdpPort = self._reactor.listenUDP(self._wanted.rdt, _Requests(self), self._address)
+        udp: UdpPort = self._reactor.listenUDP(self._requested.rdt, _Requests(self), self._address)
         self._open = [udp]
         self._socket = udp.socket
-        for port, answer in ((self._wanted.http, _page), (self._wanted.tcp, _readings)):
+        for port, answer in ((self._requested.http, _page), (self._requested.tcp, _readings)):
             factory = Factory.forProtocol(partial(_Conversation, self._box, self._reactor, answer))
             self._open.append(self._reactor.listenTCP(port, factory, interface=self._address))
-        return Ports(*(port.getHost().port for port in self._open))
+        return BoxPorts(*(port.getHost().port for port in self._open))
 
     def close(self) -> "Deferred[list[None]]":
-        """Give the ports back; fires when all are."""
+        """Close the ports; fires when all are closed."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -83,14 +83,14 @@ class NetFTServer:
         self._open, self._socket = [], None
         return gatherResults([done for done in stopping if done is not None])
 
-    def heard(self, datagram: bytes, client: Address) -> None:
-        """Take a datagram that came in by UDP."""
+    def received(self, datagram: bytes, client: Address) -> None:
+        """Take a UDP datagram."""
         self._box.request(datagram, client, self._reactor.seconds())
         if self._box.streaming and self._timer is None:
             self._wait()
 
     def _wait(self) -> None:
-        """Wake up at the next place of the grid, so that being late once delays nothing after."""
+        """Wake up at the next grid point, so that one delay does not shift later ones."""
         now_s = self._reactor.seconds()
         next_s = (math.floor(now_s / self._every_s) + 1) * self._every_s
         self._timer = self._reactor.callLater(next_s - now_s, self._send)
@@ -98,9 +98,9 @@ class NetFTServer:
     def _send(self) -> None:
         self._timer = None
         assert self._socket is not None
-        send = self._socket.sendto  # the transport's own write checks each address: half as quick
+        send = self._socket.sendto  # the transport's own write checks each address: half as fast
         for data, client in self._box.due(self._reactor.seconds()):
-            with contextlib.suppress(OSError):  # a full buffer or no way there: a network loses datagrams too
+            with contextlib.suppress(OSError):  # a full buffer or no route: a network loses datagrams too
                 send(data, client)
         if self._box.streaming:
             self._wait()
@@ -111,37 +111,37 @@ class _Requests(DatagramProtocol):
         self._server = server
 
     def datagramReceived(self, datagram: bytes, addr: Address) -> None:  # noqa: N802 (twisted's name)
-        self._server.heard(datagram, addr)
+        self._server.received(datagram, addr)
 
 
 class _Reply(NamedTuple):
-    """What is sent, what was heard beyond the questions answered, and whether nothing more is said."""
+    """The bytes to send, the received bytes not yet answered, and whether the connection is over."""
 
     sent: bytes
     left: bytes
     over: bool
 
 
-_Answer = Callable[[FaultyNetFT, bytes, float], _Reply]  # the box, what was heard, and the time
+_Answer = Callable[[FaultyNetFT, bytes, float], _Reply]  # the box, the received bytes, and the time
 
 
 class _Conversation(Protocol):
-    """Questions that each get an answer, later when the box is slow; none from a box without power."""
+    """Questions and their answers, delayed when the box is slow; none from a box without power."""
 
-    transport: Connection  # type: ignore[assignment]  # twisted tells types only what every transport has
+    transport: Connection  # type: ignore[assignment]  # twisted declares only what every transport has
 
     def __init__(self, box: FaultyNetFT, reactor: PosixReactorBase, answer: _Answer) -> None:
         self._box = box
         self._reactor = reactor
         self._answer_to = answer
-        self._heard = b""
+        self._received = b""
 
     def connectionMade(self) -> None:  # noqa: N802 (twisted's name)
         if not self._box.alive(self._reactor.seconds()):
             self.transport.abortConnection()
 
     def dataReceived(self, data: bytes) -> None:  # noqa: N802 (twisted's name)
-        self._heard += data
+        self._received += data
         self._reactor.callLater(self._box.faults.slow_s, self._answer)
 
     def _answer(self) -> None:
@@ -150,23 +150,23 @@ class _Conversation(Protocol):
         if not self._box.alive(self._reactor.seconds()):
             self.transport.abortConnection()
             return
-        sent, self._heard, over = self._answer_to(self._box, self._heard, self._reactor.seconds())
+        sent, self._received, over = self._answer_to(self._box, self._received, self._reactor.seconds())
         self.transport.write(sent)
         if over:
             self.transport.loseConnection()
 
 
-def _page(box: FaultyNetFT, heard: bytes, now_s: float) -> _Reply:
-    """Answer one GET a connection, as HTTP 1.0 has it."""
-    if _BLANK_LINE not in heard:
-        return _Reply(b"", heard, over=len(heard) > _LONGEST_HTTP_REQUEST)
-    words = heard.split(b"\r\n", 1)[0].decode("latin-1").split()
-    body = _body(box, words[1]) if len(words) == 3 and words[0] == "GET" else None
+def _page(box: FaultyNetFT, received: bytes, now_s: float) -> _Reply:
+    """Answer one GET a connection, as in HTTP 1.0."""
+    if _BLANK_LINE not in received:
+        return _Reply(b"", received, over=len(received) > _LONGEST_HTTP_REQUEST)
+    fields = received.split(b"\r\n", 1)[0].decode("latin-1").split()
+    body = _body(box, fields[1]) if len(fields) == 3 and fields[0] == "GET" else None
     status = "404 Not Found" if body is None else "200 OK"
     content = (body or "").encode()
     kind = "text/xml" if body and body.startswith("<?xml") else "text/html"
     head = f"HTTP/1.0 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(content)}\r\n\r\n"
-    return _Reply(head.encode() + content, heard, over=True)
+    return _Reply(head.encode() + content, received, over=True)
 
 
 def _body(box: FaultyNetFT, path_and_query: str) -> str | None:
@@ -177,10 +177,10 @@ def _body(box: FaultyNetFT, path_and_query: str) -> str | None:
     return "<html>done</html>" if box.apply(path_and_query) else None
 
 
-def _readings(box: FaultyNetFT, heard: bytes, now_s: float) -> _Reply:
+def _readings(box: FaultyNetFT, received: bytes, now_s: float) -> _Reply:
     """Answer each whole command over TCP."""
     sent = b""
-    while len(heard) >= COMMAND_BYTES:
-        command, heard = heard[:COMMAND_BYTES], heard[COMMAND_BYTES:]
+    while len(received) >= COMMAND_BYTES:
+        command, received = received[:COMMAND_BYTES], received[COMMAND_BYTES:]
         sent += box.answer(command, now_s)
-    return _Reply(sent, heard, over=False)
+    return _Reply(sent, received, over=False)

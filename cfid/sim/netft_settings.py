@@ -1,4 +1,4 @@
-"""What a simulated Net F/T shows and takes over HTTP: its configurations, rate and buffer. No records, no port."""
+"""Simulates a Net F/T's web pages: its configurations, rate and buffer. No records, no port."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ class Configuration:
 
 
 def configurations_of(truth: LoadCellTruth) -> tuple[Configuration, Configuration]:
-    """Return one in pounds, as the maker delivers, and one in N and Nm that tells the cell's true scales.
+    """Return one in pounds, as delivered, and one in N and Nm with the cell's true scales.
 
-    Who reads the first while the second is in use reads 4.4 times too much.
+    Applying the first while the second is active gives readings 4.4 times too large.
     """
     delivered = Configuration(
         name="Default",
@@ -49,7 +49,7 @@ def configurations_of(truth: LoadCellTruth) -> tuple[Configuration, Configuratio
 
 
 class BoxSettings:
-    """The settings of one box; what it is told that cannot be is ignored without a word, as the real one does."""
+    """The settings of one box, which silently ignores invalid values, as the real one does."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class BoxSettings:
         return "\n".join(('<?xml version="1.0" encoding="UTF-8"?>', "<netft>", *lines, "</netft>", ""))
 
     def apply(self, path_and_query: str) -> bool:
-        """Take a setting as it stands in a request; returns whether there is such a page."""
+        """Apply the setting in a request; return whether there is such a page."""
         target = urlsplit(path_and_query)
         query = {name: values[-1] for name, values in parse_qs(target.query).items()}
         if target.path == "/comm.cgi":
@@ -130,14 +130,14 @@ class BoxSettings:
             "cfgmr": _joined(shown.ranges),
             "cfgtfx": _joined((0, 0, 0, 0, 0, 0)),
             "comrdte": "Enabled" if self.enabled else "Disabled",
-            # Rounded down: asking for the rate that is shown then changes nothing.
+            # Rounded down: setting the rate that is shown then changes nothing.
             "comrdtrate": self.internal_hz // self.step,
             "comrdtbsiz": self.buffer_size,
         }
 
 
 def _step(internal_hz: int, rate_hz: float) -> int:
-    """Internal samples from one record to the next: an odd rate becomes the next quicker one that exists."""
+    """Return the internal samples from one record to the next: other rates become the next faster one that exists."""
     return int(internal_hz // rate_hz)
 
 

@@ -1,6 +1,6 @@
-"""The rig's two moving things, a pendulum let go by a hand and an axis turned by a dropping weight.
+"""Simulates the rig's two plants: a pendulum released by hand, and an axis turned by a dropping weight.
 
-Each integrates its own equation of motion; nothing here knows how a parameter is recovered from it.
+Each integrates its own equation of motion; nothing here knows how a parameter is estimated from it.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from cfid.sim.hand import HandRelease, Hands
-from cfid.sim.stepping import Array, Indices, Motion, State, Time, integrate
+from cfid.sim.stepping import Array, Indices, Motion, PlantState, Time, integrate
 
 __all__ = ["DroppingWeight", "HandRelease", "Motion", "Pendulum", "drop", "swing"]
 
@@ -56,9 +56,9 @@ def swing(
     step_s: float = 5e-4,
     store_every: int = 2,
 ) -> Motion:
-    """Swing k pendulums at once, each let go by its own hand; all hang at rest at time zero.
+    """Swing k pendulums at once, each released by its own hand; all hang at rest at time zero.
 
-    Every `store_every`-th step is kept: 16 bytes per pendulum each, so thousands want a larger one.
+    Every `store_every`-th step is kept, at 16 bytes per pendulum: use a larger one for thousands of pendulums.
     """
     columns = np.array([astuple(pendulum) for pendulum in pendulums]).T
     hands = Hands.on(releases, axis_inertia_kg_m2=columns[0], rest_rad=columns[-1])
@@ -120,7 +120,7 @@ class _Swings:
     def dry_nm(self, angle_rad: Array) -> Array:
         return self._coulomb
 
-    def acceleration(self, time_s: Time, state: State) -> Array:
+    def acceleration(self, time_s: Time, state: PlantState) -> Array:
         angle, speed, direction = state
         brake = self._viscous * speed + direction * (self._coulomb + self._quadratic * speed * speed)
         torque = self.drive_nm(time_s, angle, speed) - brake
@@ -163,7 +163,7 @@ class _Drops:
     def dry_nm(self, angle_rad: Array) -> Array:
         return np.maximum(self._coulomb + self._ripple * np.cos(angle_rad), 0)
 
-    def acceleration(self, time_s: Time, state: State) -> Array:
+    def acceleration(self, time_s: Time, state: PlantState) -> Array:
         angle, speed, direction = state
         inertia = self._setup + self._weight_inertia * (angle < self._slack_rad)
         brake = self._viscous * speed + direction * self.dry_nm(angle)

@@ -1,6 +1,6 @@
-"""Motors, battery and rotors together: commands in, speeds and voltage out, and the wrench on the load cell.
+"""Simulates motors, battery and rotors together: from commands to speeds, voltage and the wrench on the load cell.
 
-The vehicle runs ahead: it changes commands up to now, while the load cell asks for times before that.
+The vehicle runs ahead: it changes commands up to now, while the load cell is read at earlier times.
 """
 
 from collections import deque
@@ -19,8 +19,8 @@ OnMotors = Callable[[float, Four], None]  # a time, and the commands from then o
 
 STILL: Four = (0, 0, 0, 0)
 
-_BATTERY_EVERY_S = 0.01  # the rotors' inertia smooths what is quicker
-_REMEMBERED = 1000  # changes of the commands, while nobody reads the load cell
+_BATTERY_EVERY_S = 0.01  # the rotors' inertia smooths faster changes
+_REMEMBERED = 1000  # changes of the commands while the load cell is not read
 
 
 class _Change(NamedTuple):
@@ -43,7 +43,7 @@ class Propulsion:
         drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0),
         yaw_deg: float = 0.0,
     ) -> None:
-        """Let all rotors stand."""
+        """Start with all rotors at standstill."""
         self.battery = Battery(battery)
         self._truth = rotors
         self._rotors = Rotors(rotors, rng, drag_ns_per_rad=drag_ns_per_rad, yaw_deg=yaw_deg)
@@ -53,7 +53,7 @@ class Propulsion:
         self._since_s = self._begin_s = begin_s
         self._steps = 0
         self._acting = _Change(begin_s, np.array(commands, dtype=np.float64), self.battery.volts)
-        self._felt = self._acting  # by the load cell, up to what it was read last
+        self._felt = self._acting  # by the load cell, up to its last reading
         self._changes: deque[_Change] = deque(maxlen=_REMEMBERED)
 
     def command(self, commands: Four, time_s: float) -> None:
@@ -63,7 +63,7 @@ class Propulsion:
         self._go_on(time_s)
 
     def advance(self, time_s: float) -> None:
-        """Let the battery follow what the rotors draw, in steps of its own however often this is called."""
+        """Advance the battery under the rotors' load, in steps of its own however often this is called."""
         last = int((time_s - self._begin_s) / _BATTERY_EVERY_S)
         driven = any(self._commands)
         for step in range(self._steps + 1 if driven else max(self._steps + 1, last), last + 1):
@@ -71,12 +71,12 @@ class Propulsion:
             self._steps = step
 
     def speed_rad_per_s(self, time_s: float) -> Array:
-        """Return how fast the rotors turn (4,) at a time from the last change on; before that, as at it."""
+        """Return the rotors' speeds (4,) at a time; before the last change, those at that change."""
         steady = self._truth.steady_rad_per_s(self._acting.command, volts=self._acting.volts)
         return np.asarray(steady + (self._speed - steady) * self._truth.lag(np.array(max(time_s - self._since_s, 0.0))))
 
     def wrench_at(self, time_s: Array) -> Array:
-        """Return the wrench (n, 6) in N and Nm at times (n,) that do not fall, none after the last `advance`."""
+        """Return the wrench (n, 6) in N and Nm at times (n,) that do not decrease, none after the last `advance`."""
         pieces = []
         begin = 0
         while self._changes and self._changes[0].time_s < time_s[-1]:
@@ -92,7 +92,7 @@ class Propulsion:
         return self._rotors.advance(time_s, self._felt.command, volts=self._felt.volts)
 
     def _go_on(self, time_s: float) -> None:
-        """Load the battery with what the rotors that are driven take, and go on with the voltage that comes of it."""
+        """Load the battery with the power of the driven rotors, and continue with the resulting voltage."""
         self._speed = self.speed_rad_per_s(time_s)
         power_w = float(self._truth.power_w(self._speed) @ (self._acting.command > 0))
         self.battery.load(power_w=power_w, for_s=time_s - self._since_s)

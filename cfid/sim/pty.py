@@ -1,4 +1,4 @@
-"""Serves a simulated encoder interface on a pseudo terminal, which a host opens like any serial port."""
+"""Serves a simulated encoder interface on a pseudo-terminal, which a host opens like any serial port."""
 
 import contextlib
 import os
@@ -21,14 +21,14 @@ _ROUNDING_S = 1e-6
 
 
 class InOrder:
-    """Says each reply after its delay, but not before those that left earlier: a serial line cannot overtake itself.
+    """Sends each reply after its delay, and after all earlier replies, since a serial line keeps its order.
 
     `clock` is the reactor, or Twisted's Clock in a test.
     """
 
-    def __init__(self, say: Callable[[bytes], None], *, clock: Any) -> None:
-        """Take who hears the replies."""
-        self._say, self._clock = say, clock
+    def __init__(self, send: Callable[[bytes], None], *, clock: Any) -> None:
+        """Take the function that sends a reply."""
+        self._send, self._clock = send, clock
         self._replies: deque[tuple[float, bytes]] = deque()
 
     def send(self, replies: list[Reply]) -> None:
@@ -38,16 +38,16 @@ class InOrder:
             due_s = max(now_s + delay_s, self._replies[-1][0] if self._replies else 0.0)
             self._replies.append((due_s, reply))
             if due_s > now_s:
-                self._clock.callLater(due_s - now_s, self._say_due)
-        self._say_due()
+                self._clock.callLater(due_s - now_s, self._send_due)
+        self._send_due()
 
     def drop(self) -> None:
-        """Drop what has not been said."""
+        """Drop replies that have not been sent."""
         self._replies.clear()
 
-    def _say_due(self) -> None:
+    def _send_due(self) -> None:
         while self._replies and self._replies[0][0] <= self._clock.seconds() + _ROUNDING_S:
-            self._say(self._replies.popleft()[1])
+            self._send(self._replies.popleft()[1])
 
 
 class PtyPort:
@@ -63,7 +63,7 @@ class PtyPort:
         self._timers: list[DelayedCall] = []
 
     def open(self) -> Path:
-        """Plug the device in; returns where it is to be found, the same again after it was unplugged."""
+        """Plug the device in; return its path, which stays the same after it was unplugged."""
         self._plug()
         faults = self._device.faults
         if faults.unplug_after_s is not None:
@@ -72,19 +72,19 @@ class PtyPort:
         return self._path
 
     def close(self) -> None:
-        """Unplug it for good: a host that has it open sees it hang up."""
+        """Unplug it for good: a host that has it open sees a hang-up."""
         for timer in self._timers:
             if timer.active():
                 timer.cancel()
         self._timers = []
         self._unplug()
 
-    def heard(self, data: bytes) -> None:
-        """Take what the host has written."""
+    def received(self, data: bytes) -> None:
+        """Take the bytes that the host wrote."""
         was_continuous = self._device.continuous
         self._replies.send(self._device.received(data, self._reactor.seconds()))
         if self._device.continuous and not was_continuous:
-            self._after(_CONTINUOUS_EVERY_S, self._go_on)
+            self._after(_CONTINUOUS_EVERY_S, self._continue)
 
     def _plug(self) -> None:
         self._end = _DeviceEnd(self, self._reactor)
@@ -100,14 +100,14 @@ class PtyPort:
             self._end.close()
             self._end = None
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         if self._device.continuous:
             self._replies.send(self._device.due(self._reactor.seconds()))
-            self._after(_CONTINUOUS_EVERY_S, self._go_on)
+            self._after(_CONTINUOUS_EVERY_S, self._continue)
 
     def _write(self, reply: bytes) -> None:
         if self._end is not None:
-            self._end.say(reply)
+            self._end.send(reply)
 
     def _after(self, delay_s: float, act: Callable[[], None]) -> None:
         self._timers = [timer for timer in self._timers if timer.active()]
@@ -115,10 +115,10 @@ class PtyPort:
 
 
 class _DeviceEnd(FileDescriptor):
-    """The end of a raw terminal that the host does not see; it keeps the host's end open between two hosts."""
+    """The device's end of a raw terminal; it keeps the host's end open between two hosts."""
 
     def __init__(self, port: PtyPort, reactor: PosixReactorBase) -> None:
-        super().__init__(reactor)  # type: ignore[arg-type]  # twisted does not tell types that it is one
+        super().__init__(reactor)  # type: ignore[arg-type]  # twisted does not declare that it is one
         self._port = port
         self._file, self._host_file = os.openpty()
         tty.setraw(self._host_file)
@@ -130,10 +130,10 @@ class _DeviceEnd(FileDescriptor):
 
     def doRead(self) -> None:  # noqa: N802 (twisted's name)
         with contextlib.suppress(BlockingIOError):
-            self._port.heard(os.read(self._file, _LONGEST_READ))
+            self._port.received(os.read(self._file, _LONGEST_READ))
 
-    def say(self, data: bytes) -> None:
-        with contextlib.suppress(BlockingIOError):  # a host that reads nothing loses what does not fit
+    def send(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):  # a host that does not read loses bytes that do not fit
             os.write(self._file, data)
 
     def close(self) -> None:

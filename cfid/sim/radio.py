@@ -1,4 +1,4 @@
-"""The radio link between a client and the vehicle: what it loses, and how late the rest comes."""
+"""Simulates the radio link between a client and the vehicle: its losses and its delays."""
 
 from collections import deque
 from typing import Annotated, NamedTuple, Self
@@ -15,8 +15,8 @@ _REMEMBERED = 100_000  # pings
 class RadioTruth(BaseModel):
     """One packet in one direction takes `latency_s` on average.
 
-    The shortest takes `jitter_s` less; what comes on top is exponential, with `jitter_s` as mean and as standard
-    deviation. The part `loss` of all packets never comes.
+    The shortest time is `jitter_s` less; the rest is exponential, with `jitter_s` as mean and standard deviation. The
+    part `loss` of all packets is lost.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -33,7 +33,7 @@ class RadioTruth(BaseModel):
 
 
 class Ping(NamedTuple):
-    """A ping that was answered: its port and payload, and how long it was on its way there and back."""
+    """A ping that was answered: its port, its payload and its round-trip time."""
 
     port: int
     payload: bytes
@@ -51,7 +51,7 @@ class Direction:
         self.lost = 0
 
     def arrival_s(self, sent_s: float) -> float | None:
-        """Return when a packet comes, None if never."""
+        """Return when a packet arrives, None if it is lost."""
         truth = self._truth
         fate, late_s = self._rng.random(), self._rng.exponential(truth.jitter_s)  # both, so that a loss shifts nothing
         if fate < truth.loss:
@@ -62,10 +62,10 @@ class Direction:
 
 
 class Radio:
-    """Both ways, and the pings that were answered."""
+    """Both directions, and the pings that were answered."""
 
     def __init__(self, truth: RadioTruth, rng: np.random.Generator) -> None:
-        """Draw each way for itself."""
+        """Draw each direction from its own generator."""
         up, down = rng.spawn(2)
         self.to_vehicle = Direction(truth, up)
         self.from_vehicle = Direction(truth, down)

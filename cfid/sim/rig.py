@@ -1,7 +1,6 @@
-"""The swing rig: a body as it really is, hung on its mounts, let go by hand and recorded.
+"""Simulates the swing rig: a true body hangs on its mounts, is released by hand and recorded.
 
-The axis inertias and distances are worked out here once more, so that an analysis has something to be
-judged by.
+Axis inertias and distances are computed here independently of the analysis, which can be judged by them.
 """
 
 import math
@@ -12,10 +11,10 @@ import numpy as np
 
 from cfid.sim.encoder import EncoderModel, Recording, record
 from cfid.sim.plants import HandRelease, Pendulum, swing
-from cfid.sim.truth import Friction, Truth, draw_testbody, draw_truth
+from cfid.sim.truth import TrueFriction, Truth, draw_testbody, draw_truth
 
 __all__ = [
-    "Friction",
+    "TrueFriction",
     "Truth",
     "draw_release",
     "draw_testbody",
@@ -44,7 +43,7 @@ def pendulum(truth: Truth, mount_name: str) -> Pendulum:
 
 
 def draw_release(rng: np.random.Generator, *, angle_deg: tuple[float, float] = (20, 70)) -> HandRelease:
-    """Draw a hand that deflects to either side, by an angle between the two given."""
+    """Draw a hand that deflects to either side, by an angle between the two limits."""
     return HandRelease(
         angle_rad=math.radians(rng.uniform(*angle_deg)) * rng.choice((-1, 1)),
         wait_s=rng.uniform(0.4, 0.8),
@@ -66,8 +65,8 @@ def record_swings(
 ) -> dict[str, Recording]:
     """Swing the body once in each of the named mounts and record it.
 
-    A body put onto the axis anew meets the encoder anywhere in its turn: every swing gets its own offset in
-    place of the encoder's.
+    A body that is mounted again meets the encoder at any angle: every swing gets its own offset in place of the
+    encoder's.
     """
     names = tuple(mounts)
     releases = [draw_release(rng, angle_deg=angle_deg) for _ in names]

@@ -1,6 +1,6 @@
-"""Four motors with rotors on a load cell: command to forces and torques, with the vibration of both blades.
+"""Simulates four motors with rotors on a load cell: from command to forces and torques, with the blades' vibration.
 
-Speed is first order, thrust and torque follow it at once; air that is set in motion is not modelled.
+Speed is a first-order lag, which thrust and torque follow without delay; the motion of the air is not modelled.
 """
 
 import math
@@ -28,8 +28,8 @@ class RotorTruth(BaseModel):
     """Motors near those of a Crazyflie 2.0 (thesis, tables of chapter 3).
 
     Above the dead zone a rotor's steady speed is `idle_rad_per_s` + `rad_per_s_per_command` * command, reached
-    with `time_constant_s`; below it stands. That holds at `nominal_v`: the command chops the supply voltage, so
-    half the voltage does to it what half the command does. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
+    with `time_constant_s`; below it the rotor stands. That holds at `nominal_v`: the command chops the supply voltage,
+    so half the voltage acts like half the command. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
     torque `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice
     that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust. A tachometer counts `markers` a turn.
     """
@@ -49,12 +49,12 @@ class RotorTruth(BaseModel):
     blade_pass: Six = Field(default=(0.2, 0.2, 1.2, 0.004, 0.004, 0.003))
 
     def steady_rad_per_s(self, command: Array, *, volts: float) -> Array:
-        """Return the speeds that commands of any shape settle at; more than the largest is no command."""
+        """Return the steady speeds of commands of any shape, which saturate at the largest command."""
         felt = np.minimum(command, LARGEST_COMMAND) * (volts / self.nominal_v)
         return np.where(felt < self.dead_below_command, 0.0, self.idle_rad_per_s + self.rad_per_s_per_command * felt)
 
     def lag(self, elapsed_s: Array) -> Array:
-        """Return which part of a change of speed is still to come after times of any shape."""
+        """Return the part of a change of speed that remains after times of any shape."""
         return np.exp(-elapsed_s / self.time_constant_s)
 
     def power_w(self, speed_rad_per_s: Array) -> Array:
@@ -86,7 +86,7 @@ class Rotors:
         drag_ns_per_rad: npt.ArrayLike = (0.0, 0.0, 0.0),
         yaw_deg: float = 0.0,
     ) -> None:
-        """Let all rotors stand; how each vibrates differs by 20 % and in its phase."""
+        """Start with all rotors at standstill; their vibrations differ by up to 20 % and in phase."""
         self._truth = truth
         self._drag = np.append(drag_ns_per_rad, np.zeros(3))
         self._mixer = _mixer(truth, rng) @ _into_the_cell(yaw_deg)
@@ -96,11 +96,11 @@ class Rotors:
 
     @property
     def speed_rad_per_s(self) -> Array:
-        """How fast the rotors turn (4,), without their direction."""
+        """The rotors' speeds (4,), without their directions."""
         return self._speed.copy()
 
     def advance(self, time_s: Array, command: Array, *, volts: float | None = None) -> Array:
-        """Return the wrench (n, 6) in N and Nm, z up, at times (n,) that do not fall, within a call or between two.
+        """Return the wrench (n, 6) in N and Nm, z up, at times (n,) that do not decrease, within a call or between two.
 
         `command` (4,) and the supply voltage, nominal by default, hold since the last time of the call before; the
         lag is solved exactly for that.
@@ -125,7 +125,7 @@ class Rotors:
 
 
 def _into_the_cell(yaw_deg: float) -> Array:
-    """Return what turns wrenches (n, 6) of the vehicle's frame, from the right, into a cell's that lies left of it."""
+    """Return the matrix that turns wrenches (n, 6), as row vectors, from the vehicle's frame into the cell's."""
     cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
     turn = np.eye(6)
     for first in (0, 3):
@@ -134,7 +134,7 @@ def _into_the_cell(yaw_deg: float) -> Array:
 
 
 def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:
-    """What one newton of each rotor does (20, 6): steady, and as cosine and sine of its angle and twice that."""
+    """Return the wrench of one newton of each rotor (20, 6): steady, then cosine and sine of its angle and twice it."""
     x_m, y_m = truth.arm_m * _ARMS.T
     steady = np.zeros((4, 6))
     steady[:, 2] = 1

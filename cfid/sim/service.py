@@ -1,4 +1,4 @@
-"""A whole simulated rig on this machine, over plants: an encoder on a serial port, a load cell and a vehicle on UDP."""
+"""Serves a whole simulated rig on this machine: an encoder on a serial port, a load cell and a vehicle on UDP."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,10 +24,10 @@ from cfid.sim.faults import (
     EncoderFaults,
     LoadCellFaults,
 )
-from cfid.sim.loadcell import LoadCell
+from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
-from cfid.sim.netft_server import ANY_FREE, LOOPBACK, NetFTServer, Ports
+from cfid.sim.netft_server import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.pty import PtyPort
@@ -36,7 +36,7 @@ from cfid.sim.rig import draw_truth, pendulum
 from cfid.sim.stepping import Array
 from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted
 from cfid.units import MM
-from cfid.wire.app import Ports as AppPorts
+from cfid.wire.app import AppPorts
 
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
 _LINE_RADIUS_MM = 2.0  # where rig.toml names none
@@ -44,7 +44,7 @@ _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds sca
 
 
 class Addresses(NamedTuple):
-    """Where the two instruments and the vehicle are found."""
+    """The addresses of the two instruments and the vehicle."""
 
     encoder_port: Path
     address: str
@@ -55,11 +55,11 @@ class Addresses(NamedTuple):
 
 
 class SimulatedRig:
-    """An encoder that watches a swing or a dropping weight, and a vehicle that is fastened to a load cell.
+    """An encoder on the axis of a swing or of a dropping weight, and a vehicle that is fastened to a load cell.
 
-    With `weight_g` a weight drops; else the vehicle swings about the mount `axis`, or the first one there is.
-    A wind may blow on the latter. The rotors obey `commands` until the vehicle's motors are commanded; `on_motors`
-    hears of those, with the time. Every random number comes from `seed`. Raises ConfigError for an unknown mount.
+    With `weight_g` a weight drops; else a vehicle swings about the mount `axis`, by default the first one. The truth
+    may include a wind on the vehicle on the load cell. The rotors run at `commands` until the motors are commanded;
+    `on_motors` is called at each change. All random numbers come from `seed`. Raises ConfigError for an unknown mount.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class SimulatedRig:
         commands: Four = STILL,
         on_motors: OnMotors = lambda time_s, motors: None,
         address: str = LOOPBACK,
-        ports: Ports = ANY_FREE,
+        ports: BoxPorts = ANY_FREE,
     ) -> None:
-        """Draw the rig and integrate what its axis will do; open nothing yet, though faults' times begin here."""
+        """Draw the rig and integrate its axis' motion; open nothing yet, though the times of faults begin here."""
         truth = as_mounted(truth, rig)
         plant_rng, motor_rng, cell_rng, fault_rng, radio_rng = np.random.default_rng(seed).spawn(5)
         self._address = address
@@ -88,7 +88,7 @@ class SimulatedRig:
         self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes its time
         device = E201Device(self._angle_at, reply_s=_USB_REPLY_S, powered_s=opened_s)
         self.encoder = FaultyE201(device, encoder_faults, opened_s=opened_s)
-        box = NetFTBox(load_cell=LoadCell(truth.loadcell, cell_rng), plant=self._wrench_at, powered_s=opened_s)
+        box = NetFTBox(load_cell=SimulatedLoadCell(truth.loadcell, cell_rng), plant=self._wrench_at, powered_s=opened_s)
         self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
         self._body_n = np.append(truth.wind.body_n, np.zeros(3))
         self._propulsion = Propulsion(
@@ -123,12 +123,12 @@ class SimulatedRig:
         self._link = CrazyflieServer(self.crazyflie, reactor=reactor, address=address)
 
     def open(self) -> Addresses:
-        """Plug all in. Raises twisted's CannotListenError when a port is taken."""
+        """Open all ports. Raises twisted's CannotListenError when a port is taken."""
         ports = self._server.open()
         return Addresses(self._pty.open(), self._address, *ports, self._link.open())
 
     def close(self) -> "Deferred[list[Any]]":
-        """Unplug all; fires when all ports are given back."""
+        """Close all ports; fires when all are closed."""
         self._pty.close()
         closing: list[Deferred[Any]] = [self._server.close(), self._link.close()]
         return gatherResults(closing)
@@ -137,7 +137,7 @@ class SimulatedRig:
         return self.axis.angle_at(time_s - self._opened_s)
 
     def _wrench_at(self, time_s: Array) -> Array:
-        self.crazyflie.advance(float(time_s[-1]))  # what it heard until then already drives its motors
+        self.crazyflie.advance(float(time_s[-1]))  # packets until then already drive its motors
         return np.asarray(self._propulsion.wrench_at(time_s) + self._body_n)
 
 
@@ -154,7 +154,7 @@ def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *
 def _weights(
     rig: Rig, axis: AxisTruth, weight_g: float, *, gravity_mps2: float, rng: np.random.Generator
 ) -> list[DroppingWeight]:
-    """The same weight DROPS times: dry friction differs a little from one to the next."""
+    """Return the same weight DROPS times: dry friction differs slightly from one drop to the next."""
     return [
         DroppingWeight(
             setup_inertia_kg_m2=axis.setup_inertia_kg_m2,

@@ -1,7 +1,7 @@
-"""Series of sines as a rig would record them, without wires: reports that come late, a load cell that vibrates.
+"""Simulates series of sines as a rig would record them: reports with delay, and a load cell with vibration.
 
 The plant is a first-order lag behind a zero-order hold, integrated exactly, or the simulated rotors, whose thrust
-goes with the square of their speed.
+is quadratic in their speed.
 """
 
 import math
@@ -11,13 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.rotors import Rotors, RotorTruth
 from cfid.sim.stepping import Array
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S
 
-LATE_RADIO = RadioTruth(latency_s=0.028, jitter_s=0.016)  # table 3.2 of the thesis: half of 57 ms, and its deviation
+LATE_RADIO = RadioTruth(
+    latency_s=0.028, jitter_s=0.016
+)  # table 3.2 of the thesis: half of 57 ms, and its standard deviation
 ARM_M = 0.046  # C.2.5
 SAMPLE_S = 1 / SAMPLES_PER_S
 USUAL_CELL = LoadCellTruth()
@@ -51,7 +53,7 @@ class LinearTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """The set-up around the plant. `loop_error` is by how much 500 Hz are too fast, on the host's clock."""
+    """The set-up around the plant. `loop_error` is the relative excess of the loop's 500 Hz, on the host's clock."""
 
     rate_hz: float = 1000.0
     radio: RadioTruth = LATE_RADIO
@@ -63,7 +65,7 @@ class Bench:
 
     @property
     def delay_s(self) -> float:
-        """By how much the force's stamps come later than those of the commands, on average."""
+        """The mean delay of the force's stamps after those of the commands."""
         return self.loadcell_latency_s - self.radio.latency_s
 
 
@@ -87,7 +89,7 @@ class SimulatedSine:
 
 
 class _Played(NamedTuple):
-    """Commands (N,), times (n,) of the load cell since the first of them, and how long each is held."""
+    """Commands (N,), times (n,) of the load cell since the first command, and how long each is held."""
 
     commands: Array
     since_s: Array
@@ -106,7 +108,7 @@ def simulate_sines(
     bench: Bench = Bench(),
 ) -> list[SimulatedSine]:
     """Return a run of eq. 3.6 for each l in `periods`, one after the other on one clock and one load cell."""
-    radio, cell = Direction(bench.radio, rng), LoadCell(bench.loadcell, rng)
+    radio, cell = Direction(bench.radio, rng), SimulatedLoadCell(bench.loadcell, rng)
     sample_s = SAMPLE_S / (1 + bench.loop_error)
     each_s = samples * sample_s + 2 * _REST_S
     runs = []
@@ -144,7 +146,7 @@ def _commands(l: int, samples: int, amplitude: int) -> Array:  # noqa: E741
 
 
 def _reports(commands: Array) -> tuple[Array, Array]:
-    """Return sample and command of each report, as the vehicle's app gives them."""
+    """Return sample and command of each report, as the vehicle's app sends them."""
     before = np.append(0.0, commands[:-1])
     crossing = np.flatnonzero(((before > MIDDLE) & (commands <= MIDDLE)) | ((before < MIDDLE) & (commands >= MIDDLE)))
     return np.append(crossing, len(commands)).astype(np.float64), np.append(commands[crossing], 0.0)
@@ -188,7 +190,7 @@ def _vibration(truth: LinearTruth, played: _Played, rng: np.random.Generator) ->
 
 
 def _of_rotors(truth: RotorTruth, played: _Played, rng: np.random.Generator) -> Array:
-    """Let one of four rotors follow the commands."""
+    """Return the wrench of four rotors, one of which follows the commands."""
     rotors = Rotors(truth, rng, yaw_deg=played.yaw_deg)
     return np.vstack([rotors.advance(time_s, commands)[:-1] for time_s, commands in _holds(played)])
 

@@ -1,6 +1,6 @@
-"""A thrust stand without any wire: commands over time in, what a load cell and a voltmeter record out.
+"""Simulates a thrust stand: from commands over time to the records of a load cell and a voltmeter.
 
-The rotors, the battery and the load cell are those of the simulated rig, asked for seconds at once instead of in
+The rotors, the battery and the load cell are those of the simulated rig, computed for seconds at once instead of in
 step with a clock.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.stepping import Array
@@ -29,10 +29,10 @@ _TICKS_AT_ONCE = 100
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandRecord:
-    """What was recorded at `time_s` (n,): `wrench` (n, 6) in N and Nm with its bias, and status words (n,).
+    """A record at `time_s` (n,): `wrench` (n, 6) in N and Nm with its bias, and status words (n,).
 
-    Samples `spikes` of it are wild. `commands` (m, 4) hold from `command_time_s` (m,) on. At `tick_s` (t,) stand
-    the supply's `volts` (t,) and the true `speed_rad_per_s` (t, 4).
+    `spikes` are the indices of wild samples. `commands` (m, 4) hold from `command_time_s` (m,) on. The supply's `volts`
+    (t,) and the true `speed_rad_per_s` (t, 4) are those at `tick_s` (t,).
     """
 
     time_s: Array
@@ -63,7 +63,7 @@ def simulate_stand(
     spikes_per_s: float = 0.0,
     wind: WindTruth = STILL_AIR,
 ) -> StandRecord:
-    """Record from time zero, when all rotors stand, through steps whose times rise, in a steady wind or none.
+    """Record from time zero, with all rotors at standstill, through steps at increasing times, with or without wind.
 
     A spike is one sample with any values within the load cell's ranges and a healthy status.
     """
@@ -77,7 +77,7 @@ def simulate_stand(
         yaw_deg=wind.yaw_deg if wind.speed_mps else loadcell.yaw_deg,
     )
     on_body = np.append(wind.body_n, np.zeros(3))
-    cell = LoadCell(loadcell, for_cell)
+    cell = SimulatedLoadCell(loadcell, for_cell)
     time_s = np.arange(math.floor(duration_s * rate_hz)) / rate_hz
     tick_s = np.arange(math.ceil(duration_s / _TICK_S) + 1, dtype=np.float64) * _TICK_S
     ahead, followed, felt = deque(steps), [], []
@@ -109,7 +109,7 @@ def staircase_steps(
 ) -> tuple[list[tuple[float, Four]], float]:
     """Return the steps of a staircase on some of the motors 1 to 4, and how long it takes.
 
-    All stand for `rest_s` before and after it, and for `between_s` between two commands: as long, unless told.
+    The motors are off for `rest_s` before and after it, and for `between_s`, by default as long, between commands.
     """
     pause_s = rest_s if between_s is None else between_s
     steps: list[tuple[float, Four]] = []
@@ -126,7 +126,7 @@ def staircase_steps(
 
 
 def _follow(propulsion: Propulsion, ahead: deque[tuple[float, Four]], time_s: float) -> tuple[float, Array]:
-    """Give the commands that are due by a time, and return the voltage and the speeds (4,) then."""
+    """Apply the commands due by a time, and return voltage and speeds (4,) at that time."""
     while ahead and ahead[0][0] <= time_s:
         begin_s, commands = ahead.popleft()
         propulsion.command(commands, begin_s)

@@ -1,8 +1,8 @@
 """Integrates many turning axes at once through dry friction in fixed steps; knows no rig and no device.
 
-Dry friction jumps when an axis turns back. A step that ran over the jump would chatter about standstill and
-creep, so the direction of friction stays frozen within a step, and the step in which an axis comes to
-standstill is cut there: the axis then sticks, or goes on the other way.
+Dry friction jumps when an axis reverses. A step across the jump would chatter about standstill and creep, so the
+direction of friction is constant within a step, and the step in which an axis comes to standstill is split there:
+the axis then sticks, or moves in the other direction.
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ _NEWTON_STEPS = 3  # the speed is almost a straight line within a step: two reac
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """What k axes did: `time_s` (n,), `angle_rad` (n, k), `speed_rad_per_s` (n, k)."""
+    """The motion of k axes: `time_s` (n,), `angle_rad` (n, k), `speed_rad_per_s` (n, k)."""
 
     time_s: Array
     angle_rad: Array
     speed_rad_per_s: Array
 
 
-class State(NamedTuple):
+class PlantState(NamedTuple):
     """Angles, speeds and the directions that friction acts against (+1, -1, 0 where it sticks), each (k,)."""
 
     angle_rad: Array
@@ -36,15 +36,15 @@ class State(NamedTuple):
 
 
 class Axes(Protocol):
-    """k axes: what drives them, what brakes them. All arrays have shape (k,)."""
+    """The torques on k axes. All arrays have shape (k,)."""
 
     @property
     def start_rad(self) -> Array:
-        """Where they stand still at time zero."""
+        """Their angles at time zero, at standstill."""
 
     @property
     def quiet_after_s(self) -> float:
-        """From here on nothing depends on time."""
+        """The time from which the torques no longer depend on time."""
 
     def left_alone(self) -> Self:
         """The same axes after that time, cheaper to integrate."""
@@ -53,12 +53,12 @@ class Axes(Protocol):
         """Some of the axes."""
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        """The torque without any friction of the bearing."""
+        """The torque without friction of the bearing."""
 
     def dry_nm(self, angle_rad: Array) -> Array:
         """The level of dry friction, equal at rest and in motion."""
 
-    def acceleration(self, time_s: Time, state: State) -> Array:
+    def acceleration(self, time_s: Time, state: PlantState) -> Array:
         """The acceleration in rad/s^2, zero for an axis that sticks."""
 
 
@@ -71,7 +71,7 @@ def integrate(axes: Axes, *, duration_s: float, step_s: float, store_every: int)
     steps = round(duration_s / step_s)
     kept = steps // store_every + 1
     start = axes.start_rad
-    state = State(start, np.zeros_like(start), np.zeros_like(start))
+    state = PlantState(start, np.zeros_like(start), np.zeros_like(start))
     angle_rad = np.empty((kept, start.size))
     speed_rad_per_s = np.zeros((kept, start.size))
     angle_rad[0] = start
@@ -94,8 +94,8 @@ def integrate(axes: Axes, *, duration_s: float, step_s: float, store_every: int)
     return Motion(time_s=time_s, angle_rad=angle_rad, speed_rad_per_s=speed_rad_per_s)
 
 
-def _start_moving(axes: Axes, state: State, time_s: float) -> State:
-    """Let go those that stick and are now driven harder than friction holds."""
+def _start_moving(axes: Axes, state: PlantState, time_s: float) -> PlantState:
+    """Release axes that stick and are now driven by more torque than friction can hold."""
     stuck = np.flatnonzero(state.direction == 0)
     if not stuck.size:
         return state
@@ -106,36 +106,36 @@ def _start_moving(axes: Axes, state: State, time_s: float) -> State:
 
 
 def _way_out(axes: Axes, time_s: Time, angle_rad: Array) -> Array:
-    """Where axes at standstill go: +1, -1, or 0 where friction holds them."""
+    """Return the direction in which axes at standstill start: +1, -1, or 0 where friction holds them."""
     drive_nm = axes.drive_nm(time_s, angle_rad, np.zeros_like(angle_rad))
     held = np.abs(drive_nm) <= axes.dry_nm(angle_rad)
     return np.where(held, 0.0, np.sign(drive_nm))
 
 
-def _step(axes: Axes, state: State, time_s: float, step_s: float) -> State:
+def _step(axes: Axes, state: PlantState, time_s: float, step_s: float) -> PlantState:
     after = _runge_kutta(axes, state, time_s, step_s)
     turned = np.flatnonzero(after.speed_rad_per_s * state.direction < 0)
     if turned.size:
-        before = State(*(column[turned] for column in state))
+        before = PlantState(*(column[turned] for column in state))
         over = _step_over_standstill(axes.select(turned), before, time_s, step_s)
         for whole, part in zip(after, over, strict=True):
             whole[turned] = part
     return after
 
 
-def _step_over_standstill(axes: Axes, before: State, time_s: float, step_s: float) -> State:
-    """One step that is cut where the axes stand still."""
+def _step_over_standstill(axes: Axes, before: PlantState, time_s: float, step_s: float) -> PlantState:
+    """Return the state after one step that is split at standstill."""
     stop_s, angle_rad = _standstill(axes, before, time_s, step_s)
     direction = _way_out(axes, time_s + stop_s, angle_rad)
-    still = State(angle_rad, np.zeros_like(angle_rad), direction)
+    still = PlantState(angle_rad, np.zeros_like(angle_rad), direction)
     after = _runge_kutta(axes, still, time_s + stop_s, step_s - stop_s)
-    # Only a hand can turn an axis twice within a step: it stops here and the next step begins anew.
+    # Only a hand can turn an axis twice within a step: the axis stops here, and the next step starts from standstill.
     twice = after.speed_rad_per_s * direction < 0
-    return State(after.angle_rad, np.where(twice, 0.0, after.speed_rad_per_s), np.where(twice, 0.0, direction))
+    return PlantState(after.angle_rad, np.where(twice, 0.0, after.speed_rad_per_s), np.where(twice, 0.0, direction))
 
 
-def _standstill(axes: Axes, before: State, time_s: float, step_s: float) -> tuple[Array, Array]:
-    """When after the step's begin the speed is zero, and the angle there: Newton on the step's length."""
+def _standstill(axes: Axes, before: PlantState, time_s: float, step_s: float) -> tuple[Array, Array]:
+    """Return the time after the step's begin at which the speed is zero, by Newton's method, and the angle there."""
     fall = -axes.acceleration(time_s, before) * before.direction
     stop_s = _ratio(before.speed_rad_per_s * before.direction, fall).clip(0, step_s)
     for _ in range(_NEWTON_STEPS):
@@ -149,19 +149,19 @@ def _ratio(above: Array, below: Array) -> Array:
     return np.divide(above, below, out=np.zeros_like(above), where=below != 0)
 
 
-def _runge_kutta(axes: Axes, state: State, time_s: Time, step_s: Time) -> State:
+def _runge_kutta(axes: Axes, state: PlantState, time_s: Time, step_s: Time) -> PlantState:
     angle, speed, direction = state
     half_s = 0.5 * step_s
     middle_s = time_s + half_s
     first = axes.acceleration(time_s, state)
     speed_2 = speed + half_s * first
-    second = axes.acceleration(middle_s, State(angle + half_s * speed, speed_2, direction))
+    second = axes.acceleration(middle_s, PlantState(angle + half_s * speed, speed_2, direction))
     speed_3 = speed + half_s * second
-    third = axes.acceleration(middle_s, State(angle + half_s * speed_2, speed_3, direction))
+    third = axes.acceleration(middle_s, PlantState(angle + half_s * speed_2, speed_3, direction))
     speed_4 = speed + step_s * third
-    fourth = axes.acceleration(time_s + step_s, State(angle + step_s * speed_3, speed_4, direction))
+    fourth = axes.acceleration(time_s + step_s, PlantState(angle + step_s * speed_3, speed_4, direction))
     middle = second + third
-    return State(
+    return PlantState(
         angle + step_s * (speed + (step_s / 6) * (first + middle)),
         speed + (step_s / 6) * (first + 2 * middle + fourth),
         direction.copy(),

@@ -1,13 +1,13 @@
-"""The states of the firmware's supervisor (release 2026.08) and the transitions between them.
+"""Defines the states of the firmware's supervisor (release 2026.08) and the transitions between them.
 
-Conditions are bits of an integer, so that a look at all of them costs next to nothing.
+Conditions are bits of an integer, so that checking all of them is cheap.
 """
 
 from enum import Enum
 from typing import NamedTuple
 
 
-class State(Enum):
+class SupervisorState(Enum):
     """A state, by the name that the recorded traces use."""
 
     NOT_INITIALIZED = "not_initialized"
@@ -24,8 +24,8 @@ class State(Enum):
     CRASHED = "crashed"
 
 
-CAN_FLY = {State.READY, State.FLYING, State.LANDED, State.LEVEL_OUT}
-MOTORS_MAY_RUN = CAN_FLY | {State.ARMING}
+CAN_FLY = {SupervisorState.READY, SupervisorState.FLYING, SupervisorState.LANDED, SupervisorState.LEVEL_OUT}
+MOTORS_MAY_RUN = CAN_FLY | {SupervisorState.ARMING}
 
 ARMED = 1 << 0
 IS_FLYING = 1 << 1
@@ -37,14 +37,14 @@ CRASHED = 1 << 6
 PREFLIGHT_TIMEOUT = 1 << 7
 LANDED_TIMEOUT = 1 << 8
 SPINUP_TIMEOUT = 1 << 9
-ROTORS_SPIN_UP = 1 << 10  # all of them, fast enough and long enough, or nobody watches them
+ROTORS_SPIN_UP = 1 << 10  # all rotors turned fast enough for long enough, or report no speed
 ROTOR_BLOCKED = 1 << 11
 
 
 class _Rule(NamedTuple):
-    """Leads to a state where any condition of `any_of` holds, `missing` does not, or no one of `none_of` does."""
+    """A transition `to` a state when any of `any_of` holds, `missing` does not hold, or none of `none_of` holds."""
 
-    to: State
+    to: SupervisorState
     any_of: int = 0
     missing: int = 0
     none_of: int | None = None
@@ -58,43 +58,53 @@ class _Rule(NamedTuple):
 
 
 _ALWAYS = 0  # as `none_of`
-_RULES: dict[State, tuple[_Rule, ...]] = {
-    State.NOT_INITIALIZED: (_Rule(State.NOT_PASSED, none_of=_ALWAYS),),
-    State.NOT_PASSED: (_Rule(State.FREE_FALL, EMERGENCY), _Rule(State.PASSED, none_of=TUMBLED)),
-    State.PASSED: (_Rule(State.FREE_FALL, EMERGENCY), _Rule(State.NOT_PASSED, TUMBLED), _Rule(State.ARMING, ARMED)),
-    State.ARMING: (
-        _Rule(State.FREE_FALL, EMERGENCY),
-        _Rule(State.NOT_PASSED, TUMBLED | SPINUP_TIMEOUT, missing=ARMED),
-        _Rule(State.READY, ROTORS_SPIN_UP),
+_RULES: dict[SupervisorState, tuple[_Rule, ...]] = {
+    SupervisorState.NOT_INITIALIZED: (_Rule(SupervisorState.NOT_PASSED, none_of=_ALWAYS),),
+    SupervisorState.NOT_PASSED: (
+        _Rule(SupervisorState.FREE_FALL, EMERGENCY),
+        _Rule(SupervisorState.PASSED, none_of=TUMBLED),
     ),
-    State.READY: (
-        _Rule(State.FREE_FALL, EMERGENCY | ROTOR_BLOCKED),
-        _Rule(State.NOT_PASSED, TUMBLED | PREFLIGHT_TIMEOUT, missing=ARMED),
-        _Rule(State.FLYING, IS_FLYING),
+    SupervisorState.PASSED: (
+        _Rule(SupervisorState.FREE_FALL, EMERGENCY),
+        _Rule(SupervisorState.NOT_PASSED, TUMBLED),
+        _Rule(SupervisorState.ARMING, ARMED),
     ),
-    State.FLYING: (
-        _Rule(State.FREE_FALL, TOO_OLD_SETPOINT | EMERGENCY | ROTOR_BLOCKED),
-        _Rule(State.CRASHED, TUMBLED),
-        _Rule(State.RESET, missing=ARMED),
-        _Rule(State.LEVEL_OUT, OLD_SETPOINT),
-        _Rule(State.LANDED, missing=IS_FLYING),
+    SupervisorState.ARMING: (
+        _Rule(SupervisorState.FREE_FALL, EMERGENCY),
+        _Rule(SupervisorState.NOT_PASSED, TUMBLED | SPINUP_TIMEOUT, missing=ARMED),
+        _Rule(SupervisorState.READY, ROTORS_SPIN_UP),
     ),
-    State.LANDED: (
-        _Rule(State.RESET, LANDED_TIMEOUT, missing=ARMED),
-        _Rule(State.FREE_FALL, ROTOR_BLOCKED),
-        _Rule(State.FLYING, IS_FLYING),
+    SupervisorState.READY: (
+        _Rule(SupervisorState.FREE_FALL, EMERGENCY | ROTOR_BLOCKED),
+        _Rule(SupervisorState.NOT_PASSED, TUMBLED | PREFLIGHT_TIMEOUT, missing=ARMED),
+        _Rule(SupervisorState.FLYING, IS_FLYING),
     ),
-    State.RESET: (_Rule(State.NOT_PASSED, none_of=_ALWAYS),),
-    State.LEVEL_OUT: (
-        _Rule(State.FREE_FALL, TOO_OLD_SETPOINT | TUMBLED | EMERGENCY | ROTOR_BLOCKED),
-        _Rule(State.FLYING, none_of=OLD_SETPOINT | TOO_OLD_SETPOINT),
+    SupervisorState.FLYING: (
+        _Rule(SupervisorState.FREE_FALL, TOO_OLD_SETPOINT | EMERGENCY | ROTOR_BLOCKED),
+        _Rule(SupervisorState.CRASHED, TUMBLED),
+        _Rule(SupervisorState.RESET, missing=ARMED),
+        _Rule(SupervisorState.LEVEL_OUT, OLD_SETPOINT),
+        _Rule(SupervisorState.LANDED, missing=IS_FLYING),
     ),
-    State.FREE_FALL: (_Rule(State.LOCKED, none_of=_ALWAYS),),
-    State.LOCKED: (),
-    State.CRASHED: (_Rule(State.NOT_PASSED, none_of=CRASHED | TUMBLED), _Rule(State.LOCKED, EMERGENCY)),
+    SupervisorState.LANDED: (
+        _Rule(SupervisorState.RESET, LANDED_TIMEOUT, missing=ARMED),
+        _Rule(SupervisorState.FREE_FALL, ROTOR_BLOCKED),
+        _Rule(SupervisorState.FLYING, IS_FLYING),
+    ),
+    SupervisorState.RESET: (_Rule(SupervisorState.NOT_PASSED, none_of=_ALWAYS),),
+    SupervisorState.LEVEL_OUT: (
+        _Rule(SupervisorState.FREE_FALL, TOO_OLD_SETPOINT | TUMBLED | EMERGENCY | ROTOR_BLOCKED),
+        _Rule(SupervisorState.FLYING, none_of=OLD_SETPOINT | TOO_OLD_SETPOINT),
+    ),
+    SupervisorState.FREE_FALL: (_Rule(SupervisorState.LOCKED, none_of=_ALWAYS),),
+    SupervisorState.LOCKED: (),
+    SupervisorState.CRASHED: (
+        _Rule(SupervisorState.NOT_PASSED, none_of=CRASHED | TUMBLED),
+        _Rule(SupervisorState.LOCKED, EMERGENCY),
+    ),
 }
 
 
-def next_state(state: State, conditions: int) -> State:
-    """Return the state after a look that finds these conditions: the first rule that applies decides."""
+def next_state(state: SupervisorState, conditions: int) -> SupervisorState:
+    """Return the state after an update with these conditions: the first rule that applies decides."""
     return next((rule.to for rule in _RULES[state] if rule.applies(conditions)), state)

@@ -1,4 +1,4 @@
-"""Bodies and mounts as they really are, drawn around what rig.toml says of them; nothing moves here."""
+"""Draws true bodies and mounts around the nominal values of rig.toml; nothing moves here."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -16,11 +16,11 @@ FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary so (table 2.3)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Friction:
-    """What brakes a swing.
+class TrueFriction:
+    """The friction of a swing.
 
-    As it stands, a Crazyflie let go at 50 degrees about x has fallen below 10 degrees after eight periods and
-    shows 14 peaks above 1 degree, as the thesis' did (section 2.4.4, table 2.3).
+    With these defaults, a Crazyflie released at 50 degrees about x has fallen below 10 degrees after eight periods
+    and shows 14 peaks above 1 degree, like the thesis' (section 2.4.4, table 2.3).
     """
 
     viscous_nms_per_rad: float = 1.5e-5
@@ -30,16 +30,16 @@ class Friction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrueMount:
-    """An axis as it really lies: a point on it (3,), its unit direction (3,), and its friction."""
+    """A true axis: a point on it (3,), its unit direction (3,), and its friction."""
 
     point_m: Array
     direction: Array
-    friction: Friction
+    friction: TrueFriction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """A body as it really is: centre of mass (3,), inertia matrix about it (3, 3), mounts by name."""
+    """A true body: centre of mass (3,), inertia matrix about it (3, 3), mounts by name."""
 
     mass_kg: float
     gravity_mps2: float
@@ -53,7 +53,7 @@ def draw_truth(
     *,
     inertia_kg_m2: npt.ArrayLike,
     rng: np.random.Generator,
-    friction: Friction = Friction(),
+    friction: TrueFriction = TrueFriction(),
 ) -> Truth:
     """Draw a vehicle whose measured values, with their standard deviations, are those of the rig.
 
@@ -75,7 +75,7 @@ def draw_testbody(
     *,
     rng: np.random.Generator,
     gravity_mps2: float | None = None,
-    friction: Friction = Friction(),
+    friction: TrueFriction = TrueFriction(),
 ) -> Truth:
     """Draw the test body: edges vary by `length_std_mm`, centre of mass and inertia follow from them.
 
@@ -101,7 +101,9 @@ def _draw_gravity(rig: Rig, *, rng: np.random.Generator) -> float:
     return rng.normal(rig.site.gravity_mps2, rig.site.gravity_std_mps2)
 
 
-def _draw_mounts(mounts: Mapping[str, Mount], *, friction: Friction, rng: np.random.Generator) -> dict[str, TrueMount]:
+def _draw_mounts(
+    mounts: Mapping[str, Mount], *, friction: TrueFriction, rng: np.random.Generator
+) -> dict[str, TrueMount]:
     return {
         name: TrueMount(
             point_m=mount.point_m + MM * rng.normal(0, mount.point_std_mm) @ np.array(mount.point_axes),
@@ -115,15 +117,15 @@ def _draw_mounts(mounts: Mapping[str, Mount], *, friction: Friction, rng: np.ran
 def _draw_direction(mount: Mount, *, rng: np.random.Generator) -> Array:
     """Tilt the nominal direction about two axes perpendicular to it."""
     nominal = np.array(mount.direction) / np.linalg.norm(mount.direction)
-    across = np.linalg.svd(nominal[np.newaxis])[2][1:]  # (2, 3): spans what is perpendicular to it
+    across = np.linalg.svd(nominal[np.newaxis])[2][1:]  # (2, 3): spans the plane perpendicular to it
     tilt_rad = math.radians(mount.direction_std_deg) * rng.standard_normal(2)
     angle_rad = np.linalg.norm(tilt_rad)
     return np.asarray(np.cos(angle_rad) * nominal + np.sinc(angle_rad / np.pi) * (tilt_rad @ across))
 
 
-def _draw_friction(typical: Friction, *, rng: np.random.Generator) -> Friction:
+def _draw_friction(typical: TrueFriction, *, rng: np.random.Generator) -> TrueFriction:
     viscous, coulomb, quadratic = rng.lognormal(0, FRICTION_SPREAD, 3)
-    return Friction(
+    return TrueFriction(
         viscous_nms_per_rad=typical.viscous_nms_per_rad * viscous,
         coulomb_nm=typical.coulomb_nm * coulomb,
         quadratic_nms2_per_rad2=typical.quadratic_nms2_per_rad2 * quadratic,

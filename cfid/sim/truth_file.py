@@ -1,4 +1,4 @@
-"""What a simulated rig really is, as a TOML file that may say any part of it; every key has a default."""
+"""Reads the true parameters of a simulated rig from a TOML file, in which every key has a default."""
 
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,11 @@ INERTIA_KG_M2 = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1
 _X, _Y, _Z = INERTIA_KG_M2.tolist()
 
 
-class _Table(BaseModel):
+class _TruthTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class VehicleTruth(_Table):
+class VehicleTruth(_TruthTable):
     """The vehicle's inertia matrix about its centre of mass."""
 
     inertia_kg_m2: Matrix = (tuple(_X), tuple(_Y), tuple(_Z))
@@ -44,10 +44,10 @@ class VehicleTruth(_Table):
         return matrix
 
 
-class AxisTruth(_Table):
+class AxisTruth(_TruthTable):
     """The axis that the dropping weights turn: its own inertia and its friction.
 
-    Friction is near what table 2.1 says of the thesis' axis, if that is read as Coulomb and viscous.
+    The friction is near that of the thesis' axis in table 2.1, taken as Coulomb and viscous friction.
     """
 
     setup_inertia_kg_m2: Positive = 1.5e-7
@@ -55,8 +55,8 @@ class AxisTruth(_Table):
     viscous_nms_per_rad: Spread = 1.1e-6
 
 
-class SimTruth(_Table):
-    """Everything that the file says. Rotors of a Brushless are its own where the file says nothing of them."""
+class SimTruth(_TruthTable):
+    """All true parameters. A Brushless has its own rotors by default."""
 
     vehicle: VehicleTruth = VehicleTruth()
     axis: AxisTruth = AxisTruth()
@@ -81,12 +81,12 @@ USUAL_TRUTH = SimTruth()
 
 
 def usual_truth(platform: Platform) -> SimTruth:
-    """Return the truth of a rig with such a vehicle."""
+    """Return the default truth of a rig with a vehicle of this platform."""
     return SimTruth.model_validate({"crazyflie": {"platform": platform}})
 
 
 def as_mounted(truth: SimTruth, rig: Rig) -> SimTruth:
-    """Return a truth that is mounted as rig.toml states, wherever the truth itself was not given a value."""
+    """Return a truth with rig.toml's mounting wherever the truth file states no value."""
     facts, arm_mm = rig.facts, rig.loadcell.arm_mm
     mounted: dict[str, dict[str, Any]] = {
         "loadcell": {"yaw_deg": facts.loadcell.yaw_deg, "flip_fz": facts.loadcell.flip_fz},
@@ -102,7 +102,7 @@ def as_mounted(truth: SimTruth, rig: Rig) -> SimTruth:
 
 
 def load_truth(path: Path, *, platform: Platform | None = None) -> SimTruth:
-    """Read such a file; a platform that is given counts before its own. Raises ConfigError that names file and key."""
+    """Read a truth file; `platform` overrides the file's own. Raises ConfigError naming file and key."""
     try:
         content = read_toml(path, ConfigError)
     except FileNotFoundError:

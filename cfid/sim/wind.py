@@ -1,4 +1,4 @@
-"""A steady wind on the vehicle that is fastened to the load cell: what it does to turning rotors and to the body."""
+"""Simulates a steady wind on the vehicle on the load cell: its forces on turning rotors and on the body."""
 
 import math
 
@@ -11,7 +11,7 @@ from cfid.sim.stepping import Array
 
 
 class WindTruth(BaseModel):
-    """Wind of `speed_mps` from a generator at `angle_deg` to the vertical and `azimuth_deg` about it.
+    """Wind of `speed_mps` from a fan at `angle_deg` to the vertical and `azimuth_deg` about it.
 
     Rotors feel `kg_per_rad`, for the body's x, y and z, times their speeds' sum times the velocity relative to the air
     (thesis eq. 4.2, its coefficients of eq. 4.8), the body `body_kg_per_m` times that velocity and its size. The load
@@ -29,12 +29,12 @@ class WindTruth(BaseModel):
 
     @property
     def drag_ns_per_rad(self) -> Array:
-        """What each rad/s of the rotors adds to the force (3,), in the load cell's frame."""
+        """The force (3,) per rad/s of the rotors, in the load cell's frame."""
         return self._in_the_cell(np.array(self.kg_per_rad) * self._velocity_mps)
 
     @property
     def body_n(self) -> Array:
-        """The force on the body (3,), in the load cell's frame, whatever the rotors do."""
+        """The force on the body (3,), in the load cell's frame, independent of the rotors."""
         return self._in_the_cell(self.body_kg_per_m * self.speed_mps * self._velocity_mps)
 
     @property

@@ -1,8 +1,8 @@
-"""A vehicle on a load cell in front of a wind generator: averaged forces of a whole campaign, or one run's record.
+"""Simulates a vehicle on a load cell in the wind: averaged forces of a whole campaign, or the record of one run.
 
-The wind is not the same everywhere: around the vehicle an operator reads a lowest and a highest speed, and what
-acts lies anywhere between. The load cell is zeroed with the wind on and the rotors still, so that the drag of the
-body is not in the forces.
+The wind is not uniform: around the vehicle an operator reads a lowest and a highest speed, and the acting one lies
+anywhere between. The load cell is tared with the wind on and the rotors off, so that the forces do not include the
+body's drag.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cfid.sim.loadcell import Counts, LoadCell, LoadCellTruth
+from cfid.sim.loadcell import Counts, LoadCellTruth, SimulatedLoadCell
 from cfid.sim.stepping import Array
 
 COMMANDS = (0, 10000, 20000, 30000, 37300, 40000, 50000)
@@ -29,7 +29,7 @@ _WINDOW_AFTER_S = 10.0  # from the tare to the window's middle
 
 
 class Air(Protocol):
-    """What moving air does to turning rotors."""
+    """The force of moving air on turning rotors."""
 
     def force_n(self, velocity_mps: Array, speed_sum_rad_s: float) -> Array:
         """Return the force (3,) at a velocity (3,) relative to the air, both in the body frame."""
@@ -80,7 +80,7 @@ class CrossAir:
 
 
 class Wind(NamedTuple):
-    """One setting of the wind generator: where it stands, and the lowest and highest wind read there."""
+    """A wind setting: the fan's direction, and the lowest and highest wind speed read."""
 
     angle_deg: float
     min_mps: float
@@ -90,9 +90,9 @@ class Wind(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Tunnel:
-    """The set-up as it is. `unsteady` is by how much (relative) the wind at the vehicle varies from run to run.
+    """The true set-up. `unsteady` is the relative variation of the wind at the vehicle from run to run.
 
-    The load cell drifts in each run at its own rate, of either sign, of the size that its truth states.
+    In each run the load cell drifts at a random rate, whose standard deviation its truth states.
     """
 
     air: Air
@@ -104,9 +104,9 @@ class Tunnel:
 
 
 class TunnelRun(NamedTuple):
-    """What a run of a campaign leaves: typed readings, and the mean force (3,) in the load cell's frame.
+    """The result of a run of a campaign: typed readings, and the mean force (3,) in the load cell's frame.
 
-    A reference, without wind, has the angle nan and wind 0. `force_std_n` (3,) knows the cell's noise alone.
+    A reference, without wind, has the angle nan and wind 0. `force_std_n` (3,) includes the cell's noise only.
     """
 
     command: int
@@ -120,7 +120,7 @@ class TunnelRun(NamedTuple):
 
 
 def known_to(relative_std: float, winds: Iterable[Wind]) -> list[Wind]:
-    """Return winds of the same middles whose readings lie as far apart as a relative deviation says (uniform)."""
+    """Return wind settings of the same middles, with readings apart by a relative standard uncertainty (uniform)."""
     half = math.sqrt(3) * relative_std
     middles = [(wind, (wind.min_mps + wind.max_mps) / 2) for wind in winds]
     return [wind._replace(min_mps=(1 - half) * middle, max_mps=(1 + half) * middle) for wind, middle in middles]
@@ -129,7 +129,7 @@ def known_to(relative_std: float, winds: Iterable[Wind]) -> list[Wind]:
 def simulate_campaign(
     tunnel: Tunnel, winds: Iterable[Wind], *, rng: np.random.Generator, commands: Sequence[int] = COMMANDS
 ) -> list[TunnelRun]:
-    """Run all commands without wind, then with each; the thesis' 15 winds make 112 runs."""
+    """Run all commands without wind, then at each setting; the thesis' 15 settings make 112 runs."""
     still = Wind(math.nan, 0.0, 0.0)
     runs = []
     for wind in (still, *winds):
@@ -147,14 +147,14 @@ def record(
     duration_s: float = 12.0,
     rate_hz: float = 1e3,
 ) -> tuple[Array, Counts]:
-    """Record one run whole: times (n,) and counts (n, 6) of the load cell, the motors on after 2 s."""
+    """Record one whole run: times (n,) and counts (n, 6) of the load cell, with the motors on after 2 s."""
     _, force = _steady(tunnel, wind, command, rng.uniform(wind.min_mps, wind.max_mps))
     time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     since = np.maximum(time_s - 2.0, 0.0)
     wrench = np.zeros((len(time_s), 6))
     wrench[:, :3] = (1 - np.exp(-since / tunnel.time_constant_s))[:, np.newaxis] * force
     drifting = tuple(float(rate) for rate in rng.standard_normal(6) * tunnel.cell.drift_per_s)
-    cell = LoadCell(tunnel.cell.model_copy(update={"drift_per_s": drifting}), rng)
+    cell = SimulatedLoadCell(tunnel.cell.model_copy(update={"drift_per_s": drifting}), rng)
     return time_s, cell.read(time_s, wrench)[0]
 
 
@@ -176,7 +176,7 @@ def _averaged(tunnel: Tunnel, wind: Wind, command: int, acting_mps: float, rng: 
 
 
 def _steady(tunnel: Tunnel, wind: Wind, command: int, acting_mps: float) -> tuple[float, Array]:
-    """Return what the tachometer shows, and thrust and drag (3,) in the load cell's frame."""
+    """Return the tachometer's reading in rpm, and thrust and drag (3,) in the load cell's frame."""
     shown_rpm = float(np.interp(command, COMMANDS, SHOWN_RPM))
     thrust_n = 4 * tunnel.thrust_ns2_per_rad2 * (shown_rpm / MARKERS * math.tau / 60) ** 2
     middle_mps = (wind.min_mps + wind.max_mps) / 2

@@ -1,1 +1,1 @@
-"""Bytes and counts to records: no clock, no port, no thread."""
+"""Encodes and decodes what devices send and receive; no clock, no port, no thread."""

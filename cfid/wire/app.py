@@ -1,8 +1,8 @@
-"""The thesis' three services on the vehicle, thrust, sine and ping (C.2.1, C.2.4, C.2.6), and what the app adds.
+"""Encodes and decodes the services thrust, sine and ping of the thesis (C.2.1, C.2.4, C.2.6) and cfid's app.
 
-The thesis' fields stand first in every payload, so that its modules of 2015 understand each request and are
-understood; what is added stands behind them or on a channel of its own. A decoder returns None for a payload of
-the wrong length. Microseconds are the vehicle's, and wrap.
+The thesis' fields come first in every payload, so that its modules of 2015 can read each request and cfid can read
+theirs; the app's additions follow them or have a channel of their own. A decoder returns None for a payload of the
+wrong length. Microseconds count on the vehicle's clock and wrap.
 """
 
 import math
@@ -35,7 +35,7 @@ _MAGIC = b"cfid"
 _DONE_MARK = ord("a")
 
 
-class Ports(NamedTuple):
+class AppPorts(NamedTuple):
     """The CRTP ports of the three services."""
 
     thrust: int = 10
@@ -68,8 +68,8 @@ class PingChannel(IntEnum):
     STOP = 3
 
 
-class Verdict(IntEnum):
-    """What the app says to a request."""
+class AppVerdict(IntEnum):
+    """The app's answer to a request."""
 
     ACCEPTED = 0
     WRONG_LENGTH = 1
@@ -84,20 +84,20 @@ class Verdict(IntEnum):
 
 
 VERDICTS = {
-    Verdict.ACCEPTED: "accepted",
-    Verdict.WRONG_LENGTH: "the request has the wrong length",
-    Verdict.NO_SUCH_MOTOR: "there is no such motor",
-    Verdict.NO_KEEP_ALIVE: "it hears no keep-alive",
-    Verdict.SINE_IS_RUNNING: "a sine is running",
-    Verdict.MOTORS_NOT_ALLOWED: "its supervisor does not let the motors run: not armed, tumbled or stopped",
-    Verdict.NO_SAMPLES: "N is zero",
-    Verdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
-    Verdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
-    Verdict.NOT_OWNER: "another program holds the motors, or a stop ended this one's hold",
+    AppVerdict.ACCEPTED: "accepted",
+    AppVerdict.WRONG_LENGTH: "the request has the wrong length",
+    AppVerdict.NO_SUCH_MOTOR: "there is no such motor",
+    AppVerdict.NO_KEEP_ALIVE: "it receives no keep-alive",
+    AppVerdict.SINE_IS_RUNNING: "a sine is running",
+    AppVerdict.MOTORS_NOT_ALLOWED: "its supervisor does not let the motors run: not armed, tumbled or stopped",
+    AppVerdict.NO_SAMPLES: "N is zero",
+    AppVerdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
+    AppVerdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
+    AppVerdict.NOT_OWNER: "another program holds the motors, or a stop ended this one's hold",
 }
 
 
-class Outcome(IntEnum):
+class AppOutcome(IntEnum):
     """How a sine ended."""
 
     FINISHED = 0
@@ -107,20 +107,20 @@ class Outcome(IntEnum):
 
 
 OUTCOMES = {
-    Outcome.FINISHED: "played to its end",
-    Outcome.STOPPED: "was stopped",
-    Outcome.KEEP_ALIVE_LOST: "was stopped by the vehicle, which heard no keep-alive",
-    Outcome.MOTORS_NOT_ALLOWED: "was stopped by the vehicle's supervisor: not armed, tumbled or stopped",
+    AppOutcome.FINISHED: "played to its end",
+    AppOutcome.STOPPED: "was stopped",
+    AppOutcome.KEEP_ALIVE_LOST: "was stopped by the vehicle, which received no keep-alive",
+    AppOutcome.MOTORS_NOT_ALLOWED: "was stopped by the vehicle's supervisor: not armed, tumbled or stopped",
 }
 
 
 class Flags(IntFlag):
-    """What the app's state says."""
+    """Flags of the app's state."""
 
     MOTORS_ALLOWED = 1
     KEEP_ALIVE_FRESH = 2
     SINE_RUNNING = 4
-    NOT_OWNER = 8  # of the keep-alive that this answers: it counted for nothing
+    NOT_OWNER = 8  # the keep-alive that this answers is not the owner's and had no effect
 
 
 class ThrustRequest(NamedTuple):
@@ -167,11 +167,11 @@ class Crossing(NamedTuple):
     command: int
     sample: int | None = None
     microseconds: int | None = None
-    number: int | None = None  # the last one has value 0 and the number of samples: motors are off
+    number: int | None = None  # the last one has command 0 and the number of samples: the motors are off
 
 
 class Done(NamedTuple):
-    """The end of a sine, a second after its motors stopped; the module of 2015 says no more than that."""
+    """The end of a sine, reported a second after its motors stopped; the module of 2015 sends no further field."""
 
     outcome: int | None = None
     samples: int | None = None
@@ -179,7 +179,7 @@ class Done(NamedTuple):
 
 
 class Hello(NamedTuple):
-    """What the app says of itself."""
+    """How the app identifies itself."""
 
     protocol: int
     samples_per_s: int
@@ -257,7 +257,7 @@ def decode_crossing(payload: bytes) -> Crossing | None:
 
 
 def encode_done(done: Done) -> bytes:
-    """Return the byte `a`, with what the app adds where it is known."""
+    """Return the byte `a`, followed by the app's fields where they are known."""
     if done.outcome is None:
         return bytes([_DONE_MARK])
     return _DONE.pack(_DONE_MARK, *done)

@@ -1,7 +1,8 @@
-"""CRTP, the Crazyflie's packets: one header byte with port and channel, then up to 30 bytes; numbers little-endian.
+"""Encodes and decodes CRTP, the Crazyflie's packets: a header byte with port and channel, then up to 30 bytes.
 
-Holds what cfid itself says on the stock ports: echo, parameters and logging by number. The numbers come from
-the vehicle's tables, which cflib reads; the thesis' three services are `app`'s.
+Numbers are little-endian. This module covers what cfid itself exchanges with the stock ports: echo, parameters and
+logging. The numbers of parameters and variables come from the vehicle's tables, which cflib reads. The thesis' three
+services are in `app`.
 """
 
 import struct
@@ -34,7 +35,7 @@ class Packet(NamedTuple):
 
 
 class LogCommand(IntEnum):
-    """What is asked on the log's control channel."""
+    """Commands of the log's control channel."""
 
     DELETE = 2
     STOP = 4
@@ -50,7 +51,7 @@ class Variable(NamedTuple):
 
 
 class LogAnswer(NamedTuple):
-    """What came of a command about a block; an error of 0 is none."""
+    """The result of a command about a log block; error 0 means success."""
 
     command: int
     block: int
@@ -71,19 +72,19 @@ def encode_packet(packet: Packet) -> bytes:
 
 
 def decode_packet(datagram: bytes) -> Packet | None:
-    """Return the packet of a datagram, None when it cannot be one; the two reserved bits are anybody's."""
+    """Return the packet of a datagram, None when it is not one; the two reserved bits may have any value."""
     if not 1 <= len(datagram) <= 1 + LONGEST_PAYLOAD:
         return None
     return Packet(datagram[0] >> 4, datagram[0] & 3, bytes(datagram[1:]))
 
 
 def encode_echo(number: int) -> bytes:
-    """Return what the link's echo channel shall send back: unlike cflib's own, and told apart by its number."""
+    """Return a payload for the link's echo channel; unlike cflib's own, and identified by its number."""
     return _ECHO.pack(_ECHO_MARK, number)
 
 
 def decode_echo(payload: bytes) -> int | None:
-    """Return the number of an echo of ours, None for anybody else's."""
+    """Return the number of one of cfid's echoes, None for any other payload."""
     if len(payload) != _ECHO.size:
         return None
     mark, number = _ECHO.unpack(payload)
@@ -110,7 +111,7 @@ def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
 
 
 def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
-    """Return the value from the answer to a write of this parameter: number, the value that stands now."""
+    """Return the value from the answer to a write of this parameter: number, the value now in force."""
     layout = struct.Struct(f"<H{parameter.kind}")
     if len(payload) != layout.size:
         return None
@@ -146,17 +147,17 @@ def encode_start_log(block: int, period_ms: int) -> bytes:
 
 
 def encode_stop_log(block: int) -> bytes:
-    """Return the request to send a block no more."""
+    """Return the request to stop sending a block."""
     return bytes([LogCommand.STOP, block])
 
 
 def encode_delete_log(block: int) -> bytes:
-    """Return the request to forget a block, whose number may then be given to other variables."""
+    """Return the request to delete a block; its number can then be used again."""
     return bytes([LogCommand.DELETE, block])
 
 
 def decode_log_answer(payload: bytes) -> LogAnswer | None:
-    """Return what the vehicle answers on the log's control channel."""
+    """Return the vehicle's answer on the log's control channel."""
     return LogAnswer(*payload) if len(payload) == 3 else None
 
 

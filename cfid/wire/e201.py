@@ -1,8 +1,8 @@
-"""The serial protocol of RLS' E201-9S encoder interface: commands of one character, replies that end in CR.
+"""Reads the serial protocol of RLS' E201-9S encoder interface: commands of one character, replies that end in CR.
 
-Replies come back in any slicing. A reply is taken only if all of it makes sense; everything else is counted.
-USB carries its own checksums, so that bytes are lost or joined rather than changed; what a changed digit
-would do is caught by the word's own check where it has one (see `rls`).
+Replies arrive in pieces of any size. A reply counts only if all of it is valid; the rest is counted as rejected.
+USB has checksums of its own, so that bytes are lost or joined rather than changed; the word's own check, where it
+has one (see `rls`), catches a changed digit.
 """
 
 import re
@@ -25,7 +25,7 @@ PRODUCT = "E201 USB Encoder Interface"
 USB_VENDOR = 0x0483  # of the chip's maker: a Crazyflie on USB has it too
 
 WIDEST_WORD = 32  # bits
-STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual says so)
+STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual states it)
 
 _END = b"\r"
 _LONGEST = 64  # of a reply; the longest that is known, the version, has less than half of it
@@ -33,8 +33,8 @@ _POSITION = re.compile(rb"(\d{1,10})(?:[: ](\d{1,10}))?")
 _WIDTH = re.compile(rb"\D*(\d{1,2})\D*")
 
 
-class Reading(NamedTuple):
-    """One position as the device said it, and its stamp in microseconds if it has one."""
+class EncoderReading(NamedTuple):
+    """One position as the device sent it, with its stamp in microseconds if it has one."""
 
     position: int
     stamp_us: int | None
@@ -48,7 +48,7 @@ def set_word_width(bits: int) -> bytes:
 
 
 def word_width(reply: bytes) -> int | None:
-    """Return the bits that a reply to `b` names, or None when it names none."""
+    """Return the width in bits that a reply to `b` states, or None when it states none."""
     match = _WIDTH.fullmatch(reply)
     return int(match[1]) if match else None
 
@@ -59,7 +59,7 @@ def names_e201(reply: bytes) -> bool:
 
 
 class ReplyReader:
-    """Cuts what a device sends into replies; `rejected` counts those that are too long to be any."""
+    """Splits what a device sends into replies; `rejected` counts those that are too long."""
 
     def __init__(self) -> None:
         """Start between two replies."""
@@ -82,18 +82,19 @@ class ReplyReader:
         return replies
 
     def forget(self) -> None:
-        """Drop the beginning of a reply whose rest is given up, and count it."""
+        """Drop an incomplete reply whose end will not come, and count it as rejected."""
         self.rejected += bool(self._begun.removeprefix(b"\n")) or self._skipping
         self._begun, self._skipping = b"", False
 
 
 class PositionReader:
-    """Reads positions, and counts what else comes.
+    """Reads positions, and counts everything else.
 
-    `rejected` replies are no position, and in `errors` of them the device says Error; `names` are answers to `v`.
+    `rejected` counts replies without a position, `errors` those of them in which the device reports Error, `names`
+    answers to `v`.
 
-    Unless it is known whether replies carry a stamp, the first two alike in a row decide, and one of the other
-    kind is then no position. One alone cannot: the end of a stamped reply whose beginning was missed looks like
+    Where it is unknown whether replies carry a stamp, the first two in a row of the same kind decide, and replies of
+    the other kind are then rejected. A single reply cannot decide: a stamped reply that lost its beginning looks like
     one without a stamp.
     """
 
@@ -108,19 +109,19 @@ class PositionReader:
 
     @property
     def rejected(self) -> int:
-        """How many replies were no position."""
+        """How many replies had no position."""
         return self._unread + self._replies.rejected
 
-    def feed(self, data: bytes) -> list[Reading]:
+    def feed(self, data: bytes) -> list[EncoderReading]:
         """Return the positions that `data` completes."""
         found = (self._read(reply) for reply in self._replies.feed(data))
         return [reading for reading in found if reading is not None]
 
     def forget(self) -> None:
-        """Drop the beginning of a reply whose rest is given up, and count it."""
+        """Drop an incomplete reply whose end will not come, and count it as rejected."""
         self._replies.forget()
 
-    def _read(self, reply: bytes) -> Reading | None:
+    def _read(self, reply: bytes) -> EncoderReading | None:
         match = _POSITION.fullmatch(reply)
         if match is None and names_e201(reply):
             self.names += 1
@@ -136,4 +137,4 @@ class PositionReader:
             self._unread += 1
             return None
         self._stamped, self._decided = stamped, alike
-        return Reading(position, stamp_us)
+        return EncoderReading(position, stamp_us)

@@ -1,4 +1,4 @@
-"""What a Net F/T says of itself over HTTP, and its single readings over TCP port 49151."""
+"""Reads a Net F/T's settings from its web pages, and its single readings over TCP port 49151."""
 
 import re
 import struct
@@ -50,7 +50,7 @@ class Settings(NamedTuple):
 
     @property
     def family(self) -> Family:
-        """Which table of status bits holds."""
+        """The family of devices, which decides the table of status bits."""
         return family_of(self.product)
 
     @property
@@ -64,7 +64,7 @@ class Settings(NamedTuple):
         return self.counts_per_torque / NEWTON_METRES[_torque_unit(self.torque_unit)]
 
 
-class Reading(NamedTuple):
+class LoadReading(NamedTuple):
     """A single reading over TCP: the upper 16 bits of the status word, and Fx to Tz in the box' scaled counts."""
 
     status: int
@@ -72,28 +72,28 @@ class Reading(NamedTuple):
 
 
 def active_configuration(xml: str) -> int:
-    """Return the index of the configuration in use. Raises ValueError when the page does not say it."""
+    """Return the index of the configuration in use. Raises ValueError when the page does not state it."""
     return _whole(_tags(xml), "setcfgsel", least=0)
 
 
 def configuration_query(index: int) -> str:
-    """Return the path and query that asks for a configuration."""
+    """Return the path and query that requests a configuration."""
     return f"{CONFIGURATION_PATH}?{urlencode({'index': index})}"
 
 
 def rate_query(*, rate_hz: int, buffer_size: int) -> str:
-    """Return the path and query that sets RDT on, its rate and its buffer."""
+    """Return the path and query that enables RDT and sets its rate and buffer size."""
     return "/comm.cgi?" + urlencode({"comrdte": 1, "comrdtrate": rate_hz, "comrdtbsiz": buffer_size})
 
 
 def read_settings(xml: str) -> Settings:
-    """Read the page of the active configuration. Raises ValueError that names what is missing or wrong."""
+    """Read the page of the active configuration. Raises ValueError naming what is missing or wrong."""
     tags = _tags(xml)
     force_unit, torque_unit = _text(tags, "scfgfu"), _text(tags, "scfgtu")
     if force_unit not in NEWTONS:
-        raise ValueError(f"forces are in '{force_unit}', which is no unit known here ({', '.join(NEWTONS)})")
+        raise ValueError(f"forces are in the unknown unit '{force_unit}' (known: {', '.join(NEWTONS)})")
     if _torque_unit(torque_unit) not in NEWTON_METRES:
-        raise ValueError(f"torques are in '{torque_unit}', which is no unit known here ({', '.join(NEWTON_METRES)})")
+        raise ValueError(f"torques are in the unknown unit '{torque_unit}' (known: {', '.join(NEWTON_METRES)})")
     return Settings(
         product=_text(tags, "prodname"),
         firmware=tags.get("mfgdigver", ""),
@@ -111,21 +111,21 @@ def read_settings(xml: str) -> Settings:
     )
 
 
-def read_reading(data: bytes) -> Reading:
+def read_reading(data: bytes) -> LoadReading:
     """Read the answer to READ_FORCES. Raises ValueError for anything else."""
     header, status, *values = _READING.unpack(data) if len(data) == _READING.size else (0, 0)
     if header != _HEADER:
         raise ValueError(f"{len(data)} bytes that are no reading: {data[:8].hex(' ')} ...")
-    return Reading(status, tuple(values))
+    return LoadReading(status, tuple(values))
 
 
-def encode_reading(reading: Reading) -> bytes:
+def encode_reading(reading: LoadReading) -> bytes:
     """Return a reading's 16 bytes."""
     return _READING.pack(_HEADER, reading.status, *reading.values)
 
 
 def _tags(xml: str) -> dict[str, str]:
-    """Return the page's plain tags; it is flat, and nothing else in it is looked at."""
+    """Return the page's plain tags; the page is flat, and everything else in it is ignored."""
     return {name: unescape(text).strip() for name, text in _TAG.findall(xml)}
 
 
@@ -158,7 +158,7 @@ def _whole(tags: Mapping[str, str], name: str, *, least: int) -> int:
 
 
 def _six(tags: Mapping[str, str], name: str) -> tuple[float, ...]:
-    """Return six numbers; a page without them is no reason to refuse a box."""
+    """Return six numbers, none for a page without them: that is no reason to reject a box."""
     texts = re.split(r"[;,\s]+", tags.get(name, "").strip())
     try:
         return tuple(float(text) for text in texts) if len(texts) == 6 else ()

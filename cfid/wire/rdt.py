@@ -1,7 +1,7 @@
-"""ATI's RDT protocol over UDP port 49152: requests, and records of 36 bytes, both big-endian.
+"""Encodes and decodes ATI's RDT protocol over UDP port 49152: requests, and records of 36 bytes, both big-endian.
 
-Decodes whole blocks into arrays. What order the records are in, and which are missing, is `rdt_order`'s business;
-what a status word means is `rdt_status`'.
+Whole blocks become arrays. `rdt_order` finds the order of records and what is missing, `rdt_status` interprets
+status words.
 """
 
 import struct
@@ -21,7 +21,7 @@ _LAYOUT = np.dtype([("rdt_sequence", ">u4"), ("ft_sequence", ">u4"), ("status", 
 
 
 class Command(IntEnum):
-    """What can be asked for; each replaces the one before."""
+    """Commands of a request; each replaces the previous one."""
 
     STOP = 0
     REAL_TIME = 2
@@ -32,7 +32,7 @@ class Command(IntEnum):
 
 
 class Request(NamedTuple):
-    """A command and how many records it asks for, 0 for no end."""
+    """A command and the number of records it requests, 0 for an endless stream."""
 
     command: int
     records: int = 0
@@ -53,7 +53,7 @@ def encode_request(request: Request) -> bytes:
 
 
 def decode_request(datagram: bytes) -> Request | None:
-    """Return what a datagram asks for, or None when it is no request."""
+    """Return the request in a datagram, or None when it is not one."""
     if len(datagram) != _REQUEST.size:
         return None
     header, command, records = _REQUEST.unpack(datagram)
@@ -61,7 +61,7 @@ def decode_request(datagram: bytes) -> Request | None:
 
 
 def is_block(size: int) -> bool:
-    """Return whether a datagram of so many bytes can be a block of records."""
+    """Return whether a datagram of this size in bytes can be a block of records."""
     return 0 < size <= LONGEST_BUFFER * RECORD_BYTES and size % RECORD_BYTES == 0
 
 
@@ -76,7 +76,7 @@ def encode_records(records: Records) -> bytes:
 def decode_records(data: bytes | bytearray | memoryview) -> Records:
     """Return the records of one or several datagrams laid end to end.
 
-    Raises ValueError when these are no whole records; `is_block` tells before.
+    Raises ValueError when they are not whole records, which `is_block` checks beforehand.
     """
     block = np.frombuffer(data, _LAYOUT)
     return Records(

@@ -1,4 +1,4 @@
-"""Puts RDT records in order and counts what is lost, doubled, late or garbled; knows no clock and no port."""
+"""Puts RDT records in order and counts lost, duplicate, late and garbled ones; knows no clock and no port."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -43,12 +43,12 @@ class _Line(NamedTuple):
 class RecordOrder:
     """The order of one box' records over any number of requests.
 
-    Each request numbers its records from 1, and the box counts its own samples beside: the two numbers
+    Each request numbers its records from 1, and the box also counts its own samples: the two numbers
     advance in step. A record in which they do not, be it garbled or left over from the request before, is
     rejected, so that a flipped bit in either number never looks like a loss.
 
-    The first three records that agree say how the two numbers go together. Three others that agree, with none
-    between them that fits, begin another stream: the answer to a request that was repeated, say.
+    The first three records that agree establish how the two numbers are related. Three others that agree, with none
+    between them that fits, begin another stream, for example the answer to a repeated request.
     """
 
     def __init__(self) -> None:
@@ -132,7 +132,7 @@ class RecordOrder:
         return _chosen(records, order)
 
     def _count_old(self, place: int) -> None:
-        """Count a record whose turn is over: late if it was missed, else a duplicate."""
+        """Count a record that comes after later ones were taken: late if it was missing, else a duplicate."""
         for i, (begin, end) in enumerate(self._gaps):
             if begin <= place < end:
                 self.arrivals.late += 1

@@ -1,8 +1,8 @@
-"""What the bits of a load cell's status word say, for the two families that speak RDT.
+"""Interprets a load cell's status word, for the two families of devices that speak RDT.
 
 Sources. Net F/T: ATI's manual 9620-05-NET FT, section "System Status Code" (18.2 in revision 11), as the public client
 github.com/netft decodes it from revision 23; the section itself was not at hand. Ethernet Axia: ATI's manual
-9610-05-Ethernet Axia-09, section 4.8, table 4.7, which says too which bits are no error; bit 7 from
+9610-05-Ethernet Axia-09, section 4.8, table 4.7, which also states which bits are no errors; bit 7 from
 9620-05-C-Ethernet Axia-02, section 5.5; bit 26 from public clients alone.
 """
 
@@ -62,28 +62,28 @@ _WARNINGS: Mapping[Family, frozenset[int]] = {"netft": frozenset({16}), "axia": 
 
 
 class Status(NamedTuple):
-    """What a status word says: faults that spoil the readings, and warnings that do not."""
+    """What a status word reports: faults, which invalidate the readings, and warnings, which do not."""
 
     faults: tuple[str, ...]
     warnings: tuple[str, ...]
 
 
 def family_of(product: str) -> Family:
-    """Return whose table of bits holds for a box of this name."""
+    """Return the family of a box with this product name."""
     return "axia" if "axia" in product.lower() else "netft"
 
 
 def read_status(word: int, family: Family) -> Status:
-    """Return the sentences of a status word; both empty for a healthy 0.
+    """Return the faults and warnings of a status word, none for a healthy 0.
 
-    A bit that no source names is told by its number, and is a fault. Bit 31 only sums up the others: alone, it
-    is a fault without a name.
+    A bit that no source names is a fault, reported by its number. Bit 31 only summarizes the others: alone, it is a
+    fault without a name.
     """
     names = _NETFT if family == "netft" else _AXIA
     bits = [bit for bit in range(_ANY_ERROR) if word >> bit & 1]
-    said = {bit: names.get(bit, f"status bit {bit}") for bit in bits}
-    faults = tuple(said[bit] for bit in bits if bit not in _WARNINGS[family])
-    warnings = tuple(said[bit] for bit in bits if bit in _WARNINGS[family])
+    sentences = {bit: names.get(bit, f"status bit {bit}") for bit in bits}
+    faults = tuple(sentences[bit] for bit in bits if bit not in _WARNINGS[family])
+    warnings = tuple(sentences[bit] for bit in bits if bit in _WARNINGS[family])
     if word >> _ANY_ERROR & 1 and not bits:
         faults = ("an error without a name",)
     return Status(faults, warnings)

@@ -1,6 +1,6 @@
-"""What the encoder's counts mean: plain counts per turn, or a 13-bit position inside a 22-bit word.
+"""Encodes and decodes the encoder's 22-bit words, in which a 13-bit position stands.
 
-The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That is no resolution but a
+The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That number is not a resolution but a
 pattern: a position p of 13 bits, read as a 22-bit word that repeats itself after a zero bit,
 raw = (p << 9) | (p >> 5). So 8192 steps make a turn and every sample carries its own check.
 """
@@ -43,6 +43,6 @@ def decode_words(word: npt.NDArray[np.int64]) -> Positions:
     a position that is up to 31 steps (1.4 degrees) off.
     """
     gap_is_zero = (word & _GAP_BIT) == 0
-    # What is negative or beyond 22 bits has a top that no low byte repeats.
+    # A negative number, or one beyond 22 bits, has a top that no low byte repeats.
     repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
     return Positions(position=word >> _SHIFT, valid=gap_is_zero & repeats)

@@ -1,16 +1,17 @@
-"""Lines in which scales say a weight by themselves, of the forms that most makers share; sends no command.
+"""Reads the lines in which scales send weights unprompted, in the forms that most makers share; sends no command.
 
-Three forms are read, each with a number, its unit, and spaces wherever they may stand:
+It reads three forms, each with a number, its unit, and spaces between them:
 
     ST,GS,+0001.23 kg    A&D, Kern, Tiger, Brecknell: ST stable or US not, then perhaps GS gross or NT net
     S S     12.34 g      Mettler's SICS: S stable or D not, as the answer to its commands S, SI and SIR
-      12.34 g            no more than that: whether it is stable is not said
+      12.34 g            nothing more: the line does not state whether it is stable
 
 Anything else is counted and left out: overload (OL, "S +"), a tare (TR), pieces, another unit, or none.
 
-A line whose beginning is missing would be another number. So the first one counts only with a head, and once one
-had a head, those without have lost theirs. There is no checksum: a flipped bit can make one digit another, a last 0
-a space or a space there a 0, and a minus in a line without a head an end of line; all other flips are found.
+A line that lost its beginning would read as another number. So the first line counts only with a head, and after a
+line with a head, lines without one are rejected. There is no checksum: a flipped bit can turn one digit into another,
+a last 0 into a space, a space there into a 0, and a minus in a line without a head into an end of line; all other
+flips are found.
 """
 
 import re
@@ -35,14 +36,14 @@ _STABLE = {b"ST": True, b"US": False, b"S": True, b"D": False}
 
 
 class Weight(NamedTuple):
-    """What scales said: grams, and whether they had come to rest, None where they do not say it."""
+    """One line of scales: grams, and whether they were stable, None where the line does not state it."""
 
     grams: float
     stable: bool | None
 
 
 def read_weight(line: bytes) -> Weight | None:
-    """Return what one line says, given without its end, or None when it is none of the forms."""
+    """Return the weight in one line, given without its end, or None when it has none of the forms."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
@@ -52,7 +53,7 @@ def read_weight(line: bytes) -> Weight | None:
 
 
 class ScalesReader:
-    """Reads weights; `rejected` counts lines that are none. A line ends in CR, LF or both."""
+    """Reads weights; `rejected` counts lines without one. A line ends in CR, LF or both."""
 
     def __init__(self) -> None:
         """Start anywhere in a line."""

@@ -1,7 +1,7 @@
-"""The firmware's supervisor on the wire: its state word, and how a client arms, disarms and relaxes a setpoint.
+"""Encodes and decodes the exchange with the firmware's supervisor: its state word, arming, and relaxed setpoints.
 
-Firmware from protocol 12 on (release 2026.04) answers on port 9. Before, arming was a command of the platform port, and
-the word is to be had only as the log variable `supervisor.info`.
+Firmware from protocol 12 on (release 2026.04) answers on port 9. Before that, arming was a command of the platform
+port, and the state word was available only as the log variable `supervisor.info`.
 """
 
 from enum import IntFlag
@@ -19,13 +19,13 @@ _ANSWER = 0x80
 _ARM, _WORD = 0x01, 0x0C
 _ARM_BY_PLATFORM = 0x01
 
-# Lets go of a setpoint that some client left to grow old. Firmware fails an assertion at any other length.
+# Releases a setpoint that some client left behind. Firmware fails an assertion at any other length.
 RELAX_SETPOINT = Packet(SETPOINT_PORT, META_CHANNEL, bytes(5))
 ASK_STATE = Packet(SUPERVISOR_PORT, INFO_CHANNEL, bytes([_WORD]))
 
 
 class Bits(IntFlag):
-    """The state word's bits, which follow the supervisor's last look, 25 times a second."""
+    """The bits of the state word, which the supervisor updates 25 times a second."""
 
     CAN_BE_ARMED = 1 << 0
     ARMED = 1 << 1
@@ -39,13 +39,13 @@ class Bits(IntFlag):
 
 
 class VehicleState(NamedTuple):
-    """A state by the name that operators know, whether motors may start from it, and what to do where they may not."""
+    """A state: its name for operators, whether motors may start from it, and what to do where they may not."""
 
     bits: Bits
 
     @classmethod
     def of(cls, word: int) -> Self:
-        """Return the state of a word, whose unknown bits are left out."""
+        """Return the state of a word, without its unknown bits."""
         return cls(Bits(word & sum(Bits)))
 
     @property
@@ -70,7 +70,7 @@ class VehicleState(NamedTuple):
 
     @property
     def remedy(self) -> str:
-        """Return what the operator has to do before motors may run, empty where nothing is in the way."""
+        """Return what the operator has to do before motors may run, empty where nothing has to be done."""
         return _REMEDIES.get(self.name, "")
 
 
@@ -100,17 +100,17 @@ def decode_state(payload: bytes) -> VehicleState | None:
     return VehicleState.of(int.from_bytes(payload[1:], "little"))
 
 
-def encode_arming(*, wanted: bool, protocol: int) -> Packet:
+def encode_arming(*, arm: bool, protocol: int) -> Packet:
     """Return the request to arm or disarm in a version of the protocol."""
     if protocol >= PORT_SINCE:
-        return Packet(SUPERVISOR_PORT, COMMAND_CHANNEL, bytes([_ARM, wanted]))
-    return Packet(PLATFORM_PORT, PLATFORM_CHANNEL, bytes([_ARM_BY_PLATFORM, wanted]))
+        return Packet(SUPERVISOR_PORT, COMMAND_CHANNEL, bytes([_ARM, arm]))
+    return Packet(PLATFORM_PORT, PLATFORM_CHANNEL, bytes([_ARM_BY_PLATFORM, arm]))
 
 
 def decode_arming(payload: bytes, *, protocol: int) -> bool | None:
     """Return whether a request to arm or disarm was granted, None for any other payload.
 
-    A second byte says whether the vehicle is armed; firmware before protocol 12 cuts it off.
+    A further byte states whether the vehicle is armed; firmware before protocol 12 omits it.
     """
     command, shortest = (_ANSWER | _ARM, 3) if protocol >= PORT_SINCE else (_ARM_BY_PLATFORM, 2)
     if not shortest <= len(payload) <= 3 or payload[0] != command:

@@ -1,16 +1,16 @@
-"""Packets of UNI-T's UT372 tachometer and the reports of the USB bridge in it; no port and no clock.
+"""Reads packets of UNI-T's UT372 tachometer and reports of the USB bridge in it; no port and no clock.
 
-The tachometer sends what its display shows, unasked: 27 bytes that end in CR LF. Behind a first character, of which
-nothing is known, each two characters are a byte, four bits apiece as '0' (0x30) to '?' (0x3F): five cells of the
+The tachometer sends what its display shows, unprompted: 27 bytes that end in CR LF. After a first character, whose
+meaning is unknown, every two characters make a byte, four bits each as '0' (0x30) to '?' (0x3F): five cells of the
 number, five of the time, the lowest digit first, then two bytes of signs. A cell's bits are the lit segments.
 Source: the pages UNI-T UT372 and WCH CH9325 of the sigrok project's wiki, and a packet of a real one in its blog.
 
-There is no checksum. A packet is read only if it has its length and its end, every character is one of the sixteen,
-every cell a digit or blank, blanks stand before digits only, there is one decimal point at most, and either RPM or
-COUNT is lit. Bytes lost or added are so found unless as many as a packet has, and so are flipped bits but for these:
-0 and 8, 1 and 7, 3 and 9, 5 and 6, 5 and 9, 6 and 8, 8 and 9 are a segment apart, and so is a decimal point from
-none; the signs of what a reading is may also go or come. The time is checked with the number, so that garbage has
-ten cells to get right. USB has a checksum of its own.
+There is no checksum. A packet counts only if its length and end are right, every character is one of the sixteen,
+every cell is a digit or blank, blanks precede digits only, there is at most one decimal point, and either RPM or COUNT
+is lit. That finds lost or added bytes, unless they make up a whole packet, and flipped bits, with these exceptions:
+0 and 8, 1 and 7, 3 and 9, 5 and 6, 5 and 9, 6 and 8, 8 and 9 differ by one segment, as do a decimal point and none,
+and a flip can also set or clear the signs that qualify a reading. The time is checked with the number, so that garbage
+has ten cells to get right. USB has a checksum of its own.
 """
 
 import re
@@ -48,11 +48,11 @@ _RPM, _COUNT = 0x01, 0x02  # of the second, as all below
 _STATISTIC = 0x10 | 0x20 | 0x40  # MAX, MIN, AVE
 
 
-class Reading(NamedTuple):
-    """What the display shows: turns a minute, or how many turns it `counted`.
+class TachometerReading(NamedTuple):
+    """What the display shows: revolutions per minute, or how many revolutions it `counted`.
 
-    It may be `held`, or a `statistic` (the largest, the least or the mean of what was measured): then it is not
-    what turns now.
+    It may be `held`, or a `statistic` (the maximum, minimum or mean of what was measured): then it is not the present
+    speed.
     """
 
     number: float
@@ -62,7 +62,7 @@ class Reading(NamedTuple):
 
 
 def unpack_report(report: bytes) -> bytes | None:
-    """Return the serial bytes in one input report of the bridge, 0 to 7, or None when it is no such report.
+    """Return the serial bytes in one input report of the bridge, 0 to 7, or None when it is not such a report.
 
     Its first byte is 0xF0 plus their number. The bridge sends one every few milliseconds, mostly without any.
     """
@@ -72,9 +72,9 @@ def unpack_report(report: bytes) -> bytes | None:
 
 
 class Ut372Reader:
-    """Reads packets; `rejected` counts what ends in LF and is none, and packets from which no number can be read.
+    """Reads packets; `rejected` counts lines that are no packet, and packets without a readable number.
 
-    Among these are all that come while the tachometer's set-up menu is open.
+    The latter include all packets sent while the tachometer's set-up menu is open.
     """
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ class Ut372Reader:
         self.rejected = 0
         self._begun = b""
 
-    def feed(self, data: bytes) -> list[Reading]:
+    def feed(self, data: bytes) -> list[TachometerReading]:
         """Return the readings that `data` completes."""
         *lines, begun = (self._begun + data).split(_END)
         self._begun = begun[: _LINE_BYTES + 1]  # of a line too long only that must be remembered
@@ -91,7 +91,7 @@ class Ut372Reader:
         return [reading for reading in readings if reading is not None]
 
 
-def _read(line: bytes) -> Reading | None:
+def _read(line: bytes) -> TachometerReading | None:
     if len(line) != _LINE_BYTES or not _CHARACTERS.fullmatch(line, 1):
         return None
     halves = [character & 0x0F for character in line[1:-1]]
@@ -100,9 +100,9 @@ def _read(line: bytes) -> Reading | None:
     state, unit = cells[-2:]
     if not _NUMBER.fullmatch(number) or not _TIME.fullmatch(time) or unit & (_RPM | _COUNT) not in (_RPM, _COUNT):
         return None
-    return Reading(float(number), bool(unit & _COUNT), bool(state & _HOLD), bool(unit & _STATISTIC))
+    return TachometerReading(float(number), bool(unit & _COUNT), bool(state & _HOLD), bool(unit & _STATISTIC))
 
 
 def _shown(cells: list[int]) -> str:
-    """Return what cells show from left to right, '?' for segments that make no digit."""
+    """Return what cells show from left to right, '?' for segments that form no digit."""
     return "".join(_SHOWN.get(cell & ~_POINT, "?") + "." * bool(cell & _POINT) for cell in reversed(cells))

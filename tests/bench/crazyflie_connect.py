@@ -35,7 +35,7 @@ from cfid.wire.rdt import Command, Request, encode_request
 CONNECTS = int(os.environ.get("BENCH_CONNECTS", "20"))
 SECONDS = float(os.environ.get("BENCH_SECONDS", "5"))
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-PORTS = app.Ports()
+PORTS = app.AppPorts()
 
 
 def main() -> None:

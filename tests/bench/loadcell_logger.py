@@ -24,7 +24,7 @@ from cfid.records.campaign import Devices, load_rig, new_rig_text
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.sim_file import SIM_FILE, published
 from cfid.sim.faults import SOUND_LOADCELL
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.netft_server import NetFTServer
@@ -159,7 +159,7 @@ def serve(folder: Path, internal_hz: int) -> None:
 
     async def served(loop: Loop, ending: Ending) -> None:
         box = NetFTBox(
-            load_cell=LoadCell(LoadCellTruth(), np.random.default_rng(1)),
+            load_cell=SimulatedLoadCell(LoadCellTruth(), np.random.default_rng(1)),
             plant=lambda time_s: np.zeros((len(time_s), 6)),
             powered_s=loop.seconds(),
             internal_hz=internal_hz,

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize
 
 from cfid.estimate.blocks import block_means
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.rotors import NOMINAL_V, Rotors, RotorTruth
 from cfid.sim.sine_bench import ARM_M, LATE_RADIO, SILENT_CELL, USUAL_CELL
@@ -222,7 +222,7 @@ def record(
     contestant: Contestant, felt: Sequence[Array], radio: RadioTruth, cell: LoadCellTruth, rng: np.random.Generator
 ) -> list[RecordedSine]:
     """Return the runs as they are recorded, one after the other."""
-    link, loadcell = Direction(radio, rng), LoadCell(cell, rng)
+    link, loadcell = Direction(radio, rng), SimulatedLoadCell(cell, rng)
     at_s, runs = BEGIN_S, []
     for plan, wrench in zip(contestant.plans, felt, strict=True):
         time_s = at_s + (np.arange(len(wrench)) + 0.5) * SAMPLE_S / READINGS

@@ -124,7 +124,7 @@ def test_a_bias_that_the_box_does_not_show_is_told(lab: Lab) -> None:
     said = lab.cfid("log", "loadcell", "--bias", "--real-time", "--for", 0.3)
 
     assert said.code == 0
-    assert "the box' page shows the bias it had before. Look whether the load reads zero now." in said.err
+    assert "the box' page still shows the earlier bias. Check that the load reads zero now." in said.err
 
 
 def test_a_box_with_rdt_off_is_told_by_check_and_switched_on_by_log(lab: Lab) -> None:

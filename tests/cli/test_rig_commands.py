@@ -58,7 +58,7 @@ def test_what_is_wrong_is_told_with_what_to_do(lab: Lab) -> None:
     assert said.err == "cfid: not ready: encoder, loadcell.\n"
     assert "-> plug it in, or set devices.encoder.port in rig.toml" in said.out
     assert "reading, TCP    warning  a threshold is latched" in said.out
-    assert "-> the stream broke off: another client asks the same box, or the network drops datagrams" in said.out
+    assert "-> the stream broke off: another client uses the same box, or the network drops datagrams" in said.out
 
 
 # A simulated rig
@@ -78,7 +78,7 @@ def test_logs_of_a_simulated_rig_say_so_and_meet_its_faults(lab: Lab) -> None:
     for said in (checked, loadcell, encoder):
         assert said.err.startswith(SIMULATED)
     assert "7000 Hz" in checked.out
-    assert "rig.toml asks for 700 Hz: `cfid log loadcell` sets them" in checked.out
+    assert "rig.toml states 700 Hz: `cfid log loadcell` sets them" in checked.out
     assert "duplicates" in loadcell.out
     assert "polls without position" in encoder.out
     assert [run["simulated"] for run in runs] == [True, True]
@@ -140,7 +140,7 @@ def test_a_simulated_rig_that_ends_under_a_log_is_a_lost_device(lab: Lab) -> Non
         assert loadcell.end().code == 3
 
     assert "never back" in encoder.err
-    assert "sent no more for" in loadcell.err
+    assert "sent nothing more for" in loadcell.err
     states = [run["state"] for run in json.loads(lab.cfid("runs", "--json").out)["runs"]]
     assert states == ["failed", "failed"]
 
@@ -164,7 +164,7 @@ def test_a_simulated_rig_ends_after_its_time(lab: Lab) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("--fault loadcell.drop=1", "there is no fault 'loadcell.drop'. There are: encoder.drop_every,"),
+        ("--fault loadcell.drop=1", "there is no fault 'loadcell.drop'. Known faults: encoder.drop_every,"),
         ("--spin 1,2,3", "--spin 1,2,3: expected four motor commands"),
         ("--for 0", "--for 0: has to be above zero."),
         ("--axis q", "there is no 'q'. There are: x,"),

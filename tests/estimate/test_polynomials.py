@@ -23,7 +23,7 @@ def test_the_residual_norm_is_the_2_norm_of_the_residuals_as_matlab_has_it() -> 
     assert fit.coefficients == pytest.approx([0.9, -0.2], abs=1e-12)
     assert fit.residual == pytest.approx([0.2, 0.3, -0.6, -0.5, 0.6], abs=1e-12)
     assert fit.residual_norm == pytest.approx(math.sqrt(1.1), rel=1e-12)
-    assert fit.freedom == 3
+    assert fit.degrees_of_freedom == 3
 
 
 def test_the_residual_norm_stays_unweighted_where_the_fit_is_weighted() -> None:
@@ -86,7 +86,7 @@ def test_through_zero_has_no_constant_and_a_single_power_no_other() -> None:
     assert np.all(np.abs(curve.coefficients[:2] - [2e-8, 1e-6]) < 4 * curve.std[:2])
     assert square.coefficients[1:].tolist() == square.std[1:].tolist() == [0, 0]
     assert square.coefficients[0] == pytest.approx((2e-8 * x**2 + noise) @ x**2 / (x**2 @ x**2), rel=1e-12)
-    assert square.freedom == 19
+    assert square.degrees_of_freedom == 19
 
 
 def test_points_farther_apart_than_stated_widen_the_covariance_and_closer_ones_do_not_narrow_it() -> None:

@@ -155,7 +155,7 @@ def test_tare_drift_and_spikes_are_those_of_the_cell() -> None:
         assert abs(tare.mean[2] - 1.4 - 5e-5 * tare.time_s) < 3.5 * tare.std[2]
     assert staircase.drift[2] == pytest.approx(5e-5, rel=0.15)
     assert staircase.spikes == len(found.spikes)
-    assert staircase.warnings == ()
+    assert staircase.findings == ()
 
 
 def test_the_tare_follows_a_drift_that_bends() -> None:
@@ -360,7 +360,7 @@ def test_a_record_that_ends_with_running_motors_says_that_the_drift_is_not_known
 
     assert staircase.tare_after is None
     assert staircase.drift is None
-    assert "is not known" in staircase.warnings[0]
+    assert "is not known" in staircase.findings[0].text
     assert all(point.settled for point in staircase.points)
 
 

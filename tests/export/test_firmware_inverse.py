@@ -162,8 +162,8 @@ def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
     assert table.vbat_v is not None
     found = compare_thrust(command=table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n)
 
-    assert found.refusal == ""
-    assert "departs by up to 1.4 %" in found.warnings[-1]
+    assert not found.rejected
+    assert "departs by up to 1.4 %" in found.findings[-1].text
     assert_header_flies(inverse, found.lowest_first, float(found.value.max()))
 
 
@@ -187,7 +187,7 @@ def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, se
     measured = thrust + std * rng.standard_normal(len(command))
     found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, std_n=std)
 
-    assert found.refusal == ""
+    assert not found.rejected
     assert_header_flies(inverse, found.lowest_first, float(thrust.max()))
 
 
@@ -203,7 +203,7 @@ def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flie
     most_n = 1.04 * float(thrust.max())
     found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, max_thrust_n=most_n)
 
-    assert found.refusal == ""
+    assert not found.rejected
     assert_header_flies(inverse, found.lowest_first, most_n)
 
 
@@ -219,7 +219,7 @@ def test_a_fit_that_knows_no_largest_thrust_passes_up_to_that_of_the_firmware(se
     measured = thrust + 10 ** rng.uniform(-5, -3) * rng.standard_normal(len(command))
     found = compare_thrust(command=command, vbat_v=volts / command * 65535, thrust_n=measured, folds=2)
 
-    assert found.refusal == ""
+    assert not found.rejected
     assert cubic_fault(found.lowest_first.tolist()) == ""
 
 

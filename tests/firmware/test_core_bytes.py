@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import pytest
 
-from cfid.sim.app_core import Packet, load_library
+from cfid.sim.app_core import CorePacket, load_library
 from cfid.sim.crazyflie_modules import PING, SINE, THRUST
 from cfid.wire import app
 from tests.firmware.stand import BEGIN_US, MAY_NOT_RUN, MAY_RUN, Stand, new_core
@@ -113,9 +113,9 @@ def test_a_request_of_any_other_length_is_refused_with_zeros_in_its_place(stand:
     stand.keep_alive()
     if size not in (6, 6 + 4):  # an owner's number may follow
         answer = stand.tell(THRUST, 0, b"\1" * size)
-        assert answer == bytes(6) + bytes([app.Verdict.WRONG_LENGTH]) + bytes(8) + TIME_32
+        assert answer == bytes(6) + bytes([app.AppVerdict.WRONG_LENGTH]) + bytes(8) + TIME_32
     if size not in (12, 12 + 4):
-        assert stand.tell(SINE, 0, b"\1" * size) == bytes(12) + bytes([app.Verdict.WRONG_LENGTH]) + bytes(5)
+        assert stand.tell(SINE, 0, b"\1" * size) == bytes(12) + bytes([app.AppVerdict.WRONG_LENGTH]) + bytes(5)
 
 
 def test_a_keep_alive_of_another_length_is_none_but_a_stop_is_one() -> None:
@@ -133,7 +133,7 @@ def test_a_keep_alive_of_another_length_is_none_but_a_stop_is_one() -> None:
 def c_answer(request: bytes, service: int = PING, channel: int = 0) -> bytes | None:
     new_core()
     library = load_library()
-    answer = Packet()
-    known = library.cfid_answer_ping(Packet.of(service, channel, request), BEGIN_US, ctypes.byref(answer))
+    answer = CorePacket()
+    known = library.cfid_answer_ping(CorePacket.of(service, channel, request), BEGIN_US, ctypes.byref(answer))
     assert not known or (answer.service, answer.channel) == (PING, 0)
     return answer.payload if known else None

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.sim.app_core import Packet, compiled, find_source, load_library
+from cfid.sim.app_core import CorePacket, compiled, find_source, load_library
 
 WAY_OUT = r'gcc.*firmware = "stock"'
 
@@ -38,6 +38,6 @@ def test_with_a_compiler_that_fails_it_does_too(monkeypatch: pytest.MonkeyPatch,
 
 
 def test_a_packet_takes_no_more_than_the_link_does() -> None:
-    assert Packet.of(2, 1, bytes(30)).payload == bytes(30)
+    assert CorePacket.of(2, 1, bytes(30)).payload == bytes(30)
     with pytest.raises(ValueError, match="31 bytes"):
-        Packet.of(2, 1, bytes(31))
+        CorePacket.of(2, 1, bytes(31))

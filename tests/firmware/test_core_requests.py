@@ -10,13 +10,13 @@ import pytest
 from cfid.sim.crazyflie_modules import PING, SINE, THRUST
 from cfid.sim.propulsion import STILL
 from cfid.wire import app
-from cfid.wire.app import Outcome, Verdict
+from cfid.wire.app import AppOutcome, AppVerdict
 from tests.firmware.stand import BEGIN_US, MAY_NOT_RUN, MAY_RUN, TICK_US, Stand
 
 
 def started(stand: Stand, motor: int = 1, samples: int = 1000) -> None:
     stand.keep_alive()
-    assert stand.sine(motor, 20000, app.omega_of(5, samples), samples).verdict == Verdict.ACCEPTED
+    assert stand.sine(motor, 20000, app.omega_of(5, samples), samples).verdict == AppVerdict.ACCEPTED
 
 
 def test_single_motors_and_all_are_set(stand: Stand) -> None:
@@ -31,48 +31,48 @@ def test_single_motors_and_all_are_set(stand: Stand) -> None:
 @pytest.mark.parametrize("motor", [-1, 5, 2**31 - 1, -(2**31)])
 def test_a_motor_that_is_not_there_is_refused(stand: Stand, motor: int) -> None:
     stand.keep_alive()
-    assert stand.thrust(1000, motor).verdict == Verdict.NO_SUCH_MOTOR
-    assert stand.thrust(0, motor).verdict == Verdict.NO_SUCH_MOTOR
+    assert stand.thrust(1000, motor).verdict == AppVerdict.NO_SUCH_MOTOR
+    assert stand.thrust(0, motor).verdict == AppVerdict.NO_SUCH_MOTOR
     assert stand.run(1) == [STILL]
 
 
 def test_a_command_needs_a_keep_alive_and_zero_needs_none(stand: Stand) -> None:
     stand.alive = False
-    assert stand.thrust(1, 0).verdict == Verdict.NO_KEEP_ALIVE
-    assert stand.sine(1, 1, 0.0, 10).verdict == Verdict.NO_KEEP_ALIVE
-    assert stand.thrust(0, 0).verdict == Verdict.ACCEPTED
+    assert stand.thrust(1, 0).verdict == AppVerdict.NO_KEEP_ALIVE
+    assert stand.sine(1, 1, 0.0, 10).verdict == AppVerdict.NO_KEEP_ALIVE
+    assert stand.thrust(0, 0).verdict == AppVerdict.ACCEPTED
     assert stand.tick() is None
 
 
 def test_a_command_needs_the_supervisors_consent_and_zero_needs_none(stand: Stand) -> None:
     stand.keep_alive()
     stand.vehicle = MAY_NOT_RUN
-    assert stand.thrust(1, 0).verdict == Verdict.MOTORS_NOT_ALLOWED
-    assert stand.sine(1, 1, 0.0, 10).verdict == Verdict.MOTORS_NOT_ALLOWED
-    assert stand.thrust(0, 0).verdict == Verdict.ACCEPTED
+    assert stand.thrust(1, 0).verdict == AppVerdict.MOTORS_NOT_ALLOWED
+    assert stand.sine(1, 1, 0.0, 10).verdict == AppVerdict.MOTORS_NOT_ALLOWED
+    assert stand.thrust(0, 0).verdict == AppVerdict.ACCEPTED
 
 
 @pytest.mark.parametrize(
     ("motor", "omega", "samples", "verdict"),
     [
-        (5, 0.0, 10, Verdict.NO_SUCH_MOTOR),
-        (65535, 0.0, 10, Verdict.NO_SUCH_MOTOR),
-        (1, 0.0, 0, Verdict.NO_SAMPLES),
-        (1, math.nan, 10, Verdict.NO_FREQUENCY),
-        (1, math.inf, 10, Verdict.NO_FREQUENCY),
-        (1, -math.inf, 10, Verdict.NO_FREQUENCY),
-        (1, -app.omega_of(1, 10), 10, Verdict.NO_FREQUENCY),
-        (1, app.omega_of(6, 10), 10, Verdict.NO_FREQUENCY),
-        (1, 3.1415930, 10, Verdict.NO_FREQUENCY),  # the next float32 after pi
-        (1, 1.0, 10, Verdict.NO_WHOLE_PERIODS),
-        (1, app.omega_of(1, 8000) * (1 + 1e-6), 8000, Verdict.NO_WHOLE_PERIODS),
-        (1, 1e-40, 10, Verdict.NO_WHOLE_PERIODS),
-        (1, math.pi, 3, Verdict.NO_WHOLE_PERIODS),
-        (1, math.pi, 1, Verdict.NO_WHOLE_PERIODS),
-        (1, app.omega_of(2**22 + 1, 2**32 - 1), 2**32 - 1, Verdict.NO_WHOLE_PERIODS),
+        (5, 0.0, 10, AppVerdict.NO_SUCH_MOTOR),
+        (65535, 0.0, 10, AppVerdict.NO_SUCH_MOTOR),
+        (1, 0.0, 0, AppVerdict.NO_SAMPLES),
+        (1, math.nan, 10, AppVerdict.NO_FREQUENCY),
+        (1, math.inf, 10, AppVerdict.NO_FREQUENCY),
+        (1, -math.inf, 10, AppVerdict.NO_FREQUENCY),
+        (1, -app.omega_of(1, 10), 10, AppVerdict.NO_FREQUENCY),
+        (1, app.omega_of(6, 10), 10, AppVerdict.NO_FREQUENCY),
+        (1, 3.1415930, 10, AppVerdict.NO_FREQUENCY),  # the next float32 after pi
+        (1, 1.0, 10, AppVerdict.NO_WHOLE_PERIODS),
+        (1, app.omega_of(1, 8000) * (1 + 1e-6), 8000, AppVerdict.NO_WHOLE_PERIODS),
+        (1, 1e-40, 10, AppVerdict.NO_WHOLE_PERIODS),
+        (1, math.pi, 3, AppVerdict.NO_WHOLE_PERIODS),
+        (1, math.pi, 1, AppVerdict.NO_WHOLE_PERIODS),
+        (1, app.omega_of(2**22 + 1, 2**32 - 1), 2**32 - 1, AppVerdict.NO_WHOLE_PERIODS),
     ],
 )
-def test_nonsense_is_refused(stand: Stand, motor: int, omega: float, samples: int, verdict: Verdict) -> None:
+def test_nonsense_is_refused(stand: Stand, motor: int, omega: float, samples: int, verdict: AppVerdict) -> None:
     stand.keep_alive()
     answer = stand.sine(motor, 20000, omega, samples)
     assert (answer.verdict, answer.clips, answer.periods) == (verdict, False, 0)
@@ -84,7 +84,7 @@ def test_nonsense_is_refused(stand: Stand, motor: int, omega: float, samples: in
 @pytest.mark.parametrize("bits", [0x7F800001, 0xFFFFFFFF, 0x7FC00000])
 def test_the_answer_repeats_every_bit_of_an_omega_that_is_no_number(stand: Stand, bits: int) -> None:
     request = struct.pack("<HHII", 1, 2, bits, 3)
-    assert stand.tell(SINE, 0, request)[:13] == request + bytes([Verdict.NO_FREQUENCY])
+    assert stand.tell(SINE, 0, request)[:13] == request + bytes([AppVerdict.NO_FREQUENCY])
 
 
 def test_a_sine_stops_the_other_motors_and_begins_with_the_next_tick(stand: Stand) -> None:
@@ -115,20 +115,20 @@ def test_samples_come_at_500_hz_and_the_end_is_told_at_once_and_again_a_second_l
     assert end == app.Crossing(0, 1000, off_us % 2**32, 11)
     assert stand.on(app.SineChannel.CROSSING)[-1][0] == off_us
     [(done_us, done)] = stand.done()
-    assert (done_us, done) == (off_us + 1_000_000, app.Done(Outcome.FINISHED, 1000, 0))
+    assert (done_us, done) == (off_us + 1_000_000, app.Done(AppOutcome.FINISHED, 1000, 0))
 
 
 def test_a_sine_runs_until_its_last_word_and_then_another_may(stand: Stand) -> None:
     started(stand, samples=10)
     for _ in range(1020):
-        assert stand.sine(1, 1, 0.0, 1).verdict == Verdict.SINE_IS_RUNNING
-        assert stand.thrust(1, 0).verdict == Verdict.SINE_IS_RUNNING
-        assert stand.thrust(0, 0).verdict == Verdict.SINE_IS_RUNNING
+        assert stand.sine(1, 1, 0.0, 1).verdict == AppVerdict.SINE_IS_RUNNING
+        assert stand.thrust(1, 0).verdict == AppVerdict.SINE_IS_RUNNING
+        assert stand.thrust(0, 0).verdict == AppVerdict.SINE_IS_RUNNING
         assert stand.done() == []
         stand.tick()
     stand.tick()
     assert len(stand.done()) == 1
-    assert stand.sine(1, 1, 0.0, 1).verdict == Verdict.ACCEPTED
+    assert stand.sine(1, 1, 0.0, 1).verdict == AppVerdict.ACCEPTED
 
 
 def test_reports_of_the_next_sine_are_counted_from_zero(stand: Stand) -> None:
@@ -140,7 +140,7 @@ def test_reports_of_the_next_sine_are_counted_from_zero(stand: Stand) -> None:
 
 
 def stop_by_thrust(stand: Stand) -> None:
-    assert stand.thrust(0, app.ALL_MOTORS_THRUST).verdict == Verdict.ACCEPTED
+    assert stand.thrust(0, app.ALL_MOTORS_THRUST).verdict == AppVerdict.ACCEPTED
 
 
 def stop_by_ping(stand: Stand) -> None:
@@ -158,14 +158,14 @@ def fall_silent(stand: Stand) -> None:
 @pytest.mark.parametrize(
     ("way", "outcome", "after_ms"),
     [
-        (stop_by_thrust, Outcome.STOPPED, 0),
-        (stop_by_ping, Outcome.STOPPED, 0),
-        (forbid, Outcome.MOTORS_NOT_ALLOWED, 1),
-        (fall_silent, Outcome.KEEP_ALIVE_LOST, 500),
+        (stop_by_thrust, AppOutcome.STOPPED, 0),
+        (stop_by_ping, AppOutcome.STOPPED, 0),
+        (forbid, AppOutcome.MOTORS_NOT_ALLOWED, 1),
+        (fall_silent, AppOutcome.KEEP_ALIVE_LOST, 500),
     ],
 )
 def test_an_abort_is_told_like_an_end_with_its_reason(
-    stand: Stand, way: Callable[[Stand], None], outcome: Outcome, after_ms: int
+    stand: Stand, way: Callable[[Stand], None], outcome: AppOutcome, after_ms: int
 ) -> None:
     started(stand, samples=5000)
     stand.run(300)
@@ -185,7 +185,7 @@ def test_a_sine_that_is_stopped_before_its_first_sample_has_played_none(stand: S
     stop_by_thrust(stand)
     assert stand.run(1001) == [STILL] * 1001
     assert stand.crossings() == [app.Crossing(0, 0, BEGIN_US % 2**32, 0)]
-    assert [done for _, done in stand.done()] == [app.Done(Outcome.STOPPED, 0, 0)]
+    assert [done for _, done in stand.done()] == [app.Done(AppOutcome.STOPPED, 0, 0)]
 
 
 def test_a_later_keep_alive_does_not_revive_old_commands(stand: Stand) -> None:
@@ -194,7 +194,7 @@ def test_a_later_keep_alive_does_not_revive_old_commands(stand: Stand) -> None:
     stand.now_us += 500_000  # without a tick, as while the firmware tests its own motors
     assert stand.keep_alive().commands == STILL
     assert stand.run(100) == [STILL] * 100
-    assert stand.thrust(30000, app.ALL_MOTORS_THRUST).verdict == Verdict.ACCEPTED
+    assert stand.thrust(30000, app.ALL_MOTORS_THRUST).verdict == AppVerdict.ACCEPTED
 
 
 def test_neither_does_a_consent_that_is_given_again(stand: Stand) -> None:
@@ -231,7 +231,7 @@ def test_an_old_client_which_sends_no_keep_alive_moves_nothing(stand: Stand) -> 
     stand.alive = False
     thrust = stand.tell(THRUST, 0, bytes.fromhex("3075 04000000"))
     sine = stand.tell(SINE, 0, bytes.fromhex("0100 204e db0f493f 08000000"))
-    assert thrust[6] == sine[12] == Verdict.NO_KEEP_ALIVE
+    assert thrust[6] == sine[12] == AppVerdict.NO_KEEP_ALIVE
     assert stand.run(100) == [STILL] * 100
 
 
@@ -262,7 +262,7 @@ def test_reports_that_find_the_outbox_full_are_numbered_and_the_last_two_words_w
     (end_of, end), (done_of, done) = [(channel, payload) for _, channel, payload in core.sent()]
     assert (end_of, done_of) == (app.SineChannel.CROSSING, app.SineChannel.DONE)
     assert app.decode_crossing(end) == app.Crossing(0, 200, (BEGIN_US + 401 * TICK_US) % 2**32, 200)
-    assert app.decode_done(done) == app.Done(Outcome.FINISHED, 200, 0)
+    assert app.decode_done(done) == app.Done(AppOutcome.FINISHED, 200, 0)
 
 
 def test_the_last_word_too_waits_for_room(stand: Stand) -> None:
@@ -275,7 +275,7 @@ def test_the_last_word_too_waits_for_room(stand: Stand) -> None:
         stand.core.tick(now_us=stand.now_us, vehicle=MAY_RUN)
     assert {(service, channel) for service, channel, _ in stand.core.sent()} == {(PING, app.PingChannel.ALIVE)}
     stand.tick()
-    assert [done for _, done in stand.done()] == [app.Done(Outcome.FINISHED, 10, 0)]
+    assert [done for _, done in stand.done()] == [app.Done(AppOutcome.FINISHED, 10, 0)]
 
 
 def test_every_command_survives_the_single_precision_in_which_the_firmware_takes_it() -> None:

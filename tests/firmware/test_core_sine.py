@@ -43,7 +43,7 @@ def played(stand: Stand, amplitude: int, periods: int, samples: int, motor: int 
     """Return the motor's commands, one each sample, of a whole sine."""
     stand.keep_alive()
     answer = stand.sine(motor, amplitude, app.omega_of(periods, samples), samples)
-    assert (answer.verdict, answer.periods) == (app.Verdict.ACCEPTED, periods)
+    assert (answer.verdict, answer.periods) == (app.AppVerdict.ACCEPTED, periods)
     return np.array(stand.run(2 * samples))[::2, max(motor - 1, 0)]
 
 
@@ -87,7 +87,7 @@ def test_every_whole_number_of_periods_survives_the_packets_float(samples: int, 
     stand = Stand(new_core())
     stand.keep_alive()
     answer = stand.sine(1, 100, app.omega_of(periods, samples), samples)
-    assert (answer.verdict, answer.periods) == (app.Verdict.ACCEPTED, periods)
+    assert (answer.verdict, answer.periods) == (app.AppVerdict.ACCEPTED, periods)
 
 
 @pytest.mark.parametrize("motor", [0, 1, 4])

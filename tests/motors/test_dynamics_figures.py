@@ -67,4 +67,4 @@ def test_a_step_that_is_too_short_is_red_and_has_no_time_constant(look: Callable
 
     assert same_color(look(page).panel("(a)").get_lines()[-1].get_color(), DOUBT)
     assert not lower.get_lines()
-    assert [text.get_text() for text in lower.texts] == ["no step is believed"]
+    assert [text.get_text() for text in lower.texts] == ["every step was rejected"]

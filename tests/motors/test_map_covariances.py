@@ -9,7 +9,7 @@ import pytest
 
 from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed
 from cfid.motors.maps.inverse import maximum_thrust
-from cfid.motors.maps.result import covariances
+from cfid.motors.maps.values import covariances
 from cfid.motors.maps.voltage import compare_thrust
 from cfid.motors.points import MotorPoints
 from cfid.records.covariances import Covariance

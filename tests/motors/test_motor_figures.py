@@ -16,15 +16,16 @@ from cfid.estimate.staircase import Point, Staircase, reduce_staircase
 from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
 from cfid.motors.maps.figures import (
     map_figure,
-    rotor_spectrum_figure,
     speed_thrust_figure,
     staircase_figure,
     voltage_figure,
 )
 from cfid.motors.maps.scales import verify_thrust
 from cfid.motors.maps.voltage import compare_speed, compare_thrust
-from cfid.motors.panels import binned, flag_rows, scientific
+from cfid.motors.panels import binned, scientific
 from cfid.motors.points import MotorPoints
+from cfid.motors.vibration.figures import flag_rows, rotor_spectrum_figure
+from tests.motors.sentences import rejections
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]
@@ -167,11 +168,16 @@ def test_a_record_in_which_nothing_settled_and_that_ends_without_a_rest_says_so(
 ) -> None:
     time, fz, found = steady
     points = tuple(_without_mean(step, "it was too short") for step in found.points)
-    lost = dataclasses.replace(found, points=points, tare_after=None, drift=None, warnings=("no rest after it.",))
+    lost = dataclasses.replace(
+        found,
+        points=points,
+        tare_after=None,
+        drift=None,
+    )
     page = look(staircase_figure(time, fz, lost, title="a"))
     assert page.red().count("it was too short") == 4
     assert "no rest: not known" in page.red()
-    assert "Note: no rest after it." in _written(page)
+    assert "Note: no steady baseline after the last command" in _written(page)
     assert page.overlapping() == []
 
 
@@ -324,9 +330,9 @@ def test_doubts_of_a_map_are_red(look: Look) -> None:
     assert points.speed_rad_s is not None
     twice = np.where(np.isin(points.command, (20000, 40000)), 2.0, 1.0)
     mapped = fit_speed(dataclasses.replace(points, speed_rad_s=twice * points.speed_rad_s))
-    assert mapped.doubts
+    assert rejections(mapped)
     page = look(map_figure(mapped))
-    assert page.red().count("Not believed:") == len(mapped.doubts)
+    assert page.red().count("Rejected:") == len(rejections(mapped))
     assert page.red().startswith("NO ")
     assert page.overlapping() == []
 
@@ -382,7 +388,7 @@ def test_doubts_of_thrust_over_speed_are_red(look: Look) -> None:
     assert points.speed_rad_s is not None
     found = fit_thrust_of_speed(dataclasses.replace(points, speed_rad_s=2 * points.speed_rad_s))
     page = look(speed_thrust_figure(found))
-    assert page.red().count("Not believed:") == len(found.doubts) > 0
+    assert page.red().count("Rejected:") == len(rejections(found)) > 0
     assert page.overlapping() == []
 
 
@@ -401,7 +407,7 @@ def test_voltage_and_command_stand_side_by_side_with_their_errors(look: Look) ->
         assert errors == pytest.approx([-rms, rms])
         assert f"{rms:.2g} N rms" in axes.get_title(loc="left")
     assert page.panel("(c)").get_ylim() == page.panel("(d)").get_ylim()
-    assert found.sentence[1:] in _written(page)
+    assert found.verdict.text[1:] in _written(page)
     assert page.overlapping() == []
 
     speed = compare_speed(command=up_and_down, vbat_v=vbat, speed_rad_s=1e4 * thrust)

@@ -13,8 +13,8 @@ import pytest
 from cfid.console.inputs import open_workplace
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
-from cfid.motors.maps.evidence import StandOptions
 from cfid.motors.maps.inputs import read_evidence
+from cfid.motors.maps.options import StandOptions
 from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import load_sections
@@ -23,6 +23,7 @@ from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.rotors import RotorTruth
 from tests.campaigns import sentences
+from tests.motors.sentences import remarks
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
 from tests.places import DATA
 
@@ -131,13 +132,15 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     words = ("fit", "thrust", "--table", table, "--order", "4", "--campaign", campaign)
     content = found(cfid, *words)
     cubic = "motor.thrust_voltage_poly"
-    reason = content["quality"]["rejected"][cubic]
+    reason = next(
+        one["text"] for one in content["findings"] if cubic in one["quantities"] and one["severity"] == "rejection"
+    )
 
     assert "departs from the data by" in reason
     assert reason in sentences(content)
     assert cubic not in content["parameters"]
     section = load_sections(campaign / "parameters.toml")["thrust"]
-    assert section.rejected == {cubic: reason}
+    assert section.rejected[cubic] == reason
     assert cubic not in section.parameters
     assert section.covariance
     assert not any(cubic in kept.of for kept in section.covariance)
@@ -176,7 +179,7 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
     assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
     doubted = cfid("fit", "speed", "--table", str(table), "--no-figures")
     assert doubted.returncode == 5
-    assert "--markers" in doubted.stderr
+    assert "check the number of its reflective markers" in doubted.stderr
 
 
 def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_where_nobody_stated_them(
@@ -205,7 +208,7 @@ def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_whe
         )  # fmt: skip
         assert evidence.points.speed_rad_s is not None
         divided_by = round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)
-        return divided_by, [said for said in evidence.warnings if "assumed" in said]
+        return divided_by, [said for said in remarks(evidence) if "assumed" in said]
 
     assert told(run.folder) == (2, [])
     assert told(run.folder, markers=1) == (1, [])
@@ -289,7 +292,7 @@ def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: C
         TRUTH.thrust_ns2_per_rad2, rel=0.005
     )
     assert all(row["thrust_n"] and row["speed_rad_s"] for row in parameters["motor.table"]["value"])
-    assert any("heard in the load cell's vibration" in said for said in sentences(content))
+    assert any("estimated from the load cell's vibration" in said for said in sentences(content))
 
 
 def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid, campaign: Path) -> None:

@@ -14,6 +14,7 @@ from cfid.motors.maps.estimation import MotorMap, fit_speed, fit_thrust, fit_thr
 from cfid.motors.maps.inverse import hover_mass_kg, invert, maximum_thrust
 from cfid.motors.maps.scales import scales_thrust_n, verify_thrust
 from cfid.motors.points import MotorPoints, TableRow, command_means, joined, motor_table, per_motor, rotor_speed_rad_s
+from tests.motors.sentences import rejections, remarks
 
 Array = npt.NDArray[np.float64]
 
@@ -85,7 +86,7 @@ def test_the_equations_lie_within_four_deviations_of_what_noisy_points_give() ->
     torque = fit_torque(running(points))
     for found, truth in ((fit_thrust(points), EQ_3_3), (fit_speed(points), EQ_3_4[1]), (torque, EQ_3_5)):
         assert np.all(np.abs(found.fit.coefficients - truth) < 4 * found.fit.std), found.quantity
-        assert not found.doubts
+        assert not rejections(found)
 
 
 MAPS: dict[str, tuple[Callable[[MotorPoints], MotorMap], Array, tuple[float, ...]]] = {
@@ -121,7 +122,7 @@ def test_the_thesis_method_is_polyfit_without_command_2000_and_with_zero_at_comm
     for one, coefficients in zip(found, expected, strict=True):
         assert one.fit.coefficients == pytest.approx(coefficients, rel=1e-9)
         assert one.left_out == (2000,)
-        assert "command 2000 is left out and command 0 is a point at zero" in " ".join(one.warnings)
+        assert "command 2000 is left out and command 0 is a point at zero" in " ".join(remarks(one))
         assert len(one.x) == 32
     assert found[2].fit.residual_norm > 0.8 * EQ_3_4[1][1]  # the standing motor, far below its line
 
@@ -136,7 +137,7 @@ def test_the_default_leaves_the_dead_zone_out_of_thrust_and_speed_and_says_so() 
     command = np.concatenate([[0.0, 500.0, 1000.0], COMMANDS[1:]])
     for found in (fit_thrust(made(command)), fit_speed(made(command))):
         assert found.left_out == (0, 500, 1000)
-        assert "up to command 1000 the motor stands (dead zone)" in found.warnings[0]
+        assert "up to command 1000 the motor stands (dead zone)" in remarks(found)[0]
     assert fit_torque(made(command)).left_out == ()
 
 
@@ -155,7 +156,7 @@ def test_a_wild_window_hardly_moves_the_map_and_is_named() -> None:
     found, without = fit_thrust(wild), fit_thrust(points)
 
     assert found.fit.at(COMMANDS[1:]) == pytest.approx(without.fit.at(COMMANDS[1:]), rel=5e-3)
-    assert any(said.startswith("command 30000 stands apart") for said in found.warnings)
+    assert any(said.startswith("command 30000 stands apart") for said in remarks(found))
 
 
 def test_deviations_of_zero_and_unknown_ones_are_no_infinite_weight() -> None:
@@ -179,7 +180,7 @@ def test_a_torque_that_points_down_is_fitted_by_magnitude_and_that_is_said() -> 
     found = fit_torque(dataclasses.replace(points, torque_nm=-points.torque_nm))
 
     assert found.fit.coefficients == pytest.approx(fit_torque(points).fit.coefficients)
-    assert "Its magnitude is fitted" in found.warnings[0]
+    assert "Its magnitude is fitted" in remarks(found)[0]
 
 
 # Points
@@ -235,7 +236,7 @@ def test_thrust_of_speed_gives_k_with_its_deviation_and_the_quadratic(apart: boo
     assert 0 < found.k_std_n_s2 < 0.005 * found.k_n_s2
     assert found.quadratic.coefficients[0] == pytest.approx(2.2e-8, rel=0.05)
     assert found.square_suffices
-    assert not found.doubts
+    assert not rejections(found)
 
 
 def test_a_thrust_that_is_no_square_of_the_speed_is_told() -> None:
@@ -248,7 +249,7 @@ def test_a_thrust_that_is_no_square_of_the_speed_is_told() -> None:
     assert found.difference_n == pytest.approx(
         np.abs(found.square.at(speed) - 2e-8 * speed**2 - 5e-6 * speed).max(), rel=1e-6
     )
-    assert "k w^2 differs from the full quadratic by up to" in found.warnings[0]
+    assert "k w^2 differs from the full quadratic by up to" in remarks(found)[0]
 
 
 # What a controller takes
@@ -289,8 +290,8 @@ def test_the_inverse_ends_where_the_map_no_longer_rises_above_zero(
 
 
 def test_an_inverse_below_what_was_measured_is_called_extrapolated() -> None:
-    assert invert(fit_thrust(made())).warnings == ()
-    assert "extrapolated below 30000" in invert(fit_thrust(made(np.arange(30000.0, 64001.0, 2000.0)))).warnings[0]
+    assert invert(fit_thrust(made())).findings == ()
+    assert "extrapolated below 30000" in remarks(invert(fit_thrust(made(np.arange(30000.0, 64001.0, 2000.0)))))[0]
 
 
 def test_an_order_without_a_closed_inverse_is_refused_with_the_next_step() -> None:
@@ -304,14 +305,14 @@ def test_the_maximum_is_that_of_full_command_and_carries_what_section_3_3_1_says
     assert abs(found.thrust_n - np.polyval(EQ_3_3, 65535)) < 4 * found.std_n
     assert found.measured_command == 64000
     assert found.hover_mass_kg == pytest.approx(4 * found.thrust_n / 9.81)
-    assert found.warnings == ()
+    assert found.findings == ()
     assert f"{1e3 * hover_mass_kg(thrust_n=0.15, gravity_mps2=9.81):.2f}" == "61.16"
 
 
 def test_a_maximum_far_from_what_was_measured_is_called_extrapolated() -> None:
     thrust = fit_thrust(made(np.arange(0.0, 40001.0, 2000.0)))
 
-    assert "extrapolated: 40000" in maximum_thrust(thrust, gravity_mps2=9.81).warnings[0]
+    assert "extrapolated: 40000" in remarks(maximum_thrust(thrust, gravity_mps2=9.81))[0]
 
 
 # Scales

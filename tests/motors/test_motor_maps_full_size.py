@@ -138,7 +138,7 @@ def test_the_speed_heard_in_windows_of_a_full_staircase_is_true_within_0_1_perce
     for point in found.steady[::3]:
         first, last = np.searchsorted(found.record.time_s, (point.begin_s, point.end_s))
         heard = rotor_speed(time_s=found.record.time_s[first:last], wrench=wrench[first:last], rotors=2)
-        assert heard.believed
+        assert heard.accepted
         off.append(heard.speed_rad_per_s / float(speed_rad_s(np.array(float(point.command or 0)))) - 1)
     print(f"speed heard off by at most {100 * np.abs(off).max():.4f} % in {len(off)} windows")
 
@@ -206,7 +206,7 @@ def test_on_a_sagging_battery_the_voltage_form_of_a_full_staircase_is_true_withi
     comparison = judged(found)
     off = voltage_off_percent(comparison)
     sag = found.record.volts
-    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.sentence}")
+    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.verdict.text}")
 
     assert off < 0.5
     assert comparison.better == "voltage"

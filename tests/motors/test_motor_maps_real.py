@@ -11,6 +11,7 @@ from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_spe
 from cfid.motors.maps.inverse import invert, maximum_thrust
 from cfid.motors.points import MotorPoints
 from cfid.records.tables.stand import StandTable, read_stand_table
+from tests.motors.sentences import rejections, remarks
 from tests.places import DATA
 
 Array = npt.NDArray[np.float64]
@@ -59,7 +60,7 @@ def test_the_2015_propellers_have_k_of_2_22e_minus_8(method: str) -> None:
     print(f"k {method}: {found.k_n_s2:.4e} +- {found.k_std_n_s2:.1e}")
 
     assert f"{found.k_n_s2:.2e}" == "2.22e-08"
-    assert not found.doubts
+    assert not rejections(found)
 
 
 @needs_old
@@ -78,8 +79,8 @@ def test_the_2015_table_makes_a_map_that_is_believed_and_a_mass_that_hovers() ->
     thrust = fit_thrust(points)
     inverse = invert(thrust)
 
-    assert not thrust.doubts
-    assert not fit_speed(points).doubts
+    assert not rejections(thrust)
+    assert not rejections(fit_speed(points))
     assert thrust.left_out == (0,)
     assert inverse.round_trip_command < 0.1
     assert inverse.command_range[1] == 65535
@@ -89,7 +90,7 @@ def test_the_2015_table_makes_a_map_that_is_believed_and_a_mass_that_hovers() ->
 @needs_old
 def test_a_typo_in_the_2015_table_is_no_missing_command() -> None:
     # 43.25 % stands where 43.75 % was meant.
-    assert not any("missing" in said for said in fit_thrust(points_of(read_stand_table(OLD))).warnings)
+    assert not any("missing" in said for said in remarks(fit_thrust(points_of(read_stand_table(OLD)))))
 
 
 @needs_steps
@@ -101,7 +102,7 @@ def test_steady_rows_of_the_2021_record_have_k_between_1_88_and_2_04e_minus_8() 
     assert len(points.command) == 16
     assert 1.88e-8 <= found.k_n_s2 <= 2.04e-8
     assert 1.88e-8 <= plain.k_n_s2 <= 2.04e-8
-    assert not found.doubts
+    assert not rejections(found)
 
 
 @needs_steps

@@ -1,15 +1,18 @@
 """Points that no map should be made of, or that something is wrong with: each with its sentence."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from cfid.errors import FitError
-from cfid.motors.maps.checks import missing_commands, speed_doubts
+from cfid.findings import texts
+from cfid.motors.maps.checks import marker_findings, missing_commands
 from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
 from cfid.motors.points import MotorPoints
+from tests.motors.sentences import rejections, remarks
 
 Array = npt.NDArray[np.float64]
 
@@ -17,6 +20,14 @@ COMMANDS = np.arange(0.0, 64001.0, 2000.0)
 SPEED = np.where(COMMANDS > 1000, 0.04076521 * COMMANDS + 380.8359, 0.0)
 THRUST = 1.9e-8 * SPEED**2
 POINTS = MotorPoints(command=COMMANDS, thrust_n=THRUST, torque_nm=0.006 * THRUST, speed_rad_s=SPEED)
+
+
+def markers(*points: Any) -> tuple[str, ...]:
+    """Return why speeds are rejected; every finding concerns the speed map and rejects it."""
+    found = marker_findings(*points, quantities=("motor.speed_poly",))
+    assert all((one.code, one.severity) == ("speed-marker-count", "rejection") for one in found)
+    assert all(one.quantities == ("motor.speed_poly",) for one in found)
+    return texts(found, "rejection")
 
 
 def test_a_thrust_that_is_negative_throughout_is_said_to_have_the_wrong_sign() -> None:
@@ -39,7 +50,7 @@ def test_motors_that_never_ran_are_told_by_thrust_and_by_speed() -> None:
 def test_motors_that_stand_below_command_1000_are_not_called_off() -> None:
     quiet = dataclasses.replace(POINTS, command=np.where(COMMANDS == 0, 900.0, COMMANDS))
 
-    assert not fit_thrust(quiet).doubts
+    assert not rejections(fit_thrust(quiet))
 
 
 @pytest.mark.parametrize("fit", [fit_thrust, fit_speed])
@@ -73,7 +84,7 @@ def test_too_few_commands_are_refused_and_just_enough_are_said_to_prove_nothing(
 
     with pytest.raises(FitError, match="2 points are too few for a polynomial of order 2"):
         fit_thrust(of(2))
-    assert any("leave nothing to judge them by" in said for said in fit_thrust(of(3)).warnings)
+    assert any("leave nothing to judge them by" in said for said in remarks(fit_thrust(of(3))))
 
 
 # Missing commands
@@ -83,8 +94,8 @@ def test_a_gap_in_an_even_staircase_is_named_once_at_its_command() -> None:
     there = ~np.isin(COMMANDS, (26000, 28000))
     gap = MotorPoints(command=COMMANDS[there], thrust_n=THRUST[there])
 
-    assert "command 26000, 28000 is missing." in fit_thrust(gap).warnings
-    assert not any("missing" in said for said in fit_thrust(POINTS).warnings)
+    assert "command 26000, 28000 is missing." in remarks(fit_thrust(gap))
+    assert not any("missing" in said for said in remarks(fit_thrust(POINTS)))
 
 
 def test_commands_that_were_asked_for_are_missed_at_the_ends_too() -> None:
@@ -97,7 +108,9 @@ def test_commands_that_were_asked_for_are_missed_at_the_ends_too() -> None:
 def test_a_window_without_a_value_is_a_missing_command() -> None:
     thrust = np.where(COMMANDS == 44000, np.nan, THRUST)
 
-    assert "command 44000 is missing." in fit_thrust(MotorPoints(command=COMMANDS, thrust_n=thrust)).warnings
+    assert "command 44000 is missing." in texts(
+        fit_thrust(MotorPoints(command=COMMANDS, thrust_n=thrust)).findings, "warning", "note"
+    )
 
 
 def test_commands_that_are_no_staircase_or_slightly_uneven_have_no_gaps() -> None:
@@ -111,11 +124,11 @@ def test_commands_that_are_no_staircase_or_slightly_uneven_have_no_gaps() -> Non
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 @pytest.mark.parametrize("with_thrust", [False, True])
 def test_speeds_that_are_all_counted_with_the_wrong_markers_are_doubted(factor: float, with_thrust: bool) -> None:
-    said = speed_doubts(COMMANDS, factor * SPEED, THRUST if with_thrust else None)
+    said = markers(COMMANDS, factor * SPEED, THRUST if with_thrust else None)
 
     assert len(said) == 1
     assert ("thrust over speed squared is" in said[0]) == with_thrust
-    assert "another number of markers" in said[0]
+    assert "check the number of its reflective markers" in said[0]
 
 
 @pytest.mark.parametrize("at", [(2000,), (30000,), (64000,), (4000, 30000, 32000, 34000, 36000, 64000)])
@@ -123,7 +136,7 @@ def test_single_speeds_counted_double_are_named(at: tuple[int, ...]) -> None:
     doubled = np.where(np.isin(COMMANDS, at), 2 * SPEED, SPEED)
     found = fit_speed(MotorPoints(command=COMMANDS, speed_rad_s=doubled))
 
-    assert found.doubts[0].startswith(
+    assert rejections(found)[0].startswith(
         f"at command {', '.join(str(command) for command in at)} the speed is about twice"
     )
 
@@ -131,21 +144,21 @@ def test_single_speeds_counted_double_are_named(at: tuple[int, ...]) -> None:
 def test_a_series_counted_double_beside_one_that_is_not_is_doubted() -> None:
     twice = MotorPoints(command=np.tile(COMMANDS, 3), speed_rad_s=np.concatenate([SPEED, 2 * SPEED, SPEED]))
 
-    assert "the speed is about twice what the others say" in fit_speed(twice).doubts[0]
+    assert "the speed is about twice what the others say" in rejections(fit_speed(twice))[0]
 
 
 def test_single_speeds_that_are_half_are_named() -> None:
     halved = np.where(COMMANDS == 50000, 0.5 * SPEED, SPEED)
 
-    assert "at command 50000 the speed is about half" in speed_doubts(COMMANDS, halved)[0]
+    assert "at command 50000 the speed is about half" in markers(COMMANDS, halved)[0]
 
 
 def test_sound_speeds_raise_no_doubt_nor_do_motors_of_another_kind() -> None:
     curved = 2900 * (COMMANDS / 65535) ** 0.7
     for speed in (SPEED, 0.8 * SPEED, 1.35 * SPEED, curved):
-        assert speed_doubts(COMMANDS, speed) == ()
-        assert speed_doubts(COMMANDS, speed, 2e-8 * speed**2) == ()
-    assert speed_doubts(COMMANDS, SPEED, 3.2e-8 * SPEED**2) == ()
+        assert markers(COMMANDS, speed) == ()
+        assert markers(COMMANDS, speed, 2e-8 * speed**2) == ()
+    assert markers(COMMANDS, SPEED, 3.2e-8 * SPEED**2) == ()
 
 
 # Maps that do not describe their points
@@ -154,17 +167,17 @@ def test_sound_speeds_raise_no_doubt_nor_do_motors_of_another_kind() -> None:
 def test_points_far_from_any_polynomial_are_doubted() -> None:
     steps = np.where(COMMANDS > 30000, 0.15, 0.02)
 
-    assert "misses the points by" in fit_thrust(MotorPoints(command=COMMANDS, thrust_n=steps)).doubts[0]
+    assert "misses the points by" in rejections(fit_thrust(MotorPoints(command=COMMANDS, thrust_n=steps)))[0]
 
 
 def test_a_map_that_falls_is_doubted() -> None:
     bent = 0.1 - 0.1 * ((COMMANDS - 40000) / 40000) ** 2
 
-    assert "does not rise throughout" in fit_thrust(MotorPoints(command=COMMANDS, thrust_n=bent)).doubts[-1]
+    assert "does not rise throughout" in rejections(fit_thrust(MotorPoints(command=COMMANDS, thrust_n=bent)))[-1]
 
 
 def test_scatter_beyond_the_windows_is_said() -> None:
     drifting = THRUST + 1e-3 * np.sin(COMMANDS / 5000)
     found = fit_thrust(MotorPoints(command=COMMANDS, thrust_n=drifting, thrust_std_n=np.full(len(COMMANDS), 1e-5)))
 
-    assert any("as far about the curve as within their windows" in said for said in found.warnings)
+    assert any("as far about the curve as within their windows" in said for said in remarks(found))

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from cfid.errors import FitError
 from cfid.motors.steps.estimation import command_steps, fit_rotor_model, fit_steps, followed
+from tests.motors.sentences import rejections
 
 Array = npt.NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def noise(seed: int, std: float) -> Array:
 def test_steps_with_a_plain_lag_give_it_back_within_its_deviation() -> None:
     speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(1, 3.0)
     for lag in fit_steps(time_s=TIME_S, value=speed, steps=STEPS):
-        assert lag.believed
+        assert lag.accepted
         assert lag.time_constant_s == pytest.approx(0.1 if lag.rising else 0.2, rel=0.03)
         assert abs(lag.time_constant_s - (0.1 if lag.rising else 0.2)) < 4 * lag.time_constant_std_s
         assert abs(lag.delay_s) < 0.002
@@ -60,7 +61,7 @@ def test_the_four_coefficients_come_back_from_speed_and_from_thrust(by_thrust: b
     assert model.rising == pytest.approx((3.0, 2.5e-3), rel=0.1)
     assert model.falling == pytest.approx((1.0, 1.5e-3), rel=0.1)
     assert abs(model.rising[1] - 2.5e-3) < 4 * model.rising_std[1]
-    assert model.believed
+    assert model.accepted
 
 
 def test_without_a_speed_before_the_command_the_delay_is_not_told_and_the_lag_is() -> None:
@@ -87,9 +88,9 @@ def test_a_way_that_no_step_went_has_no_coefficients() -> None:
 
 def test_what_is_no_lag_or_too_short_is_not_believed() -> None:
     slow = fit_steps(time_s=TIME_S, value=followed_speed((0.8, 0.0), (0.8, 0.0)) + noise(6, 0.1), steps=STEPS[:2])
-    assert all("where it leads is a guess" in lag.doubts[0] for lag in slow)
+    assert all("where it leads is a guess" in rejections(lag)[0] for lag in slow)
     drawn = fit_steps(time_s=TIME_S, value=1000 + noise(5, 50.0), steps=STEPS)
-    assert not any(lag.believed for lag in drawn)
+    assert not any(lag.accepted for lag in drawn)
 
 
 def test_no_step_and_too_few_samples_are_refused() -> None:

@@ -43,7 +43,7 @@ def scores(
         time_s, wrench, truth = window((command, 0, command, 0), seconds=seconds, seed=seed)
         one = rotor_speed(time_s=time_s, wrench=change(wrench, rng))
         found.append(one)
-        if one.believed:
+        if one.accepted:
             # No believed speed is another line's: off by more than 0.1 % only where its own deviation says so.
             assert abs(one.speed_rad_per_s - truth[0]) < max(1e-3 * truth[0], 4 * one.std_rad_per_s)
             off.append((one.speed_rad_per_s - truth[0]) / one.std_rad_per_s)
@@ -53,7 +53,7 @@ def scores(
 def test_of_forty_windows_hardly_one_is_outside_two_deviations() -> None:
     off, found = scores(as_it_is, windows=40, least=8000, seconds=0.5)
 
-    assert sum(one.believed for one in found) > 35
+    assert sum(one.accepted for one in found) > 35
     assert np.mean(np.abs(off) > 2.5) < 0.1
     assert 0.6 < np.std(off) < 1.4
 
@@ -68,8 +68,8 @@ def test_ninety_five_percent_cover_in_noise_of_any_colour(
     held = float(np.mean(np.abs(off) < 1.96))
     print(f"intervals of speeds hold the truth: {held:.3f}")
     assert 0.93 <= held <= 0.97
-    assert sum(one.believed for one in found) > 0.7 * len(found)
-    assert sum(one.wander_rad_per_s > 0 for one in found if one.believed) < 0.01 * len(found)
+    assert sum(one.accepted for one in found) > 0.7 * len(found)
+    assert sum(one.wander_rad_per_s > 0 for one in found if one.accepted) < 0.01 * len(found)
 
 
 @pytest.mark.slow
@@ -81,7 +81,7 @@ def test_each_of_two_rotors_is_covered_wherever_they_are_told_apart() -> None:
         time_s, wrench, truth = window((command, 0, command + apart / 0.0408, 0), seconds=1.0, seed=seed)
         found = rotor_speed(time_s=time_s, wrench=wrench, rotors=2)
         mean = (found.speed_rad_per_s - truth[[0, 2]].mean()) / found.std_rad_per_s
-        if not found.believed:
+        if not found.accepted:
             continue
         if found.resolved:
             told += 1

@@ -9,7 +9,7 @@ from scipy.special import roots_jacobi
 
 from cfid.errors import FitError
 from cfid.motors.vibration.ridge import SpeedRidge, speed_ridge
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.rotors import Rotors, RotorTruth
 from tests.motors.test_rotor_speed import HZ, noise, rotating
 
@@ -33,7 +33,7 @@ def staircase(commands: tuple[int, ...] = STAIRCASE, *, hold_s: float = 0.8) -> 
         speeds.append(steady + (speed - steady) * np.exp(-(time_s - k * hold_s) / truth.time_constant_s))
         speed = float(speeds[-1][-1])
     time_s = np.arange(1, count * len(commands) + 1) / HZ
-    counts, _ = LoadCell(LoadCellTruth(), rng).read(time_s, np.vstack(wrenches))
+    counts, _ = SimulatedLoadCell(LoadCellTruth(), rng).read(time_s, np.vstack(wrenches))
     return time_s, counts / LoadCellTruth().counts_per_unit, np.concatenate(speeds)
 
 

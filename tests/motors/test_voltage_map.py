@@ -6,6 +6,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.motors.maps.voltage import compare, compare_speed, compare_thrust, motor_volts
+from tests.motors.sentences import remarks
 
 Array = npt.NDArray[np.float64]
 
@@ -53,13 +54,13 @@ def test_on_a_sagging_battery_the_voltage_predicts_better_and_lies_within_half_a
     thrust = truth + noise(seed + 100, std)
     found = compare_thrust(command=UP_AND_DOWN, vbat_v=read_v, thrust_n=thrust, std_n=std, folds=folds)
     running = np.linspace(0.25 * volts.max(), volts.max(), 50)
-    print(f"{found.sentence} rms {found.voltage_rms:.2g} against {found.command_rms:.2g} N")
+    print(f"{found.verdict.text} rms {found.voltage_rms:.2g} against {found.command_rms:.2g} N")
 
     assert found.better == "voltage"
     assert found.ratio > 5
     assert found.by_voltage.at(running) == pytest.approx(thrust_of(running), rel=5e-3)
-    assert found.sentence.startswith("motor voltage predicts")
-    assert found.warnings == ()
+    assert found.verdict.text.startswith("motor voltage predicts")
+    assert found.findings == ()
 
 
 def test_speed_of_motor_voltage_is_compared_the_same_way() -> None:
@@ -77,7 +78,7 @@ def test_a_motor_that_obeys_the_command_alone_is_told_by_the_command() -> None:
     found = compare_thrust(command=UP_AND_DOWN, vbat_v=sagging(UP_AND_DOWN), thrust_n=thrust + noise(1, thrust / 500))
 
     assert found.better == "command"
-    assert "motor command predicts" in found.sentence
+    assert "motor command predicts" in found.verdict.text
 
 
 def test_on_a_supply_neither_is_better() -> None:
@@ -87,7 +88,7 @@ def test_on_a_supply_neither_is_better() -> None:
 
     assert found.ratio == pytest.approx(1)
     assert found.better == "neither"
-    assert "predict equally well" in found.sentence
+    assert "predict equally well" in found.verdict.text
 
 
 def test_commands_held_once_leave_the_two_forms_on_one_path_and_that_is_said() -> None:
@@ -95,7 +96,7 @@ def test_commands_held_once_leave_the_two_forms_on_one_path_and_that_is_said() -
     vbat = sagging(up)
     found = compare_thrust(command=up, vbat_v=vbat, thrust_n=thrust_of(motor_volts(command=up, vbat_v=vbat)))
 
-    assert "every command was held once" in found.warnings[0]
+    assert "every command was held once" in remarks(found)[0]
 
 
 def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:

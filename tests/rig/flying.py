@@ -37,7 +37,7 @@ from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
-from cfid.wire.app import Hello, Ports
+from cfid.wire.app import AppPorts, Hello
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, decode_packet, encode_packet
 
 UNIX_S = 1_763_712_345.0
@@ -70,7 +70,7 @@ class SimulatedLink:
 
     def __init__(self, radio: FaultyCrazyflie, truth: CrazyflieTruth, clock: Clock) -> None:
         self.fault = ""
-        self.heard_s = clock.seconds()
+        self.received_s = clock.seconds()
         self.sent: list[Packet] = []
         self._radio, self._clock, self._truth = radio, clock, truth
         self._came: list[tuple[Packet, float]] = []
@@ -81,7 +81,7 @@ class SimulatedLink:
         if self.fault:
             raise DeviceError(self.fault)
         self.sent.append(packet)
-        self._radio.heard(encode_packet(packet), CLIENT, self._clock.seconds())
+        self._radio.received(encode_packet(packet), CLIENT, self._clock.seconds())
         return Left(self._clock.seconds())
 
     def attach(self, wake: Callable[[], None]) -> None:
@@ -106,7 +106,7 @@ class SimulatedLink:
         for datagram, _ in self._radio.due(now_s):
             packet = decode_packet(datagram)
             assert packet is not None
-            self.heard_s = now_s
+            self.received_s = now_s
             self._came.append((packet, now_s))
         if self._came:
             self._wake()
@@ -114,7 +114,7 @@ class SimulatedLink:
     def _ping(self) -> None:
         self._clock.callLater(0.1, self._ping)
         if not self.fault:
-            self._radio.heard(encode_packet(Packet(ECHO_PORT, ECHO_CHANNEL, b"\x00")), CLIENT, self._clock.seconds())
+            self._radio.received(encode_packet(Packet(ECHO_PORT, ECHO_CHANNEL, b"\x00")), CLIENT, self._clock.seconds())
 
 
 class Flight:
@@ -158,13 +158,13 @@ class Flight:
             propulsion,
             Radio(radio or RadioTruth(latency_s=0.004, jitter_s=0.001), np.random.default_rng(4)),
             faults or CrazyflieFaults(),
-            ping_port=Ports().ping,
+            ping_port=AppPorts().ping,
             opened_s=clock.seconds(),
         )
         self.link = SimulatedLink(self.sim, self.truth, clock)
         self.vehicle = Vehicle(self.link, loop=clock)
         hello = Hello(2, 500, 500, 0) if firmware == "app" else None
-        self.firmware = Firmware(kind=KINDS[firmware], ports=Ports(), hello=hello)  # type: ignore[arg-type]
+        self.firmware = Firmware(kind=KINDS[firmware], ports=AppPorts(), hello=hello)  # type: ignore[arg-type]
         self.supervisor = Supervisor(self.vehicle, protocol=protocol)
         self.limits = limits or Limits(idle_thrust=7000 if self.truth.brushless and firmware == "app" else 0)
         self.host = HostClock(UNIX_S)

@@ -27,7 +27,7 @@ from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 from cfid.rig.e201_port import lock_name
 from cfid.rig.lock import holder_of
-from cfid.rig.log import Plan, log, ready_encoder, ready_loadcell
+from cfid.rig.log import Plan, ready_encoder, ready_loadcell, record_run
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import devices_in, published
 from cfid.sim.service import Addresses, SimulatedRig
@@ -217,7 +217,7 @@ def _record(campaign_folder: Path, for_s: float | None) -> None:
             ),
             ready_loadcell(devices.loadcell, held, buffered=True, bias=False, say=_say),
         ]
-        log(plan, ready, show=lambda _: None, begun=lambda folder: print(folder, flush=True))
+        record_run(plan, ready, show=lambda _: None, begun=lambda folder: print(folder, flush=True))
 
 
 def _say(sentence: str) -> None:

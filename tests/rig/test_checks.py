@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cfid.rig import check
-from cfid.rig.check import Finding, check_loadcell
+from cfid.rig.check import DeviceAnswer, check_loadcell
 from tests.rig.streaming_rig import ServedRig, served_rig
 
 
@@ -16,7 +16,7 @@ def rig(tmp_path: Path) -> Iterator[ServedRig]:
         yield rig
 
 
-def about(asked: str, findings: list[Finding]) -> Finding:
+def about(asked: str, findings: list[DeviceAnswer]) -> DeviceAnswer:
     (finding,) = [finding for finding in findings if finding.asked == asked]
     return finding
 

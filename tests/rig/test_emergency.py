@@ -14,11 +14,11 @@ import pytest
 
 from cfid.errors import DeviceError, StopError
 from cfid.rig.emergency import stop_vehicle
-from cfid.rig.line import Line, open_line
+from cfid.rig.line import VehicleLine, open_line
 from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import stop_over
-from cfid.wire.app import AppState, Flags, PingChannel, Ports, decode_alive, encode_state
+from cfid.wire.app import AppPorts, AppState, Flags, PingChannel, decode_alive, encode_state
 from cfid.wire.crtp import Packet, encode_set_by_name
 from tests.flying_in_a_folder import Bench, bench_in
 
@@ -46,7 +46,7 @@ class Radio:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def open(self, uri: str) -> Line:
+    def open(self, uri: str) -> VehicleLine:
         handle = os.open(self.path, os.O_RDWR | os.O_CREAT)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -97,7 +97,7 @@ def test_a_suspended_process_goes_on_and_gives_its_radio_back(bench: Bench, radi
     said: list[str] = []
     with driving(bench, radio, "heeds") as driver:
         suspend(driver, bench.uri)
-        stopped = stop_vehicle(bench.uri, Ports(), say=said.append, opened=radio.open)
+        stopped = stop_vehicle(bench.uri, AppPorts(), say=said.append, opened=radio.open)
         assert driver.wait(10) == -signal.SIGTERM
     assert stopped.kind == "stock"
     assert not any(bench.motors)
@@ -108,7 +108,7 @@ def test_a_process_that_does_not_give_its_radio_back_is_killed(bench: Bench, rad
     said: list[str] = []
     with driving(bench, radio, "ignores") as driver:
         suspend(driver, bench.uri)
-        stop_vehicle(bench.uri, Ports(), say=said.append, opened=radio.open)
+        stop_vehicle(bench.uri, AppPorts(), say=said.append, opened=radio.open)
         assert driver.wait(10) == -signal.SIGKILL
         assert said == [f"process {driver.pid} (python) does not end and keeps the link to itself: it is killed."]
     assert not any(bench.motors)
@@ -118,11 +118,11 @@ def test_where_the_link_can_be_shared_nobody_is_killed_and_what_remains_is_told(
     said: list[str] = []
     with driving(bench, radio, "ignores") as driver:
         began_s = time.monotonic()
-        stop_vehicle(bench.uri, Ports(), say=said.append)
+        stop_vehicle(bench.uri, AppPorts(), say=said.append)
         assert bench.stopped_after(began_s) < 1.0
         assert driver.poll() is None
         assert said == [
-            f"process {driver.pid} (python) does not end and holds the vehicle still. It may start the motors again. "
+            f"process {driver.pid} (python) does not end and still holds the vehicle. It may start the motors again. "
             f"End it: kill -KILL {driver.pid}"
         ]
     assert not any(bench.motors)
@@ -134,26 +134,26 @@ def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(bench: Bench,
         "for kept in (lock._bound.fileno(), handle): os.set_inheritable(kept, True)\nos.execlp('sleep', 'sleep', '9')",
     )
     with driving(bench, radio, "heeds", program=program) as driver:
-        with pytest.raises(StopError, match=f"^{MAY_BE_RUNNING}: process {driver.pid} .* cannot be ended from here"):
-            stop_vehicle(bench.uri, Ports(), say=print, opened=radio.open)
+        with pytest.raises(StopError, match=f"^{MAY_BE_RUNNING}: process {driver.pid} .* this user cannot end it"):
+            stop_vehicle(bench.uri, AppPorts(), say=print, opened=radio.open)
         assert driver.poll() is None
         assert bench.motors == (0, 20000, 0, 0)  # and it is true
 
 
 def test_where_no_thin_link_opens_the_whole_one_carries_the_stop(bench: Bench, radio: Radio) -> None:
-    def opened(uri: str) -> Line:
+    def opened(uri: str) -> VehicleLine:
         raise DeviceError(f"{uri}: no.")
 
     with driving(bench, radio, "heeds"):
         pass  # killed: motors of stock firmware run on
     assert bench.motors == (0, 20000, 0, 0)
-    assert stop_vehicle(bench.uri, Ports(), say=print, opened=opened).kind == "stock"
+    assert stop_vehicle(bench.uri, AppPorts(), say=print, opened=opened).kind == "stock"
     assert not any(bench.motors)
 
 
 def test_a_lock_without_a_driver_is_no_obstacle(bench: Bench) -> None:
     with DeviceLock.take(bench.uri):  # of this very process
-        assert stop_vehicle(bench.uri, Ports(), say=print).kind == "stock"
+        assert stop_vehicle(bench.uri, AppPorts(), say=print).kind == "stock"
 
 
 # The packets
@@ -193,7 +193,7 @@ class Answering:
 
 def test_a_stop_is_acknowledged_by_app_and_parameters() -> None:
     line = Answering()
-    acknowledged = stop_over(line, Ports())
+    acknowledged = stop_over(line, AppPorts())
     assert (acknowledged.by_app, acknowledged.by_parameters) == (True, True)
     kinds = {"enable": "B", "m1": "H", "m2": "H", "m3": "H", "m4": "H"}
     by_name = [packet.payload for packet in line.sent if packet[:2] == (2, 3)]
@@ -201,16 +201,16 @@ def test_a_stop_is_acknowledged_by_app_and_parameters() -> None:
 
 
 def test_what_was_lost_is_sent_again_until_it_is_acknowledged() -> None:
-    acknowledged = stop_over(Answering(ignores=9), Ports())
+    acknowledged = stop_over(Answering(ignores=9), AppPorts())
     assert (acknowledged.by_app, acknowledged.by_parameters) == (True, True)
     assert acknowledged.after_s > 0.15
 
 
 def test_firmware_without_the_parameters_has_nothing_to_clear() -> None:
-    assert stop_over(Answering(error=2), Ports()).by_parameters
-    assert not stop_over(Answering(error=22), Ports()).by_parameters  # of another type: it is not known
+    assert stop_over(Answering(error=2), AppPorts()).by_parameters
+    assert not stop_over(Answering(error=22), AppPorts()).by_parameters  # of another type: it is not known
 
 
 def test_an_app_that_goes_on_driving_or_answers_another_stop_has_acknowledged_nothing() -> None:
-    assert not stop_over(Answering(commands=1), Ports()).by_app
-    assert not stop_over(Answering(late=True), Ports()).by_app
+    assert not stop_over(Answering(commands=1), AppPorts()).by_app
+    assert not stop_over(Answering(late=True), AppPorts()).by_app

@@ -135,7 +135,7 @@ def test_replies_that_always_come_too_late_are_told(session: Session) -> None:
     run, failure = session.record(instrument, for_s=None)
 
     assert isinstance(failure, DeviceError)
-    assert "gives no position for 3 s, though polled (its answers come later than 50 ms)" in str(failure)
+    assert "sent no position for 3 s, though polled (its answers take longer than 50 ms)" in str(failure)
     assert len(rows_of(run, "encoder")) == 0
 
 
@@ -243,7 +243,7 @@ def test_an_encoder_that_stays_silent_is_given_up_with_its_rows_kept(session: Se
     run, failure = session.record(instrument, for_s=None)
 
     assert isinstance(failure, DeviceError)
-    assert ", though polled: plug it out" in str(failure)
+    assert ", though polled: unplug it" in str(failure)
     assert session.clock.seconds() < 9
     assert len(rows_of(run, "encoder")) == pytest.approx(500, abs=5)
     assert run.header.devices["encoder"].lost == pytest.approx(300, abs=30)
@@ -283,7 +283,7 @@ def test_a_continuous_output_that_falls_silent_is_told_without_polls(session: Se
 
     _, failure = session.record(instrument, for_s=None)
 
-    assert "gives no position for 3 s: plug it out" in str(failure)
+    assert "sent no position for 3 s: unplug it" in str(failure)
 
 
 def test_a_continuous_output_that_goes_on_is_told_to_stop_again(session: Session) -> None:

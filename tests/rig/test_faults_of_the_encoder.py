@@ -104,7 +104,7 @@ def test_replies_that_are_too_slow_are_told_before_a_run(lab: Lab) -> None:
     said = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")
 
-    told = r"replies after 2\d\d ms, too late to say at what time the encoder stood there"
+    told = r"replies after 2\d\d ms \(limit 50 ms\), too late to time a position"
     assert said.code == checked.code == 3
     assert re.search(told, said.err)
     assert re.search(told, checked.out)
@@ -155,9 +155,9 @@ def test_a_silence_for_good_fails_the_run_with_its_rows_kept(lab: Lab) -> None:
     said = log.end()
 
     assert said.code == 3
-    assert "gives no position for 3 s, though polled: plug it out and in again; `cfid rig check`" in said.err
+    assert "sent no position for 3 s, though polled: unplug it and plug it in again; `cfid rig check`" in said.err
     assert lab.run().header.state == "failed"
-    assert "gives no position" in lab.run().header.reason
+    assert "sent no position" in lab.run().header.reason
     assert len(rows_of(lab)) >= FIRST
     check_rows(lab)
 
@@ -221,7 +221,7 @@ def test_something_that_sends_without_end_in_the_place_of_the_plug_keeps_no_log_
     log.wait_until_said("to come back")
     lab.encoder.unstoppable = True
     lab.put_plug_back()
-    lab.in_reactor(lambda: lab.plug.heard(CONTINUOUS))
+    lab.in_reactor(lambda: lab.plug.received(CONTINUOUS))
     asked = lab.encoder.contacts
     log.wait_until(lambda: lab.encoder.contacts > asked, "the request to stop")
     said = log.ask_to_end()
@@ -240,7 +240,7 @@ def test_a_plug_pulled_and_never_put_back_fails_the_run_with_its_rows_kept(lab: 
     said = log.ask_to_end(signal.SIGTERM)
 
     assert said.code == 3
-    assert "s before the end, and never back" in said.err
+    assert "s before the end, and not plugged in again" in said.err
     assert lab.run().header.state == "failed"
     assert len(rows_of(lab)) >= FIRST
     check_rows(lab)
@@ -259,7 +259,7 @@ def test_a_wrong_width_of_word_is_told_by_check_and_set_by_log(lab: Lab) -> None
     assert checked.code == 0
     assert width == 18
     assert "warning  18 bits" in checked.out
-    assert "counts_per_turn asks for 22 bits: `cfid log encoder` sets them" in checked.out
+    assert "counts_per_turn needs 22 bits: `cfid log encoder` sets them" in checked.out
     assert said.code == 0
     assert lab.e201.word_bits == 22
     check_rows(lab)
@@ -284,7 +284,7 @@ def test_an_interface_without_an_encoder_is_told(lab: Lab) -> None:
     said = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")
 
-    told = "an E201, but it reads no position: is the encoder plugged into it, and powered?"
+    told = "an E201, but it reports no position: is the encoder plugged into it, and powered?"
     assert said.code == checked.code == 3
     assert told in said.err
     assert told in checked.out
@@ -311,12 +311,12 @@ def test_an_output_that_a_killed_log_left_on_is_switched_off(lab: Lab) -> None:
 
 def test_a_device_that_sends_by_itself_is_told_by_log_and_by_check(lab: Lab) -> None:
     lab.encoder.unstoppable = True
-    lab.in_reactor(lambda: lab.plug.heard(CONTINUOUS))
+    lab.in_reactor(lambda: lab.plug.received(CONTINUOUS))
 
     said = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")
 
-    told = "sends without being asked, and goes on when told to stop: no E201."
+    told = "sends unprompted, even after the command to stop: not an E201."
     assert said.code == checked.code == 3
     assert told in said.err
     assert told in checked.out
@@ -341,7 +341,7 @@ def test_another_device_on_the_port_is_told_by_log_and_by_check(lab: Lab) -> Non
     said = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")
 
-    told = "answers 'Virtual ComPort V2.0' where an E201 encoder interface says its name: another device."
+    told = "answers 'Virtual ComPort V2.0' where an E201 encoder interface sends its name: another device."
     assert said.code == checked.code == 3
     assert told in said.err
     assert told in checked.out
@@ -354,7 +354,7 @@ def test_a_device_that_says_nothing_is_told(lab: Lab) -> None:
     said = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")
 
-    told = "gives no answer where an E201 encoder interface says its name"
+    told = "gives no answer where an E201 encoder interface sends its name"
     assert said.code == checked.code == 3
     assert told in said.err
     assert told in checked.out
@@ -365,7 +365,7 @@ def test_a_port_that_is_not_there_is_told_with_those_there_are(lab: Lab) -> None
     lab.point_at(lab.ports, port=lab.folder / "nothing")
     checked = lab.cfid("rig", "check")
 
-    told = f"{lab.folder / 'nothing'}: no such port. There are: "
+    told = f"{lab.folder / 'nothing'}: no such port. Available: "
     assert said.code == checked.code == 3
     assert told in said.err
     assert told in checked.out
@@ -380,8 +380,8 @@ def test_a_port_that_is_no_terminal_is_told(lab: Lab, name: str) -> None:
     checked = lab.cfid("rig", "check")
 
     assert said.code == checked.code == 3
-    assert said.err == f"cfid: {path}: this is no serial port.\n"
-    assert f"{path}: this is no serial port." in checked.out
+    assert said.err == f"cfid: {path}: this is not a serial port.\n"
+    assert f"{path}: this is not a serial port." in checked.out
 
 
 def test_a_port_that_another_program_has_open_is_told(lab: Lab) -> None:
@@ -404,7 +404,7 @@ def test_no_encoder_plugged_in_at_all_is_told(lab: Lab) -> None:
 
     assert said.code == checked.code == 3
     assert "no encoder interface is plugged in" in said.err
-    assert "Plug it in, or name its port: devices.encoder.port in rig.toml, or --port." in said.err
+    assert "Plug it in, or set its port: devices.encoder.port in rig.toml, or --port." in said.err
     assert "no encoder interface is plugged in" in checked.out
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.sim.netft_server import Ports
+from cfid.sim.netft_server import BoxPorts
 from cfid.wire.rdt import Command, Request, encode_request
 from tests.rig_in_a_folder import LOADCELL_HZ, Lab, lab_in, wait_until
 
@@ -129,7 +129,7 @@ def test_a_silence_that_ends_is_a_gap_with_its_losses(lab: Lab) -> None:
     log = lab.start(*LOG)
     log.wait_for_rows(FIRST)
     lab.loadcell_suffers(silent_after_s=0)
-    log.wait_until_said("is silent; asking again")
+    log.wait_until_said("is silent; requesting the stream again")
     lab.loadcell_suffers()
     log.wait_until_said("records again after")
     log.wait_for_rows(FIRST)
@@ -151,10 +151,10 @@ def test_a_silence_for_good_fails_the_run_after_ten_seconds(lab: Lab) -> None:
     run = lab.run()
 
     assert said.code == 3
-    assert "sent no more for" in said.err
-    assert "`cfid rig check` tells which" in said.err
+    assert "sent nothing more for" in said.err
+    assert "`cfid rig check` finds which" in said.err
     assert run.header.state == "failed"
-    assert "sent no more for" in run.header.reason
+    assert "sent nothing more for" in run.header.reason
     assert len(rows_of(lab)) >= FIRST
 
 
@@ -162,11 +162,11 @@ def test_a_stream_that_is_silent_at_the_end_fails_the_run(lab: Lab) -> None:
     log = lab.start(*LOG)
     log.wait_for_rows(FIRST)
     lab.loadcell_suffers(silent_after_s=0)
-    log.wait_until_said("is silent; asking again")
+    log.wait_until_said("is silent; requesting the stream again")
     said = log.ask_to_end()
 
     assert said.code == 3
-    assert "sent no more for" in said.err
+    assert "sent nothing more for" in said.err
     assert lab.run().header.state == "failed"
     assert len(rows_of(lab)) >= FIRST
 
@@ -210,7 +210,7 @@ def test_another_client_that_takes_the_stream_is_told_by_check(lab: Lab) -> None
     checked = lab.cfid("rig", "check")
 
     assert checked.code == 3
-    assert "-> the stream broke off: another client asks the same box" in checked.out
+    assert "-> the stream broke off: another client uses the same box" in checked.out
 
 
 def test_another_client_that_takes_the_stream_again_and_again_ends_the_run(lab: Lab) -> None:
@@ -241,8 +241,8 @@ def test_a_firewall_that_keeps_udp_out_is_told_by_log_and_by_check(lab: Lab) -> 
     checked = lab.cfid("rig", "check")
 
     assert said.code == checked.code == 3
-    assert "sent nothing, though asked again and again" in said.err
-    assert "`cfid rig check` tells which" in said.err
+    assert "sent nothing, despite repeated requests" in said.err
+    assert "`cfid rig check` finds which" in said.err
     assert "open UDP in this computer's firewall" in checked.out
     assert lab.run().header.state == "failed"
     assert lab.run().header.devices["loadcell"].rows == 0
@@ -282,14 +282,14 @@ def test_a_box_that_takes_longer_than_three_seconds_is_given_up(lab: Lab) -> Non
 
 
 def test_a_box_that_is_off_is_told_by_log_and_by_check(lab: Lab) -> None:
-    lab.point_at(Ports(free_port(), free_port(), free_port()))
+    lab.point_at(BoxPorts(free_port(), free_port(), free_port()))
 
     said = lab.cfid(*LOG)
     checked = lab.cfid("rig", "check")
 
     assert said.code == checked.code == 3
-    assert "nobody listens there (connection refused). Is the box powered" in said.err
-    assert checked.out.count("nobody listens there") == 2
+    assert "no program listens there (connection refused). Is the box powered" in said.err
+    assert checked.out.count("no program listens there") == 2
     assert checked.err == "cfid: not ready: loadcell.\n"
     assert lab.run_folder() is None
 
@@ -299,7 +299,7 @@ def test_a_box_that_is_off_is_told_by_log_and_by_check(lab: Lab) -> None:
     [
         (b"HTTP/1.0 404 Not Found\r\n\r\n", "answers 404 Not Found, where a Net F/T has its settings: another device"),
         (b"HTTP/1.0 200 OK\r\n\r\n<router><name>r</name></router>", "<setcfgsel> is missing. Is 127.0.0.1 a Net F/T?"),
-        (b"SSH-2.0-OpenSSH_9.6\r\n", "what answers there speaks no HTTP: another device"),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", "the device that answers there does not speak HTTP: it is another one"),
         (b"", "Is the box powered"),
     ],
     ids=["404", "other XML", "no HTTP", "hung up"],
@@ -373,7 +373,7 @@ def test_a_load_beyond_the_range_ends_the_run_with_its_rows_kept(lab: Lab) -> No
 
     assert said.code == checked.code == 3
     assert "reading, TCP    fault    saturation, or the converter failed" in checked.out
-    assert "saturation, or the converter failed: the readings from there on are not forces" in said.err
+    assert "saturation, or the converter failed: the readings from here on are not forces" in said.err
     assert lab.run().header.state == "failed"
     assert "saturation" in lab.run().header.reason
     assert (rows_of(lab)["status"] == 0).sum() >= FIRST
@@ -388,7 +388,7 @@ def test_an_error_bit_ends_the_run_with_its_name(lab: Lab) -> None:
 
     told = "the link to the transducer failed"
     assert said.code == checked.code == 3
-    assert f"{told}: the readings from there on are not forces" in said.err
+    assert f"{told}: the readings from here on are not forces" in said.err
     assert told in lab.run().header.reason
     assert f"reading, TCP    fault    {told}" in checked.out
     assert (rows_of(lab)["status"] == 0).sum() >= FIRST
@@ -400,7 +400,7 @@ def test_a_latched_threshold_is_a_note_and_no_fault(lab: Lab) -> None:
     said = lab.cfid(*LOG, "--for", 0.5)
 
     assert said.code == 0
-    assert said.err.count("a threshold is latched (status 0x80010000); no fault: the recording goes on") == 1
+    assert said.err.count("a threshold is latched (status 0x80010000); not a fault: the recording goes on") == 1
     assert lab.facts("loadcell")["said"] == ["a threshold is latched"]
 
 

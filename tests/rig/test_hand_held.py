@@ -17,8 +17,8 @@ from cfid.errors import DeviceError
 from cfid.records.run import Run
 from cfid.rig.clock import HostClock
 from cfid.rig.encoder import Receiver
-from cfid.rig.hand_held import HandHeld, Readings, ScalesSpeech, Ut372Speech
-from cfid.rig.listening import HidrawEar, Listen, Port, find_ut372, serial_ports, ut372_ports
+from cfid.rig.hand_held import HandHeld, Readings, ScalesParser, Ut372Parser
+from cfid.rig.listening import HidrawPort, Listen, Port, find_ut372, serial_ports, ut372_ports
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.recorder import Block, Instrument, sleep
 from tests.rig.virtual import UNIX_S, Session, rows_of
@@ -59,12 +59,12 @@ class Cable:
 
 def tachometer(session: Session) -> tuple[HandHeld, Cable]:
     cable = Cable()
-    return HandHeld("port", Ut372Speech(), listen=cable.listen, loop=session.clock, clock=session.host), cable
+    return HandHeld("port", Ut372Parser(), listen=cable.listen, loop=session.clock, clock=session.host), cable
 
 
 def scales(session: Session) -> tuple[HandHeld, Cable]:
     cable = Cable()
-    return HandHeld("port", ScalesSpeech(), listen=cable.listen, loop=session.clock, clock=session.host), cable
+    return HandHeld("port", ScalesParser(), listen=cable.listen, loop=session.clock, clock=session.host), cable
 
 
 def every(period_s: float, act: Callable[[], None], *, until_s: float = math.inf) -> Callable[[float], None]:
@@ -281,7 +281,7 @@ def listened(
 
 
 def on(port: str, listen: Callable[[Loop], Listen] = ut372_ports) -> Callable[[Loop], HandHeld]:
-    return lambda loop: HandHeld(port, Ut372Speech(), listen=listen(loop), loop=loop, clock=HostClock.now())
+    return lambda loop: HandHeld(port, Ut372Parser(), listen=listen(loop), loop=loop, clock=HostClock.now())
 
 
 def test_packets_on_a_serial_port_are_readings_in_unix_time(pty: Pty) -> None:
@@ -315,7 +315,7 @@ def test_ports_run_at_their_instruments_speed(pty: Pty, listen: Callable[[Loop],
 
 def test_lines_on_a_serial_port_are_weights(pty: Pty) -> None:
     (block, *_), instrument = listened(
-        lambda loop: HandHeld(pty.path, ScalesSpeech(), listen=serial_ports(loop), loop=loop, clock=HostClock.now()),
+        lambda loop: HandHeld(pty.path, ScalesParser(), listen=serial_ports(loop), loop=loop, clock=HostClock.now()),
         [lambda: pty.send(b"0.5 g\r\n" + LINE + b"US,NT,-  12.3 g\r\n")],
     )
     assert [column.tolist() for column in block.columns[1:]] == [[1230.0, -12.3], [1, 0]]
@@ -356,7 +356,7 @@ class Bridge:
         self._host.setblocking(False)
 
     def listen(self, loop: Loop) -> Listen:
-        return lambda port, receiver: HidrawEar(self._host.detach(), receiver, loop=loop)
+        return lambda port, receiver: HidrawPort(self._host.detach(), receiver, loop=loop)
 
     def send(self, data: bytes, *, sizes: tuple[int, ...] = (1, 0, 7, 2)) -> None:
         count = 0

@@ -197,7 +197,7 @@ def test_a_box_that_stays_silent_is_given_up_with_its_rows_kept(session: Session
     run, failure = session.record(instrument, for_s=None)
 
     assert isinstance(failure, DeviceError)
-    assert "sent no more" in str(failure)
+    assert "sent nothing more" in str(failure)
     assert len(rows_of(run, "loadcell")) == pytest.approx(5 * 700, abs=50)
 
 
@@ -288,7 +288,7 @@ def test_a_box_that_does_not_stop_is_said(session: Session, rate_hz: int) -> Non
     assert box.streaming
     assert len(stops) == 5
     assert session.clock.seconds() < stops[0] + 1.5
-    assert session.said == ["box goes on streaming after 5 requests to stop: switch it off and on."]
+    assert session.said == ["box keeps streaming after 5 requests to stop: switch it off and on."]
 
 
 def test_a_latched_threshold_is_only_said_once(session: Session) -> None:
@@ -329,7 +329,7 @@ def test_an_end_asked_for_stops_the_box(session: Session) -> None:
 
     def end(now_s: float) -> None:
         if now_s > 2:
-            session.ending.ask("SIGTERM")
+            session.ending.request("SIGTERM")
 
     run, failure = session.record(instrument, for_s=None, also=end)
 

@@ -20,7 +20,7 @@ import pytest
 
 from cfid.rig.loop import signal_name
 from cfid.rig.motors import MAY_BE_RUNNING
-from cfid.sim.supervisor_states import State
+from cfid.sim.supervisor_states import SupervisorState
 from tests.flying_in_a_folder import Bench, Pilot, bench_in
 
 STOPPED_WITHIN_S = 0.7
@@ -135,7 +135,7 @@ WAYS: dict[str, Way] = {
     "link silent": Way(HOLD, vehicle(silent_after_s=0), 3),
     "link closed": Way(HOLD, vehicle(closed_after_s=0), 3),
     "battery low": Way(HOLD, vehicle(low_battery_after_s=0), 3, "the battery is at 2.90 V"),
-    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, "sent no more for"),
+    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, "sent nothing more for"),
     "overload": Way(STAIRS, overload, 3, "saturation"),
     "disk full": Way(STAIRS, wait, 4, "File too large", {"preexec_fn": little_room}),
     "nonsense typed": Way(
@@ -158,14 +158,18 @@ VEHICLES = {
 EACH = [(way, kind) for way in WAYS for kind in VEHICLES if not ("stock" in kind and way in NOT_WITH_STOCK)]
 # In the default run each signal is tried with the app, and the ways that differ by vehicle with every one.
 OFTEN = [(way, kind) for way, kind in EACH if kind == "app" or way in ("time over", "SIGTERM", "SIGKILL", "disk full")]
-GONE_WRONG = {State.LEVEL_OUT, State.FREE_FALL, State.LOCKED}  # where motors stopped and the vehicle is of no more use
+GONE_WRONG = {
+    SupervisorState.LEVEL_OUT,
+    SupervisorState.FREE_FALL,
+    SupervisorState.LOCKED,
+}  # where motors stopped and the vehicle is of no more use
 
 
 class Stopped(NamedTuple):
     """After how many seconds motors stood, and the state in which the vehicle was left."""
 
     after_s: float
-    state: State
+    state: SupervisorState
 
 
 def stop_once(folder: Path, name: str, kind: str, *, afterwards_s: float = AFTERWARDS_S) -> Stopped:
@@ -356,7 +360,7 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
         code = pilot.end()
 
         assert code == 3
-        assert f"{MAY_BE_RUNNING}: stock firmware goes on without a link" in pilot.err
+        assert f"{MAY_BE_RUNNING}: stock firmware keeps motors running without a link" in pilot.err
         assert bench.motors == (30000, 0, 30000, 0)  # and it is true
 
 

@@ -244,7 +244,7 @@ def test_what_shows_the_recording_may_fail_and_all_are_closed(desk: Desk) -> Non
 
 
 def test_an_end_asked_for_before_the_first_block_starts_and_stops_all(desk: Desk) -> None:
-    desk.ending.ask("SIGINT")
+    desk.ending.request("SIGINT")
 
     run, failure, _ = desk.record(desk.counter("a"), desk.counter("b"), for_s=None)
 
@@ -256,8 +256,8 @@ def test_an_end_asked_for_before_the_first_block_starts_and_stops_all(desk: Desk
 def test_an_end_asked_for_comes_at_once_whatever_time_was_set(desk: Desk) -> None:
     def end(now_s: float) -> None:
         if now_s > 0.333:
-            desk.ending.ask("SIGTERM")
-            desk.ending.ask("SIGINT")
+            desk.ending.request("SIGTERM")
+            desk.ending.request("SIGINT")
 
     run, failure, _ = desk.record(desk.counter("a"), for_s=30.0, also=end)
 

@@ -288,7 +288,7 @@ async def timed(loop, ending):
     return 0.2 <= loop.seconds() - began_s < 2 and not ending.signal
 
 async def asked_before(loop, ending):
-    ending.ask("SIGINT")
+    ending.request("SIGINT")
     await ending.within(60)
     return ending.signal
 

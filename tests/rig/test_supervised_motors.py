@@ -9,9 +9,9 @@ import pytest
 
 from cfid.errors import ConfigError, DeviceError, StopError
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
-from cfid.rig.procedures import Staircase, climb, hold, play_sine
+from cfid.rig.procedures import StaircasePlan, hold, play_sine, run_staircase
 from cfid.sim.faults import CrazyflieFaults
-from cfid.sim.supervisor_states import State
+from cfid.sim.supervisor_states import SupervisorState
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import Packet, encode_packet
 from cfid.wire.supervisor import Bits, VehicleState
@@ -32,7 +32,7 @@ def states(run: Any) -> list[str]:
     return [VehicleState.of(int(word)).name for word in rows["state"]]
 
 
-def state_of(flight: Flight) -> State:
+def state_of(flight: Flight) -> SupervisorState:
     return flight.sim.vehicle.supervisor.state
 
 
@@ -53,24 +53,24 @@ def test_a_brushless_vehicle_is_armed_driven_and_left_as_it_was_found(tmp_path: 
     assert (20000,) * 4 in [motors for _, motors in flight.motors]
     assert flight.motors[-1][1] == (0, 0, 0, 0)
     assert "flying" in states(run)
-    assert state_of(flight) is State.PASSED
+    assert state_of(flight) is SupervisorState.PASSED
     assert idle_of(flight) == 7000
 
 
 @pytest.mark.parametrize("time_constant_s", [0.02, 0.1, 0.3])
 def test_pauses_of_a_staircase_lock_no_brushless_vehicle(tmp_path: Path, time_constant_s: float) -> None:
     flight = Flight(tmp_path, time_constant_s=time_constant_s, platform="cf21bl")
-    stairs = Staircase(steps=(0, 4256, 9000, 60000), motors=ALL, hold_s=1.5, rest_s=1.0)
+    stairs = StaircasePlan(steps=(0, 4256, 9000, 60000), motors=ALL, hold_s=1.5, rest_s=1.0)
     run, failure = flight.record(
         [flight.commands(), flight.states()],
-        lambda there: climb(stairs, there["commands"], loop=flight.clock, tell=lambda text: None),
+        lambda there: run_staircase(stairs, there["commands"], loop=flight.clock, tell=lambda text: None),
     )
     flight.turn(for_s=6.0)
 
     assert failure is None
     assert {motors for _, motors in flight.motors} >= {(step,) * 4 for step in stairs.steps}
     assert "locked" not in states(run)
-    assert state_of(flight) is State.PASSED
+    assert state_of(flight) is SupervisorState.PASSED
 
 
 def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_brushless_vehicle_whose_rotor_is_blocked_is_reported_and_left_disarme
     assert isinstance(failure, DeviceError)
     assert "each rotor has to show 1000 to 3500 rpm" in str(failure)
     assert flight.motors[-1][1] == (0, 0, 0, 0)
-    assert state_of(flight) is State.PASSED
+    assert state_of(flight) is SupervisorState.PASSED
 
 
 @BOTH
@@ -145,24 +145,24 @@ def test_a_setpoint_that_a_closing_client_leaves_locks_nothing_with_the_app(
     flight = Flight(tmp_path, platform=platform)
     _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
     flight.turn(for_s=after_s)
-    flight.sim.heard(encode_packet(SETPOINT), CLIENT, flight.clock.seconds())
+    flight.sim.received(encode_packet(SETPOINT), CLIENT, flight.clock.seconds())
     flight.turn(for_s=8.0)
 
     assert failure is None
-    assert state_of(flight) in (State.READY, State.PASSED)
+    assert state_of(flight) in (SupervisorState.READY, SupervisorState.PASSED)
 
 
 @FIRMWARES
 def test_a_setpoint_left_by_an_earlier_client_locks_nothing(tmp_path: Path, firmware: str) -> None:
     flight = Flight(tmp_path, firmware=firmware)
-    flight.sim.heard(encode_packet(SETPOINT), CLIENT, flight.clock.seconds())
+    flight.sim.received(encode_packet(SETPOINT), CLIENT, flight.clock.seconds())
     flight.turn(for_s=4.0)
     run, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=4.0))
     flight.turn(for_s=8.0)
 
     assert failure is None
     assert "locked" not in states(run)
-    assert state_of(flight) is State.READY
+    assert state_of(flight) is SupervisorState.READY
 
 
 @FIRMWARES
@@ -202,10 +202,10 @@ def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path) -> 
 def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(tmp_path: Path, rest_s: float) -> None:
     """It lands 2 s after its motors stopped and disarms itself 3 s later, just when the next step may begin."""
     flight = Flight(tmp_path)
-    stairs = Staircase(steps=(10000, 20000, 30000), motors=ALL, hold_s=0.5, rest_s=rest_s)
+    stairs = StaircasePlan(steps=(10000, 20000, 30000), motors=ALL, hold_s=0.5, rest_s=rest_s)
     _, failure = flight.record(
         [flight.commands(), flight.states()],
-        lambda there: climb(stairs, there["commands"], loop=flight.clock, tell=lambda text: None),
+        lambda there: run_staircase(stairs, there["commands"], loop=flight.clock, tell=lambda text: None),
     )
 
     assert failure is None
@@ -216,7 +216,7 @@ def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(
 def test_a_vehicle_that_somebody_disarms_in_a_run_is_named_so(tmp_path: Path) -> None:
     flight = Flight(tmp_path, platform="cf21bl")
     disarm = encode_packet(Packet(9, 1, b"\x01\x00"))
-    flight.clock.callLater(1.5, lambda: flight.sim.heard(disarm, CLIENT, flight.clock.seconds()))
+    flight.clock.callLater(1.5, lambda: flight.sim.received(disarm, CLIENT, flight.clock.seconds()))
     _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=6.0))
 
     assert isinstance(failure, DeviceError)
@@ -291,7 +291,7 @@ def test_every_run_with_motors_states_how_long_its_stop_took(tmp_path: Path, fir
 def test_another_programs_stop_ends_ours_for_good(tmp_path: Path) -> None:
     flight = Flight(tmp_path)
     stop = Packet(12, 3, bytes(4))
-    flight.clock.callLater(1.0, lambda: flight.sim.heard(encode_packet(stop), CLIENT, flight.clock.seconds()))
+    flight.clock.callLater(1.0, lambda: flight.sim.received(encode_packet(stop), CLIENT, flight.clock.seconds()))
     _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=5.0))
 
     assert isinstance(failure, DeviceError)
@@ -304,7 +304,7 @@ def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path)
     other = Packet(12, 2, bytes(4) + b"\x99\x00\x00\x00")
 
     def again() -> None:
-        flight.sim.heard(encode_packet(other), CLIENT, flight.clock.seconds())
+        flight.sim.received(encode_packet(other), CLIENT, flight.clock.seconds())
         flight.clock.callLater(0.1, again)
 
     again()
@@ -320,9 +320,9 @@ def test_a_vehicle_that_was_armed_is_ready_for_any_other_client(tmp_path: Path) 
     flight = Flight(tmp_path, platform="cf21bl")
     flight.record([flight.commands(), flight.states()], holding(flight, 20000))
     flight.turn(for_s=4.0)
-    flight.sim.heard(encode_packet(Packet(9, 1, b"\x01\x01")), CLIENT, flight.clock.seconds())
+    flight.sim.received(encode_packet(Packet(9, 1, b"\x01\x01")), CLIENT, flight.clock.seconds())
     flight.turn(for_s=1.0)
 
     assert flight.supervisor.state is not None
     assert Bits.ARMED not in flight.supervisor.state.bits  # as it was seen last
-    assert state_of(flight) is State.READY
+    assert state_of(flight) is SupervisorState.READY

@@ -23,8 +23,8 @@ import pytest
 from cfid.records.campaign import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.sim.crazyflie_tables import parameters
-from cfid.sim.supervisor_states import State
-from cfid.wire.app import Ports
+from cfid.sim.supervisor_states import SupervisorState
+from cfid.wire.app import AppPorts
 from tests.flying_in_a_folder import Bench, bench_in
 from tests.lateness import kept_waiting_s
 
@@ -89,13 +89,13 @@ def test_a_silent_address_is_told_within_its_time(bench: Bench) -> None:
 
 def test_an_address_where_nobody_listens_is_told(bench: Bench) -> None:
     told = refused(bench, "log", "ping", "--uri", "udp://127.0.0.1:9", within_s=4.0)
-    assert told == "cfid: udp://127.0.0.1:9: nobody listens there: the vehicle is off, or the address is wrong."
+    assert told == "cfid: udp://127.0.0.1:9: no program listens there: the vehicle is off, or the address is wrong."
 
 
 @pytest.mark.parametrize("uri", ["crazyflie", "radio:/0", "http://127.0.0.1", ""])
 def test_what_is_no_address_is_told(bench: Bench, uri: str) -> None:
     told = refused(bench, "log", "ping", "--uri", uri or "x")
-    assert "is no address of a vehicle; one looks like radio://0/80/2M/E7E7E7E7E7." in told
+    assert "this is not the address of a vehicle, such as radio://0/80/2M/E7E7E7E7E7." in told
 
 
 def test_a_missing_radio_is_told(bench: Bench) -> None:
@@ -130,7 +130,7 @@ def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: 
 def spoiled(bench: Bench, state: str) -> None:
     """Bring the vehicle into a state in which no motor may start."""
     bench.vehicle_suffers(**{"emergency_after_s" if state == "locked" else "tumble_after_s": 0})
-    end_s, there = time.monotonic() + 10.0, State.LOCKED if state == "locked" else State.NOT_PASSED
+    end_s, there = time.monotonic() + 10.0, SupervisorState.LOCKED if state == "locked" else SupervisorState.NOT_PASSED
     while bench.rig.crazyflie.vehicle.supervisor.state is not there:
         bench.in_loop(lambda: bench.rig.crazyflie.advance(time.monotonic()))
         assert time.monotonic() < end_s
@@ -204,7 +204,7 @@ def test_motors_stop_ends_what_overrides_the_app(bench: Bench) -> None:
     for name, value in (("m1", struct.pack("<H", 30000)), ("enable", b"\1")):
         place = names.index(f"motorPowerSet.{name}")
         write = b"\x2e" + struct.pack("<H", place) + value
-        bench.in_loop(partial(bench.rig.crazyflie.heard, write, ("127.0.0.1", 9), time.monotonic()))
+        bench.in_loop(partial(bench.rig.crazyflie.received, write, ("127.0.0.1", 9), time.monotonic()))
     bench.in_loop(lambda: bench.rig.crazyflie.advance(time.monotonic() + 0.1))
     assert bench.motors[0] == 30000
     said = bench.start("motors", "stop")
@@ -410,7 +410,7 @@ def test_round_trips_are_those_that_the_radio_made(tmp_path: Path, firmware: str
         pings = [
             ping.round_trip_s
             for ping in bench.rig.crazyflie.radio.pings
-            if (ping.payload[:1] == b"\xcf" if firmware == "stock" else ping.port == Ports().ping)
+            if (ping.payload[:1] == b"\xcf" if firmware == "stock" else ping.port == AppPorts().ping)
         ]
         found = json.loads(pilot.out)["parameters"]
 
@@ -470,7 +470,7 @@ def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option:
 def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
     pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes")
     assert pilot.end() == 3
-    assert "this vehicle has no RPM deck: it logs no rpm.m1." in pilot.err
+    assert "this vehicle has no RPM deck: it does not log rpm.m1." in pilot.err
 
 
 # The console

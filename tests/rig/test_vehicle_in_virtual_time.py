@@ -11,7 +11,7 @@ from cfid.errors import ConfigError, DeviceError
 from cfid.records.run import Run
 from cfid.rig.loop import Ending
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
-from cfid.rig.procedures import Staircase, climb, hold, ping_often, play_sine
+from cfid.rig.procedures import StaircasePlan, hold, ping_often, play_sine, run_staircase
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth
@@ -19,7 +19,7 @@ from cfid.wire.app import SineRequest, omega_of
 from tests.rig.flying import UNIX_S, Flight
 
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock", "old"])
-STAIRS = Staircase(steps=(0, 10000, 20000), motors=(1, 3), hold_s=2.0, rest_s=1.0)
+STAIRS = StaircasePlan(steps=(0, 10000, 20000), motors=(1, 3), hold_s=2.0, rest_s=1.0)
 
 
 def rows(run: Run, device: str) -> pd.DataFrame:
@@ -58,7 +58,7 @@ def test_a_staircase_drives_the_motors_and_writes_down_when(tmp_path: Path, firm
 
     run, failure = flight.record(
         [flight.commands(), flight.log()],
-        lambda there: climb(STAIRS, there["commands"], loop=flight.clock, tell=told.append),
+        lambda there: run_staircase(STAIRS, there["commands"], loop=flight.clock, tell=told.append),
     )
 
     assert failure is None
@@ -164,7 +164,7 @@ def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path) -> None:
     flight = Flight(tmp_path, radio=RadioTruth(latency_s=0.004, jitter_s=0.001, loss=0.05))
     _, failure = flight.record(
         [flight.commands()],
-        lambda there: climb(STAIRS, there["commands"], loop=flight.clock, tell=silent),
+        lambda there: run_staircase(STAIRS, there["commands"], loop=flight.clock, tell=silent),
     )
     assert failure is None
     assert {motors[0] for _, motors in flight.motors} == {0, 10000, 20000}
@@ -178,7 +178,7 @@ def test_a_command_beyond_rig_tomls_limit_never_leaves(tmp_path: Path, firmware:
     flight = Flight(tmp_path, firmware=firmware, limits=Limits(largest_command=15000))
     _, failure = flight.record(
         [flight.commands()],
-        lambda there: climb(STAIRS, there["commands"], loop=flight.clock, tell=silent),
+        lambda there: run_staircase(STAIRS, there["commands"], loop=flight.clock, tell=silent),
     )
     assert isinstance(failure, ConfigError)
     assert "command 20000: commands go from 0 to 15000 (devices.crazyflie.largest_command in rig.toml)." in str(failure)
@@ -322,7 +322,7 @@ def test_the_last_word_of_an_interrupted_sine_is_not_taken_for_that_of_the_next(
     def play(there: Any) -> Any:
         return play_sine(sine(5, 500), there["crossings"], before_s=0.1, loop=flight.clock, tell=silent)
 
-    flight.clock.callLater(0.5, flight.ending.ask, "SIGTERM")
+    flight.clock.callLater(0.5, flight.ending.request, "SIGTERM")
     first, _ = flight.record([flight.crossings()], play)
     flight.turn(for_s=pause_s)
     flight.ending = Ending(flight.clock)
@@ -346,10 +346,10 @@ def test_the_modules_of_2015_cannot_be_stopped_in_a_sine_and_that_is_told(tmp_pa
 
 def test_a_sagging_battery_is_seen_in_the_log(tmp_path: Path) -> None:
     flight = Flight(tmp_path, battery=BatteryTruth(kind="lipo"))
-    stairs = Staircase(steps=(60000,), motors=(1, 2, 3, 4), hold_s=3.0, rest_s=0.5)
+    stairs = StaircasePlan(steps=(60000,), motors=(1, 2, 3, 4), hold_s=3.0, rest_s=0.5)
     run, failure = flight.record(
         [flight.commands(), flight.log()],
-        lambda there: climb(stairs, there["commands"], loop=flight.clock, tell=silent),
+        lambda there: run_staircase(stairs, there["commands"], loop=flight.clock, tell=silent),
     )
     assert failure is None
     log = rows(run, "crazyflie")

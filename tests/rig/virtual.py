@@ -14,8 +14,8 @@ from twisted.python.failure import Failure
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from cfid.rig.clock import HostClock
-from cfid.rig.e201_port import Found
-from cfid.rig.encoder import Encoder, Line, Receiver
+from cfid.rig.e201_port import FoundPort
+from cfid.rig.encoder import Encoder, Receiver, SerialLine
 from cfid.rig.loadcell import LoadCell
 from cfid.rig.loop import Ending
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, Inbox
@@ -23,8 +23,8 @@ from cfid.rig.recorder import Instrument, Recorder
 from cfid.sim.e201 import E201Device
 from cfid.sim.e201_faults import FaultyE201
 from cfid.sim.faults import EncoderFaults, LoadCellFaults
-from cfid.sim.loadcell import LoadCell as SimulatedCell
 from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.loadcell import SimulatedLoadCell as SimulatedCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.pty import InOrder
@@ -174,11 +174,11 @@ def encoder(
     device = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, first_stamp_us=first_stamp_us)
     device.stamps = stamped
 
-    def plug(port: str, receiver: Receiver) -> Line:
+    def plug(port: str, receiver: Receiver) -> SerialLine:
         wires.append(SerialWire(FaultyE201(device, faults, opened_s=0.0), receiver, session.clock))
         return wires[-1]
 
-    found = Found("port", "E201", "42", word_bits=22, position=0, stamped=stamped)
+    found = FoundPort("port", "E201", "42", word_bits=22, position=0, stamped=stamped)
     instrument = Encoder(
         found,
         open_line=plug,

@@ -4,7 +4,7 @@ import ctypes
 from functools import cache
 from pathlib import Path
 
-from cfid.sim.app_core import AppCore, Packet, compiled, declared
+from cfid.sim.app_core import AppCore, CorePacket, compiled, declared
 from cfid.sim.crazyflie_modules import Orders, Seen
 
 SOURCE = Path(__file__).parent / "app_protocol_1" / "cfid_core.c"
@@ -15,7 +15,7 @@ class CoreOfProtocol1(AppCore):
     """It is told only whether motors may run, and its glue fed null setpoints while it held the motors."""
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
-        self._library.cfid_core_receive(self._core, Packet.of(service, channel, payload), now_us, vehicle.can_fly)
+        self._library.cfid_core_receive(self._core, CorePacket.of(service, channel, payload), now_us, vehicle.can_fly)
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         commands = COMMANDS()

@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, Leaving
+from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, LeavingPacket
 from cfid.sim.crazyflie_modules import App
-from cfid.sim.crazyflie_supervisor import LOOK_STEPS
+from cfid.sim.crazyflie_supervisor import UPDATE_STEPS
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.propulsion import STILL, Propulsion
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
-from cfid.wire.app import Ports
+from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet, decode_packet, encode_packet
 
 Line = dict[str, Any]
@@ -146,7 +146,7 @@ class Trace:
                 found += _series(begun, line)
             elif line["event"] == "send":
                 packet = packet_of(line)
-                found.append((line["t_ms"] + (APP_MS if packet.port in Ports() else 0.0), packet))
+                found.append((line["t_ms"] + (APP_MS if packet.port in AppPorts() else 0.0), packet))
                 begun = line if "keep-alive; repeated" in line.get("note", "") else begun
             elif line.get("what") in ("acc_z", "power_off"):
                 found.append((line["t_ms"], line))
@@ -166,7 +166,7 @@ def _start(lines: list[Line]) -> Start:
     dated = [(line["t_ms"], line["tick_ms"]) for line in lines if line.get("what") == "state"]
     looked_ms = next(line["t_ms"] for line in lines if line.get("state") == "preflight_not_passed")
     times_ms, ticks_ms = zip(*dict(dated).items(), strict=True)
-    return Start(lines[0]["t_ms"], looked_ms - LOOK_STEPS, list(times_ms), list(ticks_ms))
+    return Start(lines[0]["t_ms"], looked_ms - UPDATE_STEPS, list(times_ms), list(ticks_ms))
 
 
 def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
@@ -219,8 +219,8 @@ class _Replay:
 
     def _go_on(self, begin_ms: float, end_ms: float) -> None:
         """Let time pass, and see the state after each of the supervisor's looks."""
-        first = math.floor((begin_ms - self._start.loop_ms) / LOOK_STEPS) + 1
-        looks_ms = self._start.loop_ms + np.arange(first, first + (end_ms - begin_ms) / LOOK_STEPS + 1) * LOOK_STEPS
+        first = math.floor((begin_ms - self._start.loop_ms) / UPDATE_STEPS) + 1
+        looks_ms = self._start.loop_ms + np.arange(first, first + (end_ms - begin_ms) / UPDATE_STEPS + 1) * UPDATE_STEPS
         for time_ms in [*looks_ms[looks_ms < end_ms].tolist(), end_ms]:
             self._hear(self._vehicle.advance(ON_S + time_ms / 1000))
             self._see_state(time_ms)
@@ -239,7 +239,7 @@ class _Replay:
             self._vehicle.restart(at_s, boot_s=0.0)
             self._see_state(time_ms)
 
-    def _hear(self, leaving: list[Leaving], *, polled: bool = False) -> None:
+    def _hear(self, leaving: list[LeavingPacket], *, polled: bool = False) -> None:
         for time_s, datagram in leaving:
             packet = decode_packet(datagram)
             assert packet is not None

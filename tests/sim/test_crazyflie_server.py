@@ -21,15 +21,15 @@ from twisted.internet.posixbase import PosixReactorBase
 from cfid.records.campaign import thesis_rig
 from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
-from cfid.sim.motor_trace import motor_trace
+from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
 from cfid.sim.radio import RadioTruth
 from cfid.sim.service import Addresses, SimulatedRig
 from cfid.sim.truth_file import SimTruth
 from cfid.wire.app import (
     ALL_MOTORS_THRUST,
+    AppPorts,
     PingChannel,
-    Ports,
     SineChannel,
     SineRequest,
     ThrustChannel,
@@ -48,7 +48,7 @@ from cfid.wire.rdt import Command, Request, decode_records, encode_request
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
-PORTS = Ports()
+PORTS = AppPorts()
 RIG = thesis_rig().model_copy(update={"mounts": {}})  # nothing swings: that would have to be integrated first
 WAIT_S = 5.0  # for anything, on a busy machine
 
@@ -255,7 +255,7 @@ def test_cflib_sees_a_port_that_closes_and_the_motors_go_on(served: Served) -> N
 def test_the_core_of_the_app_runs_on_it_and_stops_the_motors_of_a_client_that_is_gone(
     served: Served, tmp_path: Path
 ) -> None:
-    with motor_trace(tmp_path / "trace", begin_s=time.monotonic()) as on_motors:
+    with trace_motors(tmp_path / "trace", begin_s=time.monotonic()) as on_motors:
         addresses = served.open(on_motors=on_motors)
         with Client(addresses) as client:
             assert decode_hello(client.ask(PORTS.ping, PingChannel.HELLO, b"")) is not None

@@ -14,10 +14,10 @@ from twisted.internet.error import CannotListenError
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.sim.faults import SOUND_LOADCELL, LoadCellFaults
-from cfid.sim.loadcell import LoadCell, LoadCellTruth
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
-from cfid.sim.netft_server import ANY_FREE, LOOPBACK, NetFTServer, Ports
+from cfid.sim.netft_server import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
 from cfid.wire.netft import READ_FORCES, READING_BYTES, configuration_query, read_reading, read_settings
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 
@@ -43,12 +43,12 @@ class _Served:
         *,
         rate_hz: float = 7000,
         address: str = LOOPBACK,
-        ports: Ports = ANY_FREE,
-    ) -> Ports:
+        ports: BoxPorts = ANY_FREE,
+    ) -> BoxPorts:
         now_s = self._reactor.seconds()
         rng = np.random.default_rng(6)
         box = NetFTBox(
-            load_cell=LoadCell(TRUTH, rng),
+            load_cell=SimulatedLoadCell(TRUTH, rng),
             plant=lambda time_s: np.tile(LOAD, (len(time_s), 1)),
             rate_hz=rate_hz,
             powered_s=now_s,
@@ -56,7 +56,7 @@ class _Served:
         self.box = FaultyNetFT(box, faults, opened_s=now_s, rng=rng)
         self.address = address
         self._server = NetFTServer(self.box, reactor=self._reactor, address=address, ports=ports)
-        opened: Ports = self._in_reactor(self._server.open)
+        opened: BoxPorts = self._in_reactor(self._server.open)
         return opened
 
     def close(self) -> None:
@@ -190,7 +190,7 @@ def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(serv
 def test_netft_reads_single_records_and_takes_its_tare(served: _Served) -> None:
     module = pytest.importorskip("NetFT")
     try:
-        served.open(address="127.0.0.77", ports=Ports(49152, 0, 0))  # this client knows no other
+        served.open(address="127.0.0.77", ports=BoxPorts(49152, 0, 0))  # this client knows no other
     except CannotListenError:
         pytest.skip(NO_OTHER_ADDRESS)
     sensor = module.Sensor("127.0.0.77")

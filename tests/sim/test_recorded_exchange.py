@@ -111,7 +111,7 @@ def test_the_simulated_vehicle_answers_in_the_same_shapes(recorded: list[Said]) 
         if _is_beyond(request, len(variables)) or request == b"\xdd\2":  # the recorded one did not tell its device
             continue
         bench.wait(time_s - bench.now_s)
-        bench.faulty.heard(_translated(request, recorded, variables), CLIENT, OPENED_S + bench.now_s)
+        bench.faulty.received(_translated(request, recorded, variables), CLIENT, OPENED_S + bench.now_s)
         answers = [packet for packet, _ in bench.faulty.due(OPENED_S + bench.now_s) if packet[0] != STREAM]
         shapes = [] if expected is None else [_shape(expected, theirs)]
         assert [_shape(answer, mine) for answer in answers] == shapes, request.hex()
@@ -126,7 +126,7 @@ def test_the_simulated_log_streams_in_the_same_shape_at_the_same_pace(recorded: 
     for said in recorded:
         if said.to_vehicle:
             rows += [packet for _, packet in bench.wait(said.time_s - bench.now_s) if packet[0] == STREAM]
-            bench.faulty.heard(_translated(said.packet, recorded, variables), CLIENT, OPENED_S + bench.now_s)
+            bench.faulty.received(_translated(said.packet, recorded, variables), CLIENT, OPENED_S + bench.now_s)
             bench.faulty.due(OPENED_S + bench.now_s)
     expected = [said.packet for said in recorded if said.packet[0] == STREAM]
     assert {(packet[:2], len(packet)) for packet in rows} == {(packet[:2], len(packet)) for packet in expected}

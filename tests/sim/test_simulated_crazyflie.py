@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import CrazyflieTruth, Leaving
+from cfid.sim.crazyflie import CrazyflieTruth, LeavingPacket
 from cfid.sim.motor_power_set import compensated
 from cfid.sim.propulsion import STILL
 from cfid.sim.rotors import BRUSHLESS as ROTORS_OF_BRUSHLESS
 from cfid.sim.rotors import RotorTruth
 from cfid.wire.app import (
+    AppPorts,
     PingChannel,
-    Ports,
     ThrustChannel,
     ThrustRequest,
     decode_ping_answer,
@@ -23,7 +23,7 @@ from cfid.wire.app import (
 )
 from tests.sim.vehicle import OPENED_S, WITH_APP, Bench, rows_of
 
-THRUST, _SINE, PING = Ports()
+THRUST, _SINE, PING = AppPorts()
 CRASHED, LOCKED = b"\xa4\2", b"\x44\2"
 WITH_DECK, BRUSHLESS = CrazyflieTruth(rpm_deck=True), CrazyflieTruth(platform="cf21bl")
 
@@ -229,7 +229,7 @@ def test_a_ping_is_answered_at_once_with_the_vehicles_time() -> None:
 
 def test_stock_firmware_says_nothing_on_the_apps_ports_and_has_motor_power_set() -> None:
     bench = Bench(CrazyflieTruth(firmware="stock"))
-    for port in Ports():
+    for port in AppPorts():
         for channel in range(4):
             assert bench.say(port, channel, b"\0" * 12) == []
     bench.drive((20000, 0, 0, 0))
@@ -238,7 +238,7 @@ def test_stock_firmware_says_nothing_on_the_apps_ports_and_has_motor_power_set()
 
 
 def test_the_apps_ports_can_be_others() -> None:
-    bench = Bench(ports=Ports(1, 11, 10))
+    bench = Bench(ports=AppPorts(1, 11, 10))
     assert bench.ask(10, 0, b"") == b""
     assert bench.say(12, 0, b"") == []
 
@@ -367,7 +367,7 @@ def test_a_vehicle_at_rest_wants_no_attention_and_one_with_motors_wants_it_every
 
 
 def test_catching_up_is_the_same_as_going_along() -> None:
-    def heard(steps: list[float]) -> list[Leaving]:
+    def heard(steps: list[float]) -> list[LeavingPacket]:
         bench = Bench(WITH_DECK, battery=BatteryTruth(kind="lipo"))
         bench.log("pm.vbat", "rpm.m1", "motor.m1", period_ms=3)
         bench.drive((50000, 0, 0, 0))

@@ -12,11 +12,11 @@ from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import STILL
 from cfid.sim.radio import RadioTruth
-from cfid.wire.app import ALL_MOTORS_THRUST, PingChannel, Ports, ThrustChannel, ThrustRequest, encode_thrust
+from cfid.wire.app import ALL_MOTORS_THRUST, AppPorts, PingChannel, ThrustChannel, ThrustRequest, encode_thrust
 from cfid.wire.crtp import encode_echo
 from tests.sim.vehicle import CLIENT, OPENED_S, OTHER_CLIENT, Bench, rows_of
 
-PORTS = Ports()
+PORTS = AppPorts()
 RUNNING = (25000,) * 4
 TUMBLE, EMERGENCY = CrazyflieFaults(tumble_after_s=0.5), CrazyflieFaults(emergency_after_s=0.5)
 
@@ -205,9 +205,9 @@ def test_what_the_radio_loses_is_counted_and_no_ping() -> None:
 def test_how_often_the_server_looks_changes_nothing(steps_s: list[float], faults: CrazyflieFaults) -> None:
     def heard(looks_s: list[float]) -> list[bytes]:
         bench = Bench(CrazyflieTruth(firmware="old"), faults=faults, radio=RadioTruth(latency_s=0.01, jitter_s=0.005))
-        bench.faulty.heard(b"\x5d\x06\x01\x77\x00\x00\x22\x11\x00", CLIENT, OPENED_S)
-        bench.faulty.heard(b"\x5d\x08\x01\x03\x00", CLIENT, OPENED_S)
-        bench.faulty.heard(b"\xac\x30\x75\x04\x00\x00\x00", CLIENT, OPENED_S)
+        bench.faulty.received(b"\x5d\x06\x01\x77\x00\x00\x22\x11\x00", CLIENT, OPENED_S)
+        bench.faulty.received(b"\x5d\x08\x01\x03\x00", CLIENT, OPENED_S)
+        bench.faulty.received(b"\xac\x30\x75\x04\x00\x00\x00", CLIENT, OPENED_S)
         return [packet for look_s in [*looks_s, 2.0] for packet, _ in bench.faulty.due(OPENED_S + look_s)]
 
     assert heard([]) == heard(list(np.cumsum(steps_s)))

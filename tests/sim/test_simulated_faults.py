@@ -17,7 +17,7 @@ from cfid.sim.faults import (
     LoadCellFaults,
     parse_faults,
 )
-from cfid.sim.loadcell import SATURATED, LoadCell, LoadCellTruth
+from cfid.sim.loadcell import SATURATED, LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import Address, NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
 from cfid.wire.netft import read_settings
@@ -30,7 +30,7 @@ START = encode_request(Request(Command.REAL_TIME))
 def _faulty(faults: LoadCellFaults, *, buffer_size: int = 1) -> FaultyNetFT:
     cell_rng, fault_rng = np.random.default_rng(2).spawn(2)  # faults must not change the noise
     box = NetFTBox(
-        load_cell=LoadCell(LoadCellTruth(), cell_rng),
+        load_cell=SimulatedLoadCell(LoadCellTruth(), cell_rng),
         plant=lambda time_s: np.zeros((len(time_s), 6)),
         buffer_size=buffer_size,
         powered_s=100.0,
@@ -89,7 +89,7 @@ def test_corrupted_datagrams_are_cut_short_or_have_one_bit_flipped_in_turns() ->
 
 
 @pytest.mark.parametrize(
-    ("faults", "heard_s"),
+    ("faults", "received_s"),
     [
         (LoadCellFaults(silent_after_s=0.2), {0.1: True, 0.5: False, 0.9: False}),
         (LoadCellFaults(silent_after_s=0.2, silent_for_s=0.5), {0.1: True, 0.5: False, 0.9: True}),
@@ -98,14 +98,14 @@ def test_corrupted_datagrams_are_cut_short_or_have_one_bit_flipped_in_turns() ->
         (LoadCellFaults(restart_after_s=0.2), {0.1: True, 0.5: False, 0.9: False}),
     ],
 )
-def test_a_stream_falls_silent_when_it_should(faults: LoadCellFaults, heard_s: dict[float, bool]) -> None:
+def test_a_stream_falls_silent_when_it_should(faults: LoadCellFaults, received_s: dict[float, bool]) -> None:
     faulty = _faulty(faults)
     faulty.request(START, CLIENT, 100.0)
     heard = {}
-    for at_s in heard_s:
+    for at_s in received_s:
         faulty.due(100 + at_s - 0.002)
         heard[at_s] = bool(faulty.due(100 + at_s))
-    assert heard == heard_s
+    assert heard == received_s
 
 
 def test_a_box_that_restarts_is_dead_for_a_while_and_counts_from_zero() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.sim.loadcell import SATURATED, LoadCell, LoadCellTruth
+from cfid.sim.loadcell import SATURATED, LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import Address, NetFTBox
 from cfid.wire.netft import READ_FORCES, active_configuration, read_reading, read_settings
 from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request
@@ -33,7 +33,7 @@ def _box(
     internal_hz: int = 7000,
 ) -> NetFTBox:
     return NetFTBox(
-        load_cell=LoadCell(truth, np.random.default_rng(5)),
+        load_cell=SimulatedLoadCell(truth, np.random.default_rng(5)),
         plant=_constant,
         rate_hz=rate_hz,
         buffer_size=buffer_size,
@@ -52,7 +52,7 @@ def _joined(datagrams: Iterable[tuple[bytes, Address]]) -> Records:
 
 
 def test_a_load_beyond_the_range_is_clipped_and_says_so() -> None:
-    cell = LoadCell(QUIET, np.random.default_rng(1))
+    cell = SimulatedLoadCell(QUIET, np.random.default_rng(1))
     counts, status = cell.read(np.array([0.0, 1.0]), np.array([[0, 0, 59, 0, 0, 0], [0, 0, 61.0, 0, 0, 0]]))
     assert status.tolist() == [0, SATURATED]
     assert counts[:, 2].tolist() == [59_000_000, 60_000_000]
@@ -60,7 +60,7 @@ def test_a_load_beyond_the_range_is_clipped_and_says_so() -> None:
 
 def test_an_unloaded_cell_shows_its_bias_its_drift_and_its_noise() -> None:
     truth = LoadCellTruth(bias=(0.5, 0, 0, 0, 0, 0), drift_per_s=(0.01, 0, 0, 0, 0, 0))
-    cell = LoadCell(truth, np.random.default_rng(1))
+    cell = SimulatedLoadCell(truth, np.random.default_rng(1))
     counts, _ = cell.read(100 + np.arange(7000) / 700, np.zeros((7000, 6)))
     force_n = counts[:, 0] / 1e6
     assert force_n[:500].mean() == pytest.approx(0.5 + 0.01 * 0.36, abs=0.002)

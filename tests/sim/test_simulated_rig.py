@@ -12,7 +12,7 @@ from cfid.errors import ConfigError
 from cfid.records.campaign import Rig, Site, thesis_rig
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.plants import HandRelease, swing
-from cfid.sim.rig import Friction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings
+from cfid.sim.rig import TrueFriction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings
 from cfid.wire.rls import decode_words
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6
@@ -92,7 +92,7 @@ def test_directions_tilt_equally_to_both_sides_and_stay_of_unit_length(truths: l
 def test_every_mount_has_friction_of_its_own_about_the_typical(truths: list[Truth]) -> None:
     viscous = np.array([[m.friction.viscous_nms_per_rad for m in t.mounts.values()] for t in truths[:400]])
     assert np.unique(viscous).size == viscous.size
-    assert np.median(viscous) == pytest.approx(Friction().viscous_nms_per_rad, rel=0.02)
+    assert np.median(viscous) == pytest.approx(TrueFriction().viscous_nms_per_rad, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_rig_without_a_test_body_is_told_what_is_missing(rig: Rig) -> None:
 
 def test_a_crazyflie_on_the_x_mount_dies_away_as_the_thesis_did(rig: Rig) -> None:
     truth = draw_truth(_exact(rig), inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(0))
-    typical = Friction()
+    typical = TrueFriction()
     hung = replace(
         pendulum(truth, "x"),
         viscous_nms_per_rad=typical.viscous_nms_per_rad,

@@ -8,11 +8,11 @@ from cfid.sim.app_core import load_core
 from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import STILL
-from cfid.sim.supervisor_states import State
+from cfid.sim.supervisor_states import SupervisorState
 from cfid.wire.app import (
     ALL_MOTORS_THRUST,
+    AppPorts,
     PingChannel,
-    Ports,
     ThrustChannel,
     ThrustRequest,
     decode_state,
@@ -22,13 +22,13 @@ from cfid.wire.app import (
 from tests.sim import protocol_1
 from tests.sim.vehicle import Bench
 
-PORTS = Ports()
+PORTS = AppPorts()
 BRUSHLESS = CrazyflieTruth(platform="cf21bl")
 ARM, SETPOINT = b"\1\1", bytes(14)
 RUNNING = (20000,) * 4
 
 
-def state(bench: Bench) -> State:
+def state(bench: Bench) -> SupervisorState:
     return bench.vehicle.supervisor.state
 
 
@@ -54,14 +54,14 @@ def test_a_brushless_without_idle_thrust_never_gets_ready_until_it_is_given_back
     for _ in range(2):
         assert bench.ask(9, 1, ARM) == b"\x81\1\1"
         bench.wait(0.1)
-        assert state(bench) is State.ARMING
+        assert state(bench) is SupervisorState.ARMING
         bench.wait(2.1)
-        assert state(bench) is State.PASSED
+        assert state(bench) is SupervisorState.PASSED
         assert bench.motors == STILL
     bench.set("powerDist.idleThrust", 7000)
     bench.say(9, 1, ARM)
     bench.wait(0.5)
-    assert state(bench) is State.READY
+    assert state(bench) is SupervisorState.READY
 
 
 @pytest.mark.parametrize("closes_after_s", [0.1, 1.0, 1.4])
@@ -75,7 +75,7 @@ def test_a_setpoint_left_soon_after_the_last_thrust_locks_the_vehicle_with_proto
         bench.wait(closes_after_s)
         bench.say(3, 0, SETPOINT)
         bench.wait(4.0)
-        ends.append((state(bench) is State.LOCKED, bool(word(bench) & 0x40)))
+        ends.append((state(bench) is SupervisorState.LOCKED, bool(word(bench) & 0x40)))
     assert ends == [(True, True), (False, False)]
 
 
@@ -110,14 +110,14 @@ def test_time_limits_are_parameters() -> None:
     for _ in range(100):
         bench.wait(0.02)
         away.append(state(bench))
-    assert away.count(State.READY) < len(away) - 6
+    assert away.count(SupervisorState.READY) < len(away) - 6
     bench.set("supervisor.prefltTimeout", 30000)
     bench.set("supervisor.landedTimeout", 200)
     run(bench, for_s=0.3)
     bench.wait(2.1)
-    assert state(bench) is State.LANDED
+    assert state(bench) is SupervisorState.LANDED
     bench.wait(0.28)
-    assert state(bench) is not State.LANDED
+    assert state(bench) is not SupervisorState.LANDED
 
 
 def test_the_spin_up_has_its_limit_too_and_slow_rotors_miss_it() -> None:
@@ -125,7 +125,7 @@ def test_the_spin_up_has_its_limit_too_and_slow_rotors_miss_it() -> None:
     bench.set("supervisor.spinupTimeout", 100)
     bench.say(9, 1, ARM)
     bench.wait(0.4)
-    assert state(bench) is State.PASSED
+    assert state(bench) is SupervisorState.PASSED
 
 
 def test_on_its_side_it_tumbles_after_a_second_and_unseen_where_that_is_not_checked() -> None:

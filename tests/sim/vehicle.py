@@ -15,7 +15,7 @@ from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
-from cfid.wire.app import PingChannel, Ports, ThrustChannel, decode_thrust
+from cfid.wire.app import AppPorts, PingChannel, ThrustChannel, decode_thrust
 from cfid.wire.crtp import Packet, encode_packet
 
 OPENED_S = 1000.0
@@ -63,7 +63,7 @@ class Bench:
         radio: RadioTruth = AT_ONCE,
         battery: BatteryTruth = SUPPLY,
         faults: CrazyflieFaults = SOUND_CRAZYFLIE,
-        ports: Ports = USUAL_PORTS,
+        ports: AppPorts = USUAL_PORTS,
         load_app: Callable[[], App] = LittleApp,
     ) -> None:
         rotor_rng, radio_rng = np.random.default_rng(5).spawn(2)
@@ -99,7 +99,7 @@ class Bench:
     def say_and_hear(
         self, port: int, channel: int, payload: bytes, *, client: tuple[str, int] = CLIENT
     ) -> list[tuple[bytes, tuple[str, int]]]:
-        self.faulty.heard(encode_packet(Packet(port, channel, payload)), client, OPENED_S + self.now_s)
+        self.faulty.received(encode_packet(Packet(port, channel, payload)), client, OPENED_S + self.now_s)
         return self.faulty.due(OPENED_S + self.now_s)
 
     def ask(self, port: int, channel: int, payload: bytes) -> bytes:

@@ -10,7 +10,7 @@ from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.records.campaign import Rig, load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import swing
-from cfid.sim.rig import Friction, Truth, draw_release, draw_truth, pendulum
+from cfid.sim.rig import TrueFriction, Truth, draw_release, draw_truth, pendulum
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing
@@ -60,7 +60,7 @@ def simulate(rig: Rig, campaigns: int, rng: np.random.Generator) -> list[dict[st
 
 def _truth(rig: Rig, rng: np.random.Generator) -> Truth:
     viscous, coulomb, quadratic = rng.uniform(0.3, 1.7, 3)
-    friction = Friction(
+    friction = TrueFriction(
         viscous_nms_per_rad=1.5e-5 * viscous, coulomb_nm=4e-5 * coulomb, quadratic_nms2_per_rad2=2e-8 * quadratic
     )
     return draw_truth(rig, inertia_kg_m2=INERTIA, rng=rng, friction=friction)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cfid.wire.e201 import PositionReader, Reading, ReplyReader
+from cfid.wire.e201 import EncoderReading, PositionReader, ReplyReader
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
 MANY = settings(FEW, max_examples=100_000, suppress_health_check=list(HealthCheck))
@@ -42,18 +42,18 @@ def number(text: bytes, limit: int) -> int | None:
     return int(text) if int(text) < limit else None
 
 
-def what_it_says(reply: bytes) -> Reading | None:
+def what_it_says(reply: bytes) -> EncoderReading | None:
     """Return what a whole reply says, read without the tested reader's pattern."""
     fields = reply.removeprefix(b"\n").replace(b":", b" ").split(b" ")
     numbers = [number(text, limit) for text, limit in zip(fields, (WORD_LIMIT, 1 << 32), strict=False)]
     if len(reply) > 64 or len(fields) > 2 or None in numbers or numbers[0] is None:
         return None
-    return Reading(numbers[0], numbers[1] if len(fields) == 2 else None)
+    return EncoderReading(numbers[0], numbers[1] if len(fields) == 2 else None)
 
 
-def expected(replies: list[bytes]) -> list[Reading]:
+def expected(replies: list[bytes]) -> list[EncoderReading]:
     """Return the readings of replies: of either form until two in a row are alike, then of that form alone."""
-    readings: list[Reading] = []
+    readings: list[EncoderReading] = []
     form: bool | None = None
     for reading in filter(None, map(what_it_says, replies)):
         stamped = reading.stamp_us is not None
@@ -114,14 +114,16 @@ def test_replies_of_any_kind_are_the_same_in_any_slicing(stream: bytes, sizes: l
 @pytest.mark.parametrize(
     ("wire", "readings"),
     [
-        (b"4194047\r", [Reading(4194047, None)]),
-        (b"4194047:1234567\r", [Reading(4194047, 1234567)]),
-        (b"4194047 1234567\r", [Reading(4194047, 1234567)]),
-        (b"512:1\r\n513:2\r\n", [Reading(512, 1), Reading(513, 2)]),
-        (b"0:4294967295\r", [Reading(0, 4294967295)]),
+        (b"4194047\r", [EncoderReading(4194047, None)]),
+        (b"4194047:1234567\r", [EncoderReading(4194047, 1234567)]),
+        (b"4194047 1234567\r", [EncoderReading(4194047, 1234567)]),
+        (b"512:1\r\n513:2\r\n", [EncoderReading(512, 1), EncoderReading(513, 2)]),
+        (b"0:4294967295\r", [EncoderReading(0, 4294967295)]),
     ],
 )
-def test_a_reply_is_a_position_and_a_stamp_behind_a_colon_or_a_space(wire: bytes, readings: list[Reading]) -> None:
+def test_a_reply_is_a_position_and_a_stamp_behind_a_colon_or_a_space(
+    wire: bytes, readings: list[EncoderReading]
+) -> None:
     reader = PositionReader(word_bits=22)
     assert reader.feed(wire) == readings
     assert reader.rejected == 0
@@ -160,7 +162,7 @@ def test_a_reply_that_is_no_position_is_rejected(wire: bytes) -> None:
 
 def test_replies_that_say_error_are_counted_beside() -> None:
     reader = PositionReader(word_bits=22)
-    assert reader.feed(b"Error\r5:1\rSSI ERROR: no power\r6:2\r") == [Reading(5, 1), Reading(6, 2)]
+    assert reader.feed(b"Error\r5:1\rSSI ERROR: no power\r6:2\r") == [EncoderReading(5, 1), EncoderReading(6, 2)]
     assert (reader.rejected, reader.errors) == (2, 2)
 
 
@@ -168,7 +170,7 @@ def test_replies_that_say_error_are_counted_beside() -> None:
 def test_a_first_reply_whose_beginning_was_missed_costs_none_of_those_after_it(missed: int) -> None:
     reader = PositionReader(word_bits=22)
     reader.feed(b"4194047:123456\r"[missed:])
-    assert reader.feed(b"512:1\r513:2\r") == [Reading(512, 1), Reading(513, 2)]
+    assert reader.feed(b"512:1\r513:2\r") == [EncoderReading(512, 1), EncoderReading(513, 2)]
 
 
 @pytest.mark.parametrize(
@@ -185,7 +187,9 @@ def test_once_two_replies_were_alike_those_of_the_other_form_are_rejected(usual:
 @pytest.mark.parametrize(("stamped", "strange"), [(True, b"514\r"), (False, b"514:1\r")])
 def test_a_reader_that_is_told_the_form_takes_no_other_even_at_first(stamped: bool, strange: bytes) -> None:
     reader = PositionReader(word_bits=22, stamped=stamped)
-    assert reader.feed(strange + b"1:2\r3\r" + strange) == [Reading(1, 2) if stamped else Reading(3, None)]
+    assert reader.feed(strange + b"1:2\r3\r" + strange) == [
+        EncoderReading(1, 2) if stamped else EncoderReading(3, None)
+    ]
     assert reader.rejected == 3
 
 
@@ -200,7 +204,7 @@ def test_nothing_is_counted_when_no_reply_had_begun(feed: Callable[[PositionRead
 def test_a_reply_without_an_end_is_counted_once_and_the_next_is_read() -> None:
     reader = PositionReader(word_bits=22)
     assert [reader.feed(b"1:2") for _ in range(100)] == [[]] * 100
-    assert reader.feed(b"\r3:4\r") == [Reading(3, 4)]
+    assert reader.feed(b"\r3:4\r") == [EncoderReading(3, 4)]
     assert reader.rejected == 1
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cfid.wire.netft import READ_FORCES, Reading, encode_reading, read_reading
+from cfid.wire.netft import READ_FORCES, LoadReading, encode_reading, read_reading
 from cfid.wire.rdt_status import read_status
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
@@ -17,7 +17,7 @@ def test_a_reading_is_asked_for_with_20_zero_bytes() -> None:
 
 def test_an_answer_is_the_upper_half_of_the_status_word_and_six_counts() -> None:
     reading = read_reading(ANSWER)
-    assert reading == Reading(0x8001, (1, -1, 32767, -32768, 256, -256))
+    assert reading == LoadReading(0x8001, (1, -1, 32767, -32768, 256, -256))
     assert read_status(reading.status << 16, "netft").warnings == ("a threshold is latched",)
     assert encode_reading(reading) == ANSWER
 

@@ -68,9 +68,9 @@ def test_any_other_payload_is_no_state(payload: str) -> None:
 def test_the_requests_are_those_of_the_firmware() -> None:
     assert Packet(9, 0, b"\x0c") == ASK_STATE
     assert Packet(7, 1, bytes(5)) == RELAX_SETPOINT
-    assert encode_arming(wanted=True, protocol=12) == Packet(9, 1, b"\x01\x01")
-    assert encode_arming(wanted=False, protocol=12) == Packet(9, 1, b"\x01\x00")
-    assert encode_arming(wanted=True, protocol=10) == Packet(13, 0, b"\x01\x01")
+    assert encode_arming(arm=True, protocol=12) == Packet(9, 1, b"\x01\x01")
+    assert encode_arming(arm=False, protocol=12) == Packet(9, 1, b"\x01\x00")
+    assert encode_arming(arm=True, protocol=10) == Packet(13, 0, b"\x01\x01")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cfid.wire.ut372 import SET_BAUD, Reading, Ut372Reader, unpack_report
+from cfid.wire.ut372 import SET_BAUD, TachometerReading, Ut372Reader, unpack_report
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
 
@@ -27,29 +27,29 @@ LIT, HOLD = b"78", b"7<"
 REAL = bytes.fromhex("30 37 30 3f 3c 33 3d 37 3c 36 30 36 35 35 3e 36 30 37 3b 30 30 37 38 38 35 0d 0a")
 
 GOLDEN = [
-    (REAL, Reading(1353.7, counted=False, held=False, statistic=False)),
+    (REAL, TachometerReading(1353.7, counted=False, held=False, statistic=False)),
     # 0 | 5 4 3 2 1 | 0 0 0 0 0 | 00 | 01: the number 12345, without a point
     (
         bytes.fromhex("30 333d 3635 373c 353e 3630 373b 373b 373b 373b 373b 3030 3031 0d0a"),
-        Reading(12345.0, counted=False, held=False, statistic=False),
+        TachometerReading(12345.0, counted=False, held=False, statistic=False),
     ),
     # 0 | 9 8. 7 6 0 | 9 9 9 9 blank | 04 | 01: 678.9 and HOLD
     (
         bytes.fromhex("30 373d 3f3f 3730 333f 373b 373d 373d 373d 373d 3030 3034 3031 0d0a"),
-        Reading(678.9, counted=False, held=True, statistic=False),
+        TachometerReading(678.9, counted=False, held=True, statistic=False),
     ),
     # 0 | 0 4 blank blank blank | all blank | 78 | 86: 40 turns counted
     (
         bytes.fromhex("30 373b 3635 3030 3030 3030 3030 3030 3030 3030 3030 3738 3836 0d0a"),
-        Reading(40.0, counted=True, held=False, statistic=False),
+        TachometerReading(40.0, counted=True, held=False, statistic=False),
     ),
     # 0 | 0 0. blank blank blank | 1 blank blank blank blank | 00 | 11: 0.0 and MAX
     (
         bytes.fromhex("30 373b 3f3b 3030 3030 3030 3630 3030 3030 3030 3030 3030 3131 0d0a"),
-        Reading(0.0, counted=False, held=False, statistic=True),
+        TachometerReading(0.0, counted=False, held=False, statistic=True),
     ),
-    (REAL[:-4] + b"25\r\n", Reading(1353.7, counted=False, held=False, statistic=True)),  # MIN
-    (REAL[:-4] + b"45\r\n", Reading(1353.7, counted=False, held=False, statistic=True)),  # AVE
+    (REAL[:-4] + b"25\r\n", TachometerReading(1353.7, counted=False, held=False, statistic=True)),  # MIN
+    (REAL[:-4] + b"45\r\n", TachometerReading(1353.7, counted=False, held=False, statistic=True)),  # AVE
 ]
 PACKETS = [packet for packet, _ in GOLDEN]
 
@@ -95,7 +95,7 @@ streams = st.lists(
 
 
 @pytest.mark.parametrize(("wire", "reading"), GOLDEN)
-def test_a_packet_says_what_the_display_shows(wire: bytes, reading: Reading) -> None:
+def test_a_packet_says_what_the_display_shows(wire: bytes, reading: TachometerReading) -> None:
     reader = Ut372Reader()
     assert reader.feed(wire) == [reading]
     assert reader.rejected == 0
@@ -154,7 +154,7 @@ def test_a_packet_without_its_end_takes_the_next_with_it() -> None:
 
 @pytest.mark.parametrize(("wire", "reading"), GOLDEN)
 def test_a_flipped_bit_is_found_or_lights_one_segment_of_another_digit_or_a_point(
-    wire: bytes, reading: Reading
+    wire: bytes, reading: TachometerReading
 ) -> None:
     misread = 0
     for bit in range(8 * len(wire)):

@@ -21,7 +21,7 @@ from cfid.units import FULL_COMMAND, MOTORS
 if TYPE_CHECKING:
     from cfid.drag.wind.plan import PlannedRun, WindSetting
     from cfid.records.campaign import Campaign
-    from cfid.rig.procedures import Staircase
+    from cfid.rig.procedures import StaircasePlan
 
 _WIND, _COMMANDS = "Wind", "Commands"
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
@@ -95,14 +95,14 @@ class SweepOptions:
         bool, typer.Option("--dry-run", help="Print what would be done, how long it takes, and what is missing.")
     ] = False
 
-    def stairs(self) -> "Staircase":
+    def stairs(self) -> "StaircasePlan":
         """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
-        from cfid.rig.procedures import Staircase
+        from cfid.rig.procedures import StaircasePlan
 
         steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
         if not any(steps):
             raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
-        return Staircase(
+        return StaircasePlan(
             steps=steps,
             motors=MOTORS,
             hold_s=positive(self.hold, "--hold"),
@@ -165,7 +165,7 @@ def _speeds(text: str) -> tuple[float, float]:
     return low, high
 
 
-def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, Staircase]":
+def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
     """Return wind setting and staircase: by the options, or those that an interrupted run has left."""
     from cfid.drag.wind.plan import KIND, setting_of
     from cfid.motors.resume import missing
@@ -177,7 +177,7 @@ def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -
     return setting_of(read_run(resume)), missing(resume, kind=KIND)
 
 
-def _announce(setting: "WindSetting", stairs: "Staircase", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
+def _announce(setting: "WindSetting", stairs: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
     from cfid.drag.wind.plan import missing_lines
 
     typer.echo(setting.sentence)

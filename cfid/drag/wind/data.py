@@ -18,9 +18,9 @@ from cfid.drag.wind.plan import WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
 from cfid.estimate.staircase import Point, mean_beside, reduce_staircase
-from cfid.findings import Finding, note, warning
+from cfid.findings import Finding, note, texts, warning
 from cfid.motors.points import rotor_speed_rad_s
-from cfid.motors.vibration.data import Ear, RotorOptions
+from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
@@ -156,14 +156,14 @@ def _speed_from_vibration(record: WrenchRecord, mean: MeanForce, *, name: str) -
         raise FitError(f"{name}: {_UNKNOWN}, sampled at {rate_hz:.0f} Hz: 2000 are needed. Give the reading.")
     begin_s, end_s = mean.window_s
     # Blade pass of faster rotors would fold back where the rate is low.
-    expected = f"{_SLOWEST_RAD_S:g}:{_USUAL_RAD_S:g}" if rate_hz < _ANY_FROM_HZ else None
+    expected = (_SLOWEST_RAD_S, _USUAL_RAD_S) if rate_hz < _ANY_FROM_HZ else None
     try:
-        vibration = Ear(record, RotorOptions(expect=expected))
-        found = vibration.hear(begin_s, min(begin_s + _ESTIMATED_S, end_s), rotors=1)
+        vibration = VibrationRecord(record, Rotors(expected_rad_per_s=expected))
+        found = vibration.speed_in(begin_s, min(begin_s + _ESTIMATED_S, end_s), rotors=1)
     except CfidError as error:
         raise FitError(f"{name}: {_UNKNOWN}: {error} Give the reading.") from None
-    if not found.believed:
-        raise FitError(f"{name}: {_UNKNOWN}: {' '.join(found.doubts)} Give the reading.")
+    if not found.accepted:
+        raise FitError(f"{name}: {_UNKNOWN}: {' '.join(texts(found.findings, 'rejection'))} Give the reading.")
     return float(found.speed_rad_per_s)
 
 
@@ -195,12 +195,8 @@ def _settled(run: Run, record: WrenchRecord, began_s: float) -> tuple[tuple[Poin
         settled = found.steady()
     except CfidError as error:
         raise type(error)(f"{run.folder}: {error}") from None
-    findings = [warning("no-baseline-after", f"{record.name}: {text}", "drag.*") for text in found.warnings]
-    for point in found.points:
-        if not point.settled:
-            text = f"{record.name}: command {point.command}: {point.reason}; it is left out."
-            findings.append(warning("step-left-out", text, "drag.*"))
-    return settled, findings, [rows.source]
+    named = [replace(one, text=f"{record.name}: {one.text}", quantities=("drag.*",)) for one in found.findings]
+    return settled, named, [rows.source]
 
 
 def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:

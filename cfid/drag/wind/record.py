@@ -9,14 +9,14 @@ from cfid.records.campaign import Campaign
 from cfid.records.run import Label, Run, list_runs
 from cfid.rig.log import Plan
 from cfid.rig.loop import Loop
-from cfid.rig.procedures import Staircase, climb, read_at_steps
+from cfid.rig.procedures import StaircasePlan, read_at_steps, run_staircase
 from cfid.rig.questions import Questions
 from cfid.rig.recorder import sleep
 
 
 def wind_run(
     setting: WindSetting,
-    stairs: Staircase,
+    stairs: StaircasePlan,
     campaign: Campaign,
     live: LiveLine,
     *,
@@ -33,7 +33,9 @@ def wind_run(
         runs_folder=campaign.runs_folder,
         kind=KIND,
         label=Label(note=note),
-        procedure=read if asks else lambda there, loop: climb(stairs, there["commands"], loop=loop, tell=live.task),
+        procedure=read
+        if asks
+        else lambda there, loop: run_staircase(stairs, there["commands"], loop=loop, tell=live.task),
         facts=campaign.rig.facts,
         asked={**stairs.asked, **setting.asked},
         simulated=simulated,
@@ -47,7 +49,7 @@ def wind_runs(campaign: Campaign, *, simulated: bool) -> list[Run]:
     return [run for run in same if not run.header.excluded]
 
 
-async def _read_tachometer(stairs: Staircase, there: Any, loop: Loop, live: LiveLine) -> None:
+async def _read_tachometer(stairs: StaircasePlan, there: Any, loop: Loop, live: LiveLine) -> None:
     """Wait for the tare, then ask at each command that turns the rotors."""
     questions = Questions(loop=loop, tell=live.task, say=live.tell)
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_power
+from cfid.findings import Finding, rejection
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND
 
@@ -21,7 +22,7 @@ _FEWEST = 5  # points that say what is usual among them
 _FAR = 0.25  # of the largest command, from where speeds lie close to a line
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
-_MARKERS = "has the propeller another number of markers than was divided by? Say --markers."
+_MARKERS = "check the number of its reflective markers."
 
 
 def check_thrust(command: Array, thrust_n: Array) -> None:
@@ -33,8 +34,7 @@ def check_thrust(command: Array, thrust_n: Array) -> None:
     if running.min() < -_STANDING_N and running.max() < _STANDING_N:
         raise FitError(
             f"the thrust is negative throughout, down to {running.min():.3g} N: Fz counts downwards here. Was the "
-            "vehicle mounted upside down, or the load cell? --flip-fz changes the sign of Fz; leave it out where it "
-            "was given."
+            "vehicle mounted upside down, or the load cell? Turn the sign of Fz, or leave it where it was turned."
         )
     if running.max() < _STANDING_N:
         raise FitError(
@@ -56,8 +56,10 @@ def check_speed(command: Array, speed_rad_s: Array) -> None:
         )
 
 
-def speed_doubts(command: Array, speed_rad_s: Array, thrust_n: Array | None = None) -> tuple[str, ...]:
-    """Return sentences on speeds (n,) that were counted double, or divided twice.
+def marker_findings(
+    command: Array, speed_rad_s: Array, thrust_n: Array | None = None, *, quantities: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Reject quantities that rest on speeds (n,) that were counted double, or divided twice.
 
     Single points show beside the others. All of them show beside the thrust (n,) where it was measured, else
     beside the thesis' motors.
@@ -65,7 +67,8 @@ def speed_doubts(command: Array, speed_rad_s: Array, thrust_n: Array | None = No
     running = command > DEAD_COMMAND
     thrust = None if thrust_n is None else thrust_n[running]
     odd = _odd_ones(command[running], speed_rad_s[running])
-    return (*odd, *_all_wrong(command[running], speed_rad_s[running], thrust))
+    told = (*odd, *_all_wrong(command[running], speed_rad_s[running], thrust))
+    return tuple(rejection("speed-marker-count", text, *quantities) for text in told)
 
 
 def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -> tuple[int, ...]:

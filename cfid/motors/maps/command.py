@@ -1,22 +1,21 @@
 """`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: steady points of the motors to maps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.inputs import open_workplace
+from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, GravityMps2, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
-from cfid.errors import ConfigError, FitError
-from cfid.motors.maps.evidence import StandOptions
-from cfid.motors.maps.inputs import read_evidence
-from cfid.motors.maps.outcome import by_speed, by_voltage, deliver_map, noted_first, verified
-from cfid.motors.vibration.data import RotorOptions
+from cfid.console.outcome import deliver
+from cfid.errors import ConfigError
+from cfid.motors.maps.options import StandOptions
+from cfid.motors.vibration.command import RotorOptions
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import Order
-    from cfid.motors.maps.inverse import MaximumThrust
+    from cfid.records.result import Result
 
 Words = Annotated[
     list[str] | None,
@@ -67,64 +66,20 @@ def thrust(
 
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """
-    from cfid.motors.maps import result as told
-    from cfid.motors.maps.estimation import fit_thrust
-    from cfid.motors.maps.inverse import invert, maximum_thrust
+    from cfid.motors.maps import fit_thrust
+    from cfid.motors.maps.inputs import read_evidence
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    gravity = workplace.rig.site.gravity_mps2
-    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
-    order = fit.chosen(2)
-    with noted_first(found):
-        mapped = fit_thrust(
-            found.points, method=method, order=order, robust=fit.robust, expected=found.expected or None
-        )
-    most = maximum_thrust(mapped, gravity_mps2=gravity)
-    parameters, lines = told.map_parameters(mapped), [told.polynomial_line(mapped), *told.aicc_line(mapped)]
-    rejected: dict[str, str] = {}
-    warnings = [*mapped.warnings, *most.warnings]
-    given: MaximumThrust | None = None
-    try:
-        inverse = invert(mapped)
-        parameters |= told.inverse_parameters(inverse, most)
-        lines += told.inverse_line(inverse, most)
-        given = most
-        warnings += inverse.warnings
-    except FitError as error:
-        warnings.append(str(error))
-    voltage = by_voltage(found, warnings, max_thrust_n=given.thrust_n if given else None)
-    if voltage is not None:
-        parameters |= told.voltage_parameters(voltage)
-        rejected = dict.fromkeys(told.voltage_parameters(voltage), voltage.refusal) if voltage.refusal else {}
-        lines.append(voltage.sentence)
-    over_speed = by_speed(found, method, warnings, robust=fit.robust)
-    if over_speed is not None:
-        parameters |= told.speed_parameters(over_speed)
-    verification = verified(verify, mapped, stand, workplace)
-    if verification is not None:
-        lines += told.verification_lines(verification)
-    deliver_map(
-        "fit thrust",
-        mapped,
-        found,
-        parameters={**parameters, **told.table_parameter(found.points)},
-        covariances=told.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
-        rejected=rejected,
-        lines=lines,
-        warnings=warnings,
-        workplace=workplace,
-        delivery=delivery,
-        verification=verification,
-        over_speed=over_speed,
-        voltage=voltage,
-        quality={
-            "voltage_rms_n": voltage.voltage_rms if voltage else None,
-            "command_rms_n": voltage.command_rms if voltage else None,
-            "better_form": voltage.better if voltage else None,
-            "verification_rms_n": verification.rms_n if verification else None,
-            "verification_rms_percent": verification.rms_percent if verification else None,
-        },
+    result = fit_thrust(
+        read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method),
+        gravity_mps2=workplace.rig.site.gravity_mps2,
+        order=fit.chosen(2),
+        robust=fit.robust,
+        stand=stand.known(),
+        scales=None if verify is None else find_recording(str(verify), workplace),
+        method=method,
     )
+    _deliver(result, workplace, delivery)
 
 
 @flat
@@ -133,7 +88,7 @@ def speed(
     runs: Words = None,
     stand: StandOptions,
     fit: MapOptions,
-    listening: RotorOptions,
+    vibration: RotorOptions,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
@@ -142,38 +97,22 @@ def speed(
 ) -> None:
     """Fit one rotor's speed over command; a tachometer's readings are divided by --markers.
 
-    Where none was there, the speed is heard in the load cell's vibration.
+    Without one, the speed is estimated from the load cell's vibration.
 
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
-    from cfid.motors.maps import result as told
-    from cfid.motors.maps.estimation import fit_speed
+    from cfid.motors.maps import fit_speed
+    from cfid.motors.maps.inputs import read_evidence
 
-    _ = listening.expected_rad_s  # what is no range is told before any file is read
+    rotors = vibration.rotors_known()
     workplace = open_workplace(rig)
-    found = read_evidence(
-        runs or [], stand, reading, scale, workplace, kind="speed", method=method, listening=listening
+    result = fit_speed(
+        read_evidence(runs or [], stand, reading, scale, workplace, kind="speed", method=method, rotors=rotors),
+        order=fit.chosen(1),
+        robust=fit.robust,
+        method=method,
     )
-    with noted_first(found):
-        mapped = fit_speed(
-            found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
-        )
-    warnings = list(mapped.warnings)
-    over_speed = by_speed(found, method, warnings, robust=fit.robust)
-    parameters = told.map_parameters(mapped) | (told.speed_parameters(over_speed) if over_speed else {})
-    lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
-    deliver_map(
-        "fit speed",
-        mapped,
-        found,
-        parameters={**parameters, **told.table_parameter(found.points)},
-        covariances=told.covariances(mapped, over_speed=over_speed),
-        lines=lines,
-        warnings=warnings,
-        workplace=workplace,
-        delivery=delivery,
-        over_speed=over_speed,
-    )
+    _deliver(result, workplace, delivery)
 
 
 @flat
@@ -192,25 +131,14 @@ def torque(
 
     Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
     """
-    from cfid.motors.maps import result as told
-    from cfid.motors.maps.estimation import fit_torque
+    from cfid.motors.maps import fit_torque
+    from cfid.motors.maps.inputs import read_evidence
 
     workplace = open_workplace(rig)
     found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
-    with noted_first(found):
-        mapped = fit_torque(
-            found.points, method=method, order=fit.chosen(1), robust=fit.robust, expected=found.expected or None
-        )
-    lines = [told.polynomial_line(mapped), *told.aicc_line(mapped)]
-    parameters = {**told.map_parameters(mapped), **told.table_parameter(found.points)}
-    deliver_map(
-        "fit torque",
-        mapped,
-        found,
-        parameters=parameters,
-        covariances=told.covariances(mapped),
-        lines=lines,
-        warnings=list(mapped.warnings),
-        workplace=workplace,
-        delivery=delivery,
-    )
+    _deliver(fit_torque(found, order=fit.chosen(1), robust=fit.robust, method=method), workplace, delivery)
+
+
+def _deliver(result: "Result", workplace: Workplace, delivery: Delivery) -> None:
+    folder = result.folder if workplace.campaign is None else workplace.figures_beside(())
+    deliver(replace(result, folder=folder), delivery, workplace.campaign)

@@ -8,16 +8,23 @@ import numpy as np
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
-from cfid.motors.maps.checks import check_speed, check_thrust, listed, missing_commands, speed_doubts
+from cfid.findings import Finding, note, rejection, warning
+from cfid.motors.maps.checks import check_speed, check_thrust, listed, marker_findings, missing_commands
 from cfid.motors.points import Array, Measured, MotorPoints, measured
 from cfid.units import DEAD_COMMAND
 
 Method = Literal["default", "thesis"]
 Order = int | Literal["auto"]
 
-BELIEVED_MISFIT = 0.05  # rms of the residuals over the largest value; the thesis' worse line (eq. 3.4) has 0.037
-NOTABLE_SCATTER = 2.0  # times the stated deviations, from where it is said
-OUTLIER_WEIGHT = 0.34  # of Huber's loss: four deviations off
+MISFIT_LIMIT = 0.05  # rms of the residuals over the largest value; the thesis' worse line (eq. 3.4) has 0.037
+NOTABLE_SCATTER = 2.0  # times the stated standard uncertainties, from where it is reported
+OUTLIER_WEIGHT = 0.34  # of Huber's loss: four standard uncertainties off
+GIVEN_BY = {  # the quantities that each map gives
+    "thrust": ("motor.thrust_poly", "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg"),
+    "speed": ("motor.speed_poly",),
+    "torque": ("motor.torque_poly",),
+}
+OVER_SPEED = ("motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly")
 
 _DROPPED = 2000  # the command that C.2.3 leaves out
 
@@ -27,8 +34,8 @@ class MotorMap:
     """A polynomial `fit` to y over x (n,), which were measured at `command` (n,); SI units, one motor.
 
     `windows` (n, N) are those of `Measured`. `left_out` are commands whose points were not used. `aicc` is the
-    corrected AIC of each order that was tried, empty where the order was given. `doubts` say why the polynomial does
-    not describe the points.
+    corrected AIC of each order that was tried, empty where the order was given. A rejection among the `findings` says
+    why the polynomial does not describe the points.
     """
 
     quantity: Literal["thrust", "speed", "torque"]
@@ -40,8 +47,7 @@ class MotorMap:
     windows: Array
     left_out: tuple[float, ...]
     aicc: Mapping[int, float]
-    warnings: tuple[str, ...]
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +65,7 @@ class SpeedThrustMap:
     windows: Array
     difference_n: float
     square_suffices: bool
-    warnings: tuple[str, ...]
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def k_n_s2(self) -> float:
@@ -83,7 +88,7 @@ def fit_thrust(
 ) -> MotorMap:
     """Fit thrust in N over command (eq. 3.3); `expected` are the commands that should be there.
 
-    By default the dead zone is left out, as the motor stands there, points are weighted with their deviations where
+    By default the dead zone is left out, as the motor stands there, points are weighted with their uncertainties where
     these are known, and Huber's loss is taken. "thesis" is C.2.3: MATLAB's polyfit of all commands but 2000, with
     zero at command 0. Order "auto" takes the one with the smallest corrected AIC.
 
@@ -102,7 +107,7 @@ def fit_speed(
     robust: bool = True,
     expected: Iterable[int] | None = None,
 ) -> MotorMap:
-    """Fit speed in rad/s over command (eq. 3.4), otherwise as `fit_thrust`; doubts tell markers counted double.
+    """Fit speed in rad/s over command (eq. 3.4), otherwise as `fit_thrust`; a rejection names markers counted double.
 
     Raises FitError when the motors never ran, or when there are too few points.
     """
@@ -115,7 +120,7 @@ def fit_speed(
         order,
         robust=robust,
         expected=expected,
-        doubts=speed_doubts(found.x, found.y, _beside(points)),
+        findings=marker_findings(found.x, found.y, _thrust_of_speeds(points), quantities=GIVEN_BY["speed"]),
     )
 
 
@@ -140,11 +145,12 @@ def fit_torque(
         )
     found = measured(points, "torque_nm", over="thrust_n")
     check_thrust(found.command, found.x)
-    said: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     if float(found.x @ found.y) < 0:
         found = found._replace(y=-found.y)
-        said = ("the torque points down: these rotors turn left, seen from above. Its magnitude is fitted.",)
-    return _map("torque", found, method, order, robust=robust, expected=expected, warnings=said)
+        text = "the torque points down: these rotors turn left, seen from above. Its magnitude is fitted."
+        findings = (note("torque-sign-turned", text, *GIVEN_BY["torque"]),)
+    return _map("torque", found, method, order, robust=robust, expected=expected, findings=findings)
 
 
 def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robust: bool = True) -> SpeedThrustMap:
@@ -164,7 +170,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     quadratic = fit_polynomial(speed, thrust, order=2, std=std, shared=shared, robust=huber)
     difference = float(np.max(np.abs(square.at(speed) - quadratic.at(speed))))
     suffices = square.aicc <= quadratic.aicc
-    said = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
+    text = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
     return SpeedThrustMap(
         square=square,
         quadratic=quadratic,
@@ -173,12 +179,15 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
         windows=found.windows,
         difference_n=difference,
         square_suffices=suffices,
-        warnings=() if suffices else (said,),
-        doubts=(*_misfit(square, thrust), *speed_doubts(found.command, speed, thrust)),
+        findings=(
+            *(() if suffices else (warning("thrust-not-square-of-speed", text, OVER_SPEED[0]),)),
+            *_misfit(square, thrust, OVER_SPEED),
+            *marker_findings(found.command, speed, thrust, quantities=OVER_SPEED),
+        ),
     )
 
 
-def _beside(points: MotorPoints) -> Array | None:
+def _thrust_of_speeds(points: MotorPoints) -> Array | None:
     """Return the thrusts of those points that have a speed, if all of them have."""
     if points.thrust_n is None or points.speed_rad_s is None:
         return None
@@ -194,16 +203,16 @@ def _map(
     *,
     robust: bool,
     expected: Iterable[int] | None,
-    warnings: Sequence[str] = (),
-    doubts: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
 ) -> MotorMap:
+    own, keys = GIVEN_BY[quantity][0], GIVEN_BY[quantity]
     missing = missing_commands(measured.command, expected=expected)
     if method == "thesis":
-        used, said = _as_the_thesis(measured)
+        used, left = _thesis_points(measured, own)
     elif quantity == "torque":
-        used, said = measured, ()
+        used, left = measured, ()
     else:
-        used, said = _running(measured)
+        used, left = _running(measured, own)
     std, shared = (None, None) if method == "thesis" else used.total_errors(order=2 if order == "auto" else order)
     huber = robust and method == "default"
     aicc: Mapping[int, float] = {}
@@ -212,7 +221,7 @@ def _map(
         fit, aicc = choice.fit, choice.aicc
     else:
         fit = fit_polynomial(used.x, used.y, order=order, std=std, shared=shared, robust=huber)
-    gaps = (f"command {listed(missing)} is missing.",) if missing else ()
+    gaps = (warning("commands-missing", f"command {listed(missing)} is missing.", own),) if missing else ()
     return MotorMap(
         quantity=quantity,
         method=method,
@@ -223,50 +232,64 @@ def _map(
         windows=used.windows,
         left_out=tuple(np.setdiff1d(measured.command, used.command).tolist()),
         aicc=aicc,
-        warnings=(*warnings, *gaps, *said, *_scatter(fit, used.command)),
-        doubts=(*doubts, *_misfit(fit, used.y), *_falling(fit, used.x)),
+        findings=(
+            *findings,
+            *gaps,
+            *left,
+            *_scatter(fit, used.command, own),
+            *_misfit(fit, used.y, keys),
+            *_falling(fit, used.x, keys),
+        ),
     )
 
 
-def _running(measured: Measured) -> tuple[Measured, tuple[str, ...]]:
-    said = (
+def _running(measured: Measured, key: str) -> tuple[Measured, tuple[Finding, ...]]:
+    text = (
         f"up to command {DEAD_COMMAND} the motor stands (dead zone): those points are left out, and the map ends there."
     )
-    return measured.kept(measured.command > DEAD_COMMAND), (said,)
+    return measured.kept(measured.command > DEAD_COMMAND), (note("dead-zone-left-out", text, key),)
 
 
-def _as_the_thesis(measured: Measured) -> tuple[Measured, tuple[str, ...]]:
+def _thesis_points(measured: Measured, key: str) -> tuple[Measured, tuple[Finding, ...]]:
     """Leave out command 2000 and put a zero at command 0, as C.2.3 does."""
     kept = measured.kept((measured.command != _DROPPED) & (measured.command != 0))
     command, x, y = (np.concatenate([[0.0], column]) for column in (kept.command, kept.x, kept.y))
     used = Measured(command, x, y, np.vstack([np.zeros(kept.windows.shape[1]), kept.windows]))
     # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
-    return used, (f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero.",)
+    text = f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero."
+    return used, (note("thesis-points", text, key),)
 
 
-def _scatter(fit: PolynomialFit, command: Array) -> Iterable[str]:
-    """Say how well the points agree with each other, and which stand apart."""
-    if fit.freedom == 0:
-        yield f"{len(command)} points fix all coefficients and leave nothing to judge them by."
+def _scatter(fit: PolynomialFit, command: Array, key: str) -> Iterable[Finding]:
+    """Report how well the points agree with each other, and which stand apart."""
+    if fit.degrees_of_freedom == 0:
+        text = f"{len(command)} points fix all coefficients and leave nothing to judge them by."
+        yield warning("map-without-freedom", text, key)
     if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:
-        yield (
+        yield warning(
+            "map-points-scatter",
             f"the points scatter {fit.inflation:.1f} times as far about the curve as within their windows (drift, a "
-            "sagging battery, or another shape): deviations are widened by that."
+            "sagging battery, or another shape): standard uncertainties are widened by that.",
+            key,
         )
     apart = np.unique(command[fit.weight < OUTLIER_WEIGHT])
     if len(apart):
-        yield f"command {listed(apart.tolist())} stands apart by more than four deviations and counts little."
+        text = f"command {listed(apart.tolist())} stands apart by more than four standard uncertainties, counts little."
+        yield warning("map-outlier", text, key)
 
 
-def _misfit(fit: PolynomialFit, y: Array) -> Iterable[str]:
+def _misfit(fit: PolynomialFit, y: Array, keys: Sequence[str]) -> Iterable[Finding]:
     misfit = fit.residual_norm / np.sqrt(len(y)) / float(np.max(np.abs(y)))
-    if misfit > BELIEVED_MISFIT:
-        yield (
-            f"the polynomial misses the points by {100 * misfit:.2g} % of the largest (rms; believed up to "
-            f"{100 * BELIEVED_MISFIT:.0f} %): the points are not steady, or another order describes them."
+    if misfit > MISFIT_LIMIT:
+        yield rejection(
+            "map-misfit",
+            f"the polynomial misses the points by {100 * misfit:.2g} % of the largest (rms, limit "
+            f"{100 * MISFIT_LIMIT:.0f} %): the points are not steady, or another order describes them.",
+            *keys,
         )
 
 
-def _falling(fit: PolynomialFit, x: Array) -> Iterable[str]:
+def _falling(fit: PolynomialFit, x: Array, keys: Sequence[str]) -> Iterable[Finding]:
     if np.any(fit.slope_at(np.linspace(x.min(), x.max(), 200)) <= 0):
-        yield "the polynomial does not rise throughout: one value belongs to two commands."
+        text = "the polynomial does not rise throughout: one value belongs to two commands."
+        yield rejection("map-not-monotone", text, *keys)

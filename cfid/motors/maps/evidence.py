@@ -1,61 +1,45 @@
-"""Steady points of one motor and where they come from, with the options that say what files cannot."""
+"""Steady points of one motor and where they come from, with what files cannot say of themselves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+import numpy as np
+import numpy.typing as npt
 
-from cfid.console.facts import assumed
-from cfid.console.lists import span
-from cfid.console.options import FlipFz, Markers
+from cfid.estimate.staircase import Point, Staircase
+from cfid.findings import Finding, note, warning
+from cfid.motors.points import MotorPoints, joined
 from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
+from cfid.records.parameters import Source
 
-if TYPE_CHECKING:
-    from cfid.estimate.staircase import Staircase
-    from cfid.motors.points import MotorPoints
-    from cfid.records.parameters import Source
+Array = npt.NDArray[np.float64]
 
-_INPUT = "What was measured"
+_ASSUMED = (
+    "1 marker of the tachometer is assumed, as in version 0.1: no rig.toml stated it when this was recorded, and it "
+    "was not given."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StandOptions:
-    """What files cannot say of themselves."""
+class Stand:
+    """What files cannot say of themselves: motors that ran, markers of a tachometer, a window by hand, Fz downwards."""
 
-    table: Annotated[
-        Path | None,
-        typer.Option(help="A table: cmd, thrust_n, ...; a thrust stand's CSV file.", rich_help_panel=_INPUT),
-    ] = None
-    motors: Annotated[
-        int | None,
-        typer.Option(min=1, max=4, help="How many motors ran in files; a run knows it.", rich_help_panel=_INPUT),
-    ] = None
-    markers: Markers = None
-    window: Annotated[
-        str | None,
-        typer.Option(metavar="FROM:TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
-    ] = None
-    flip_fz: FlipFz = None
+    motors: int | None = None
+    markers: int | None = None
+    window_s: tuple[float, float] | None = None
+    flip_fz: bool | None = None
 
-    @property
-    def window_s(self) -> tuple[float, float] | None:
-        """The window by hand. Raises ConfigError for one that makes no sense."""
-        if self.window is None:
-            return None
-        return span(self.window, "--window", unit="seconds", example="4:8")
-
-    def where(self, facts: RigFacts) -> "StandOptions":
-        """Return these options with the facts of a rig that they do not state."""
+    def where(self, facts: RigFacts) -> "Stand":
+        """Return it with the facts of a rig that it does not state."""
         given = RigFacts(loadcell=LoadCellMount(flip_fz=self.flip_fz), tachometer=Tachometer(markers=self.markers))
         known = given.over(facts)
         return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz)
 
-    def divided(self, shown: Any) -> tuple[Any, tuple[str, ...]]:
-        """Return speeds (n,) of those that a tachometer shows, with a note where nobody stated its markers."""
-        notes = (assumed("1 marker of the tachometer is", "--markers"),) if self.markers is None else ()
-        return shown / (self.markers or 1), notes
+    def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
+        """Return speeds (n,) of those that a tachometer shows, and a finding where nobody stated its markers."""
+        findings = (note("fact-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
+        return shown / (self.markers or 1), findings if self.markers is None else ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +47,9 @@ class Reduced:
     """A record of the load cell that was reduced, for its figure; `thrust` is the place of that channel."""
 
     name: str
-    time_s: Any
-    thrust_n: Any
-    staircase: "Staircase"
+    time_s: Array
+    thrust_n: Array
+    staircase: Staircase
     thrust: int = 2
 
 
@@ -73,11 +57,11 @@ class Reduced:
 class Evidence:
     """Steady points of one motor, their battery voltages where known, and where they come from."""
 
-    points: "MotorPoints"
-    vbat_v: Any = None
+    points: MotorPoints
+    vbat_v: Array | None = None
     lines: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    sources: "tuple[Source, ...]" = ()
+    findings: tuple[Finding, ...] = ()
+    sources: tuple[Source, ...] = ()
     reduced: tuple[Reduced, ...] = ()
     paths: tuple[Path, ...] = ()
     expected: tuple[int, ...] = ()
@@ -85,10 +69,6 @@ class Evidence:
 
 def together(parts: Sequence[Evidence]) -> Evidence:
     """Put the points of several files and runs one after another."""
-    import numpy as np
-
-    from cfid.motors.points import joined
-
     volts = None
     if any(part.vbat_v is not None for part in parts):
         blank = [np.full(len(part.points.command), np.nan) for part in parts]
@@ -98,21 +78,31 @@ def together(parts: Sequence[Evidence]) -> Evidence:
         vbat_v=volts,
         **{
             name: tuple(item for part in parts for item in getattr(part, name))
-            for name in ("lines", "warnings", "sources", "reduced", "paths", "expected")
+            for name in ("lines", "findings", "sources", "reduced", "paths", "expected")
         },
     )
 
 
-def line_of(point: Any, name: str) -> str:
-    """Say where a step was averaged, or why it was not."""
+def line_of(point: Point, name: str) -> str:
+    """Return where a step was averaged, or why it was not."""
     window = f"{point.begin_s:7.2f} to {point.end_s:7.2f} s"
-    said = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
-    return f"{name}: command {point.command}: {window}, {said}"
+    how = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
+    return f"{name}: command {point.command}: {window}, {how}"
 
 
-def drift_of(found: "Staircase", name: str) -> list[str]:
-    """Say how far the load cell moved between the rests."""
+def recording(notes: Iterable[str]) -> tuple[Finding, ...]:
+    """Return what a reader noted of a recording."""
+    return tuple(warning("recording", text) for text in notes)
+
+
+def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
+    """Return what is found about the means of a staircase, and how far the load cell drifted."""
+    return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
+
+
+def _drift(found: Staircase) -> list[Finding]:
     if found.tare_after is None:
         return []
     moved = found.tare_after.mean[2] - found.tare_before.mean[2] if len(found.tare_before.mean) > 2 else 0.0
-    return [f"{name}: Fz at rest moved by {1e3 * moved:.3g} mN; the tare follows it."] if abs(moved) > 1e-3 else []
+    text = f"Fz without load moved by {1e3 * moved:.3g} mN; the tare follows it."
+    return [note("baseline-moved", text)] if abs(moved) > 1e-3 else []

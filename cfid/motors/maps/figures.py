@@ -28,6 +28,7 @@ from cfid.drawing.style import (
 )
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.staircase import FZ, Staircase
+from cfid.findings import Finding, texts
 from cfid.motors.maps.checks import listed
 from cfid.motors.maps.estimation import OUTLIER_WEIGHT, MotorMap, SpeedThrustMap
 from cfid.motors.maps.scales import Verification
@@ -36,7 +37,6 @@ from cfid.motors.panels import (
     COMMAND,
     coefficients,
     draw_means,
-    draw_spectrum,
     draw_thrust,
     power,
     scientific,
@@ -59,7 +59,7 @@ _TITLES = {
     "torque": "Thrust to torque of one rotor",
     "speed": "Command to speed of one rotor",
 }
-_BELIEVED = "describes the points"
+_DESCRIBES = "describes the points"
 _CURVE = 300  # points of a drawn curve
 _EARS: dict[str, Any] = {"lw": 0.9, "capsize": 2.0}
 _DOTS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.5, "color": RECORDED, "zorder": 3}
@@ -78,7 +78,8 @@ def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, ti
     doubts = unused_steps(steps)
     counts, levels = staircase_counts(staircase), staircase_levels(staircase, thrust=thrust)
     heights_in = (KEY_IN, 2.9, 1.9, _table_in(counts, levels))
-    page, grid = figure(4, 2, heights_in=heights_in, title=title, doubts=doubts, notes=staircase.warnings)
+    notes = [one.text for one in staircase.findings if one.code == "no-baseline-after"]
+    page, grid = figure(4, 2, heights_in=heights_in, title=title, doubts=doubts, notes=notes)
     key_row(page.add_subplot(grid[0, :]), *staircase_key(steps))
     draw_thrust(page.add_subplot(grid[1, :]), time_s, thrust_n, staircase, thrust=thrust)
     draw_means(page.add_subplot(grid[2, 0]), page.add_subplot(grid[2, 1]), steps, thrust=thrust)
@@ -99,7 +100,7 @@ def map_figure(mapped: MotorMap, *, verification: Verification | None = None) ->
     found, told = _map_coefficients(mapped), _map_told(mapped, verification, unit=unit, scale=scale)
     heights_in = (KEY_IN, KEY_IN, 2.9, 1.6, _table_in(found, told))
     as_the_thesis = ", as in the thesis" if mapped.method == "thesis" else ""
-    page, grid = _page(heights_in, _TITLES[mapped.quantity] + as_the_thesis, mapped.doubts, mapped.warnings)
+    page, grid = _page(heights_in, _TITLES[mapped.quantity] + as_the_thesis, mapped.findings)
     curve, left = page.add_subplot(grid[2, :]), page.add_subplot(grid[3, :])
     _draw_map(curve, left, mapped)
     if verification is not None:
@@ -107,7 +108,9 @@ def map_figure(mapped: MotorMap, *, verification: Verification | None = None) ->
             axes.plot(verification.command, value, label="verification", **_SQUARES)
     _draw_keys(page, grid, curve)
     words(page.add_subplot(grid[4, 0]), "polynomial", found)
-    words(page.add_subplot(grid[4, 1]), "points", told, red=(_BELIEVED,) if mapped.doubts else ())
+    words(
+        page.add_subplot(grid[4, 1]), "points", told, red=(_DESCRIBES,) if texts(mapped.findings, "rejection") else ()
+    )
     page.align_ylabels()
     return page
 
@@ -117,7 +120,7 @@ def speed_thrust_figure(found: SpeedThrustMap) -> Figure:
     """Return thrust over speed with k w^2 (eq. 3.1) and with the full quadratic, and what both leave over."""
     form = _square_told(found)
     full = [*coefficients(found.quadratic, "w", ("N s²", "N s", "N")), _norm(found.quadratic, "N")]
-    page, grid = _page((2.9, 1.7, _table_in(form, full)), "Speed to thrust of one rotor", found.doubts, found.warnings)
+    page, grid = _page((2.9, 1.7, _table_in(form, full)), "Speed to thrust of one rotor", found.findings)
     _draw_speed_thrust(page.add_subplot(grid[0, :]), page.add_subplot(grid[1, :]), found)
     words(page.add_subplot(grid[2, 0]), "k w²", form)
     words(page.add_subplot(grid[2, 1]), "full quadratic", full)
@@ -131,9 +134,8 @@ def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "spe
 
     Dashed lines stand at the error of prediction of points at commands that the fit had not seen.
     """
-    sentence = found.sentence[0].upper() + found.sentence[1:]
     heights_in = (KEY_IN, 2.5, 1.6, _table_in(found.lowest_first.tolist()))
-    page, grid = _page(heights_in, f"Motor voltage to {quantity}", (), (sentence, *found.warnings))
+    page, grid = _page(heights_in, f"Motor voltage to {quantity}", (found.verdict, *found.findings))
     unit = _AXES[quantity][1]
     forms = (
         ("motor voltage", "motor voltage (V)", "U", found.motor_volts, found.by_voltage, found.voltage_rms),
@@ -153,26 +155,10 @@ def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "spe
     return page
 
 
-@styled
-def rotor_spectrum_figure(
-    frequency_hz: Array, amplitude: Array, *, lines: Sequence[tuple[str, float]], title: str, unit: str = "N"
-) -> Figure:
-    """Return amplitudes (m,) over frequencies (m,) as figure 3.4 does, with the rotors' lines, (label, Hz), marked.
-
-    Frequency is linear, so that harmonics stand evenly; it ends soon after the last line that is marked.
-    """
-    page, grid = figure(1, 1, heights_in=(3.7,), title=title)
-    axes = page.add_subplot(grid[0, 0])
-    name_panel(axes, "amplitude spectrum", x="frequency (Hz)", y=f"amplitude ({unit})")
-    draw_spectrum(axes, frequency_hz, amplitude, lines=lines)
-    return page
-
-
-def _page(
-    heights_in: Sequence[float], title: str, doubts: Sequence[str], notes: Sequence[str]
-) -> tuple[Figure, GridSpec]:
-    said = [f"Not believed: {doubt}" for doubt in doubts]
-    return figure(len(heights_in), 2, heights_in=heights_in, title=title, doubts=said, notes=notes)
+def _page(heights_in: Sequence[float], title: str, findings: Sequence[Finding]) -> tuple[Figure, GridSpec]:
+    rejected = [f"Rejected: {text}" for text in texts(findings, "rejection")]
+    notes = texts(findings, "note", "warning")
+    return figure(len(heights_in), 2, heights_in=heights_in, title=title, doubts=rejected, notes=notes)
 
 
 def _table_in(*tables: Sequence[Any]) -> float:
@@ -204,7 +190,7 @@ def _map_told(mapped: MotorMap, verification: Verification | None, *, unit: str,
     ]
     if verification is not None:
         told.append(("verification differs", f"{verification.rms_n:.2g} N, {verification.rms_percent:.2g} % rms"))
-    return [*told, (_BELIEVED, "NO" if mapped.doubts else "yes")]
+    return [*told, (_DESCRIBES, "NO" if texts(mapped.findings, "rejection") else "yes")]
 
 
 def _square_told(found: SpeedThrustMap) -> list[tuple[str, str]]:

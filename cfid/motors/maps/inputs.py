@@ -6,11 +6,14 @@ from pathlib import Path
 from cfid.console.inputs import Workplace, find_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
-from cfid.errors import ConfigError, FitError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps.data import of_file, of_run
-from cfid.motors.maps.evidence import Evidence, StandOptions, together
+from cfid.motors.maps.evidence import Evidence, together
+from cfid.motors.maps.options import StandOptions
 from cfid.motors.maps.table_data import of_table
-from cfid.motors.vibration.data import RotorOptions
+from cfid.motors.vibration.data import Rotors
+from cfid.records.tables.stand import read_stand_table
+from cfid.records.tables.times import run_at
 from cfid.units import FULL_COMMAND
 
 
@@ -23,30 +26,39 @@ def read_evidence(
     *,
     kind: str,
     method: str,
-    listening: RotorOptions | None = None,
+    rotors: Rotors | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and --table, and put all their points together; `listening` hears speeds nobody told.
+    """Read COMMAND=FILE, RUN and --table, and put all their points together; `rotors` are looked for in
+    vibration where nobody reported their speeds.
 
     Without any of them the campaign's complete runs of a `kind` are taken.
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
-    _ = stand.window_s  # a window that is none is told before any file is read
-    parts = [] if stand.table is None else [of_table(stand.table, stand, reading, workplace)]
+    known, site = stand.known(), workplace.rig.site
+    parts = []
+    if stand.table is not None:
+        table = read_stand_table(
+            stand.table, gravity_mps2=site.gravity_mps2, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines
+        )
+        parts.append(of_table(table, known, workplace.facts))
     for word in _meant(words, parts, workplace, kind):
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
-            here = stand.where(workplace.facts)
-            parts.append(of_file(at, Path(file), here, reading, scale, method=method, listening=listening))
+            here = known.where(workplace.facts)
+            parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:
-            parts.append(of_run(find_recording(word, workplace), stand, reading, scale, listening=listening))
+            path = find_recording(word, workplace)
+            if (run := run_at(path)) is None:
+                raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
+            parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
     if not parts:
         raise ConfigError(
             "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."
         )
     if not any(len(part.points.command) for part in parts):
-        raise FitError(" ".join(["no step settles.", *(part.warnings[-1] for part in parts if part.warnings)]))
+        raise FitError(" ".join(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))
     return together(parts)
 
 

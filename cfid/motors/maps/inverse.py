@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import PolynomialFit
+from cfid.findings import Finding, warning
 from cfid.motors.maps.estimation import MotorMap
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, ROTORS
@@ -29,7 +30,7 @@ class InverseMap:
     thrust_range_n: tuple[float, float]
     round_trip_command: float
     round_trip_n: float
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     def command(self, thrust_n: npt.ArrayLike) -> Array:
         """Return the commands for thrusts of any shape, nan outside of the range."""
@@ -49,7 +50,7 @@ class MaximumThrust:
     measured_command: float
     hover_mass_kg: float
     hover_mass_std_kg: float
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def invert(thrust_map: MotorMap) -> InverseMap:
@@ -68,14 +69,15 @@ def invert(thrust_map: MotorMap) -> InverseMap:
     asked = np.clip(fit.at(commands[:-1] + 0.5), first, last)  # between two commands rounding is worst
     rounded = np.rint(_root(coefficients, asked))
     lowest = float(thrust_map.command[thrust_map.command > DEAD_COMMAND].min())
-    said = f"the command of a thrust is extrapolated below {lowest:.0f}, the smallest command that was measured."
+    text = f"the command of a thrust is extrapolated below {lowest:.0f}, the smallest command that was measured."
+    below = warning("inverse-extrapolated-below", text, "motor.command_of_thrust")
     return InverseMap(
         coefficients=coefficients,
         command_range=(low, high),
         thrust_range_n=(first, last),
         round_trip_command=float(np.max(np.abs(_root(single, np.polyval(single, commands)) - commands))),
         round_trip_n=float(np.max(np.abs(fit.at(rounded) - asked))),
-        warnings=(said,) if lowest > max(low, _NEAR * FULL_COMMAND) else (),
+        findings=(below,) if lowest > max(low, _NEAR * FULL_COMMAND) else (),
     )
 
 
@@ -85,7 +87,8 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     thrust, std = float(fit.at(FULL_COMMAND)), float(fit.std_at(FULL_COMMAND)[0])
     largest, highest = int(np.argmax(thrust_map.y)), float(thrust_map.command.max())
     far = highest < _FAR * FULL_COMMAND
-    said = f"the thrust at command {FULL_COMMAND} is extrapolated: {highest:.0f} is the largest that was measured."
+    text = f"the thrust at command {FULL_COMMAND} is extrapolated: {highest:.0f} is the largest that was measured."
+    beyond = warning("maximum-extrapolated", text, "motor.max_thrust_n", "motor.hover_mass_kg")
     return MaximumThrust(
         thrust_n=thrust,
         std_n=std,
@@ -93,7 +96,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
         measured_command=float(thrust_map.command[largest]),
         hover_mass_kg=hover_mass_kg(thrust_n=thrust, gravity_mps2=gravity_mps2),
         hover_mass_std_kg=hover_mass_kg(thrust_n=std, gravity_mps2=gravity_mps2),
-        warnings=(said,) if far else (),
+        findings=(beyond,) if far else (),
     )
 
 

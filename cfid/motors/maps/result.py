@@ -1,229 +1,247 @@
-"""Motor maps as `cfid fit thrust`, `speed` and `torque` tell them: parameters of the contract, lines, doubts."""
+"""Motor maps of whatever was measured, with what goes with them: inverse, battery, thrust of speed, scales, figures."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from cfid.estimate.shared_points import PointFit
-    from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
-    from cfid.motors.maps.inverse import InverseMap, MaximumThrust
-    from cfid.motors.maps.scales import Verification
-    from cfid.motors.maps.voltage import VoltageComparison
-    from cfid.motors.points import Array, MotorPoints
-    from cfid.records.covariances import Covariance
-    from cfid.records.parameters import Parameter
+import numpy as np
+from matplotlib.figure import Figure
 
-_UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
-_MOST_NAMES = 2
-_Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
+from cfid.errors import ConfigError, FitError
+from cfid.findings import Finding, rejection, texts, warning
+from cfid.motors.maps import estimation, values
+from cfid.motors.maps.data import of_run
+from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
+from cfid.motors.maps.evidence import Evidence, Stand, together
+from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
+from cfid.motors.maps.inverse import invert, maximum_thrust
+from cfid.motors.maps.scales import Verification, scales_thrust_n, verify_thrust
+from cfid.motors.maps.table_data import of_table, read_scales
+from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
+from cfid.motors.vibration.data import Rotors
+from cfid.records.covariances import Covariance
+from cfid.records.parameters import Parameter
+from cfid.records.result import Result
+from cfid.records.run import Run
+from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.times import run_at
+from cfid.records.tables.wrench import WrenchReading
 
+One = Evidence | StandTable | Run | Path | str
+Points = One | Sequence[One]
 
-class _Part(NamedTuple):
-    """A fit, the parameters that it gives, and how their numbers follow from its coefficients."""
-
-    fit: "PointFit"
-    values: "dict[str, Any]"
-    outward: "Array"
-
-
-def map_parameters(found: "MotorMap") -> "dict[str, Parameter]":
-    """Return a map's polynomial, highest power first."""
-    from cfid.records.parameters import Parameter
-
-    value, std = found.fit.coefficients.tolist(), found.fit.std.tolist()
-    return {f"motor.{found.quantity}_poly": Parameter(value=value, std=std, unit=_UNITS[found.quantity])}
-
-
-def table_parameter(points: "MotorPoints") -> "dict[str, Parameter]":
-    """Return all that was measured at each command."""
-    from cfid.motors.points import motor_table
-    from cfid.records.parameters import Parameter
-
-    rows = [row._asdict() for row in motor_table(points)]
-    return {"motor.table": Parameter(value=rows, unit="as named")}
+_MOST_PAGES = 4  # of reduced records, each a figure
 
 
-def inverse_parameters(inverse: "InverseMap", most: "MaximumThrust") -> "dict[str, Parameter]":
-    """Return what a controller takes from the thrust map, and section 3.3.1's check of it."""
-    from cfid.records.parameters import Parameter
+@dataclass(frozen=True, kw_only=True)
+class _Beside:
+    """What goes with a map: numbers, lines and findings of it, and what its figures need."""
 
-    root = {
-        "coefficients": inverse.coefficients.tolist(),
-        "command_min": inverse.command_range[0],
-        "command_max": inverse.command_range[1],
-        "thrust_min_n": inverse.thrust_range_n[0],
-        "thrust_max_n": inverse.thrust_range_n[1],
-        "round_trip_command": inverse.round_trip_command,
-        "round_trip_n": inverse.round_trip_n,
-    }
-    return {
-        "motor.command_of_thrust": Parameter(value=[root], unit="as named"),
-        "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
-        "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
-    }
+    parameters: Mapping[str, Parameter]
+    covariances: tuple[Covariance, ...]
+    findings: Sequence[Finding] = ()
+    lines: Sequence[str] = ()
+    quality: Mapping[str, Any] | None = None
+    over_speed: SpeedThrustMap | None = None
+    voltage: VoltageComparison | None = None
+    verification: Verification | None = None
 
 
-def covariances(
-    found: "MotorMap",
+def fit_thrust(
+    points: Points,
     *,
-    most: "MaximumThrust | None" = None,
-    voltage: "VoltageComparison | None" = None,
-    over_speed: "SpeedThrustMap | None" = None,
-) -> "tuple[Covariance, ...]":
-    """Return the covariance of maps that came from the same points, and of what is calculated from them.
+    gravity_mps2: float,
+    order: Order = 2,
+    robust: bool = True,
+    stand: Stand | None = None,
+    scales: Path | None = None,
+    method: Method = "default",
+) -> Result:
+    """Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over that.
 
-    A voltage cubic that was rejected stands alone, so that it can go without the others.
+    `points` are runs, tables of a thrust stand or their paths, and `stand` what these do not say of themselves;
+    `scales` are a run or a table of a second instrument. Raises ConfigError, DataError or FitError, the last where
+    nothing can be fitted at all.
     """
-    together = [_of_map(found, most), *(_of_speed(over_speed) if over_speed else ())]
-    cubic = [_of_voltage(voltage)] if voltage else []
-    if voltage is not None and voltage.refusal:
-        return (*_joint(together), *_joint(cubic))
-    return _joint([*together, *cubic])
+    found = evidence_of(points, stand)
+    with _with_findings(found):
+        mapped = estimation.fit_thrust(
+            found.points, method=method, order=order, robust=robust, expected=found.expected or None
+        )
+    most = maximum_thrust(mapped, gravity_mps2=gravity_mps2)
+    parameters, lines, findings = values.map_parameters(mapped), list[str](), list(most.findings)
+    given = None
+    try:
+        inverse = invert(mapped)
+        parameters |= values.inverse_parameters(inverse, most)
+        lines += [] if values.is_rejected(mapped) else values.inverse_lines(inverse, most)
+        given = most
+        findings += inverse.findings
+    except FitError as error:
+        findings.append(rejection("inverse-not-given", str(error), "motor.command_of_thrust"))
+    voltage, about_voltage = _by_voltage(found, max_thrust_n=given.thrust_n if given else None)
+    over_speed, about_speed = _by_speed(found, method, robust=robust)
+    verification, about_scales = _verified(mapped, scales, (stand or Stand()).motors, gravity_mps2)
+    beside = _Beside(
+        parameters={
+            **parameters,
+            **(values.voltage_parameters(voltage) if voltage else {}),
+            **(values.speed_parameters(over_speed) if over_speed else {}),
+        },
+        covariances=values.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
+        findings=(*findings, *about_voltage, *about_speed, *about_scales),
+        lines=(*lines, *(values.verification_lines(verification) if verification else ())),
+        quality={
+            "voltage_rms_n": voltage.voltage_rms if voltage else None,
+            "command_rms_n": voltage.command_rms if voltage else None,
+            "better_form": voltage.better if voltage else None,
+            "verification_rms_n": verification.rms_n if verification else None,
+            "verification_rms_percent": verification.rms_percent if verification else None,
+        },
+        over_speed=over_speed,
+        voltage=voltage,
+        verification=verification,
+    )
+    return _result(mapped, found, beside)
 
 
-def _joint(parts: "Sequence[_Part]") -> "tuple[Covariance, ...]":
-    """Return the covariance of what several fits give, of those whose own is known."""
-    import numpy as np
-    from scipy.linalg import block_diag
+def fit_speed(
+    points: Points,
+    *,
+    order: Order = 1,
+    robust: bool = True,
+    stand: Stand | None = None,
+    rotors: Rotors | None = None,
+    method: Method = "default",
+) -> Result:
+    """Fit one rotor's speed over command, and thrust over speed where both were measured; otherwise as `fit_thrust`.
 
-    from cfid.estimate.shared_points import joint_covariance
-    from cfid.records.covariances import covariance_between
-
-    known = [part for part in parts if np.isfinite(part.fit.fit.covariance).all()]
-    if not known:
-        return ()
-    outward = block_diag(*(part.outward for part in known))
-    values = {key: value for part in known for key, value in part.values.items()}
-    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T)
-
-
-def _of_map(found: "MotorMap", most: "MaximumThrust | None") -> _Part:
-    import numpy as np
-
-    from cfid.estimate.shared_points import PointFit
-    from cfid.motors.points import FULL_COMMAND
-
-    values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
-    outward = np.eye(found.fit.order + 1)
-    if most is not None:
-        full = np.vander([float(FULL_COMMAND)], found.fit.order + 1)
-        outward = np.vstack([outward, full, full * most.hover_mass_kg / most.thrust_n])
-        values |= {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
-    return _Part(PointFit(found.fit, found.windows), values, outward)
+    With `rotors` speeds that nobody reported are estimated from the load cell's vibration.
+    """
+    found = evidence_of(points, stand, rotors)
+    with _with_findings(found):
+        mapped = estimation.fit_speed(
+            found.points, method=method, order=order, robust=robust, expected=found.expected or None
+        )
+    over_speed, findings = _by_speed(found, method, robust=robust)
+    beside = _Beside(
+        parameters=values.map_parameters(mapped) | (values.speed_parameters(over_speed) if over_speed else {}),
+        covariances=values.covariances(mapped, over_speed=over_speed),
+        findings=findings,
+        over_speed=over_speed,
+    )
+    return _result(mapped, found, beside)
 
 
-def _of_voltage(found: "VoltageComparison") -> _Part:
-    import numpy as np
+def fit_torque(
+    points: Points, *, order: Order = 1, robust: bool = True, stand: Stand | None = None, method: Method = "default"
+) -> Result:
+    """Fit one motor's torque over its thrust; otherwise as `fit_thrust`."""
+    found = evidence_of(points, stand)
+    with _with_findings(found):
+        mapped = estimation.fit_torque(
+            found.points, method=method, order=order, robust=robust, expected=found.expected or None
+        )
+    beside = _Beside(parameters=values.map_parameters(mapped), covariances=values.covariances(mapped))
+    return _result(mapped, found, beside)
 
-    from cfid.estimate.shared_points import PointFit
 
-    values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
-    fit = PointFit(found.by_voltage, np.eye(len(found.used))[found.used])
-    return _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
+def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | None = None) -> Evidence:
+    """Return the steady points of runs and tables together. Raises ConfigError for none of them."""
+    many = [points] if isinstance(points, One) else list(points)
+    if not many:
+        raise ConfigError("nothing to fit: give at least one run or table.")
+    return together([_evidence(one, stand or Stand(), rotors) for one in many])
 
 
-def _of_speed(found: "SpeedThrustMap") -> tuple[_Part, _Part]:
-    import numpy as np
-
-    from cfid.estimate.shared_points import PointFit
-
-    square, quadratic = (PointFit(fit, found.windows) for fit in (found.square, found.quadratic))
+def _evidence(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
+    if isinstance(one, Evidence):
+        return one
+    read = one if isinstance(one, StandTable | Run) else run_at(Path(one)) or read_stand_table(Path(one))
     return (
-        _Part(square, {"motor.thrust_per_speed_squared_n_s2": found.k_n_s2}, np.eye(3)[:1]),
-        _Part(quadratic, {"motor.thrust_speed_poly": found.quadratic.coefficients.tolist()}, np.eye(3)),
+        of_table(read, stand) if isinstance(read, StandTable) else of_run(read, stand, WrenchReading(), rotors=rotors)
     )
 
 
-def speed_parameters(found: "SpeedThrustMap") -> "dict[str, Parameter]":
-    """Return thrust of speed as k w^2 and as full quadratic."""
-    from cfid.records.parameters import Parameter
-
-    quadratic = found.quadratic
-    return {
-        "motor.thrust_per_speed_squared_n_s2": Parameter(value=found.k_n_s2, std=found.k_std_n_s2, unit="N s^2/rad^2"),
-        "motor.thrust_speed_poly": Parameter(
-            value=quadratic.coefficients.tolist(), std=quadratic.std.tolist(), unit="N(rad/s)"
-        ),
-    }
+@contextmanager
+def _with_findings(found: Evidence) -> Iterator[None]:
+    """Add what was found about the points to the reason why nothing can be fitted to them: it may be the cause."""
+    try:
+        yield
+    except FitError as error:
+        raise FitError(" ".join([str(error), *texts(values.merged(found.findings), "warning")])) from None
 
 
-def voltage_parameters(found: "VoltageComparison") -> "dict[str, Parameter]":
-    """Return thrust of motor voltage, lowest power first as the firmware has it."""
-    from cfid.records.parameters import Parameter
-
-    return {
-        "motor.thrust_voltage_poly": Parameter(
-            value=found.lowest_first.tolist(), std=found.by_voltage.std[::-1].tolist(), unit="N(V)"
+def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
+    """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
+    points = found.points
+    if found.vbat_v is None or points.thrust_n is None or not np.isfinite(found.vbat_v).any():
+        return None, ()
+    try:
+        compared = compare_thrust(
+            command=points.command,
+            vbat_v=found.vbat_v,
+            thrust_n=points.thrust_n,
+            std_n=points.thrust_std_n,
+            shared_n=points.thrust_shared_n,
+            max_thrust_n=max_thrust_n,
         )
-    }
+    except FitError as error:
+        return None, (rejection("voltage-not-fitted", f"thrust of motor voltage: {error}", KEY),)
+    return compared, (compared.verdict, *compared.findings)
 
 
-def polynomial_line(found: "MotorMap") -> str:
-    """Return a map as the thesis writes it, with the norm of its residuals."""
-    over = "thrust" if found.quantity == "torque" else "cmd"
-    powers = range(found.fit.order, -1, -1)
-    terms = [
-        f"{value:+.7g}" + (f" {over}^{power}" if power > 1 else f" {over}" if power else "")
-        for value, power in zip(found.fit.coefficients.tolist(), powers, strict=True)
-    ]
-    norm = f"norm of residuals {found.fit.residual_norm:.4g} {_Y[found.quantity]}"
-    return f"{found.quantity} = {' '.join(terms)} ({norm}, {len(found.x)} points)"
+def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedThrustMap | None, Sequence[Finding]]:
+    """Fit thrust over speed, where both were measured."""
+    if found.points.thrust_n is None or found.points.speed_rad_s is None:
+        return None, ()
+    try:
+        mapped = estimation.fit_thrust_of_speed(found.points, method=method, robust=robust)
+    except FitError as error:
+        return None, (rejection("thrust-of-speed-not-fitted", f"thrust of speed: {error}", *OVER_SPEED),)
+    return mapped, mapped.findings
 
 
-def aicc_line(found: "MotorMap") -> list[str]:
-    """Return how the order was chosen, nothing where it was given."""
-    if not found.aicc:
-        return []
-    least = min(found.aicc.values())
-    told = ", ".join(f"order {order}: {value - least:+.1f}" for order, value in found.aicc.items())
-    return [f"corrected AIC above the best: {told}"]
+def _verified(
+    mapped: MotorMap, scales: Path | None, motors: int | None, gravity_mps2: float
+) -> tuple[Verification | None, Sequence[Finding]]:
+    """Compare the map with scales: of a run, or of a table."""
+    if scales is None:
+        return None, ()
+    command, grams, ran = read_scales(scales, motors)
+    try:
+        thrust_n = scales_thrust_n(command, grams, motors=ran, gravity_mps2=gravity_mps2)
+        return verify_thrust(mapped, command=command, thrust_n=thrust_n), ()
+    except FitError as error:
+        return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
 
 
-def inverse_line(inverse: "InverseMap", most: "MaximumThrust") -> list[str]:
-    """Return range and round trip of the inverse, and what can hover."""
-    low, high = inverse.thrust_range_n
-    return [
-        f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
-        f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
-        f"{1e3 * inverse.round_trip_n:.2g} mN by rounding",
-        f"at most {most.thrust_n:.4g} N a motor, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: four "
-        f"motors hover {1e3 * most.hover_mass_kg:.4g} g",
-    ]
+def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
+    def drawings() -> dict[str, Figure]:
+        name = f"fit_{mapped.quantity}"
+        pages = {
+            f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name, thrust=r.thrust)
+            for r in found.reduced[:_MOST_PAGES]
+        }
+        figures = {name: map_figure(mapped, verification=beside.verification), **pages}
+        if beside.over_speed is not None:
+            figures["thrust_of_speed"] = speed_thrust_figure(beside.over_speed)
+        if beside.voltage is not None:
+            figures["thrust_of_voltage"] = voltage_figure(beside.voltage)
+        return figures
 
-
-def verification_lines(found: "Verification") -> list[str]:
-    """Return how far a second instrument is from the map (figure 3.9)."""
-    largest = max(abs(value) for value in found.difference_n.tolist())
-    return [
-        f"verification: {len(found.command)} readings, {1e3 * found.rms_n:.3g} mN rms ({found.rms_percent:.2g} %), at "
-        f"most {1e3 * largest:.3g} mN from the map"
-    ]
-
-
-def joined_quality(found: "MotorMap", **more: Any) -> dict[str, Any]:
-    """Return the figures that judge a map."""
-    fit = found.fit
-    return {
-        "residual_norm": fit.residual_norm,
-        "points": len(found.x),
-        "degrees_of_freedom": fit.freedom,
-        "inflation": fit.inflation,
-        "left_out_commands": list(found.left_out),
-        "aicc": {str(order): value for order, value in found.aicc.items()},
-        **more,
-    }
-
-
-def unique(sentences: Sequence[str]) -> tuple[str, ...]:
-    """Return sentences, each once, in their order; what is the same of several files, for all of them at once."""
-    files: dict[str, list[str]] = {}
-    for sentence in dict.fromkeys(sentences):
-        name, colon, said = sentence.partition(": ")
-        files.setdefault(said if colon else sentence, []).append(name if colon else "")
-    return tuple(f"{_names(names)}{said}" for said, names in files.items())
-
-
-def _names(names: Sequence[str]) -> str:
-    if len(names) > _MOST_NAMES:
-        return f"{names[0]} and {len(names) - 1} more: "
-    return f"{', '.join(names)}: " if any(names) else ""
+    return Result(
+        command=f"fit {mapped.quantity}",
+        method=mapped.method,
+        quantities={**beside.parameters, **values.table_parameter(found.points)},
+        wanted=GIVEN_BY[mapped.quantity][:1],
+        covariances=beside.covariances,
+        quality=values.figures_of_merit(mapped, **(beside.quality or {})),
+        findings=values.merged((*found.findings, *mapped.findings, *beside.findings)),
+        sources=found.sources,
+        lines=(*found.lines, *values.map_lines(mapped), *beside.lines),
+        drawings=drawings,
+        folder=found.paths[0].parent if found.paths else Path(),
+    )

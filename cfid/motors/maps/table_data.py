@@ -1,55 +1,50 @@
-"""Steady points from tables: settled points as they are, a thrust stand's record reduced."""
+"""Steady points from tables: settled points as they are, a thrust stand's record reduced; and scales' readings."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from cfid.console.inputs import Workplace
-from cfid.console.options import ReadingOptions
+import numpy as np
+import numpy.typing as npt
+
 from cfid.errors import CfidError, DataError
-from cfid.motors.maps.evidence import Evidence, Reduced, StandOptions, line_of
+from cfid.estimate.staircase import mean_beside, reduce_staircase
+from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, staircase_findings
+from cfid.motors.points import MotorPoints, joined, per_motor
+from cfid.motors.stand_points import points_of
+from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.run import Run
+from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.times import run_at
+from cfid.records.tables.vehicle import READINGS, holds, read_commands, read_rows
 
-if TYPE_CHECKING:
-    from cfid.records.tables.stand import StandTable
+Array = npt.NDArray[np.float64]
 
 
-def of_table(path: Path, stand: StandOptions, reading: ReadingOptions, workplace: Workplace) -> Evidence:
-    """Read a table and take its points, or reduce it where it is a record over time."""
-    from cfid.records.tables.stand import read_stand_table
-
-    table = read_stand_table(
-        path,
-        gravity_mps2=workplace.rig.site.gravity_mps2,
-        rate_hz=reading.rate_hz,
-        skip_lines=reading.skip_lines,
-    )
-    stand = stand.where(workplace.facts) if _is_tachometers(table) else replace(stand, markers=stand.markers or 1)
+def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> Evidence:
+    """Take a table's points, or reduce it where it is a record over time."""
+    stand = stand.where(facts) if _is_tachometers(table) else replace(stand, markers=stand.markers or 1)
     return _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
 
 
-def _is_tachometers(table: "StandTable") -> bool:
+def _is_tachometers(table: StandTable) -> bool:
     """Return whether speeds were read off a tachometer, which counts markers; a thrust stand knows its rotors."""
     return table.speeds == "series"
 
 
-def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
+def _of_points(table: StandTable, stand: Stand) -> Evidence:
     """Take a table of settled points; several series of one rotor are as many points."""
-    import numpy as np
-
-    from cfid.motors.points import MotorPoints, joined, per_motor
-
     share = 1 if table.motors is not None else stand.motors or 1
     points = per_motor(
         MotorPoints(command=table.command, thrust_n=table.thrust_n, torque_nm=table.torque_nm), motors=share
     )
-    speeds, vbat, notes = table.speeds_rad_s, table.vbat_v, table.notes
+    speeds, vbat, findings = table.speeds_rad_s, table.vbat_v, recording(table.notes)
     if speeds is not None:
         one_speed = table.square_mean_speed_rad_s
         assert one_speed is not None
         series = list(speeds.T) if table.speeds == "series" else [one_speed]
-        divided = [stand.divided(one) for one in series]
+        divided = [stand.divided(one, table.path.name) for one in series]
         sets = [MotorPoints(command=table.command, speed_rad_s=one) for one, _ in divided]
-        notes = (*notes, *(f"{table.path.name}: {note}" for note in divided[0][1]))
+        findings += divided[0][1]
         if table.thrust_n is None:
             points = joined(*sets)
         elif len(sets) == 1:
@@ -58,17 +53,11 @@ def _of_points(table: "StandTable", stand: StandOptions) -> Evidence:
             points = joined(points, *sets)
     if vbat is not None:
         vbat = np.resize(vbat, len(points.command)) if len(points.command) % len(vbat) == 0 else None
-    return Evidence(points=points, vbat_v=vbat, warnings=notes, sources=(table.source,), paths=(table.path,))
+    return Evidence(points=points, vbat_v=vbat, findings=findings, sources=(table.source,), paths=(table.path,))
 
 
-def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
+def _of_record(table: StandTable, stand: Stand) -> Evidence:
     """Reduce a thrust stand's record over time: thrust, speed and battery in the steady window of each command."""
-    import numpy as np
-
-    from cfid.estimate.staircase import mean_beside, reduce_staircase
-    from cfid.motors.points import per_motor
-    from cfid.motors.stand_points import points_of
-
     assert table.time_s is not None
     if table.thrust_n is None:
         raise DataError(f"{table.path}: a record over time without a thrust cannot be reduced.")
@@ -88,22 +77,48 @@ def _of_record(table: "StandTable", stand: StandOptions) -> Evidence:
         None if column is None else mean_beside(settled, table.time_s, column)
         for column in (table.square_mean_speed_rad_s, table.vbat_v)
     )
-    speed, notes = (None, ()) if shown is None else stand.divided(shown)
+    speed, findings = (None, ()) if shown is None else stand.divided(shown, table.path.name)
     points = per_motor(points_of(settled, thrust=0), motors=1 if table.motors is not None else stand.motors or 1)
-    unsettled = [point for point in found.points if not point.settled]
     return Evidence(
         points=replace(points, speed_rad_s=speed),
         vbat_v=volts,
         lines=tuple(line_of(point, table.path.name) for point in found.points),
-        warnings=(
-            *table.notes,
-            *(f"{table.path.name}: {note}" for note in notes),
-            *found.warnings,
-            *(f"{table.path.name}: command {point.command}: {point.reason}; it is left out." for point in unsettled),
-        ),
+        findings=(*recording(table.notes), *findings, *staircase_findings(found, table.path.name)),
         sources=(table.source,),
         reduced=(
             Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found, thrust=0),
         ),
         paths=(table.path,),
     )
+
+
+def read_scales(path: Path, motors: int | None) -> tuple[Array, Array, int]:
+    """Return commands (n,), grams (n,) and how many motors ran, of a run of scales or of a table. Raises DataError."""
+    run = run_at(path)
+    if run is not None:
+        return _scales_of_run(run)
+    table = read_stand_table(path)
+    if table.grams is None:
+        raise DataError(f"{path}: no column 'grams': the scales' display at each cmd.")
+    return table.command, table.grams, motors or 1
+
+
+def _scales_of_run(run: Run) -> tuple[Array, Array, int]:
+    """Take typed readings, or the mean of what the scales sent in the second half of each step."""
+    motors = len(run.header.asked.get("motors", ())) or 1
+    if holds(run, READINGS):
+        rows = read_rows(run, READINGS)
+        if "grams" not in rows.columns:
+            raise DataError(f"{rows.source.path}: no column 'grams': this is no run of `cfid log scales`.")
+        return rows.columns["command"], rows.columns["grams"], motors
+    if not holds(run, "scales"):
+        raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
+    shown, (log, commands) = read_rows(run, "scales"), read_commands(run)
+    ends_s = np.append(log.time_s[1:], shown.time_s[-1])
+    command, grams = [], []
+    for begin_s, end_s, step in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
+        inside = (shown.time_s > (begin_s + end_s) / 2) & (shown.time_s <= end_s)
+        if inside.any():
+            command.append(step)
+            grams.append(shown.columns["grams"][inside].mean())
+    return np.array(command), np.array(grams), motors

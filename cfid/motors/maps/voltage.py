@@ -12,9 +12,11 @@ import numpy.typing as npt
 from cfid.errors import FitError
 from cfid.estimate.monotone_cubic import constrain
 from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
+from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.points import Array, weighable
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
+KEY = "motor.thrust_voltage_poly"
 THRUST_ORDER = 3  # as the firmware compensates the battery
 SPEED_ORDER = 2
 
@@ -29,8 +31,8 @@ class VoltageComparison:
     `command_rms` are the errors of prediction, in the value's unit, of the points at `judged` commands, each form by
     plain least squares.
 
-    Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; `refusal` says why the
-    points contradict every such cubic, and `by_voltage` is the plain one then.
+    Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; where the points
+    contradict every such cubic, a rejection says why, and `by_voltage` is the plain one then.
     """
 
     by_voltage: PolynomialFit
@@ -42,8 +44,7 @@ class VoltageComparison:
     voltage_rms: float
     command_rms: float
     judged: int
-    warnings: tuple[str, ...]
-    refusal: str = ""
+    findings: tuple[Finding, ...]
 
     @property
     def lowest_first(self) -> Array:
@@ -63,13 +64,21 @@ class VoltageComparison:
         return "command" if self.ratio < 1 / _TELLING else "neither"
 
     @property
-    def sentence(self) -> str:
+    def verdict(self) -> Finding:
         """Which form predicts better and by how much."""
-        told = f"cross-validated over {self.judged} commands"
+        how = f"cross-validated over {self.judged} commands"
         if self.better == "neither":
-            return f"motor voltage and command predict equally well, {told}: this battery does not tell them apart."
+            text = f"motor voltage and command predict equally well, {how}: this battery cannot distinguish them."
+            return note("voltage-or-command", text, KEY)
         other = "command" if self.better == "voltage" else "voltage"
-        return f"motor {self.better} predicts {max(self.ratio, 1 / self.ratio):.2g} times better than {other}, {told}."
+        times = f"{max(self.ratio, 1 / self.ratio):.2g} times"
+        text = f"motor {self.better} predicts {times} better than {other}, {how}."
+        return note("voltage-or-command", text, KEY)
+
+    @property
+    def rejected(self) -> bool:
+        """Whether the firmware cannot have this cubic."""
+        return any(finding.severity == "rejection" for finding in self.findings)
 
 
 def motor_volts(*, command: npt.ArrayLike, vbat_v: npt.ArrayLike) -> Array:
@@ -106,12 +115,13 @@ def compare_thrust(
     std, shared = _used(found.used, std_n, shared_n)
     rising = constrain(found.by_voltage, thrust_n=found.value, std_n=std, shared_n=shared, max_thrust_n=max_thrust_n)
     if rising.refusal:
-        return replace(found, refusal=rising.refusal)
-    said = (
+        return replace(found, findings=(*found.findings, rejection("voltage-cubic-refused", rising.refusal, KEY)))
+    text = (
         f"thrust of motor voltage is the cubic nearest to the points that rises over all voltages, as the firmware's "
         f"inverse needs it: it departs by up to {100 * rising.departure:.1f} % of the largest thrust."
     )
-    return replace(found, by_voltage=rising.fit, warnings=(*found.warnings, *([said] if rising.bound else [])))
+    held = (note("voltage-cubic-held", text, KEY),) if rising.bound else ()
+    return replace(found, by_voltage=rising.fit, findings=(*found.findings, *held))
 
 
 def compare_speed(
@@ -167,7 +177,7 @@ def compare(
         voltage_rms=voltage_rms,
         command_rms=command_rms,
         judged=len(inner),
-        warnings=_visited_once(command),
+        findings=_visited_once(command),
     )
 
 
@@ -182,12 +192,12 @@ def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int,
     return value[left_out] - fit.at(x[left_out])
 
 
-def _visited_once(command: Array) -> tuple[str, ...]:
-    """Say when no command was held at two voltages: both forms then follow one and the same path."""
+def _visited_once(command: Array) -> tuple[Finding, ...]:
+    """Warn when no command was held at two voltages: both forms then follow one and the same path."""
     if len(np.unique(command)) < len(command):
         return ()
-    said = (
-        "every command was held once: as the battery falls, its voltage goes with the command, and the command's "
-        "form passes for good on that path alone. Climb down again, or repeat on another charge."
+    text = (
+        "every command was held once: voltage fell as the command rose, so this run cannot separate the two. Record "
+        "the way down too, or repeat on another charge."
     )
-    return (said,)
+    return (warning("voltage-follows-command", text, KEY),)

@@ -1,48 +1,23 @@
 """`cfid fit dynamics`: how fast rotors follow their commands, from steps."""
 
-from math import isnan
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated
 
 import typer
 
-from cfid.console.inputs import Workplace, find_recording, open_workplace
+from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
-from cfid.errors import CfidError, ConfigError, DataError, FitError
-from cfid.findings import rejection, warning
-from cfid.motors.vibration.data import quiet_channels
-from cfid.records.covariances import covariance_between
-from cfid.records.result import Result
-
-if TYPE_CHECKING:
-    from cfid.motors.steps.estimation import CommandStep, RotorModel, StepFit
-    from cfid.records.parameters import Parameter, Source
-
-_NO_LAG = "no step is described by a first-order lag."
-_BLUR_S, _STEP_S = 0.1, 0.02  # of a speed heard in vibration
-_SURE = 0.02  # of a speed: where it is heard worse, within a step, it is left out
-
-
-class Course(NamedTuple):
-    """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on."""
-
-    name: str
-    path: Path
-    time_s: Any
-    speed_rad_s: Any
-    command_time_s: Any
-    command: Any
-    blur_s: float
-    notes: tuple[str, ...]
-    sources: "tuple[Source, ...]"
+from cfid.errors import ConfigError, DataError
 
 
 @flat
 def dynamics(
     *,
     runs: Annotated[
-        list[str] | None, typer.Argument(metavar="RUN ...", help="Runs with steps: speeds told, or heard in vibration.")
+        list[str] | None,
+        typer.Argument(metavar="RUN ...", help="A run with steps: speeds reported, or in the vibration."),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
     rig: RigOptions,
@@ -54,167 +29,22 @@ def dynamics(
 
     Example: [bold]cfid fit dynamics 2026-11-21_083012_speed[/bold]
     """
-    from cfid.motors.steps.estimation import fit_rotor_model, fit_steps
+    from cfid.motors.steps import fit
+    from cfid.motors.steps.data import of_run, of_table
+    from cfid.records.tables.stand import read_stand_table
+    from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
-    courses = [] if table is None else [_of_table(table, reading)]
-    courses += [_of_run(find_recording(word, workplace), reading, scale) for word in runs or []]
-    if not courses:
+    if not runs and table is None:
         raise ConfigError("nothing to fit: give a RUN with steps, or --table FILE.")
-    if len(courses) > 1:
+    if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    course = courses[0]
-    try:
-        steps, missed = _steps(course)
-        values = {"time_s": course.time_s, "value": course.speed_rad_s, "steps": steps, "blur_s": course.blur_s}
-        lags, model = fit_steps(**values), fit_rotor_model(**values)
-    except CfidError as error:
-        raise type(error)(f"{course.path}: {error}") from None
-    _tell(course._replace(notes=(*course.notes, *missed)), lags, model, workplace, delivery)
-
-
-def _steps(course: Course) -> "tuple[tuple[CommandStep, ...], list[str]]":
-    """Return the steps that the speeds show, and sentences on the others."""
-    import numpy as np
-
-    from cfid.motors.steps.estimation import command_steps, followed
-
-    place = np.searchsorted(course.command_time_s, course.time_s, side="right") - 1
-    held = np.where(place >= 0, course.command[np.maximum(place, 0)], 0.0)
-    steps = command_steps(time_s=course.time_s, command=held)
-    seen = followed(steps, time_s=course.time_s, value=course.speed_rad_s)
-    if steps and not seen:
-        raise FitError(f"of {len(steps)} steps none shows speeds enough to follow it: hold each command longer.")
-    missed = len(steps) - len(seen)
-    return seen, [f"{missed} of {len(steps)} steps show too few speeds to be followed."] if missed else []
-
-
-def _of_table(path: Path, reading: ReadingOptions) -> Course:
-    from cfid.records.tables.stand import read_stand_table
-
-    table = read_stand_table(path, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines)
-    speed = table.square_mean_speed_rad_s
-    if table.time_s is None or speed is None:
-        raise DataError(f"{path}: no speeds over time: steps cannot be followed.")
-    return Course(path.stem, path, table.time_s, speed, table.time_s, table.command, 0.0, table.notes, (table.source,))
-
-
-def _of_run(path: Path, reading: ReadingOptions, scale: LoadCellOptions) -> Course:
-    """Take the speeds that the vehicle told, else hear them in the load cell's vibration."""
-    import numpy as np
-
-    from cfid.records.tables.times import run_at
-    from cfid.records.tables.vehicle import VEHICLE_LOG, holds, read_commands, read_rows, told_speeds_rad_s
-
-    run = run_at(path)
-    if run is None:
-        raise DataError(f"{path}: no run folder; steps need the commands that a run has.")
-    log, commands = read_commands(run)
-    command = commands.max(axis=1)
-    rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None
-    ran = [motor for motor in (1, 2, 3, 4) if commands[:, motor - 1].any()]
-    told = {} if rows is None else told_speeds_rad_s(rows)
-    if rows is not None and ran and all(motor in told for motor in ran):
-        speed = np.mean([told[motor] for motor in ran], axis=0)
-        begin_s = rows.time_s[0]
-        return Course(
-            run.folder.name, run.folder, rows.time_s - begin_s, speed, log.time_s - begin_s, command, 0.0, (),
-            (rows.source, log.source),
-        )  # fmt: skip
-    return _of_vibration(run, log, command, reading, scale)
-
-
-def _of_vibration(run: Any, log: Any, command: Any, reading: ReadingOptions, scale: LoadCellOptions) -> Course:
-    import numpy as np
-
-    from cfid.motors.vibration.ridge import speed_ridge
-    from cfid.records.tables.vehicle import begin_s
-    from cfid.records.tables.wrench import LOADCELL, read_wrench
-
-    record = read_wrench(run.folder, scale.reading(reading))
-    ridge = speed_ridge(
-        time_s=record.time_s,
-        wrench=quiet_channels(record),
-        window_s=_BLUR_S,
-        step_s=_STEP_S,
-    )
-    sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
-    speed = np.where(sure, ridge.speed_rad_per_s, np.nan)
-    said = "no speed is told by this vehicle: it is heard in the load cell's vibration, and not at rest."
-    began_s = begin_s(run.device_file(LOADCELL))
-    return Course(
-        run.folder.name, run.folder, ridge.time_s, speed, log.time_s - began_s, command, _BLUR_S,
-        (*record.notes, said), (record.source, log.source),
-    )  # fmt: skip
-
-
-def _tell(
-    course: Course, lags: "tuple[StepFit, ...]", model: "RotorModel", workplace: Workplace, delivery: Delivery
-) -> None:
-    def drawings() -> dict[str, Any]:
-        from cfid.motors.steps.figures import dynamics_figure
-
-        drawn = dynamics_figure(course.time_s, course.speed_rad_s, lags, model, title=course.name)
-        return {f"fit_dynamics_{course.name}": drawn}
-
-    doubted = [lag for lag in lags if not lag.believed]
-    deliver(
-        Result(
-            command="fit dynamics",
-            method="default",
-            quantities=_parameters(lags, model),
-            covariances=covariance_between(
-                {"dynamics.rising": list(model.rising), "dynamics.falling": list(model.falling)}, model.covariance
-            ),
-            quality={"steps": len(lags), "not_believed": len(doubted), "explained": model.explained, "rms": model.rms},
-            findings=(
-                *(warning("recording", text) for text in course.notes),
-                *(warning("step-rejected", f"{_step(lag)}: {' '.join(lag.doubts)}") for lag in doubted),
-                *(
-                    rejection("dynamics-rejected", text, "dynamics.*")
-                    for text in (model.doubts if len(doubted) < len(lags) else (_NO_LAG,))
-                ),
-            ),
-            sources=course.sources,
-            lines=tuple(
-                f"{_step(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms{_delay(lag)}"
-                for lag in lags
-                if lag.believed
-            ),
-            drawings=drawings,
-            folder=workplace.figures_beside([course.path]),
-        ),
-        delivery,
-        workplace.campaign,
-    )
-
-
-def _step(lag: "StepFit") -> str:
-    return f"command {lag.step.command_from:.0f} to {lag.step.command_to:.0f}"
-
-
-def _delay(lag: "StepFit") -> str:
-    return "" if isnan(lag.delay_std_s) else f", delay {1e3 * lag.delay_s:.0f} ms"
-
-
-def _parameters(lags: "tuple[StepFit, ...]", model: "RotorModel") -> "dict[str, Parameter]":
-    from cfid.records.parameters import Parameter
-
-    rows = [
-        {
-            "cmd_from": lag.step.command_from,
-            "cmd_to": lag.step.command_to,
-            "rising": lag.rising,
-            "time_constant_s": lag.time_constant_s,
-            "std_s": lag.time_constant_std_s,
-            "delay_s": None if isnan(lag.delay_std_s) else lag.delay_s,
-            "believed": lag.believed,
-        }
-        for lag in lags
-    ]
-    unit = "1/s, 1/rad"
-    return {
-        "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std), unit=unit),
-        "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std), unit=unit),
-        "dynamics.time_constant_s": Parameter(value=rows, unit="s"),
-    }
+    if table is not None:
+        record = of_table(read_stand_table(table, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines))
+    else:
+        path = find_recording((runs or [])[0], workplace)
+        if (run := run_at(path)) is None:
+            raise DataError(f"{path}: no run folder; steps need the commands that a run has.")
+        record = of_run(run, scale.reading(reading))
+    result = replace(fit(record), folder=workplace.figures_beside([record.path]))
+    deliver(result, delivery, workplace.campaign)

@@ -16,6 +16,7 @@ from scipy.special import roots_jacobi
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import correlation_inflation
+from cfid.findings import Finding, rejection, texts
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +57,7 @@ class StepFit:
     delay_s: float
     delay_std_s: float
     explained: float
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def rising(self) -> bool:
@@ -64,9 +65,9 @@ class StepFit:
         return self.to_rad_per_s > self.from_rad_per_s
 
     @property
-    def believed(self) -> bool:
+    def accepted(self) -> bool:
         """Whether a first-order lag describes the step."""
-        return not self.doubts
+        return not texts(self.findings, "rejection")
 
     def speed_at(self, time_s: Array) -> Array:
         """Return the lag's speeds (n,) at times (n,) by the clock of the steps."""
@@ -92,12 +93,12 @@ class RotorModel:
     delay_std_s: float
     rms: float
     explained: float
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
-    def believed(self) -> bool:
+    def accepted(self) -> bool:
         """Whether the model describes the steps."""
-        return not self.doubts
+        return not texts(self.findings, "rejection")
 
 
 def command_steps(*, time_s: Array, command: Array) -> tuple[CommandStep, ...]:
@@ -173,7 +174,8 @@ def fit_rotor_model(
     covariance[:, np.isnan(std)] = covariance[np.isnan(std)] = 0.0
     length = round(_SMOOTH * lags[0].time_constant_s / data.parts[0].interval_s)
     explained = _explained(fit.fun, np.concatenate([part.value - part.value.mean() for part in data.parts]), length)
-    doubt = f"the rotor model explains only {100 * explained:.0f} % of the steps."
+    text = f"the rotor model explains only {100 * explained:.0f} % of the steps (limit {100 * _EXPLAINED:.0f} %)."
+    misfit = rejection("rotor-model-misfit", text, "dynamics.rising", "dynamics.falling")
     return RotorModel(
         rising=(float(found[1]), float(found[2])),
         falling=(float(found[3]), float(found[4])),
@@ -184,7 +186,7 @@ def fit_rotor_model(
         delay_std_s=float(std[0]),
         rms=float(np.sqrt(np.mean(fit.fun**2))),
         explained=explained,
-        doubts=(doubt,) if explained < _EXPLAINED else (),
+        findings=(misfit,) if explained < _EXPLAINED else (),
     )
 
 
@@ -280,17 +282,24 @@ def _fit_step(data: _Data, part: _Part) -> StepFit:
         delay_s=float(found[3]),
         delay_std_s=float(std[3]),
         explained=explained,
-        doubts=_doubts(hold_s, fit.x[2], std[2], explained),
+        findings=_rejections(hold_s, fit.x[2], std[2], explained),
     )
 
 
-def _doubts(hold_s: float, tau_s: float, std_s: float, explained: float) -> tuple[str, ...]:
-    reasons = {
-        f"a first-order lag explains only {100 * explained:.0f} % of this step.": explained < _EXPLAINED,
-        f"it held for only {hold_s / tau_s:.1f} time constants: where it leads is a guess.": hold_s < _HELD * tau_s,
-        f"noise leaves the time constant open by {100 * std_s / tau_s:.0f} %.": not std_s < _LOOSE * tau_s,
-    }
-    return tuple(reason for reason, holds in reasons.items() if holds)
+def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:
+    """Return why the time constant of a step, one of the rows of the key, is not to be relied on."""
+    key = "dynamics.time_constant_s"
+    found = []
+    if explained < _EXPLAINED:
+        text = f"a first-order lag explains only {100 * explained:.0f} % of this step (limit {100 * _EXPLAINED:.0f} %)."
+        found.append(rejection("step-lag-misfit", text, key))
+    if hold_s < _HELD * tau_s:
+        text = f"it held for only {hold_s / tau_s:.1f} time constants (limit {_HELD:g}): where it leads is a guess."
+        found.append(rejection("step-held-too-short", text, key))
+    if not std_s < _LOOSE * tau_s:
+        text = f"noise leaves the time constant open by {100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE:.0f} %)."
+        found.append(rejection("step-lag-noisy", text, key))
+    return tuple(found)
 
 
 def _start(lags: Sequence[StepFit]) -> Array:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cfid.drawing.style import DOUBT, INK, MODEL, MUTED, RECORDED, draw_line, figure, legend, name_panel, styled, words
+from cfid.findings import texts
 from cfid.motors.panels import scientific
 from cfid.motors.steps.estimation import RotorModel, StepFit
 
@@ -26,23 +27,23 @@ def dynamics_figure(
 ) -> Figure:
     """Return speeds (n,) over times (n,) with the lag fitted to each step, and its time constant over where it led.
 
-    Lags that are not believed are drawn in red in the upper panel and left out of the lower one. Curves there are
+    Lags that are rejected are drawn in red in the upper panel and left out of the lower one. Curves there are
     the rotor model's.
     """
-    doubts = [f"Not believed: {doubt}" for doubt in model.doubts]
-    page, grid = figure(3, 2, heights_in=(2.9, 2.3, 0.95), title=title, doubts=doubts)
+    rejections = [f"Rejected: {text}" for text in texts(model.findings, "rejection")]
+    page, grid = figure(3, 2, heights_in=(2.9, 2.3, 0.95), title=title, doubts=rejections)
     _draw_steps(page.add_subplot(grid[0, :]), time_s, speed_rad_s, lags)
-    _draw_constants(page.add_subplot(grid[1, :]), [lag for lag in lags if lag.believed], model)
+    _draw_constants(page.add_subplot(grid[1, :]), [lag for lag in lags if lag.accepted], model)
     words(page.add_subplot(grid[2, 0]), "rotor model", _told(model))
-    believed = sum(lag.believed for lag in lags)
+    accepted = sum(lag.accepted for lag in lags)
     counts = [
-        ("steps", f"{len(lags)}, {believed} believed"),
+        ("steps", f"{len(lags)}, {accepted} accepted"),
         ("explained", f"{100 * model.explained:.1f} %"),
         ("residual", f"{model.rms:.3g} rad/s rms"),
     ]
     if np.isfinite([lag.delay_std_s for lag in lags]).any():
         counts.append(("delay", f"{1e3 * model.delay_s:.1f} ms"))
-    words(page.add_subplot(grid[2, 1]), "all steps together", counts, red=("explained",) if model.doubts else ())
+    words(page.add_subplot(grid[2, 1]), "all steps together", counts, red=() if model.accepted else ("explained",))
     return page
 
 
@@ -52,12 +53,12 @@ def _draw_steps(axes: Axes, time_s: Array, speed_rad_s: Array, lags: Sequence[St
     said = set()
     for lag in lags:
         at_s = np.linspace(lag.step.at_s, lag.step.until_s, _CURVE)
-        how = "lag" if lag.believed else "not believed"
+        how = "lag" if lag.accepted else "rejected"
         axes.plot(
             at_s,
             lag.speed_at(at_s),
-            color=MODEL if lag.believed else DOUBT,
-            ls="-" if lag.believed else ":",
+            color=MODEL if lag.accepted else DOUBT,
+            ls="-" if lag.accepted else ":",
             lw=1.1,
             label="_" if how in said else how,
         )
@@ -81,7 +82,7 @@ def _draw_constants(axes: Axes, lags: Sequence[StepFit], model: RotorModel) -> N
         axes.set_ylim(bottom=0.0)
         legend(axes)
     else:
-        axes.text(0.5, 0.5, "no step is believed", transform=axes.transAxes, ha="center", color=MUTED)
+        axes.text(0.5, 0.5, "every step was rejected", transform=axes.transAxes, ha="center", color=MUTED)
 
 
 def _told(model: RotorModel) -> list[tuple[str, str]]:

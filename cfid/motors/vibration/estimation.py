@@ -14,6 +14,7 @@ from scipy.special import chdtrc
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import widened
+from cfid.findings import Finding, note, rejection, texts, warning
 from cfid.motors.vibration.lines import Comb, Family, LineFit, even_times, fit_lines, fit_parts, spectrum
 
 Array = npt.NDArray[np.float64]
@@ -21,7 +22,11 @@ Array = npt.NDArray[np.float64]
 PLAUSIBLE_RAD_PER_S = (200.0, 5000.0)  # of rotors on a vehicle of some ten grams
 FRAME_S = 1.0  # in which a speed that drifts by 0.5 % in ten seconds still makes one line
 FEWEST = 64
-HEARD, _LINE = 20.0, 8.0  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
+KEY = "rotor.speed_rad_s"
+EVIDENCE_LIMIT, _LINE = (
+    20.0,
+    8.0,
+)  # evidence that rules out noise, over thousands of speeds tried; of a line worth fitting
 _SURE = 5.0  # log odds against another octave
 _HUMS, _BESIDE = 1e-3, 3.0  # of its frequency, that hum keeps to; resolutions within which it spoils a line
 _OCTAVES = np.array([1, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 2, 2, 3, 4])
@@ -48,12 +53,12 @@ class Rotor(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class RotorSpeed:
-    """The rotors heard in a window, by rising speed, and the mean of their speeds.
+    """The rotors found in the vibration of a window, by rising speed, and the mean of their speeds.
 
-    Fewer rotors than asked for are not `resolved`: the mean's deviation then allows for those that hide in one
-    line. `octave_margin` is the log odds of this speed against its half, its double or another simple multiple.
+    Fewer rotors than expected are not `resolved`: the mean's standard uncertainty then allows for those that hide in
+    one line. `octave_margin` is the log odds of this speed against its half, its double or another simple multiple.
     `wander_rad_per_s` is how far the speed strays from a straight line between parts of the window, 0 where noise
-    explains that. `warnings` are to be said; `doubts` are reasons not to believe the speed.
+    explains that. A rejection among the `findings` concerns the speed of this window.
     """
 
     speed_rad_per_s: float
@@ -62,13 +67,12 @@ class RotorSpeed:
     resolved: bool
     octave_margin: float
     wander_rad_per_s: float
-    warnings: tuple[str, ...]
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
-    def believed(self) -> bool:
+    def accepted(self) -> bool:
         """Whether lines of a rotor stand clear of the noise and are read in the right octave."""
-        return not self.doubts
+        return not texts(self.findings, "rejection")
 
 
 def rotor_speed(
@@ -90,43 +94,45 @@ def rotor_speed(
     The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
     over ever longer parts of the window. The deviation is Cramer and Rao's bound in the noise found around the lines
     or, where the speed wanders by more, its scatter between parts of the window; the samples' clock counts as true.
-    A speed is doubted where one that is expected as well would have its blade pass above half the sampling rate.
+    A speed is rejected where one that is expected as well would have its blade pass above half the sampling rate.
 
     Raises FitError when the window is too short, or sampled too slowly for any rotor.
     """
     if len(time_s) < FEWEST:
-        raise FitError(f"a window of {len(time_s)} samples tells no rotor speed: it takes {FEWEST} or more.")
+        raise FitError(f"a window of {len(time_s)} samples is too short for a rotor speed: it takes {FEWEST} or more.")
     time, interval_s, jitter_s = even_times(time_s)
     clean, hum_hz = _without_hum(time, wrench, mains_hz, rest_wrench)
     between = expected_rad_per_s or PLAUSIBLE_RAD_PER_S
     found = _search(clean, interval_s, rotor_comb(blades), between)
-    found.doubts.extend(folded(interval_s, blades, between[1]))
+    found.rejections.extend(aliased(interval_s, blades, between[1]))
     own_hz = {h: h * found.family.rad_per_s / (2 * math.pi) for h in found.family.harmonics}
     apart = tuple(h for h in own_hz if all(abs(own_hz[h] - hz) * (time[-1] - time[0]) > _BESIDE for hz in hum_hz))
-    if hum_hz and (found.doubts or not apart):
-        found.doubts.append("lines on hum, or there at rest too, were taken off: the rotor's may be among them.")
+    if hum_hz and (found.rejections or not apart):
+        text = "lines on hum, or there at rest too, were taken off: the rotor's may be among them."
+        found.rejections.append(rejection("vibration-lines-on-hum", text, KEY))
     family = found.family._replace(harmonics=apart or found.family.harmonics)
     fit = fit_lines(time_s=time, signal=clean, families=[family], first_s=FRAME_S)
     result = _result(time, clean, _with_more(time, clean, fit, rotors), found, rotors)
-    said = (f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced.",) if jitter_s else ()
-    return replace(result, warnings=said + result.warnings)
+    text = f"time stamps jitter by {1e3 * jitter_s:.2g} ms: samples are taken as evenly spaced."
+    return replace(result, findings=(*((note("time-stamps-jitter", text, KEY),) if jitter_s else ()), *result.findings))
 
 
-def folded(interval_s: float, blades: int, largest_rad_per_s: float) -> list[str]:
-    """Return, as a sentence, that lines may stand where sampling folds them to; none where it cannot be."""
+def aliased(interval_s: float, blades: int, largest_rad_per_s: float) -> list[Finding]:
+    """Return why a speed may be another one whose lines sampling folds to its place; nothing where it cannot be."""
     clear_rad_per_s = math.pi / (blades * interval_s)
     if largest_rad_per_s <= clear_rad_per_s:
         return []
-    return [
+    text = (
         f"at {1 / interval_s:.0f} samples a second blade pass of a rotor above {clear_rad_per_s:.0f} rad/s folds back "
-        "and passes for another rotor: record faster, or say what speed is expected."
-    ]
+        "and passes for another rotor: record faster, or state what speed is expected."
+    )
+    return [rejection("vibration-aliased", text, KEY)]
 
 
 class _Found(NamedTuple):
     family: Family
     margin: float
-    doubts: list[str]
+    rejections: list[Finding]
 
 
 def rotor_comb(blades: int) -> Comb:
@@ -140,8 +146,8 @@ def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array
     seen = spectrum(signal=wrench, interval_s=interval_s)
     known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
     if rest is not None:
-        known += list(spectrum(signal=rest, interval_s=interval_s).lines_hz(evidence=HEARD))
-    there = seen.lines_hz(evidence=HEARD)
+        known += list(spectrum(signal=rest, interval_s=interval_s).lines_hz(evidence=EVIDENCE_LIMIT))
+    there = seen.lines_hz(evidence=EVIDENCE_LIMIT)
     off_hz = np.abs(np.subtract.outer(there, known)).min(axis=1, initial=math.inf)
     hum = [Family(2 * math.pi * hz, (1,)) for hz in there[off_hz < _HUMS * there + 0.5 / seen.length_s]]
     if not hum:
@@ -165,17 +171,19 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
     score = comb.score(lines)
     best, *rivals = np.argsort(score)[::-1]
     margin = float(score[best] - score[rivals[0]]) if rivals else math.inf
-    doubts: list[str] = []
-    if score[best] < HEARD:
-        doubts.append(f"no rotor is heard: the evidence is {score[best]:.0f} where {HEARD:.0f} is needed.")
+    rejections: list[Finding] = []
+    if score[best] < EVIDENCE_LIMIT:
+        text = f"no rotor shows in the vibration: the evidence is {score[best]:.0f} (limit {EVIDENCE_LIMIT:.0f})."
+        rejections.append(rejection("vibration-no-rotor", text, KEY))
     elif margin < _SURE:
         other, one = multiples[[rivals[0], best]]
-        doubts.append(f"the lines fit {other:.0f} rad/s as well as {one:.0f}: say what speed is expected (--expect).")
+        text = f"the lines fit {other:.0f} rad/s as well as {one:.0f}: state what speed is expected."
+        rejections.append(rejection("vibration-octave-ambiguous", text, KEY))
     length = round(len(wrench) / seen.windows)
     centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
     around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
     start = around[np.argmax(comb.score(comb.lines(centre, around)))]
-    return _Found(Family(float(start), clear_lines(comb, lines[:, best])), margin, doubts)
+    return _Found(Family(float(start), clear_lines(comb, lines[:, best])), margin, rejections)
 
 
 def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
@@ -209,39 +217,43 @@ def _more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
             yield (*fit.families[:k], *pair, *fit.families[k + 1 :])
 
 
-def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, asked: int) -> RotorSpeed:
+def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, expected: int) -> RotorSpeed:
     rotors = [_rotor(fit, k) for k in range(len(fit.families))]
     count, span_s, wander = len(rotors), float(time[-1] - time[0]), 0.0
     speed = float(np.mean([rotor.speed_rad_per_s for rotor in rotors]))
     std = math.sqrt(fit.covariance[:count, :count].sum()) / count
-    warnings, doubts = [], list(found.doubts)
+    findings = list(found.rejections)
     parts = min(int(speed * span_s / (2 * math.pi * _TURNS)), _PARTS)
-    if count < asked:
+    if count < expected:
         hidden = 2 * math.pi / (span_s * max(rotors[0].harmonics))
         std = math.hypot(std, hidden / 6)  # how far apart rotors may be, and their shares of the line, are uniform
-        warnings.append(f"{count} of {asked} rotors are told apart: the deviation allows for others in the same lines.")
+        text = (
+            f"{count} of {expected} rotors are resolved: the standard uncertainty allows for others in the same lines."
+        )
+        findings.append(warning("vibration-rotors-unresolved", text, KEY))
     elif count == 1 and parts >= _FEWEST_PARTS:
         departure, parts_std, evidence = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
         # What would pass for a change of speed: noise less flat than a part can tell, which shows in the whole window;
         # and a part that locks onto noise, as it is too short to be heard in, or one in many.
         parts_std = np.maximum(parts_std, std * parts**1.5)
         apart = np.sort((departure / parts_std) ** 2)[:-1].sum()
-        if evidence.min() > HEARD and chdtrc(parts - 3, apart) < _CHANCE:
+        if evidence.min() > EVIDENCE_LIMIT and chdtrc(parts - 3, apart) < _CHANCE:
             wander = float(np.std(departure, ddof=2))
             speed, std = speed + float(np.mean(departure)), widened(wander / math.sqrt(parts), parts - 2)
             rotors = [rotors[0]._replace(speed_rad_per_s=speed, std_rad_per_s=std)]
-            warnings.append(f"the speed wanders by {wander:.2g} rad/s within the window, more than noise explains.")
+            text = f"the speed wanders by {wander:.2g} rad/s within the window, more than noise explains."
+            findings.append(warning("vibration-speed-wanders", text, KEY))
     if abs(fit.drift_per_s) * span_s > _UNSTEADY:
-        doubts.append(f"the speed changes by {100 * abs(fit.drift_per_s) * span_s:.0f} % within the window.")
+        text = f"the speed changes by {100 * abs(fit.drift_per_s) * span_s:.0f} % within the window."
+        findings.append(rejection("vibration-speed-drifts", text, KEY))
     return RotorSpeed(
         speed_rad_per_s=speed,
         std_rad_per_s=std,
         rotors=tuple(sorted(rotors, key=lambda rotor: rotor.speed_rad_per_s)),
-        resolved=count == asked,
+        resolved=count == expected,
         octave_margin=found.margin,
         wander_rad_per_s=wander,
-        warnings=tuple(warnings),
-        doubts=tuple(doubts),
+        findings=tuple(findings),
     )
 
 

@@ -117,7 +117,9 @@ class Comb(NamedTuple):
         low, high = between_rad_per_s
         highest = 4 * math.pi * _HIGHEST * seen.frequency_hz[-1]
         if low >= min(high, highest):
-            raise FitError(f"no speed from {low:.0f} to {high:.0f} rad/s is told by samples that tell {highest:.0f}.")
+            raise FitError(
+                f"no speed from {low:.0f} to {high:.0f} rad/s can be found in samples that resolve {highest:.0f}."
+            )
         return np.arange(low, min(high, highest), 2 * math.pi / (_CANDIDATES * seen.length_s))
 
     def lines(self, seen: Spectrum, rad_per_s: Array) -> Array:

@@ -9,7 +9,14 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from cfid.errors import FitError
-from cfid.motors.vibration.estimation import FEWEST, HEARD, PLAUSIBLE_RAD_PER_S, clear_lines, folded, rotor_comb
+from cfid.motors.vibration.estimation import (
+    EVIDENCE_LIMIT,
+    FEWEST,
+    PLAUSIBLE_RAD_PER_S,
+    aliased,
+    clear_lines,
+    rotor_comb,
+)
 from cfid.motors.vibration.lines import Family, even_times, fit_lines, spectrum
 
 Array = npt.NDArray[np.float64]
@@ -51,8 +58,8 @@ def speed_ridge(
     if length < FEWEST or len(frames) < 2:
         raise FitError(f"{len(frames)} windows of {length} samples: it takes two or more, of {FEWEST} or more.")
     between = expected_rad_per_s or PLAUSIBLE_RAD_PER_S
-    if told := folded(interval_s, blades, between[1]):
-        raise FitError(told[0])
+    for finding in aliased(interval_s, blades, between[1]):
+        raise FitError(finding.text)
     look, comb = partial(spectrum, interval_s=interval_s, length_s=window_s), rotor_comb(blades)
     grid = comb.candidates(look(signal=wrench[:length]), between)
     lines = [comb.lines(look(signal=wrench[frame]), grid) for frame in frames]
@@ -61,7 +68,7 @@ def speed_ridge(
     drift_per_s = np.gradient(grid[path], step_s) / grid[path]
     speed, std = np.full((2, len(frames)), math.nan)
     for k, (frame, best) in enumerate(zip(frames, path, strict=True)):
-        if score[k, best] > HEARD:
+        if score[k, best] > EVIDENCE_LIMIT:
             family = Family(grid[best], clear_lines(comb, lines[k][:, best]))
             own = time[frame] - (time[frame][0] + time[frame][-1]) / 2
             fit = fit_lines(time_s=own, signal=wrench[frame], families=[family], drift_per_s=drift_per_s[k])

@@ -1,7 +1,7 @@
-/* Ties cfid's core to the Crazyflie's firmware: its packets, its controller's place, its supervisor and its clock.
+/* Connects cfid's core to the Crazyflie's firmware: packets, controller, supervisor and clock.
 
-   Everything that decides is in cfid_core.c. The core is called from the stabilizer's task alone, a thousand times a
-   second; packets reach it and leave it through queues, so that no other task waits for the motors or they for it. */
+   All decisions are in cfid_core.c. Only the stabilizer's task calls the core, a thousand times a second; packets reach
+   and leave it through queues, so that neither the motors nor another task wait for each other. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -34,12 +34,12 @@
 #endif
 
 #ifdef CONFIG_ENABLE_THRUST_BAT_COMPENSATED
-#error "With ENABLE_THRUST_BAT_COMPENSATED motors get other commands than they were told: app-config turns it off."
+#error "With ENABLE_THRUST_BAT_COMPENSATED motors get other commands than were sent: app-config turns it off."
 #endif
 
 /* A header that came with release 2025.12, the first whose power distribution obeys controlModeForce. */
 #if !__has_include("led_deck_controller.h")
-#error "Motors turn by this app from firmware 2025.12 on; before, commands would be acknowledged and nothing turn."
+#error "This app needs firmware 2025.12 or later: earlier firmware would acknowledge commands and turn no motor."
 #endif
 
 _Static_assert(CFID_PAYLOAD == CRTP_MAX_DATA_SIZE, "a packet of the core carries what a packet of the link does");
@@ -48,7 +48,7 @@ _Static_assert(CFID_MOTORS == STABILIZER_NR_OF_MOTORS, "the vehicle has the core
 enum { ARRIVALS = 16, DEPARTURES = 32, FEED_TICKS = 20 };
 
 struct arrival {
-    uint64_t us; /* stamped on arrival: a keep-alive that lay in the queue is as old as it is */
+    uint64_t us; /* stamped on arrival, so that time in the queue counts towards a keep-alive's age */
     struct cfid_packet packet;
 };
 
@@ -57,7 +57,7 @@ static const uint8_t PORTS[] = {
 
 static struct cfid_core core;
 
-/* In plain memory, since the firmware's own macro puts queues where next to nothing is left. */
+/* In plain memory, since the firmware's own macro puts queues into memory that is almost full. */
 static QueueHandle_t arrivals, departures;
 static StaticQueue_t arrivals_state, departures_state;
 static uint8_t arrivals_storage[ARRIVALS * sizeof(struct arrival)];
@@ -70,7 +70,7 @@ static CRTPPacket onto_link(const struct cfid_packet *packet)
     return sent;
 }
 
-/* Runs in the link's task: answers pings there and then, so that they measure the link and nothing else. */
+/* Runs in the link's task and answers pings immediately, so that they measure the link only. */
 static void take(enum cfid_service service, const CRTPPacket *packet)
 {
     struct arrival arrival = {
@@ -104,9 +104,8 @@ static void take_ping(CRTPPacket *packet)
     take(CFID_PING, packet);
 }
 
-/* Keeps a fresh null setpoint with the commander, for with an old one, which any client may have left there, the
-   supervisor locks the vehicle. Afterwards the high-level commander goes on with null setpoints of its own, as after a
-   start. */
+/* Gives the commander fresh null setpoints, since the supervisor locks a vehicle with an old one, which any client may
+   have left. Afterwards the high-level commander continues with null setpoints of its own, as after a start. */
 static void feed(bool fresh)
 {
     static setpoint_t null_setpoint;
@@ -139,7 +138,7 @@ static struct cfid_vehicle look(void)
         .can_fly = supervisorCanFly(), .flying = supervisorIsFlying(), .needs_arming = true, .idle = idle_thrust};
 }
 
-/* Takes idle thrust away and gives it back as it was found: a vehicle without it cannot be armed by anybody. */
+/* Switches idle thrust off and restores the value it had: no client can arm a vehicle without it. */
 static void obey(const struct cfid_orders *orders)
 {
     if (idle_off != orders->idles_off)
@@ -167,7 +166,7 @@ static void obey(const struct cfid_orders *orders)
 
 #endif
 
-/* Packets that find no room stay in the core's outbox. */
+/* Moves packets to the link; without room there they stay in the core's outbox. */
 static void hand_out(void)
 {
     struct cfid_packet packet;
@@ -212,7 +211,7 @@ void controllerOutOfTree(control_t *control, const setpoint_t *setpoint, const s
         return;
     }
     control->controlMode = controlModeForce;
-    for (int motor = 0; motor < CFID_MOTORS; motor++) /* times 65535 in float and cut, each gives its command back */
+    for (int motor = 0; motor < CFID_MOTORS; motor++) /* x 65535 in float, truncated: the command again */
         control->normalizedForces[motor] = (float)orders.commands[motor] / (float)UINT16_MAX;
 }
 

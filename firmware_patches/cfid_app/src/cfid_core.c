@@ -13,7 +13,7 @@ enum {
     KEEP_ALIVE_MS = 500,
     US_PER_MS = 1000,
     REST_US = 1000000, /* from the motors' stop to the byte `a` (C.2.4) */
-    MOST_PERIODS = 1 << 22, /* of a larger l a float knows too little: half a period at 2^23 */
+    MOST_PERIODS = 1 << 22, /* a float is too coarse for a larger l: half a period at 2^23 */
     LONGEST_ECHO = 22,
     DSHOT_SHIFT = 5,
     DSHOT_NONE = 47,
@@ -27,7 +27,7 @@ enum {
     THRUST_BYTES = 2 + 4,
     THRUST_ANSWER_BYTES = THRUST_BYTES + 1 + 2 * CFID_MOTORS + 4,
     SINE_BYTES = 2 + 2 + 4 + 4,
-    OWNER_BYTES = 4, /* behind a request's or a keep-alive's own fields, from protocol 2 on */
+    OWNER_BYTES = 4, /* after a request's or a keep-alive's own fields, from protocol 2 on */
     SINE_ANSWER_BYTES = SINE_BYTES + 1 + 1 + 4,
     ALIVE_BYTES = 4,
     STATE_BYTES = 4 + 1 + 2 * CFID_MOTORS + 4,
@@ -59,9 +59,9 @@ enum verdict {
 
 enum outcome { FINISHED, STOPPED, KEEP_ALIVE_LOST, NOT_ALLOWED };
 
-enum flag { FLAG_ALLOWED = 1, FLAG_HEARD = 2, FLAG_SINE = 4, FLAG_NOT_OWNER = 8 };
+enum flag { FLAG_ALLOWED = 1, FLAG_ALIVE = 2, FLAG_SINE = 4, FLAG_NOT_OWNER = 8 };
 
-/* A sine plays, then its motors are off and it waits to say so, then it rests until it may send its `a`. */
+/* A sine plays; then its motors are off and it waits to report that; then it rests until it may send its `a`. */
 enum stage { NO_SINE, PLAYING, OFF, RESTING };
 
 /* Bytes. */
@@ -94,19 +94,19 @@ static void put_commands(struct cfid_packet *packet, const uint16_t commands[CFI
         put(packet, commands[motor], 2);
 }
 
-/* Returns whether a payload has a length, or that with an owner behind it. */
+/* Returns whether a payload has this length, or this length and an owner after it. */
 static bool has_length(const struct cfid_packet *request, uint8_t bytes)
 {
     return request->size == bytes || request->size == bytes + OWNER_BYTES;
 }
 
-/* Returns the owner behind a payload's own bytes, 0 where there is none: a client of protocol 1. */
+/* Returns the owner after a payload's own bytes, 0 without one: from a client of protocol 1. */
 static uint32_t owner_of(const struct cfid_packet *request, uint8_t bytes)
 {
     return request->size == bytes + OWNER_BYTES ? (uint32_t)get(request->data + bytes, OWNER_BYTES) : 0;
 }
 
-/* Repeats a request's own bytes; zeros stand for one of the wrong length. */
+/* Repeats a request's own bytes, or zeros for a request of the wrong length. */
 static void put_echo(struct cfid_packet *packet, const struct cfid_packet *request, uint8_t bytes)
 {
     if (has_length(request, bytes))
@@ -130,8 +130,8 @@ static bool post(struct cfid_core *core, const struct cfid_packet *packet)
 
 /* The sine. */
 
-/* Returns cos(2 pi k/n) for k < n, exact where it is 0, 1/2 or 1, however a library rounds: nowhere else can A cos be a
-   whole number (Niven's theorem), so nowhere else does cutting turn a rounding error into a whole unit. */
+/* Returns cos(2 pi k/n) for k < n, exact where it is 0, 1/2 or 1, however a library rounds: only there can A cos be a
+   whole number (Niven's theorem), where truncation would turn a rounding error into a whole unit. */
 static double cosine(uint32_t k, uint32_t n)
 {
     uint64_t j = 2 * (uint64_t)k; /* the angle is pi j/n */
@@ -149,10 +149,10 @@ static double cosine(uint32_t k, uint32_t n)
     return sign * cos(PI * (double)j / (double)n);
 }
 
-/* Returns A cos(2 pi k/n) + B, cut to an integer and not yet clipped.
+/* Returns A cos(2 pi k/n) + B, truncated to an integer and not yet clipped.
 
-   In double, which the target, whose arithmetic unit is of single precision, computes in software: it has two
-   milliseconds for each sample. In single precision one sample in 350 would come out a unit off. */
+   The target, whose arithmetic unit has single precision, computes doubles in software, for which it has two
+   milliseconds a sample. In single precision one sample in 350 would be off by a unit. */
 static int32_t sample_of(uint16_t amplitude, uint32_t k, uint32_t n)
 {
     return (int32_t)((double)amplitude * cosine(k, n) + (double)MIDDLE);
@@ -181,11 +181,11 @@ static bool any_clipped(const struct cfid_sine *sine)
     return largest != clip(largest) || smallest != clip(smallest);
 }
 
-/* Recovers l from omega = 2 pi l/N, which the packet's float has rounded: used as it comes, it would put samples off by
+/* Recovers l from omega = 2 pi l/N, which the packet's float has rounded: used directly, it would shift samples by
    3.5 units at l = 1000 of N = 8000. */
 static enum verdict find_periods(struct cfid_sine *sine, float omega)
 {
-    if (!(omega >= 0.0f && omega <= (float)PI)) /* nor is it, if it is no number */
+    if (!(omega >= 0.0f && omega <= (float)PI)) /* also rejects NaN */
         return NO_FREQUENCY;
     const double exact = (double)omega * (double)sine->samples / (2.0 * PI), nearest = floor(exact + 0.5);
     if (nearest > (double)MOST_PERIODS || fabs(exact - nearest) > nearest * FLOAT_ROUNDING)
@@ -220,7 +220,7 @@ static void drive(struct cfid_core *core, uint8_t motor, uint16_t command)
             core->commands[i] = command;
 }
 
-/* Reports a crossing of the middle at a sample, or that the motors are off; numbers it even where there is no room. */
+/* Reports a crossing of the middle at a sample, or that the motors are off; the number counts even without room. */
 static bool report(struct cfid_core *core, uint16_t command, uint64_t now_us)
 {
     struct cfid_packet crossing = new_packet(CFID_SINE, SINE_CROSSING);
@@ -241,7 +241,7 @@ static bool report_done(struct cfid_core *core)
     return post(core, &done);
 }
 
-/* Brings an ended sine on. Its last two packets wait for room, they are never dropped. */
+/* Advances an ended sine. Its last two packets wait for room and are never dropped. */
 static void settle(struct cfid_core *core, uint64_t now_us)
 {
     struct cfid_sine *sine = &core->sine;
@@ -262,11 +262,11 @@ static void stop(struct cfid_core *core, enum outcome outcome, uint64_t now_us)
     settle(core, now_us);
 }
 
-/* Takes the commands away as soon as motors may not run, so that no later keep-alive finds any to revive. */
+/* Clears the commands as soon as motors may not run, so that no later keep-alive can revive them. */
 static void watch(struct cfid_core *core, uint64_t now_us, bool allowed)
 {
-    core->heard = cfid_core_alive(core, now_us);
-    if (!core->heard)
+    core->alive = cfid_core_alive(core, now_us);
+    if (!core->alive)
         stop(core, KEEP_ALIVE_LOST, now_us);
     else if (!allowed)
         stop(core, NOT_ALLOWED, now_us);
@@ -298,17 +298,17 @@ static void play(struct cfid_core *core, uint64_t now_us)
 
 /* Requests. */
 
-/* Judges a request that would make motors turn, or turn otherwise. */
+/* Returns the verdict on a request that would start motors or change their commands. */
 static enum verdict judge_owner(const struct cfid_core *core, uint32_t owner, bool allowed)
 {
-    if (!core->heard)
+    if (!core->alive)
         return NO_KEEP_ALIVE;
     if (owner != core->owner)
         return NOT_OWNER;
     return allowed ? ACCEPTED : MOTORS_NOT_ALLOWED;
 }
 
-/* All motors to zero is a stop, which anybody may ask for. */
+/* A zero command for all motors is a stop, which any client may send. */
 static enum verdict judge_thrust(const struct cfid_core *core, uint16_t command, int32_t motor, uint32_t owner,
                                  bool allowed)
 {
@@ -318,7 +318,7 @@ static enum verdict judge_thrust(const struct cfid_core *core, uint16_t command,
         return ACCEPTED;
     if (core->sine.stage != NO_SINE)
         return SINE_IS_RUNNING;
-    if (command == 0 && (!core->heard || owner == core->owner))
+    if (command == 0 && (!core->alive || owner == core->owner))
         return ACCEPTED;
     return judge_owner(core, owner, allowed);
 }
@@ -374,11 +374,11 @@ static void answer_hello(struct cfid_core *core, uint64_t now_us)
     post(core, &hello);
 }
 
-/* A stop counts from everybody, a keep-alive from the owner alone. */
+/* A stop is accepted from any client, a keep-alive from the owner only. */
 static void answer_state(struct cfid_core *core, const struct cfid_packet *request, uint64_t now_us, bool allowed,
                          bool counts)
 {
-    const int flags = (allowed ? FLAG_ALLOWED : 0) | (core->heard ? FLAG_HEARD : 0) |
+    const int flags = (allowed ? FLAG_ALLOWED : 0) | (core->alive ? FLAG_ALIVE : 0) |
                       (core->sine.stage != NO_SINE ? FLAG_SINE : 0) | (counts ? 0 : FLAG_NOT_OWNER);
     struct cfid_packet state = new_packet(CFID_PING, request->channel);
     put_echo(&state, request, ALIVE_BYTES);
@@ -396,7 +396,7 @@ static bool is_revoked(const struct cfid_core *core, uint32_t owner)
     return false;
 }
 
-/* Ends an owner's rights, until as many others have followed as there is room for. */
+/* Ends an owner's rights, until as many other owners as fit into the list were revoked. */
 static void revoke(struct cfid_core *core, uint32_t owner)
 {
     if (owner == 0 || is_revoked(core, owner))
@@ -405,13 +405,13 @@ static void revoke(struct cfid_core *core, uint32_t owner)
     core->next_revoked = (uint8_t)((core->next_revoked + 1) % CFID_REVOKED);
 }
 
-/* Takes a keep-alive and returns whether it counts: not while another client's is fresh, and not again from one whose
-   motors a stop ended, should it have slept meanwhile. */
+/* Takes a keep-alive and returns whether it is accepted: not while another client's is fresh, and not from a client
+   whose motors a stop ended, for example one that was suspended meanwhile. */
 static bool keep_alive(struct cfid_core *core, uint32_t owner, uint64_t now_us)
 {
-    if ((core->heard && owner != core->owner) || is_revoked(core, owner))
+    if ((core->alive && owner != core->owner) || is_revoked(core, owner))
         return false;
-    core->heard = true;
+    core->alive = true;
     core->owner = owner;
     core->alive_us = now_us;
     return true;
@@ -424,8 +424,8 @@ static void receive_ping(struct cfid_core *core, const struct cfid_packet *reque
     } else if (request->channel == PING_ALIVE && has_length(request, ALIVE_BYTES)) {
         const bool counts = keep_alive(core, owner_of(request, ALIVE_BYTES), now_us);
         answer_state(core, request, now_us, allowed, counts);
-    } else if (request->channel == PING_STOP) { /* whatever its length: a stop that came damaged is still one */
-        core->heard = false;
+    } else if (request->channel == PING_STOP) { /* of any length: a damaged stop is still one */
+        core->alive = false;
         revoke(core, core->owner);
         core->stopped = true;
         stop(core, STOPPED, now_us);
@@ -455,10 +455,10 @@ void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet,
         receive_ping(core, packet, now_us, vehicle->can_fly);
 }
 
-/* Returns the least command at which a motor turns half as fast as at idle thrust: the supervisor saw at least 1000 rpm
-   there before it let the vehicle run, and takes a rotor below 500 rpm for blocked.
+/* Returns the smallest command at which a motor turns half as fast as at idle thrust: the supervisor measured at least
+   1000 rpm there before it let the vehicle run, and takes a rotor below 500 rpm for blocked.
 
-   Speed is taken to be in proportion to the throttle that DSHOT carries, a command's upper 11 bits of which the first 47
+   Speed is assumed proportional to the throttle that DSHOT carries: a command's upper 11 bits, of which values up to 47
    mean none. */
 static uint16_t slowest_without(uint16_t idle)
 {
@@ -468,15 +468,15 @@ static uint16_t slowest_without(uint16_t idle)
     return (uint16_t)((DSHOT_NONE + (throttle + 1) / 2) << DSHOT_SHIFT);
 }
 
-/* What the vehicle shall do besides the commands.
+/* Gives the firmware the commands and the other orders.
 
-   Its setpoint stays fresh until it has left Flying: there the supervisor locks it when a setpoint grows old that any
-   client may have left, and every client of the stock library leaves one on closing.
+   The setpoint stays fresh until the vehicle has left Flying: in that state the supervisor locks it when a setpoint
+   grows old, and every client of the stock library leaves one on closing.
 
-   A vehicle that has to be armed is disarmed when its motors stop. Rotors that coast down from idle thrust would pass
-   1 to 499 rpm, where the supervisor, if it lets them run, takes them for blocked ones and locks the vehicle.
+   A vehicle that needs arming is disarmed when its motors stop. Rotors that coast down from idle thrust pass 1 to
+   499 rpm, where the supervisor, while it lets them run, takes them for blocked and locks the vehicle.
 
-   For the same reason a motor at zero beside running ones keeps its idle thrust, and so does one below half of it. */
+   For the same reason a motor at zero keeps its idle thrust while others run, and so does one below half of it. */
 static void give_orders(struct cfid_core *core, const struct cfid_vehicle *vehicle, struct cfid_orders *orders)
 {
     bool runs = core->sine.stage == PLAYING;
@@ -486,13 +486,13 @@ static void give_orders(struct cfid_core *core, const struct cfid_vehicle *vehic
         slowest = core->commands[motor] < slowest ? core->commands[motor] : slowest;
     }
     memcpy(orders->commands, core->commands, sizeof core->commands);
-    orders->holds = core->heard;
-    orders->feeds = core->heard || (core->fed && vehicle->flying);
-    orders->idles_off = core->heard && vehicle->can_fly && vehicle->idle > 0 &&
+    orders->holds = core->alive;
+    orders->feeds = core->alive || (core->fed && vehicle->flying);
+    orders->idles_off = core->alive && vehicle->can_fly && vehicle->idle > 0 &&
                         slowest >= slowest_without(vehicle->idle);
     orders->disarms = vehicle->needs_arming &&
-                      (core->stopped || (core->ran && !runs) || (core->held && !core->heard));
-    core->held = core->heard;
+                      (core->stopped || (core->ran && !runs) || (core->held && !core->alive));
+    core->held = core->alive;
     core->ran = runs;
     core->fed = orders->feeds;
     core->stopped = false;
@@ -520,7 +520,7 @@ bool cfid_core_send(struct cfid_core *core, struct cfid_packet *out)
 
 bool cfid_core_alive(const struct cfid_core *core, uint64_t now_us)
 {
-    return core->heard && now_us - core->alive_us < KEEP_ALIVE_MS * US_PER_MS;
+    return core->alive && now_us - core->alive_us < KEEP_ALIVE_MS * US_PER_MS;
 }
 
 bool cfid_answer_ping(const struct cfid_packet *packet, uint64_t now_us, struct cfid_packet *out)

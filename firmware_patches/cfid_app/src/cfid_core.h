@@ -1,8 +1,8 @@
-/* What cfid's app does on the vehicle, without its operating system: the services thrust, sine and ping.
+/* The part of cfid's app that is independent of the operating system: the services thrust, sine and ping.
 
-   They are those of the thesis (C.2.1, C.2.4, C.2.6). The bytes are those of cfid/wire/app.py, little-endian, the
-   thesis' fields first. The core keeps no time of its own: every call passes the time, in microseconds that never run
-   back, and the vehicle's state. All calls with one core come from one task. */
+   These are the thesis' services (C.2.1, C.2.4, C.2.6). The bytes are those of cfid/wire/app.py, little-endian, the
+   thesis' fields first. The core has no clock: every call passes the time, in microseconds that never decrease, and
+   the vehicle's state. All calls with one core come from one task. */
 
 #ifndef CFID_CORE_H
 #define CFID_CORE_H
@@ -40,7 +40,7 @@ struct cfid_sine {
     uint64_t off_us;    /* when its motors were turned off */
 };
 
-/* What the core has to know of the vehicle, as its supervisor sees it now. */
+/* The vehicle's state that the core needs, as its supervisor reports it now. */
 struct cfid_vehicle {
     bool can_fly;      /* stricter than that motors may run, which is also true while they spin up after arming */
     bool flying;       /* until two seconds after the last command above idle thrust */
@@ -48,22 +48,22 @@ struct cfid_vehicle {
     uint16_t idle;     /* powerDist.idleThrust as its owner set it, 0 where there is none */
 };
 
-/* What the core wants of the firmware until the next tick. */
+/* The core's orders to the firmware until the next tick. */
 struct cfid_orders {
     uint16_t commands[CFID_MOTORS];
-    bool holds;     /* drive these commands, which may be zero; otherwise the motors are the stock controller's */
-    bool feeds;     /* keep a fresh null setpoint with the commander */
+    bool holds;     /* drive these commands, which may be zero; otherwise the stock controller drives the motors */
+    bool feeds;     /* keep giving the commander fresh null setpoints */
     bool idles_off; /* no idle thrust: every motor turns fast enough without it */
     bool disarms;   /* now */
 };
 
 struct cfid_core {
-    uint64_t alive_us; /* the last keep-alive, while heard */
-    bool heard;        /* a keep-alive that is neither too old nor revoked */
-    uint32_t owner;    /* of the last keep-alive that counted: a client's random number, 0 for one that has none */
+    uint64_t alive_us; /* the last keep-alive, while alive */
+    bool alive;        /* the last keep-alive is neither too old nor revoked */
+    uint32_t owner;    /* of the last accepted keep-alive: a client's random number, 0 for a client without one */
     uint32_t revoked[CFID_REVOKED]; /* the owners that the latest stops ended; 0 for none */
     uint8_t next_revoked;
-    bool held, ran, fed, stopped; /* at the tick before; stopped: a stop came since */
+    bool held, ran, fed, stopped; /* at the previous tick; stopped: a stop arrived since */
     uint16_t commands[CFID_MOTORS];
     struct cfid_sine sine;
     struct cfid_packet outbox[CFID_OUTBOX];
@@ -73,14 +73,14 @@ struct cfid_core {
 /* Returns the bytes of a core, for callers that do not see this header. */
 size_t cfid_core_size(void);
 
-/* Makes a core that drives nothing and has heard nothing. */
+/* Initializes a core without commands and without a client. */
 void cfid_core_init(struct cfid_core *core);
 
-/* Takes a packet that arrived at now_us. */
+/* Processes a packet that arrived at now_us. */
 void cfid_core_receive(struct cfid_core *core, const struct cfid_packet *packet, uint64_t now_us,
                        const struct cfid_vehicle *vehicle);
 
-/* Does what is due, once a millisecond; a sample of a sine lasts two of these ticks: 500 Hz. */
+/* Advances by a millisecond; a sample of a sine lasts two of these ticks: 500 Hz. */
 void cfid_core_tick(struct cfid_core *core, uint64_t now_us, const struct cfid_vehicle *vehicle,
                     struct cfid_orders *orders);
 
@@ -90,8 +90,8 @@ bool cfid_core_send(struct cfid_core *core, struct cfid_packet *out);
 /* Returns whether the last keep-alive is less than 500 ms old and was not revoked. */
 bool cfid_core_alive(const struct cfid_core *core, uint64_t now_us);
 
-/* Answers a ping on channel 0: an empty one with nothing, as in 2015; any other with its bytes, at most 22, and the
-   time, all 64 bits of it.
+/* Answers a ping on channel 0: an empty one with nothing, as in 2015; any other with its bytes, at most 22, and all
+   64 bits of the time.
 
    Returns false for any other packet. Needs no core, and so may be called from any task. */
 bool cfid_answer_ping(const struct cfid_packet *packet, uint64_t now_us, struct cfid_packet *out);

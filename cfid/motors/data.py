@@ -1,0 +1,102 @@
+"""Staircases of the load cell: a record and its command log to steady steps, once for maps, rotors and winds."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import CfidError
+from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_staircase
+from cfid.findings import Finding
+from cfid.records.parameters import Source
+from cfid.records.run import Run, read_run
+from cfid.records.tables.vehicle import (
+    COMMANDS,
+    VEHICLE_LOG,
+    begin_s,
+    holds,
+    read_commands,
+    read_rows,
+    told_speeds_rad_s,
+)
+from cfid.records.tables.wrench import LOADCELL, WrenchRecord
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunStaircase:
+    """A reduced record of a load cell; `run` is None for a bare file, `began_s` the Unix time of its first sample."""
+
+    record: WrenchRecord
+    reduced: Staircase
+    run: Run | None
+    began_s: float
+    sources: tuple[Source, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is found about the steps, each with the record's name."""
+        return tuple(replace(one, text=f"{self.record.name}: {one.text}") for one in self.reduced.findings)
+
+    def volts(self, points: Sequence[Point]) -> Array | None:
+        """Return the battery's mean voltages (p,) at points, None where the vehicle logged none."""
+        if self.run is None or not holds(self.run, VEHICLE_LOG):
+            return None
+        rows = read_rows(self.run, VEHICLE_LOG)
+        volts = rows.columns.get("pm.vbat")
+        return None if volts is None else mean_beside(points, rows.time_s - self.began_s, volts)
+
+    def reported_speeds(self, points: Sequence[Point]) -> Array | None:
+        """Return the mean speeds (p,) in rad/s that the vehicle reported of the rotors that ran, None without any."""
+        if self.run is None or not holds(self.run, VEHICLE_LOG):
+            return None
+        rows = read_rows(self.run, VEHICLE_LOG)
+        speeds, time_s = told_speeds_rad_s(rows), rows.time_s - self.began_s
+        if not all(motor in speeds for point in points for motor in point.motors):
+            return None
+        return np.array([np.mean([mean_beside([p], time_s, speeds[motor])[0] for motor in p.motors]) for p in points])
+
+
+def run_of(record: WrenchRecord) -> Run | None:
+    """Return the run that a record was read from, None for a bare file."""
+    return None if record.run is None else read_run(record.path.parent)
+
+
+def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
+    """Return forces and torques (n, 6), with the z axes turned round where they count downwards."""
+    sign = np.array([1, 1, -1, 1, 1, -1]) if flip_fz else 1
+    return np.column_stack([record.force_n, record.torque_nm]) * sign
+
+
+def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
+    """Reduce a record of the load cell by the commands that were logged beside it, else by the changes it shows.
+
+    Raises DataError or FitError that name the recording, the latter where no step settles.
+    """
+    run, began_s, sources = run_of(record), math.nan, [record.source]
+    command_time_s, commands = None, None
+    if run is not None and holds(run, COMMANDS):
+        began_s = begin_s(run.device_file(LOADCELL))
+        rows, commands = read_commands(run)
+        command_time_s = rows.time_s - began_s
+        sources.append(rows.source)
+    try:
+        reduced = reduce_staircase(
+            time_s=record.time_s,
+            channels=channels_of(record, flip_fz=flip_fz),
+            command_time_s=command_time_s,
+            commands=commands,
+            status=record.status,
+        )
+        reduced.steady()
+    except CfidError as error:
+        raise type(error)(f"{_place(record)}: {error}") from None
+    return RunStaircase(record=record, reduced=reduced, run=run, began_s=began_s, sources=tuple(sources))
+
+
+def _place(record: WrenchRecord) -> Path:
+    return record.path if record.run is None else record.path.parent

@@ -1,0 +1,220 @@
+"""Motor maps as quantities of the contract, with covariances, lines and figures of merit."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+
+from cfid.estimate.shared_points import PointFit, joint_covariance
+from cfid.findings import Finding, texts
+from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
+from cfid.motors.maps.inverse import InverseMap, MaximumThrust
+from cfid.motors.maps.scales import Verification
+from cfid.motors.maps.voltage import VoltageComparison
+from cfid.motors.points import MotorPoints, motor_table
+from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.parameters import Parameter
+from cfid.units import FULL_COMMAND
+
+Array = npt.NDArray[np.float64]
+
+_UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
+_MOST_NAMES = 2
+_Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
+
+
+class _Part(NamedTuple):
+    """A fit, the parameters that it gives, and how their numbers follow from its coefficients."""
+
+    fit: PointFit
+    values: dict[str, Any]
+    outward: Array
+
+
+def map_parameters(found: MotorMap) -> dict[str, Parameter]:
+    """Return a map's polynomial, highest power first."""
+
+    value, std = found.fit.coefficients.tolist(), found.fit.std.tolist()
+    return {f"motor.{found.quantity}_poly": Parameter(value=value, std=std, unit=_UNITS[found.quantity])}
+
+
+def table_parameter(points: MotorPoints) -> dict[str, Parameter]:
+    """Return all that was measured at each command."""
+
+    rows = [row._asdict() for row in motor_table(points)]
+    return {"motor.table": Parameter(value=rows, unit="as named")}
+
+
+def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Parameter]:
+    """Return what a controller takes from the thrust map, and section 3.3.1's check of it."""
+
+    root = {
+        "coefficients": inverse.coefficients.tolist(),
+        "command_min": inverse.command_range[0],
+        "command_max": inverse.command_range[1],
+        "thrust_min_n": inverse.thrust_range_n[0],
+        "thrust_max_n": inverse.thrust_range_n[1],
+        "round_trip_command": inverse.round_trip_command,
+        "round_trip_n": inverse.round_trip_n,
+    }
+    return {
+        "motor.command_of_thrust": Parameter(value=[root], unit="as named"),
+        "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
+        "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
+    }
+
+
+def covariances(
+    found: MotorMap,
+    *,
+    most: MaximumThrust | None = None,
+    voltage: VoltageComparison | None = None,
+    over_speed: SpeedThrustMap | None = None,
+) -> tuple[Covariance, ...]:
+    """Return the covariance of maps that came from the same points, and of what is calculated from them.
+
+    A voltage cubic that was rejected stands alone, so that it can go without the others.
+    """
+    together = [_of_map(found, most), *(_of_speed(over_speed) if over_speed else ())]
+    cubic = [_of_voltage(voltage)] if voltage else []
+    if voltage is not None and voltage.rejected:
+        return (*_joint(together), *_joint(cubic))
+    return _joint([*together, *cubic])
+
+
+def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
+    """Return the covariance of what several fits give, of those whose own is known."""
+    known = [part for part in parts if np.isfinite(part.fit.fit.covariance).all()]
+    if not known:
+        return ()
+    outward = block_diag(*(part.outward for part in known))
+    values = {key: value for part in known for key, value in part.values.items()}
+    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T)
+
+
+def _of_map(found: MotorMap, most: MaximumThrust | None) -> _Part:
+    values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
+    outward = np.eye(found.fit.order + 1)
+    if most is not None:
+        full = np.vander([float(FULL_COMMAND)], found.fit.order + 1)
+        outward = np.vstack([outward, full, full * most.hover_mass_kg / most.thrust_n])
+        values |= {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
+    return _Part(PointFit(found.fit, found.windows), values, outward)
+
+
+def _of_voltage(found: VoltageComparison) -> _Part:
+    values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
+    fit = PointFit(found.by_voltage, np.eye(len(found.used))[found.used])
+    return _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
+
+
+def _of_speed(found: SpeedThrustMap) -> tuple[_Part, _Part]:
+    square, quadratic = (PointFit(fit, found.windows) for fit in (found.square, found.quadratic))
+    return (
+        _Part(square, {"motor.thrust_per_speed_squared_n_s2": found.k_n_s2}, np.eye(3)[:1]),
+        _Part(quadratic, {"motor.thrust_speed_poly": found.quadratic.coefficients.tolist()}, np.eye(3)),
+    )
+
+
+def speed_parameters(found: SpeedThrustMap) -> dict[str, Parameter]:
+    """Return thrust of speed as k w^2 and as full quadratic."""
+
+    quadratic = found.quadratic
+    return {
+        "motor.thrust_per_speed_squared_n_s2": Parameter(value=found.k_n_s2, std=found.k_std_n_s2, unit="N s^2/rad^2"),
+        "motor.thrust_speed_poly": Parameter(
+            value=quadratic.coefficients.tolist(), std=quadratic.std.tolist(), unit="N(rad/s)"
+        ),
+    }
+
+
+def voltage_parameters(found: VoltageComparison) -> dict[str, Parameter]:
+    """Return thrust of motor voltage, lowest power first as the firmware has it."""
+
+    return {
+        "motor.thrust_voltage_poly": Parameter(
+            value=found.lowest_first.tolist(), std=found.by_voltage.std[::-1].tolist(), unit="N(V)"
+        )
+    }
+
+
+def is_rejected(found: MotorMap) -> bool:
+    """Return whether the polynomial does not describe the points."""
+    return bool(texts(found.findings, "rejection"))
+
+
+def map_lines(found: MotorMap) -> list[str]:
+    """Return a map as the thesis writes it and how its order was chosen; nothing of one that was rejected."""
+    return [] if is_rejected(found) else [_polynomial_line(found), *_aicc_line(found)]
+
+
+def _polynomial_line(found: MotorMap) -> str:
+    over = "thrust" if found.quantity == "torque" else "cmd"
+    powers = range(found.fit.order, -1, -1)
+    terms = [
+        f"{value:+.7g}" + (f" {over}^{power}" if power > 1 else f" {over}" if power else "")
+        for value, power in zip(found.fit.coefficients.tolist(), powers, strict=True)
+    ]
+    norm = f"norm of residuals {found.fit.residual_norm:.4g} {_Y[found.quantity]}"
+    return f"{found.quantity} = {' '.join(terms)} ({norm}, {len(found.x)} points)"
+
+
+def _aicc_line(found: MotorMap) -> list[str]:
+    if not found.aicc:
+        return []
+    least = min(found.aicc.values())
+    orders = ", ".join(f"order {order}: {value - least:+.1f}" for order, value in found.aicc.items())
+    return [f"corrected AIC above the best: {orders}"]
+
+
+def inverse_lines(inverse: InverseMap, most: MaximumThrust) -> list[str]:
+    """Return range and round trip of the inverse, and what can hover."""
+    low, high = inverse.thrust_range_n
+    return [
+        f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
+        f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
+        f"{1e3 * inverse.round_trip_n:.2g} mN by rounding",
+        f"at most {most.thrust_n:.4g} N a motor, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: four "
+        f"motors hover {1e3 * most.hover_mass_kg:.4g} g",
+    ]
+
+
+def verification_lines(found: Verification) -> list[str]:
+    """Return how far a second instrument is from the map (figure 3.9)."""
+    largest = max(abs(value) for value in found.difference_n.tolist())
+    return [
+        f"verification: {len(found.command)} readings, {1e3 * found.rms_n:.3g} mN rms ({found.rms_percent:.2g} %), at "
+        f"most {1e3 * largest:.3g} mN from the map"
+    ]
+
+
+def figures_of_merit(found: MotorMap, **more: Any) -> dict[str, Any]:
+    """Return the figures that judge a map."""
+    fit = found.fit
+    return {
+        "residual_norm": fit.residual_norm,
+        "points": len(found.x),
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "inflation": fit.inflation,
+        "left_out_commands": list(found.left_out),
+        "aicc": {str(order): value for order, value in found.aicc.items()},
+        **more,
+    }
+
+
+def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings, each once, in their order; what is the same of several files, for all of them at once."""
+    files: dict[Finding, list[str]] = {}
+    for finding in dict.fromkeys(findings):
+        name, colon, text = finding.text.partition(": ")
+        files.setdefault(replace(finding, text=text if colon else finding.text), []).append(name if colon else "")
+    return tuple(replace(finding, text=f"{_names(names)}{finding.text}") for finding, names in files.items())
+
+
+def _names(names: Sequence[str]) -> str:
+    if len(names) > _MOST_NAMES:
+        return f"{names[0]} and {len(names) - 1} more: "
+    return f"{', '.join(names)}: " if any(names) else ""

@@ -1,0 +1,110 @@
+"""Speeds over time and the commands beside them: of a thrust stand, of the vehicle, or from vibration."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.findings import Finding, note, warning
+from cfid.motors.vibration.data import quiet_channels
+from cfid.motors.vibration.ridge import speed_ridge
+from cfid.records.parameters import Source
+from cfid.records.run import Run
+from cfid.records.tables.stand import StandTable
+from cfid.records.tables.vehicle import VEHICLE_LOG, begin_s, holds, read_commands, read_rows, told_speeds_rad_s
+from cfid.records.tables.wrench import LOADCELL, WrenchReading, read_wrench
+from cfid.units import MOTORS
+
+Array = npt.NDArray[np.float64]
+
+_BLUR_S, _STEP_S = 0.1, 0.02  # of a speed from vibration
+_SURE = 0.02  # of a speed: where its standard uncertainty is larger, within a step, it is left out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpeedRecord:
+    """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on.
+
+    Each speed is a mean over `blur_s`, NaN where it is not known.
+    """
+
+    name: str
+    path: Path
+    time_s: Array
+    speed_rad_s: Array
+    command_time_s: Array
+    command: Array
+    blur_s: float = 0.0
+    findings: tuple[Finding, ...] = ()
+    sources: tuple[Source, ...] = ()
+
+    @property
+    def held(self) -> Array:
+        """The command (n,) at each time, 0 before the first."""
+        place = np.searchsorted(self.command_time_s, self.time_s, side="right") - 1
+        return np.where(place >= 0, self.command[np.maximum(place, 0)], 0.0)
+
+
+def of_table(table: StandTable) -> SpeedRecord:
+    """Take a thrust stand's record over time. Raises DataError for a table of settled points."""
+    speed = table.square_mean_speed_rad_s
+    if table.time_s is None or speed is None:
+        raise DataError(f"{table.path}: no speeds over time: steps cannot be followed.")
+    return SpeedRecord(
+        name=table.path.stem,
+        path=table.path,
+        time_s=table.time_s,
+        speed_rad_s=speed,
+        command_time_s=table.time_s,
+        command=table.command,
+        findings=_recording(table.notes),
+        sources=(table.source,),
+    )
+
+
+def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
+    """Take the speeds that the vehicle reported, else those in the load cell's vibration. Raises DataError."""
+    log, commands = read_commands(run)
+    command = commands.max(axis=1)
+    rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None
+    ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
+    speeds = {} if rows is None else told_speeds_rad_s(rows)
+    if rows is None or not ran or not all(motor in speeds for motor in ran):
+        return _of_vibration(run, log.time_s, command, log.source, reading)
+    return SpeedRecord(
+        name=run.folder.name,
+        path=run.folder,
+        time_s=rows.time_s - rows.time_s[0],
+        speed_rad_s=np.mean([speeds[motor] for motor in ran], axis=0),
+        command_time_s=log.time_s - rows.time_s[0],
+        command=command,
+        sources=(rows.source, log.source),
+    )
+
+
+def _of_vibration(
+    run: Run, command_time_s: Array, command: Array, source: Source, reading: WrenchReading
+) -> SpeedRecord:
+    record = read_wrench(run.folder, reading)
+    channels = quiet_channels(record)
+    ridge = speed_ridge(time_s=record.time_s, wrench=channels, window_s=_BLUR_S, step_s=_STEP_S)
+    sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
+    text = "this vehicle reports no speed: it is estimated from the load cell's vibration, and not of standing rotors."
+    return SpeedRecord(
+        name=run.folder.name,
+        path=run.folder,
+        time_s=ridge.time_s,
+        speed_rad_s=np.where(sure, ridge.speed_rad_per_s, np.nan),
+        command_time_s=command_time_s - begin_s(run.device_file(LOADCELL)),
+        command=command,
+        blur_s=_BLUR_S,
+        findings=(*_recording(record.notes), note("speed-from-vibration", text, "dynamics.*")),
+        sources=(record.source, source),
+    )
+
+
+def _recording(notes: Iterable[str]) -> tuple[Finding, ...]:
+    return tuple(warning("recording", text) for text in notes)

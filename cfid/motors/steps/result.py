@@ -1,0 +1,131 @@
+"""How rotors follow steps of the command, in the contract's keys."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import isnan
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from cfid.errors import CfidError, FitError
+from cfid.findings import Finding, rejection, warning
+from cfid.motors.steps.data import SpeedRecord, of_run, of_table
+from cfid.motors.steps.estimation import (
+    CommandStep,
+    RotorModel,
+    StepFit,
+    command_steps,
+    fit_rotor_model,
+    fit_steps,
+    followed,
+)
+from cfid.motors.steps.figures import dynamics_figure
+from cfid.records.covariances import covariance_between
+from cfid.records.parameters import Parameter
+from cfid.records.result import Result
+from cfid.records.run import Run
+from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.records.tables.times import run_at
+from cfid.records.tables.wrench import WrenchReading
+
+_NO_LAG = "no step is described by a first-order lag."
+
+
+def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
+    """Return a first-order lag for each step of the command, and the rotor model of four coefficients for all.
+
+    A run has speeds that the vehicle reported, or a load cell that felt the rotors; a table of a thrust stand has
+    speeds over time. Raises DataError for a recording that cannot be read, FitError where no step can be followed.
+    """
+    record = _record(recording)
+    try:
+        steps, left_out = _steps(record)
+        time_s, speed, blur_s = record.time_s, record.speed_rad_s, record.blur_s
+        lags = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s)
+        model = fit_rotor_model(time_s=time_s, value=speed, steps=steps, blur_s=blur_s)
+    except CfidError as error:
+        raise type(error)(f"{record.path}: {error}") from None
+
+    def drawings() -> Mapping[str, Figure]:
+        drawn = dynamics_figure(record.time_s, record.speed_rad_s, lags, model, title=record.name)
+        return {f"fit_dynamics_{record.name}": drawn}
+
+    accepted = [lag for lag in lags if lag.accepted]
+    coefficients = {"dynamics.rising": list(model.rising), "dynamics.falling": list(model.falling)}
+    return Result(
+        command="fit dynamics",
+        method="default",
+        quantities=_quantities(lags, model),
+        wanted=("dynamics.*",),
+        covariances=covariance_between(coefficients, model.covariance),
+        quality={
+            "steps": len(lags),
+            "rejected": len(lags) - len(accepted),
+            "explained": model.explained,
+            "rms": model.rms,
+        },
+        findings=(
+            *record.findings,
+            *left_out,
+            *(finding for lag in lags for finding in _of_row(lag)),
+            *(model.findings if accepted else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
+        ),
+        sources=record.sources,
+        lines=tuple(_line(lag) for lag in accepted),
+        drawings=drawings,
+        folder=record.path.parent,
+    )
+
+
+def _record(recording: SpeedRecord | StandTable | Run | Path | str) -> SpeedRecord:
+    if isinstance(recording, SpeedRecord):
+        return recording
+    read = recording if isinstance(recording, StandTable | Run) else run_at(Path(recording))
+    read = read or read_stand_table(Path(str(recording)))
+    return of_table(read) if isinstance(read, StandTable) else of_run(read, WrenchReading())
+
+
+def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding, ...]]:
+    """Return the steps that the speeds show, and a finding on the others."""
+    steps = command_steps(time_s=record.time_s, command=record.held)
+    seen = followed(steps, time_s=record.time_s, value=record.speed_rad_s)
+    if steps and not seen:
+        raise FitError(f"of {len(steps)} steps none shows speeds enough to follow it: hold each command longer.")
+    missed = len(steps) - len(seen)
+    text = f"{missed} of {len(steps)} steps show too few speeds to be followed."
+    return seen, (warning("steps-left-out", text, "dynamics.*"),) if missed else ()
+
+
+def _of_row(lag: StepFit) -> Sequence[Finding]:
+    """Return why a step's row was rejected: for the key, which has other rows, these are warnings."""
+    return [replace(one, severity="warning", text=f"{_name(lag)}: {one.text}") for one in lag.findings]
+
+
+def _name(lag: StepFit) -> str:
+    return f"command {lag.step.command_from:.0f} to {lag.step.command_to:.0f}"
+
+
+def _line(lag: StepFit) -> str:
+    delay = "" if isnan(lag.delay_std_s) else f", delay {1e3 * lag.delay_s:.0f} ms"
+    return f"{_name(lag)}: {1e3 * lag.time_constant_s:.0f} +- {1e3 * lag.time_constant_std_s:.1f} ms{delay}"
+
+
+def _quantities(lags: Sequence[StepFit], model: RotorModel) -> dict[str, Parameter]:
+    rows = [
+        {
+            "cmd_from": lag.step.command_from,
+            "cmd_to": lag.step.command_to,
+            "rising": lag.rising,
+            "time_constant_s": lag.time_constant_s,
+            "std_s": lag.time_constant_std_s,
+            "delay_s": None if isnan(lag.delay_std_s) else lag.delay_s,
+            "accepted": lag.accepted,
+        }
+        for lag in lags
+    ]
+    unit = "1/s, 1/rad"
+    return {
+        "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std), unit=unit),
+        "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std), unit=unit),
+        "dynamics.time_constant_s": Parameter(value=rows, unit="s"),
+    }

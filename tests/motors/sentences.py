@@ -1,0 +1,13 @@
+"""The sentences of what a fit found."""
+
+from typing import Any
+
+from cfid.findings import texts
+
+
+def rejections(found: Any) -> tuple[str, ...]:
+    return texts(found.findings, "rejection")
+
+
+def remarks(found: Any) -> tuple[str, ...]:
+    return texts(found.findings, "warning", "note")
