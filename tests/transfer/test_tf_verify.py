@@ -225,7 +225,7 @@ def test_files_with_round_trips_alone_tell_no_clock(tf: Here, tmp_path: Path) ->
     path.write_text("t,delay\n1,2\n2,3\n")
     refused(tf("latency", path), 4, "no column rtt_s among t, delay")
     path.write_text("rtt_s\n0.05\n-0.05\n")
-    refused(tf("latency", path), 4, "rtt.csv:3: a round trip takes time.")
+    refused(tf("latency", path), 4, "rtt.csv:3: a round trip takes more than zero seconds.")
     path.write_text("rtt_s\n0.05\n")
     refused(tf("latency", path), 5, "at least two are needed")
     refused(tf("latency", "missing.csv"), 4, "missing.csv: no such file.")
