@@ -121,12 +121,12 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
     import tomlkit
 
     from cfid.records.campaign import RIG_FILE, check_rig
-    from cfid.records.files import alone_in, write_whole
+    from cfid.records.files import locked_folder, write_whole
 
     table, key, std_key = _IN_RIG[name]
     path = campaign.folder / RIG_FILE
     try:
-        with alone_in(campaign.folder):
+        with locked_folder(campaign.folder):
             document = tomlkit.parse(path.read_text("utf-8-sig"))
             section = document.setdefault(table, tomlkit.table())
             section[key] = value

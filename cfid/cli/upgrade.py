@@ -15,10 +15,10 @@ def upgrade_campaign(
 
     Example: [bold]cfid upgrade my-crazyflie[/bold]
     """
-    from cfid.records.upgrade import KEPT_IN, upgrade
+    from cfid.records.upgrade import KEPT_IN, upgrade_files
 
     campaign = here(folder)
-    changed = upgrade(campaign)
+    changed = upgrade_files(campaign)
     for path in changed:
         typer.echo(path)
     if changed:

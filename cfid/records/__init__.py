@@ -1,1 +1,1 @@
-"""What lies on disk: campaigns and rig.toml, run folders, parameters.toml, fits, and tables that anyone wrote."""
+"""The files on disk: campaigns and rig.toml, run folders, parameters.toml, fits, and CSV tables of any origin."""

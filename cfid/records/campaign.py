@@ -1,7 +1,7 @@
 """A campaign folder and its rig.toml: vehicle, mounts, test body and instruments as data; no physics.
 
-Lengths stand in millimetres and angles in degrees, as a calliper and a protractor show them; every
-`..._std_...` is one standard deviation. Everything else is SI.
+Lengths are in millimetres and angles in degrees, as a calliper and a protractor show them; every `..._std_...` is one
+standard uncertainty. Everything else is SI.
 """
 
 import math
@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from cfid import __version__
 from cfid.errors import ConfigError, FitError
 from cfid.findings import texts
-from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, Tachometer, WindStand
+from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, RigTable, Tachometer, WindStand
 from cfid.records.files import first_fault, read_toml
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, store_section
@@ -49,11 +49,7 @@ Spread = Annotated[Number, Field(ge=0)]
 SpreadVector = tuple[Spread, Spread, Spread]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class BodyFrame(_Table):
+class BodyFrame(RigTable):
     """Which body axis points forward, left and up."""
 
     forward: BodyAxis = "x"
@@ -79,13 +75,12 @@ def _unit(axis: BodyAxis) -> tuple[int, int, int]:
     return x, y, z
 
 
-class Mount(_Table):
+class Mount(RigTable):
     """One way of fixing a body to the swing's axis: a point on the axis and its direction.
 
-    The thesis measures the distance of its xy mount along another direction than it solves the tensor
-    with (C.1.7 against C.1.4), so the direction for the distance may differ; it is `direction` when
-    nothing is said. `point_yaw_deg` turns the frame in which the point was measured about z, so that
-    numbers read along an arm can stand as they were read.
+    The thesis measures the distance of its xy mount along another direction than it solves the tensor with (C.1.7
+    against C.1.4), so the direction for the distance may differ; it defaults to `direction`. `point_yaw_deg` turns the
+    frame in which the point was measured about z, so that numbers read along an arm can be entered as read.
     """
 
     point_mm: Vector
@@ -115,8 +110,8 @@ class Mount(_Table):
         )
 
 
-class Vehicle(_Table):
-    """The vehicle on the scales: mass, centre of mass and how it was mounted."""
+class VehicleData(RigTable):
+    """The vehicle as weighed and measured: mass, centre of mass and body frame."""
 
     name: str = "vehicle"
     mass_kg: Positive
@@ -126,14 +121,14 @@ class Vehicle(_Table):
     body_frame: BodyFrame = BodyFrame()
 
 
-class Cuboid(_Table):
+class Cuboid(RigTable):
     """A box of the test body: edge lengths and centre in the body frame."""
 
     size_mm: tuple[Positive, Positive, Positive]
     centre_mm: Vector
 
 
-class TestBody(_Table):
+class TestBody(RigTable):
     """A body of one material whose inertia follows from its drawing."""
 
     __test__ = False  # not a class of tests
@@ -143,11 +138,11 @@ class TestBody(_Table):
     mass_std_kg: Spread = 0.0
     length_std_mm: Spread = 0.0
     cuboids: tuple[Cuboid, ...] = Field(min_length=1)
-    mounts: dict[str, Mount] = {}
+    mounts: dict[str, Mount] = Field(default_factory=dict)
 
 
-class Fixture(_Table):
-    """What swings along with every body: the cube and the axis, hanging on the body's side."""
+class Fixture(RigTable):
+    """The parts that swing with every body: the cube and the axis, on the body's side of it."""
 
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
@@ -155,28 +150,28 @@ class Fixture(_Table):
     distance_std_mm: Spread = 0.0
 
 
-class Site(_Table):
+class Site(RigTable):
     """Where the rig stands."""
 
     gravity_mps2: Positive = USUAL_GRAVITY_MPS2
     gravity_std_mps2: Spread = 0.0
 
 
-class Encoder(_Table):
-    """What one turn of the encoder is: counts, or the name of a word format."""
+class EncoderScale(RigTable):
+    """The scale of the encoder: counts per turn, or the name of a word format."""
 
     counts_per_turn: Positive | Literal["rls-13bit-in-22"] = "rls-13bit-in-22"
 
 
-class FrictionRig(_Table):
+class FrictionRig(RigTable):
     """The axis around which the fishing line of the dropping weights is wound."""
 
     radius_mm: Positive
     radius_std_mm: Spread = 0.0
 
 
-class EncoderPort(_Table):
-    """Where the encoder's interface is plugged in; without a port it is looked for."""
+class EncoderPort(RigTable):
+    """Serial port of the encoder's interface, found automatically where none is given, and the polling rate."""
 
     port: str = ""
     rate_hz: Positive = 1000.0
@@ -185,8 +180,8 @@ class EncoderPort(_Table):
 PortNumber = Annotated[int, Field(strict=True, ge=1, le=65535)]
 
 
-class LoadCellBox(_Table):
-    """Where the load cell's box is, and how often it shall send."""
+class LoadCellBox(RigTable):
+    """Address, sampling rate and ports of the load cell's box."""
 
     address: str = Field("192.168.1.1", min_length=1)
     rate_hz: Annotated[int, Field(strict=True, gt=0)] = 7000
@@ -198,8 +193,8 @@ class LoadCellBox(_Table):
 ServicePort = Annotated[int, Field(strict=True, ge=0, le=15)]
 
 
-class CrazyflieLink(_Table):
-    """Where the vehicle is; without an address it is looked for by radio. The ports are those of cfid's app."""
+class CrazyflieLink(RigTable):
+    """Address of the vehicle, found by radio where none is given. The ports are those of cfid's app."""
 
     uri: str = ""
     thrust_port: ServicePort = 10
@@ -209,37 +204,37 @@ class CrazyflieLink(_Table):
     stop_below_v: Positive | None = None
 
 
-class Devices(_Table):
-    """What is connected to this computer."""
+class Devices(RigTable):
+    """The devices connected to this computer."""
 
     encoder: EncoderPort = EncoderPort()
     loadcell: LoadCellBox = LoadCellBox()
     crazyflie: CrazyflieLink = CrazyflieLink()
 
 
-class Rig(_Table):
-    """Everything rig.toml says."""
+class Rig(RigTable):
+    """The contents of rig.toml."""
 
-    vehicle: Vehicle
+    vehicle: VehicleData
     site: Site = Site()
-    encoder: Encoder = Encoder()
+    encoder: EncoderScale = EncoderScale()
     loadcell: LoadCellMount = LoadCellMount()
     tachometer: Tachometer = Tachometer()
     wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
-    mounts: dict[str, Mount] = {}
+    mounts: dict[str, Mount] = Field(default_factory=dict)
     fixture: Fixture | None = None
     testbody: TestBody | None = None
 
     @property
     def facts(self) -> RigFacts:
-        """How things are mounted, as each run notes it."""
+        """How devices are mounted, as each run stores it."""
         return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
 
 
 class Campaign(BaseModel):
-    """A folder with a rig.toml, the runs recorded in it and the parameters found from them."""
+    """A folder with a rig.toml, the runs recorded in it and the parameters estimated from them."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -248,21 +243,21 @@ class Campaign(BaseModel):
 
     @property
     def runs_folder(self) -> Path:
-        """Where run folders lie."""
+        """The folder of the runs."""
         return self.folder / RUNS_FOLDER
 
     @property
     def parameters_file(self) -> Path:
-        """Where fits leave what they found."""
+        """The file of the estimated parameters."""
         return self.folder / "parameters.toml"
 
     @property
     def fits_folder(self) -> Path:
-        """Where each fit stays as it was delivered."""
+        """The folder that keeps every fit."""
         return self.folder / "fits"
 
     def runs(self, *, kind: str | None = None, complete: bool = True) -> list[Run]:
-        """Return the runs that can be read, the oldest first: of a kind, and complete ones that were not excluded."""
+        """Return the readable runs, oldest first: of a kind, by default only complete ones that are not excluded."""
         found = (run for run in list_runs(self.runs_folder) if isinstance(run, Run))
         return [
             run
@@ -274,7 +269,7 @@ class Campaign(BaseModel):
     def run(self, name: str) -> Run:
         """Return a run by its name, by a pattern that one name matches, as `last`, or as `last KIND`.
 
-        `last` takes complete runs that were not excluded. Raises ConfigError where none is meant, or several are.
+        `last` considers complete runs that are not excluded. Raises ConfigError when no run matches, or several do.
         """
         word, _, kind = name.partition(" ")
         if word == LAST:
@@ -282,17 +277,17 @@ class Campaign(BaseModel):
         else:
             named = [run for run in self.runs(complete=False) if fnmatchcase(run.folder.name, name)]
         if len(named) != 1:
-            raise ConfigError(f"{name}: {len(named) or 'no'} runs are called so, one is wanted ({self.runs_folder}).")
+            raise ConfigError(f"{name}: {len(named) or 'no'} runs match, expected one ({self.runs_folder}).")
         return named[0]
 
     def sections(self) -> dict[str, Section]:
-        """Return what parameters.toml has, by fit. Raises DataError when it cannot be understood."""
+        """Return the sections of parameters.toml by fit. Raises DataError when the file is invalid."""
         return load_sections(self.parameters_file)
 
     def quantities(self) -> "DataFrame":
-        """Return a row for every number that was found: quantity, value, std, unit, section, accepted, found.
+        """Return a row for every estimated number: quantity, value, std, unit, section, accepted, found.
 
-        Raises DataError when parameters.toml cannot be understood.
+        Raises DataError when parameters.toml is invalid.
         """
         from pandas import DataFrame  # not for every command that opens a campaign
 
@@ -307,12 +302,12 @@ class Campaign(BaseModel):
     def keep(self, result: Result, *, figures: Sequence[Path] = (), force: bool = False) -> Path:
         """Keep a result in parameters.toml and fits/, and return the path of the latter.
 
-        What was rejected is kept by `force` alone, and marked. Raises FitError when something was rejected that the
-        analysis is for and `force` does not ask for it; ConfigError when a file cannot be written.
+        Rejected quantities are kept only with `force`, and marked. Raises FitError when a quantity that the analysis is
+        for was rejected and `force` is not set; ConfigError when a file cannot be written.
         """
         if not (result.accepted or force):
             raise FitError(
-                f"rejected: {' '.join(texts(result.findings, 'rejection'))} {self.parameters_file} is as it was."
+                f"rejected: {' '.join(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."
             )
         given = result if force else result.without_rejected()
         section = Section(
@@ -339,7 +334,7 @@ class Campaign(BaseModel):
         return keep_fit(self.fits_folder, fit)
 
     def _path_in(self, path: str) -> str:
-        """Return a path that holds wherever one stands: from the campaign's folder on if it lies there."""
+        """Return a path relative to the campaign's folder where it lies inside, else an absolute path."""
         there, folder = Path(path).resolve(), self.folder.resolve()
         return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
 
@@ -362,7 +357,7 @@ def new_rig_text() -> str:
 
 
 def thesis_rig() -> Rig:
-    """Return the rig as the thesis calculates with it (appendix C.1.4, C.1.5, C.1.7), its xy quirk included."""
+    """Return the rig of the thesis' calculation (C.1.4, C.1.5, C.1.7), with the two directions of its xy mount."""
     content = tomllib.loads(_preset("rig.toml"))
     for name, differing in tomllib.loads(_preset("thesis.toml"))["mounts"].items():
         content["mounts"][name] |= differing
@@ -400,12 +395,12 @@ def find_campaign(folder: Path | None, *, start: Path) -> Campaign | None:
 def _has_rig(folder: Path) -> bool:
     try:
         return (folder / RIG_FILE).is_file()
-    except OSError:  # a parent folder that this user may not look into
+    except OSError:  # this user may not list that parent folder
         return False
 
 
 def check_rig(text: str, *, name: str) -> None:
-    """Check a text as rig.toml before it becomes one. Raises ConfigError that names the key."""
+    """Check a text before it is written as rig.toml. Raises ConfigError that names the key."""
     _checked(tomllib.loads(text), name=name)
 
 

@@ -1,8 +1,8 @@
-"""How uncertainties of parameters depend on each other, as parameters.toml keeps it.
+"""Covariances of parameters, as parameters.toml stores them.
 
-A covariance belongs to the numbers of some parameters of one fit, in a row. What fits have in common (a mass, a
-tachometer's scale, an arm) is kept as what one standard uncertainty of that cause does to each parameter; two fits
-with the same cause covary by the product.
+A covariance matrix covers the numbers of some parameters of one fit, in order. A cause that several fits share (a
+mass, a tachometer's scale, an arm) is stored as its effects: the change of each parameter per standard uncertainty of
+the cause. The covariance between two fits with the same cause is the product of their effects.
 """
 
 import math
@@ -18,16 +18,16 @@ _ROUNDING = 1e-6  # of the geometric mean of two variances
 
 @dataclass(frozen=True)
 class Covariance:
-    """The matrix (n, n) of the n numbers of parameters, which `of` names in order; see `numbers_of`."""
+    """The matrix (n, n) of the n numbers of the parameters `of`, in that order; see `numbers_of`."""
 
     of: tuple[str, ...]
     matrix: tuple[tuple[float, ...], ...]
 
 
 def numbers_of(key: str, value: Any) -> list[float]:
-    """Return a parameter's independent numbers in a row.
+    """Return a parameter's independent numbers as a flat list.
 
-    A list from its start, a matrix row by row, the inertia matrix as xx, yy, zz, xy, xz, yz.
+    A list stays in order, a matrix goes row by row, the inertia matrix as xx, yy, zz, xy, xz, yz.
     """
     if key in _SYMMETRIC:
         return [value[i][j] for i, j in ENTRIES.values()]
@@ -46,7 +46,7 @@ def names_of(key: str, value: Any) -> list[str]:
 
 
 def shaped_as(key: str, numbers: Sequence[float], value: Any) -> Any:
-    """Return numbers in the shape of a parameter's value: undo `numbers_of`."""
+    """Return numbers in the shape of a parameter's value, the inverse of `numbers_of`."""
     if key in _SYMMETRIC:
         (xx, yy, zz, xy, xz, yz) = numbers
         return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
@@ -61,9 +61,9 @@ def shaped_as(key: str, numbers: Sequence[float], value: Any) -> Any:
 
 
 def covariance_between(values: Mapping[str, Any], matrix: Any) -> tuple[Covariance, ...]:
-    """Return the covariance of parameters, by their values, in the form of a file; none where it is not known.
+    """Return the covariance of parameters as parameters.toml stores it; empty where it is unknown.
 
-    `matrix` (n, n) is an array of their numbers in order.
+    `matrix` (n, n) covers the numbers of `values` in order.
     """
     rows = tuple(tuple(float(number) for number in row) for row in matrix)
     known = all(math.isfinite(number) for row in rows for number in row) and any(any(row) for row in rows)
@@ -84,7 +84,7 @@ def covariance_fault(found: Covariance, values: Mapping[str, Any]) -> str:
         for j, number in enumerate(row):
             limit = math.sqrt(row[i] * found.matrix[j][j])
             if abs(number - found.matrix[j][i]) > _ROUNDING * limit or abs(number) > (1 + _ROUNDING) * limit:
-                return f"matrix: row {i + 1}, column {j + 1} belongs to no covariance"
+                return f"matrix: row {i + 1}, column {j + 1} is impossible in a covariance matrix"
     return ""
 
 

@@ -1,6 +1,7 @@
-"""Facts of a rig that stay from run to run: how things are mounted. rig.toml states them, each run notes them.
+"""Facts of a rig that stay the same from run to run: how devices are mounted.
 
-A fact that nobody stated is None; the fit that needs it then assumes what version 0.1 did, and says so.
+rig.toml states them and each run stores them. An unstated fact is None; the fit that needs it then assumes the value
+of version 0.1 and adds a note.
 """
 
 from typing import Annotated, Any
@@ -11,14 +12,16 @@ Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is
 Positive = Annotated[Number, Field(gt=0)]
 
 
-class _Table(BaseModel):
+class RigTable(BaseModel):
+    """A table of rig.toml."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class LoadCellMount(_Table):
+class LoadCellMount(RigTable):
     """How the vehicle is mounted on the load cell.
 
-    `yaw_deg` turns what the cell reads into the vehicle's frame, positive counterclockwise seen from above: a vector
+    `yaw_deg` turns the cell's readings into the vehicle's frame, positive counterclockwise seen from above: a vector
     in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is how far the cell's x
     axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count
     downwards.
@@ -29,13 +32,13 @@ class LoadCellMount(_Table):
     flip_fz: Annotated[bool, Field(strict=True)] | None = None
 
 
-class Tachometer(_Table):
+class Tachometer(RigTable):
     """How many reflective markers a tachometer counts in one turn of a rotor."""
 
     markers: Annotated[int, Field(strict=True, ge=1)] | None = None
 
 
-class WindStand(_Table):
+class WindStand(RigTable):
     """Where the wind generator stands: its azimuth about z, counted to the right of the nose.
 
     `yaw_deg` replaces that of the load cell where the vehicle is mounted otherwise in wind.
@@ -45,7 +48,7 @@ class WindStand(_Table):
     yaw_deg: Number | None = None
 
 
-class RigFacts(_Table):
+class RigFacts(RigTable):
     """All such facts, under the names of rig.toml's tables."""
 
     loadcell: LoadCellMount = LoadCellMount()
@@ -58,7 +61,7 @@ class RigFacts(_Table):
         return self.loadcell.yaw_deg if self.wind.yaw_deg is None else self.wind.yaw_deg
 
     def over(self, facts: "RigFacts") -> "RigFacts":
-        """Return other facts with those that are stated here in place of theirs."""
+        """Return `facts` with those that are stated here in their place."""
         mine = {name: getattr(facts, name).model_copy(update=table) for name, table in self.stated.items()}
         return facts.model_copy(update=mine)
 

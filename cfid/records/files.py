@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and TOML files read with a sentence for every fault."""
+"""Write files atomically, and read TOML files with a sentence for every fault."""
 
 import contextlib
 import os
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that a crash leaves the old content or the new one, never a part.
+    """Write a file atomically: a crash leaves the old content or the new one, never a part.
 
-    The temporary file lies beside it, since a rename is atomic only within one file system. A file that is there
-    keeps its permissions, and a link to it stays one. Raises OSError.
+    The temporary file is in the same folder, since a rename is atomic only within one file system. An existing file
+    keeps its permissions, and a symbolic link stays a link. Raises OSError.
     """
     path = path.resolve()
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -36,14 +36,14 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def write_toml(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a TOML file whole. Raises OSError."""
+    """Write a TOML file atomically. Raises OSError."""
     write_whole(path, toml_bytes(content))
 
 
 def toml_bytes(content: Mapping[str, Any]) -> bytes:
     """Return a TOML file's bytes.
 
-    A file name that is no UTF-8 keeps a question mark for each odd byte, so that the file stays readable.
+    A file name that is not UTF-8 gets a question mark for each invalid byte, so that the file stays readable.
     """
     import tomli_w
 
@@ -51,11 +51,11 @@ def toml_bytes(content: Mapping[str, Any]) -> bytes:
 
 
 @contextlib.contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Hold off other processes that ask for the same, while a file is read, changed and written back.
+def locked_folder(folder: Path) -> Iterator[None]:
+    """Lock a folder against other cfid processes while a file is read, changed and written back.
 
-    Where the system has no such lock (Windows, some network drives) nothing is held off. Raises OSError when
-    there is no such folder.
+    Systems without such a lock (Windows, some network drives) run without it. Raises OSError when the folder does not
+    exist.
     """
     if sys.platform == "win32":
         yield
@@ -72,9 +72,9 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
-    """Read a TOML file, as editors on any system leave it.
+    """Read a TOML file, with or without a byte order mark.
 
-    Raises FileNotFoundError, which means different things to different readers, and for anything else `error`.
+    Raises FileNotFoundError when it is missing, which callers treat differently, and `error` for any other fault.
     """
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
@@ -83,16 +83,16 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     except OSError as fault:
         raise error(f"{path}: cannot be read: {fault.strerror}.") from None
     except UnicodeDecodeError as fault:
-        raise error(f"{path}: byte {fault.start + 1} is no UTF-8 text: save it as UTF-8.") from None
+        raise error(f"{path}: byte {fault.start + 1} is not UTF-8 text: save it as UTF-8.") from None
     except RecursionError:
-        raise error(f"{path}: no valid TOML: nested too deeply.") from None
+        raise error(f"{path}: invalid TOML: nested too deeply.") from None
     except ValueError as fault:  # TOMLDecodeError, and numbers that are too long for Python
-        raise error(f"{path}: no valid TOML: {fault}. Repair it there.") from None
+        raise error(f"{path}: invalid TOML: {fault}. Correct it there.") from None
 
 
 def first_fault(error: "ValidationError", content: Mapping[str, Any]) -> str:
-    """Say which key of a TOML file's content a model found wrong first, and what is wrong with it."""
-    # A misspelt key is unknown, and the one that was meant is missing: the first of the two says more.
+    """Return a sentence about the first invalid key of a TOML file's content."""
+    # A misspelt key gives two errors, an unknown key and a missing one; the unknown key is the more useful one.
     faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
     first = faults[0]
     key = _key(first["loc"], content)
@@ -100,7 +100,7 @@ def first_fault(error: "ValidationError", content: Mapping[str, Any]) -> str:
         return f"{key}: there is no such key. Is it misspelt, or in the wrong table?"
     if first["type"] == "missing":
         return f"{key}: is missing."
-    # A value that may be of several kinds has a fault for each.
+    # A value with a union type has an error for each type.
     reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault["loc"], content) == key]
     verb = "should be " if first["msg"].startswith("Input should be ") else ""
     shown = "" if isinstance(first["input"], Mapping | list) else f", not {_short(repr(first['input']))}"
@@ -108,7 +108,7 @@ def first_fault(error: "ValidationError", content: Mapping[str, Any]) -> str:
 
 
 def _key(place: tuple[int | str, ...], content: Mapping[str, Any]) -> str:
-    """Return the key as it stands in the file: without pydantic's names for the kinds that a value may have."""
+    """Return the key as written in the file: without pydantic's names for the types of a union."""
     known: list[str] = []
     here: Any = content
     for part in place:

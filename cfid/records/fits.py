@@ -1,7 +1,7 @@
-"""Every fit of a campaign as it was delivered: what it found, how sure it was, which figures it drew.
+"""The fits folder of a campaign: every fit with its parameters, quality, findings and figures.
 
-parameters.toml has the last of each kind, for programs that want numbers; here all of them stay, for a report and to
-see how a quantity repeats.
+parameters.toml has the latest fit of each kind, for programs that need numbers; this folder keeps all of them, for the
+report and to compare repeated fits.
 """
 
 import json
@@ -12,17 +12,17 @@ from typing import Any
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, rejection, warning
-from cfid.records.files import alone_in, write_whole
-from cfid.records.parameters import Section, as_of_now, bent, plain
+from cfid.records.files import locked_folder, write_whole
+from cfid.records.parameters import Section, plain, section_fault, with_current_keys
 
-FORMAT = 2  # 1, which had no number, had sentences without codes
+FORMAT = 2  # format 1 had no format number, and sentences without codes
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fit by the name of its section, the command that made it, and its words; figures' paths from the campaign on.
+    """A fit: name of its section, command, and results; the figures' paths are relative to the campaign.
 
-    `quality` and `findings` are what --json prints under these names, `lines` is what a person read besides.
+    `quality` and `findings` are those of --json, `lines` the further lines of the terminal output.
     """
 
     name: str
@@ -35,20 +35,20 @@ class Fit:
 
     @property
     def hashes(self) -> frozenset[str]:
-        """Those of its sources: two fits that share all of them are one measurement."""
+        """The hashes of its sources: two fits with the same set are of one measurement."""
         return frozenset(source.sha256 for source in self.section.sources)
 
 
 def keep_fit(folder: Path, fit: Fit) -> Path:
-    """Write a fit into a file of its own, never over another, and return its path.
+    """Write a fit to a new file and return its path.
 
-    A file name that is no UTF-8 keeps a question mark for each odd byte, so that the fit stays readable.
+    A file name that is not UTF-8 gets a question mark for each invalid byte, so that the fit stays readable.
     Raises ConfigError when the folder cannot be written.
     """
     stem = f"{fit.section.found:%Y-%m-%d_%H%M%S}_{fit.name}"
     try:
         folder.mkdir(exist_ok=True)
-        with alone_in(folder):
+        with locked_folder(folder):
             number = 1
             while (path := folder / f"{stem}{f'-{number}' if number > 1 else ''}.json").exists():
                 number += 1
@@ -59,7 +59,7 @@ def keep_fit(folder: Path, fit: Fit) -> Path:
 
 
 def rewritten(path: Path) -> bytes | None:
-    """Return a fit's file in the format of today, None where it has it. Raises DataError when it cannot be read."""
+    """Return a fit's file in the current format, None where it has that. Raises DataError when it cannot be read."""
     fit = _read(path)
     content = _as_json(fit)
     return None if f'"format": {FORMAT}'.encode() in path.read_bytes()[:40] else content
@@ -72,7 +72,7 @@ def _as_json(fit: Fit) -> bytes:
 
 
 def list_fits(folder: Path) -> list[Fit | DataError]:
-    """Return all fits of a campaign, the oldest first, those that cannot be read as the error that says why."""
+    """Return all fits of a campaign, oldest first; an unreadable one as its error."""
     found: list[Fit | DataError] = []
     for path in sorted(folder.glob("*.json"), key=lambda path: path.stem):
         try:
@@ -95,14 +95,14 @@ def _read(path: Path) -> Fit:
     except ValueError as error:
         fault = str(error)
     else:
-        fault = bent(fit.section)
+        fault = section_fault(fit.section)
         if not fault:
             return fit
-    raise DataError(f"{path}: not as cfid writes it: {fault}. Delete it and fit again.")
+    raise DataError(f"{path}: invalid: {fault}. Delete it and fit again.")
 
 
 def _content(path: Path) -> Any:
-    """Return a file's content with the keys of today. Raises DataError for a newer format, ValueError for no JSON."""
+    """Return a file's content with current keys. Raises DataError for a newer format, ValueError for invalid JSON."""
     from pydantic_core import from_json
 
     content = from_json(path.read_bytes())
@@ -113,9 +113,9 @@ def _content(path: Path) -> Any:
             f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
         )
     old = [(rejection, content.pop("doubts", [])), (warning, content.pop("warnings", []))]
-    findings = [finding("of-an-older-version", text) for finding, said in old for text in said]
+    findings = [finding("of-an-older-version", text) for finding, sentences in old for text in sentences]
     return content | {
-        "section": as_of_now(content.get("section")),
+        "section": with_current_keys(content.get("section")),
         "findings": content.get("findings") or findings,
     }
 

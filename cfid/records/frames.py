@@ -1,4 +1,4 @@
-"""Vectors turned about z, from the load cell's frame to the vehicle's."""
+"""Turn vectors about z, from the load cell's frame to the vehicle's."""
 
 import math
 
@@ -17,7 +17,7 @@ def rotation_about_z(yaw_deg: float) -> Array:
 def turn_about_z(vector: Array, *, yaw_deg: float) -> Array:
     """Return vectors (..., 3) of the load cell's frame in the vehicle's, by Rz(+yaw) (C.3.1, prepare_data).
 
-    The thesis mounted the vehicle twice: for wind with +45 degrees (C.3.1), for sines with -45, so that motor 1
-    lay on the cell's x axis (C.2.5).
+    The thesis mounted the vehicle at +45 degrees for wind (C.3.1), and at -45 degrees for sines, so that motor 1 lay on
+    the cell's x axis (C.2.5).
     """
     return np.asarray(vector @ rotation_about_z(yaw_deg).T)

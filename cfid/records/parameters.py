@@ -1,7 +1,7 @@
-"""What a campaign has found: parameters with deviation, unit and origin, in parameters.toml.
+"""Read and write parameters.toml: a campaign's parameters with standard uncertainty, unit and origin.
 
-One section per fit; a later fit replaces its own section and touches no other. The file has a format number: a file
-of an older format is read, and written in this one by the next fit; a newer one is refused.
+The file has one section per fit; a later fit replaces its own section only. It has a format number: an older format is
+read, and the next fit writes the current one; a newer format is refused.
 """
 
 import math
@@ -14,20 +14,20 @@ from typing import Any
 from cfid.errors import ConfigError, DataError
 from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
-from cfid.records.files import alone_in, first_fault, read_toml, toml_bytes, write_toml
+from cfid.records.files import first_fault, locked_folder, read_toml, toml_bytes, write_toml
 
-FORMAT = 2  # 1, which had no number, knew no covariances, common causes and rejections
+FORMAT = 2  # format 1 had no format number, covariances, common causes or rejections
 _FORMAT_KEY = "format"
-_BY_FORCE = "an older cfid did not accept this fit, and kept it by --force."
+_BY_FORCE = "an older cfid rejected this fit, and kept it with --force."
 
 Value = Any  # a number, nested lists of numbers, or a list of rows (dicts): what TOML and JSON share
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A value with one standard deviation of the same shape (None where there is none) and its unit.
+    """A value with its standard uncertainty of the same shape (None where there is none) and its unit.
 
-    What is not known inside of either is None or nan; parameters.toml keeps both as nan.
+    An unknown number inside either is None or nan; parameters.toml stores both as nan.
     """
 
     value: Value
@@ -35,11 +35,11 @@ class Parameter:
     unit: str = ""
 
     def as_json(self) -> dict[str, Value]:
-        """Return plain lists and numbers; what is not finite becomes None."""
+        """Return plain lists and numbers; a number that is not finite becomes None."""
         return {"value": plain(self.value), "std": plain(self.std), "unit": self.unit}
 
     def numbers(self, key: str) -> Iterator[Number]:
-        """Yield its numbers one by one, named by its key, as `cfid.quantities` has them."""
+        """Yield its numbers one by one, named by its key as in `cfid.quantities`."""
         return numbers(key, plain(self.value), plain(self.std))
 
 
@@ -53,12 +53,12 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """All that one fit found.
+    """The results of one fit.
 
-    `covariance` has those between the numbers of its parameters; a parameter in none of them has independent numbers.
-    `common` says for each cause that other fits share what one standard uncertainty of it does to parameters, in the
-    order of `numbers_of`; it is contained in their uncertainty. `accepted` is false when something was
-    rejected that the fit is for. `rejected` has the reason for every parameter that was: it is there by --force alone.
+    `covariance` covers the numbers of its parameters; a parameter in none of them has independent numbers. `common`
+    has for each cause that other fits share the change of parameters per standard uncertainty of the cause, in the
+    order of `numbers_of`; the parameters' uncertainty includes it. `accepted` is false when a quantity that the fit is
+    for was rejected. `rejected` has the reason for each rejected parameter, which is present only with --force.
     """
 
     method: str
@@ -73,7 +73,7 @@ class Section:
 
 
 def plain(value: Any) -> Value:
-    """Turn arrays and tuples into lists, NumPy scalars into numbers, and what is not finite into None."""
+    """Turn arrays and tuples into lists, NumPy scalars into numbers, and numbers that are not finite into None."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -86,15 +86,15 @@ def plain(value: Any) -> Value:
 
 
 def load_sections(path: Path) -> dict[str, Section]:
-    """Read parameters.toml; a campaign that has found nothing yet has no such file.
+    """Read parameters.toml; a campaign without a fit has no such file.
 
-    Raises DataError when the file cannot be understood.
+    Raises DataError when the file is invalid.
     """
     return _sections(path, _load(path))
 
 
 def rewritten(path: Path) -> bytes | None:
-    """Return the file in the format of today, None where it has it or is not there. Raises DataError."""
+    """Return the file in the current format, None where it has that already or does not exist. Raises DataError."""
     if not path.exists() or read_toml(path, DataError).get(_FORMAT_KEY) == FORMAT:
         return None
     sections = _sections(path, _load(path))
@@ -102,25 +102,25 @@ def rewritten(path: Path) -> bytes | None:
 
 
 def store_section(path: Path, name: str, section: Section) -> None:
-    """Replace one section of parameters.toml, the file at once and whole; the others stay as they stand there.
+    """Replace one section of parameters.toml atomically; the others are unchanged.
 
-    Raises DataError when the file cannot be understood, ConfigError when it cannot be written; it is unchanged then.
+    Raises DataError when the file is invalid, ConfigError when it cannot be written; the file is then unchanged.
     """
     change_section(path, name, lambda _: section)
 
 
 def change_section(path: Path, name: str, change: Callable[[Section | None], Section]) -> None:
-    """Replace one section by what becomes of it, None where there is none yet; else as `store_section`.
+    """Replace one section by the result of `change`, which gets None where there is none yet; else as `store_section`.
 
-    No other process writes the file in between.
+    The folder is locked meanwhile, so that no other cfid process writes the file.
     """
     try:
-        with alone_in(path.parent):
+        with locked_folder(path.parent):
             content = _load(path)
             section = change(_sections(path, content).get(name))
             write_toml(path, {_FORMAT_KEY: FORMAT} | dict(sorted((content | {name: _table(section)}).items())))
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -136,11 +136,11 @@ def _load(path: Path) -> dict[str, Any]:
         raise DataError(
             f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
         )
-    return {name: as_of_now(table) for name, table in content.items()}
+    return {name: with_current_keys(table) for name, table in content.items()}
 
 
-def as_of_now(table: Any) -> Any:
-    """Return a section with the keys of today: what an older cfid called believed, of all parameters at once."""
+def with_current_keys(table: Any) -> Any:
+    """Return a section with current keys; format 1 had `believed`, for all parameters at once."""
     if not isinstance(table, dict) or "believed" not in table:
         return table
     accepted = table.pop("believed")
@@ -158,28 +158,29 @@ def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
     except ValidationError as error:
         fault = first_fault(error, content)
     else:
-        fault = next((f"{name}.{said}." for name, section in sections.items() if (said := bent(section))), "")
+        faults = ((name, section_fault(section)) for name, section in sections.items())
+        fault = next((f"{name}.{what}." for name, what in faults if what), "")
         if not fault:
             return sections
-    raise DataError(f"{path}: not as cfid writes it: {fault} Move it away and fit again.")
+    raise DataError(f"{path}: invalid: {fault} Move it away and fit again.")
 
 
-def bent(section: Section) -> str:
-    """Return what of a section that was read is not as cfid writes it, and why: its time, or a parameter's shape."""
+def section_fault(section: Section) -> str:
+    """Return the first fault of a section that was read, in its time, shapes or covariances; "" where none is."""
     if section.found.tzinfo is None:
         return "found: should have a time zone"
     for key, parameter in section.parameters.items():
-        if said := shape_error(key, parameter.value, parameter.std):
-            return f"parameters.{key}: {said}"
+        if fault := shape_error(key, parameter.value, parameter.std):
+            return f"parameters.{key}: {fault}"
         if any(number < 0 for number in _numbers(parameter.std)):
             return f"parameters.{key}.std: should not be below zero"
     values = {key: parameter.value for key, parameter in section.parameters.items()}
     for number, covariance in enumerate(section.covariance):
-        if said := covariance_fault(covariance, values):
-            return f"covariance {number + 1}: {said}"
+        if fault := covariance_fault(covariance, values):
+            return f"covariance {number + 1}: {fault}"
     for cause, effects in section.common.items():
-        if said := common_fault(effects, values):
-            return f"common.{cause}: {said}"
+        if fault := common_fault(effects, values):
+            return f"common.{cause}: {fault}"
     return ""
 
 
@@ -214,7 +215,7 @@ def _row(parameter: Parameter) -> dict[str, Any]:
 
 
 def _for_toml(value: Any) -> Value:
-    """Like `plain`, but TOML knows nan and inf and no null: what is unknown is written as nan."""
+    """Convert like `plain`, but to nan where a number is unknown: TOML has nan and no null."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""What an analysis found: quantities, what speaks against them, and how it is told and drawn."""
+"""The result of an analysis: its quantities, findings, lines for the terminal and figures."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,11 +21,10 @@ Figures = Mapping[str, "Figure"]
 class Result:
     """The result of one analysis, the same type for every experiment.
 
-    `command` is what gives it on the command line, `section` where parameters.toml keeps it. `quantities` has all that
-    was found, also what was rejected; `wanted` are the keys that the analysis is for, or patterns of them: all, where
-    none is named. `quality` judges the fit in figures. `covariances` and `common` are as a section of parameters.toml
-    has them. `lines` tell a person what the quantities do not. `drawings` makes the figures by their file names, and
-    `folder` is where they belong.
+    `command` is the command that gives it, `section` its section of parameters.toml. `quantities` has every quantity,
+    rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means all.
+    `quality` has figures of merit of the fit. `covariances` and `common` are as in a section of parameters.toml.
+    `lines` are further lines for the terminal. `drawings` makes the figures by file name, and `folder` is their folder.
     """
 
     command: str
@@ -44,18 +43,18 @@ class Result:
 
     @property
     def rejected(self) -> Mapping[str, str]:
-        """The keys of what was rejected, each with the reason."""
+        """The keys of the rejected quantities, each with the reason."""
         return rejected_among(self.findings, self.quantities)
 
     @property
     def accepted(self) -> bool:
-        """Whether nothing was rejected of what the analysis is for."""
+        """Whether no quantity that the analysis is for was rejected."""
         against = [one for one in self.findings if one.severity == "rejection"]
         whole = any(not one.quantities for one in against)
         return not whole and not any(fnmatchcase(key, wanted) for key in self.rejected for wanted in self.wanted or "*")
 
     def summary(self) -> tuple[str, ...]:
-        """Return what a person is told besides the table of quantities."""
+        """Return the lines for the terminal besides the table of quantities."""
         return self.lines
 
     def figures(self) -> Figures:
@@ -63,7 +62,7 @@ class Result:
         return self.drawings() if self.drawings is not None else {}
 
     def without_rejected(self) -> "Result":
-        """Return the result without the quantities that were rejected; why they were stays."""
+        """Return the result without the rejected quantities; the findings stay."""
         gone = self.rejected.keys()
         common = {
             cause: {key: effect for key, effect in effects.items() if key not in gone}

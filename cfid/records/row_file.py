@@ -1,4 +1,4 @@
-"""A CSV file that is being recorded: whole rows of numbers are added, and nothing else ever gets into it."""
+"""A CSV file during recording, to which only whole rows of numbers are appended."""
 
 import contextlib
 import itertools
@@ -14,20 +14,20 @@ from cfid.errors import DataError
 
 
 class RowFile:
-    """A new CSV file with a head, open for rows; `rows` have reached it, `lost` are known to be missing.
+    """A new CSV file with a header, open for rows; `rows` were written, `lost` samples are known to be missing.
 
-    Rows go straight to the system, so that a killed process leaves all that it was given.
+    Writing is unbuffered, so that a killed process loses no row that was appended.
     """
 
     def __init__(self, path: Path, raw: FileIO, columns: Sequence[str]) -> None:
-        """Take over an empty file that is open for writing; `create` makes one."""
+        """Wrap an empty file that is open for writing; `create` makes one."""
         self.path, self.columns = path, tuple(columns)
         self.rows = self.lost = 0
         self._raw = raw
 
     @classmethod
     def create(cls, path: Path, columns: Sequence[str]) -> "RowFile":
-        """Make the file and write its head. Raises OSError, also when there is such a file."""
+        """Create the file and write its header. Raises OSError, also when the file exists."""
         file = cls(path, path.open("xb", buffering=0), columns)
         try:
             file._write((",".join(columns) + "\n").encode())
@@ -38,9 +38,9 @@ class RowFile:
         return file
 
     def append(self, columns: Sequence[Sequence[float] | Any]) -> None:
-        """Add rows, given as columns of equal length: time in seconds, then raw values.
+        """Append rows, given as columns of equal length: time in seconds, then raw values.
 
-        Raises DataError when not all of them fit; the file then ends with the last that did.
+        Raises DataError when the disk takes only a part of them; the file then ends with the last whole row.
         """
         if len(columns) != len(self.columns) or len({len(column) for column in columns}) != 1:
             raise ValueError(f"{self.path.name} has the columns {self.columns}, each as long as the others")
@@ -52,19 +52,19 @@ class RowFile:
             ) from None
 
     def sync(self) -> None:
-        """Bring the rows so far from the system to the disk itself, which takes its time: done beside, in a thread."""
-        with contextlib.suppress(OSError, ValueError):  # a file closed meanwhile is there already
+        """Flush the rows so far to the disk; slow, so that callers do it in a thread."""
+        with contextlib.suppress(OSError, ValueError):  # a file closed meanwhile was flushed already
             os.fsync(self._raw.fileno())
 
     def close(self) -> None:
-        """Bring the rows to the disk. What it loses all the same shows when `rows` is compared."""
+        """Flush the rows to the disk and close the file. A loss on disk shows when `rows` is compared."""
         if not self._raw.closed:
             with contextlib.suppress(OSError):
                 os.fsync(self._raw.fileno())
             self._raw.close()
 
     def _write(self, block: bytes) -> None:
-        """Write lines; when that is broken off, the last whole one ends the file."""
+        """Write lines; when writing fails, the file ends with the last whole line."""
         begin = self._raw.tell()
         left = memoryview(block)
         try:
@@ -75,12 +75,12 @@ class RowFile:
             whole = block.rfind(b"\n", 0, written) + 1
             self.rows += block.count(b"\n", 0, whole)
             if written > whole:
-                with contextlib.suppress(OSError):  # the reader leaves out a torn row
+                with contextlib.suppress(OSError):  # the reader leaves out a partial row
                     self._raw.truncate(begin + whole)
 
 
 def _lines(columns: Sequence[Sequence[float] | Any]) -> bytes:
-    """Format rows in one go: at 7000 rows a second, one call a field would cost more than all the rest."""
+    """Format all rows at once: at 7000 rows a second, a call per field would cost more than all the rest."""
     times = np.asarray(columns[0], dtype=np.float64)
     if not np.all(np.isfinite(times)):
         raise ValueError("a time is a finite number")

@@ -1,8 +1,7 @@
-"""A run folder as it is found: one recording, its run.toml and one plain CSV file per device.
+"""A run folder: one recording, its run.toml and one plain CSV file per device.
 
-run.toml says `state = "recording"` until the run is closed; a run found in that state was cut, and what
-reached the disk is read with a word about it. What the columns mean is `recording`'s business, and how a run is
-written is `run_writer`'s.
+run.toml has `state = "recording"` until the run is closed; a run found in that state was cut, and its rows on disk are
+read with a note. `tables` interprets the columns, and `run_writer` writes a run.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from cfid.errors import DataError
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.files import alone_in, first_fault, read_toml, write_toml
+from cfid.records.files import first_fault, locked_folder, read_toml, write_toml
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -35,7 +34,7 @@ class _Section(BaseModel):
 
 
 class Label(_Section):
-    """What the operator said the run is: mount, weight, body, a note."""
+    """The operator's label of a run: mount, weight, body and note."""
 
     axis: str | None = None
     weight_g: _Positive | None = None
@@ -44,7 +43,7 @@ class Label(_Section):
 
 
 class DeviceRecord(_Section):
-    """One device's file: its columns as the device said them, and the scale that turns counts into SI."""
+    """One device's file: its columns in the device's own units, and the scale from counts to SI."""
 
     file: _FileName
     columns: tuple[_ColumnName, ...] = Field(min_length=1)
@@ -54,7 +53,7 @@ class DeviceRecord(_Section):
 
 
 class RunHeader(_Section):
-    """Everything run.toml says."""
+    """The contents of run.toml."""
 
     format: int = FORMAT
     kind: str
@@ -63,9 +62,9 @@ class RunHeader(_Section):
     reason: str = ""
     cfid_version: str = ""
     simulated: bool = False
-    excluded: str = ""  # the reason why no fit takes it unless it is named
+    excluded: str = ""  # the reason why fits leave it out unless it is named
     label: Label = Label()
-    rig: RigFacts = NONE_STATED  # as rig.toml stated them then
+    rig: RigFacts = NONE_STATED  # as rig.toml stated them at the time
     asked: dict[str, Any] = {}
     devices: dict[str, DeviceRecord] = {}
 
@@ -85,7 +84,7 @@ class Run:
     def frame(self, device: str) -> "DataFrame":
         """Return a device's rows in SI units over `t`, in seconds from the first row of the run.
 
-        Raises DataError when the run has no such device, or its file cannot be understood.
+        Raises DataError when the run has no such device, or its file is invalid.
         """
         from cfid.records.tables.frames import frame  # the readers of tables know runs
 
@@ -105,13 +104,13 @@ class Run:
 def read_run(folder: Path) -> Run:
     """Read a run folder's run.toml.
 
-    Raises DataError when it is missing or makes no sense.
+    Raises DataError when it is missing or invalid.
     """
     path = folder / RUN_FILE
     try:
         content = read_toml(path, DataError)
     except FileNotFoundError:
-        raise DataError(f"{folder}: no run: it has no {RUN_FILE}.") from None
+        raise DataError(f"{folder}: not a run: it has no {RUN_FILE}.") from None
     written = content.get("format")
     if isinstance(written, int) and written > FORMAT:
         raise DataError(f"{path}: written by a newer cfid (format {written}, this one reads {FORMAT}): update cfid.")
@@ -123,31 +122,31 @@ def read_run(folder: Path) -> Run:
 
 
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:
-    """Write into run.toml why fits shall leave a run out ("" takes that back), or another note; rows stay as they are.
+    """Set in run.toml the reason to exclude a run from fits ("" includes it again), or its note; rows are unchanged.
 
-    What run.toml says by now stays, whatever it said when the run was read. Raises DataError when the file cannot be
-    written.
+    All else keeps its present content on disk, whatever it was when the run was read. Raises DataError when the file
+    cannot be written.
     """
     try:
-        with alone_in(run.folder):
+        with locked_folder(run.folder):
             header = read_run(run.folder).header
             if excluded is not None:
                 header = header.model_copy(update={"excluded": excluded})
             if note is not None:
-                header = noted(header, note or None)
+                header = with_note(header, note or None)
             write_header(run.folder, header)
     except OSError as error:
-        raise DataError(f"{run.folder / RUN_FILE}: cannot be written: {error.strerror}. It is as it was.") from None
+        raise DataError(f"{run.folder / RUN_FILE}: cannot be written: {error.strerror}. It is unchanged.") from None
     return Run(folder=run.folder, header=header)
 
 
-def noted(header: RunHeader, note: str | None) -> RunHeader:
+def with_note(header: RunHeader, note: str | None) -> RunHeader:
     """Return a header with another note."""
     return header.model_copy(update={"label": header.label.model_copy(update={"note": note})})
 
 
 def list_runs(runs_folder: Path) -> list[Run | DataError]:
-    """Return all runs of a campaign by name, those that cannot be read as the error that says why."""
+    """Return all runs of a campaign in the order of their names; an unreadable one as its error."""
     found: list[Run | DataError] = []
     for path in sorted(runs_folder.glob(f"*/{RUN_FILE}")):
         try:
@@ -158,7 +157,7 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
 
 
 def write_header(folder: Path, header: RunHeader) -> None:
-    """Write run.toml whole. Raises OSError."""
+    """Write run.toml atomically. Raises OSError."""
     content = header.model_dump(mode="json", exclude_none=True)
     content["started"] = header.started
     content.pop("rig")

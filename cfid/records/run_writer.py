@@ -1,4 +1,4 @@
-"""A run being recorded: its folder made, rows written as they come, and closed in whatever way it ends."""
+"""Record a run: create its folder, append rows, and close it however the recording ends."""
 
 import contextlib
 import re
@@ -11,9 +11,9 @@ from typing import Any, Self
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
-from cfid.records.files import alone_in
+from cfid.records.files import locked_folder
 from cfid.records.row_file import RowFile
-from cfid.records.run import RUN_FILE, DeviceRecord, Label, Run, RunHeader, State, noted, read_run, write_header
+from cfid.records.run import RUN_FILE, DeviceRecord, Label, Run, RunHeader, State, read_run, with_note, write_header
 
 _RESERVE_FILE = ".reserve"
 _RESERVE_BYTES = 16384  # more than run.toml takes, in blocks of any file system
@@ -23,7 +23,7 @@ _RESERVE_BYTES = 16384  # more than run.toml takes, in blocks of any file system
 class RunWriter:
     """A run being recorded. Made by `create_run`; used as a context manager it always closes itself.
 
-    Blocks are written as they come, so that a killed process costs at most the block in hand.
+    Blocks are written as they arrive, so that a killed process loses at most the current block.
     """
 
     folder: Path
@@ -35,7 +35,7 @@ class RunWriter:
     def append(self, device: str, columns: Sequence[Sequence[float] | Any]) -> None:
         """Write one block of a device, given as columns of equal length: time in seconds, then raw values.
 
-        Raises DataError when the disk does not take it; the run can then only be closed, and is failed.
+        Raises DataError when writing fails; the run can then only be closed, with the state failed.
         """
         if self.header.state != "recording" or self._fault:
             raise ValueError(f"{self.folder} takes no more rows: {self._fault or self.header.state}")
@@ -46,7 +46,7 @@ class RunWriter:
             raise
 
     def sync(self) -> None:
-        """Bring what was written so far to the disk itself; slow, and safe to call from another thread."""
+        """Flush everything written so far to the disk; slow, and safe to call from another thread."""
         for file in self._files.values():
             file.sync()
 
@@ -55,17 +55,17 @@ class RunWriter:
         return self._files[device].rows
 
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Add to what run.toml will say of a device once the run is closed."""
+        """Add facts of a device, which run.toml gets when the run is closed."""
         self._facts.setdefault(device, {}).update(facts)
 
     def count_lost(self, device: str, samples: int) -> None:
-        """Count samples of a device that are known to be missing; run.toml says them however the run ends."""
+        """Count samples of a device that are known to be missing; run.toml states them however the run ends."""
         self._files[device].lost += samples
 
     def close(self, state: State, *, reason: str = "", lost: Mapping[str, int] | None = None) -> Run:
-        """End the run and replace run.toml by its final form; a run whose disk failed it is failed in any case.
+        """Close the run and write its final run.toml; after a failed write its state is failed in any case.
 
-        Raises DataError when that cannot be written: run.toml then still says that the run is recording.
+        Raises DataError when run.toml cannot be written: it then still has the state recording.
         """
         if self.header.state != "recording":
             raise ValueError(f"{self.folder} is closed already")
@@ -79,24 +79,24 @@ class RunWriter:
         final = self.header.model_copy(update={"state": state, "reason": reason, "devices": devices})
         try:
             (self.folder / _RESERVE_FILE).unlink(missing_ok=True)
-            with alone_in(self.folder):
+            with locked_folder(self.folder):
                 final = self._amended(final)
                 write_header(self.folder, final)
         except OSError as error:
             path = self.folder / RUN_FILE
             raise DataError(
-                f"{path}: cannot be written: {error.strerror}. It says that the run was cut; its rows are there."
+                f"{path}: cannot be written: {error.strerror}. The run counts as cut; its rows are kept."
             ) from None
         self.header = final
         return Run(folder=self.folder, header=self.header)
 
     def _amended(self, final: RunHeader) -> RunHeader:
-        """Return a header with what the operator wrote into run.toml while the run was being recorded."""
+        """Return a header with the operator's changes to run.toml during the recording."""
         try:
             written = read_run(self.folder).header
         except DataError:
             return final
-        return noted(final, written.label.note).model_copy(update={"excluded": written.excluded})
+        return with_note(final, written.label.note).model_copy(update={"excluded": written.excluded})
 
     def _closed(self, name: str, record: DeviceRecord) -> DeviceRecord:
         file = self._files[name]
@@ -109,14 +109,14 @@ class RunWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close a run that nobody closed: complete, interrupted by Ctrl-C, or failed with the reason."""
+        """Close a run that is still open: complete, interrupted by Ctrl-C, or failed with the reason."""
         if self.header.state != "recording":
             return
         if error is None:
             self.close("complete")
             return
         stopped = isinstance(error, KeyboardInterrupt)
-        with contextlib.suppress(DataError):  # the first error is the one to be told
+        with contextlib.suppress(DataError):  # the first error is the one to report
             if stopped:
                 self.close("interrupted", reason="stopped by the operator")
             else:
@@ -135,11 +135,11 @@ def create_run(
     facts: RigFacts = NONE_STATED,
     asked: Mapping[str, Any] = MappingProxyType({}),
 ) -> RunWriter:
-    """Make a new run folder named after its start, kind and label, and open its files.
+    """Create a run folder named after its start, kind and label, and open its files.
 
-    Raises ConfigError when it cannot be made; never touches a folder that is there already.
+    Raises ConfigError when it cannot be created; never touches an existing folder.
     """
-    stem = "_".join(filter(None, [f"{started:%Y-%m-%d_%H%M%S}", kind, _label_words(label)]))
+    stem = "_".join(filter(None, [f"{started:%Y-%m-%d_%H%M%S}", kind, _label_text(label)]))
     header = RunHeader(
         kind=kind,
         started=started,
@@ -155,7 +155,7 @@ def create_run(
     writer = RunWriter(folder=folder, header=header)
     try:
         write_header(folder, header)
-        # A full disk must not keep run.toml from saying so at the end.
+        # Reserved, so that run.toml can state the reason at the end even where the disk is full.
         (folder / _RESERVE_FILE).write_bytes(bytes(_RESERVE_BYTES))
         for name, record in devices.items():
             writer._files[name] = RowFile.create(folder / record.file, record.columns)
@@ -174,12 +174,12 @@ def _new_folder(runs_folder: Path, stem: str) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise ConfigError(f"{folder}: cannot be made: {error.strerror}.") from None
+            raise ConfigError(f"{folder}: cannot be created: {error.strerror}.") from None
         return folder
-    raise ConfigError(f"{runs_folder}: a thousand runs named {stem} are there already.")
+    raise ConfigError(f"{runs_folder}: a thousand runs named {stem} exist already.")
 
 
-def _label_words(label: Label) -> str:
+def _label_text(label: Label) -> str:
     weight = f"{label.weight_g:g}g" if label.weight_g is not None else ""
     body = label.body if label.body not in (None, "crazyflie") else ""
     return "_".join(filter(None, [body, label.axis, weight]))

@@ -1,4 +1,4 @@
-"""What has become of a fit's recordings since: files of other content, runs that were excluded."""
+"""Find out whether a fit is still current: which of its recordings were changed or excluded since."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -13,28 +13,28 @@ Stale = Callable[[Section], tuple[str, ...]]
 
 
 def stale_in(folder: Path, runs: Sequence[Run]) -> Stale:
-    """Return what tells, in sentences, why a section of a campaign in a folder is no longer current.
+    """Return a function that gives the reasons, as sentences, why a section of a campaign is no longer current.
 
-    A file that is gone says nothing about the numbers that were found from it.
+    A missing file is no such reason.
     """
     excluded = {run.folder.name: run.header.excluded for run in runs if run.header.excluded}
 
     @cache
-    def is_other(source: Source) -> bool:
+    def has_changed(source: Source) -> bool:
         try:
             with (folder / source.path).open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest() != source.sha256
         except OSError:
             return False
 
-    def tell(section: Section) -> tuple[str, ...]:
-        other = [source.path for source in section.sources if is_other(source)]
+    def reasons(section: Section) -> tuple[str, ...]:
+        other = [source.path for source in section.sources if has_changed(source)]
         paths = [Path(source.path) for source in section.sources]
         names = dict.fromkeys(path.parts[1] for path in paths if path.parts[:1] == (RUNS_FOLDER,) and path.parts[1:])
         left = [f"{name} ({excluded[name]})" for name in names if name in excluded]
         return (
             *([f"Changed since it was fitted: {', '.join(other)}: fit again."] if other else []),
-            *([f"Made of what is excluded now: {', '.join(left)}: fit again without."] if left else []),
+            *([f"Fitted to runs that are now excluded: {', '.join(left)}: fit again without them."] if left else []),
         )
 
-    return tell
+    return reasons

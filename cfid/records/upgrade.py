@@ -1,4 +1,4 @@
-"""A campaign's files brought to the formats of today; the old ones stay beside them."""
+"""Rewrite a campaign's files in the current formats, and keep the old ones."""
 
 import shutil
 from collections.abc import Iterator
@@ -7,20 +7,20 @@ from pathlib import Path
 from cfid.errors import ConfigError
 from cfid.records import fits, parameters
 from cfid.records.campaign import Campaign
-from cfid.records.files import alone_in, write_whole
+from cfid.records.files import locked_folder, write_whole
 
 KEPT_IN = "before-upgrade"
 
 
-def upgrade(campaign: Campaign) -> list[Path]:
-    """Rewrite what is in an older format and return the files, whose old content lies in `before-upgrade`.
+def upgrade_files(campaign: Campaign) -> list[Path]:
+    """Rewrite the files of an older format and return their paths; the old content is kept in `before-upgrade`.
 
     Every file is read before the first is written. Raises DataError when one cannot be read, ConfigError when one
-    cannot be written or an old one is kept already; what was written until then is whole.
+    cannot be written or an old one is kept already; the files written until then are complete.
     """
     changed = list(_outdated(campaign))
     try:
-        with alone_in(campaign.folder):
+        with locked_folder(campaign.folder):
             for path, content in changed:
                 _keep(campaign.folder, path)
                 write_whole(path, content)
@@ -42,6 +42,6 @@ def _outdated(campaign: Campaign) -> Iterator[tuple[Path, bytes]]:
 def _keep(folder: Path, path: Path) -> None:
     kept = folder / KEPT_IN / path.relative_to(folder)
     if kept.exists():
-        raise ConfigError(f"{kept}: is there already. Move {KEPT_IN} away and upgrade again.")
+        raise ConfigError(f"{kept}: exists already. Move {KEPT_IN} away and upgrade again.")
     kept.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy2(path, kept)

@@ -233,7 +233,7 @@ def test_a_run_that_cannot_be_read_is_not_taken_for_another(cfid: Cfid, campaign
     said = cfid("runs", "exclude", last if by_name else "last")
 
     assert (said.returncode, said.stdout) == (4, "")
-    assert "no valid TOML" in said.stderr
+    assert "invalid TOML" in said.stderr
 
 
 # cfid parameters, cfid set

@@ -127,8 +127,8 @@ def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cf
 def test_a_device_that_recorded_nothing_does_not_hide_the_other(cfid: Cfid, tmp_path: Path) -> None:
     result = shown(cfid("show", recorded(tmp_path, angle=True, forces=False), "--json"))
     assert set(result["parameters"]) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
-    assert "loadcell.csv: a head and no rows" in sentences(result)[-1]
+    assert "loadcell.csv: a header and no rows" in sentences(result)[-1]
 
     nothing = cfid("show", recorded(tmp_path / "other", forces=False), "--json")
     assert (nothing.returncode, nothing.stdout) == (4, "")
-    assert "a head and no rows" in nothing.stderr
+    assert "a header and no rows" in nothing.stderr

@@ -318,7 +318,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "wind without an angle": (change(20000, WINDS[1], angle_deg=""), "wind of 2.6 m/s without an angle"),
     "an angle without wind": (becalm, "run(s) at 77.9 degrees, none with wind"),
     "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
-    "nan": (change(20000, WINDS[1], wind_max_mps="nan"), "'nan' in column 'wind_max_mps' is no number"),
+    "nan": (change(20000, WINDS[1], wind_max_mps="nan"), "'nan' in column 'wind_max_mps' is not a number"),
     "winds exchanged": (change(20000, WINDS[1], wind_min_mps="9"), "give the lowest reading, then the highest"),
     "no command": (change(20000, WINDS[1], command="70000"), "command is 70000: it should be a whole number"),
     "a missing file": (change(20000, WINDS[1], loadcell="none.csv"), "none.csv: no such file."),
@@ -335,7 +335,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "an angle below zero": (change(20000, WINDS[1], angle_deg="-48.4"), "an angle of -48.4 degrees: it counts from 0"),
     "a copy of a file": (copy_file, "the same recording as"),
     "a file of another kind": (spoil_file("t,phi\n" + "0.1,2\n" * 30), "no column Fx, Fy"),
-    "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n"), "'nan' in column 'Fy' is no number"),
+    "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n"), "'nan' in column 'Fy' is not a number"),
     "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
     "a window that ends first": (change(20000, WINDS[1], from_s="4", to_s="3"), "a window begins at from_s"),
 }
@@ -352,8 +352,8 @@ def test_a_wrong_index_or_recording_is_named_with_its_place(tunnel: WindFolder, 
     ("written", "sentence"),
     [
         ("a,b\n1,2\n", "no column command, angle_deg"),
-        (f"{','.join(HEAD)}\n", "a head and no rows"),
-        (f"{','.join(HEAD)}\n0,0,1\n", "3 fields where its head has 6"),
+        (f"{','.join(HEAD)}\n", "a header and no rows"),
+        (f"{','.join(HEAD)}\n0,0,1\n", "3 fields where its header has 6"),
         ("", "empty"),
     ],
 )
@@ -367,7 +367,7 @@ def test_a_file_that_is_not_an_index_is_refused(tmp_path: Path, written: str, se
     ("written", "sentence"),
     [
         ("command,fx_n\n1,2\n", "no column angle_deg, vx_mps"),
-        (f"{TABLE}\n10000,0,0,0,3,nan,0,0,-0.01\n", "'nan' in column 'speed_sum_rad_s' is no number"),
+        (f"{TABLE}\n10000,0,0,0,3,nan,0,0,-0.01\n", "'nan' in column 'speed_sum_rad_s' is not a number"),
         (f"{TABLE}\n10000,0,0,0,3,-4000,0,0,-0.01\n", "row 1 of speed_sum_rad_s is -4000: no vehicle has that"),
         (f"{TABLE}\n10000,0,0,0,3,4000,0,0,-1e200\n", "row 1 of force_n is -1e+200: no vehicle has that"),
         (f"{TABLE}\n10000,0,0,0,0,4000,0,0,-0.01\n", "no row has both wind and turning rotors"),

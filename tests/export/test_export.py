@@ -179,12 +179,14 @@ def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, ca
     store_section(campaign / "parameters.toml", "inertia", found)
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is doubtful. Made of what is excluded now" in " ".join(refused.stderr.split())
+    assert "inertia.matrix_kg_m2 is doubtful. Fitted to runs that are now excluded" in " ".join(refused.stderr.split())
     said = cfid("export", "crazyswarm2", "--out", "-", "--force")
 
     assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(said.stderr.split())
     assert "made of SIMULATED recordings" in said.stdout
-    excluded = f"Made of what is excluded now: {writer.folder.name} (the cable touched): fit again without."
+    excluded = (
+        f"Fitted to runs that are now excluded: {writer.folder.name} (the cable touched): fit again without them."
+    )
     assert f"inertia.matrix_kg_m2: {excluded}" in " ".join(said.stderr.split())
     assert excluded in said.stdout
 

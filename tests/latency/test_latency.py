@@ -159,7 +159,7 @@ def test_the_command_keeps_what_it_found_in_the_campaign(cfid: Cfid, tmp_path: P
     ("text", "code", "message"),
     [
         ("t,delay\n1,2\n2,3\n", 4, "no column rtt_s among t, delay"),
-        ("rtt_s\n0.05\n-0.05\n", 4, "rtt.csv:3: a round trip takes time."),
+        ("rtt_s\n0.05\n-0.05\n", 4, "rtt.csv:3: a round trip takes more than zero seconds."),
         ("rtt_s\n0.05\n", 5, "at least two are needed"),
     ],
 )

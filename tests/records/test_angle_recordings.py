@@ -82,12 +82,12 @@ def test_names_and_units_are_read_from_the_head(tmp_path: Path, head: str) -> No
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        ("t,psi", "no column of angle (phi, angle, theta) among t, psi: say --columns TIME,ANGLE"),
-        ("x,phi_rad", "no column of time (t, time) among x, phi_rad: say --columns TIME,ANGLE, or --rate-hz"),
+        ("t,psi", "no column of angle (phi, angle, theta) among t, psi: give --columns TIME,ANGLE"),
+        ("x,phi_rad", "no column of time (t, time) among x, phi_rad: give --columns TIME,ANGLE, or --rate-hz"),
         ("t [min],phi_rad", "no column of time"),
         ("t,phi [gon]", "no column of angle"),
-        ("phi,phi", ": phi (1), phi (2). Say --columns"),
-        ("t,phi_rad,time", "more than one column of time (t, time): t (1), time (3). Say"),
+        ("phi,phi", ": phi (1), phi (2). Give --columns"),
+        ("t,phi_rad,time", "more than one column of time (t, time): t (1), time (3). Give"),
     ],
 )
 def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, said: str) -> None:
@@ -101,7 +101,7 @@ def test_columns_are_chosen_by_name_or_number_and_keep_the_unit_of_their_name(tm
     record = read(tmp_path, text, columns=("1", "3"))
     assert record.time_s == pytest.approx(TIME_S, abs=1e-9)
     assert record.angle_rad == pytest.approx(2 * ANGLE_RAD, abs=1e-8)
-    assert "columns 2, 3 are all called" in refusal(tmp_path, text, columns=("t [ms]", "phi_rad"))
+    assert "columns 2, 3 are all named" in refusal(tmp_path, text, columns=("t [ms]", "phi_rad"))
     assert "no column '4'" in refusal(tmp_path, text, columns=("1", "4"))
 
 
@@ -113,8 +113,8 @@ def test_columns_that_are_no_pair_of_time_and_angle_are_a_usage_error(tmp_path: 
 @pytest.mark.parametrize(
     ("head", "options", "said"),
     [
-        ("t_ms,phi", {"time_unit": "us"}, "column 't_ms' says ms, --time-unit says us"),
-        ("t_ms,phi_rad", {"angle_unit": "deg"}, "column 'phi_rad' says rad, --angle-unit says deg"),
+        ("t_ms,phi", {"time_unit": "us"}, "column 't_ms' is in ms, but --time-unit is us"),
+        ("t_ms,phi_rad", {"angle_unit": "deg"}, "column 'phi_rad' is in rad, but --angle-unit is deg"),
     ],
 )
 def test_an_option_that_contradicts_the_head_is_a_usage_error(
@@ -128,19 +128,19 @@ def test_an_option_that_contradicts_the_head_is_a_usage_error(
 
 def test_one_column_needs_a_rate_and_two_with_a_rate_need_a_choice(tmp_path: Path) -> None:
     column = "".join(f"{word}\n" for word in words(ANGLE_RAD))
-    assert "one column and no time: say --rate-hz" in refusal(tmp_path, column)
+    assert "one column and no time: give --rate-hz" in refusal(tmp_path, column)
     record = read(tmp_path, column, rate_hz=1000.0)
     assert record.time_s == pytest.approx(TIME_S, abs=1e-12)
     assert off_by(record, ANGLE_RAD) < TURN / 8192 + 1e-9
 
     two = text_of(TIME_S, words(ANGLE_RAD), head="")
-    assert "no head names its 2 columns: say --columns ANGLE by number" in refusal(tmp_path, two, rate_hz=500.0)
+    assert "no header for its 2 columns: give --columns ANGLE by number" in refusal(tmp_path, two, rate_hz=500.0)
     assert read(tmp_path, two, rate_hz=500.0, columns=("2",)).time_s == pytest.approx(2 * TIME_S, abs=1e-12)
 
 
 def test_three_columns_without_a_head_need_a_choice(tmp_path: Path) -> None:
     text = "".join(f"{i},{t:.3f},{a:.9f}\n" for i, (t, a) in enumerate(zip(TIME_S, ANGLE_RAD, strict=True)))
-    assert "no head names its 3 columns: say --columns TIME,ANGLE by number" in refusal(tmp_path, text)
+    assert "no header for its 3 columns: give --columns TIME,ANGLE by number" in refusal(tmp_path, text)
     record = read(tmp_path, text, columns=("2", "3"), angle_unit="rad")
     assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
 
@@ -185,7 +185,7 @@ def test_time_in_a_wrong_unit_is_refused_and_the_right_one_proposed(
         assert read(tmp_path, text, time_unit=taken_for).time_s == pytest.approx(TIME_S, abs=1e-6)
         return
     said = refusal(tmp_path, text, time_unit=taken_for)
-    assert f"Say --time-unit {unit}." in said
+    assert f"Give --time-unit {unit}." in said
     assert (f"a date (Unix time) in {unit}" in said) == (start_s > 0)
 
 
@@ -195,7 +195,7 @@ def test_time_of_a_slow_recording_in_a_finer_unit_is_doubted_and_with_a_date_ref
     assert read(tmp_path, text).notes == ("swing.csv: counts are read as --counts-per-turn rls-13bit-in-22.",)
     assert "33333 Hz: is it not in s?" in read(tmp_path, text, time_unit="ms").notes[0]
     dated = text_of(EPOCH_S + slow_s, words(np.cos(slow_s)))
-    assert "Say --time-unit s." in refusal(tmp_path, dated, time_unit="ms")
+    assert "Give --time-unit s." in refusal(tmp_path, dated, time_unit="ms")
 
 
 def test_a_pause_does_not_make_the_unit_wrong(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_time_that_stands_still_is_refused(tmp_path: Path) -> None:
 def test_times_that_repeat_are_counted(tmp_path: Path) -> None:
     blocks_s = np.floor(TIME_S / 0.005) * 0.005
     record = read(tmp_path, text_of(blocks_s, words(ANGLE_RAD)))
-    assert any("1600 of 2000 samples have the time of the one before" in note for note in record.notes)
+    assert any("1600 of 2000 samples repeat the time of the previous one" in note for note in record.notes)
 
 
 def test_a_time_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
@@ -318,20 +318,20 @@ def test_words_are_told_from_plain_counts_and_the_guess_is_said(tmp_path: Path) 
 )
 def test_whole_numbers_that_leave_a_choice_are_asked_about(tmp_path: Path, values: npt.NDArray[np.int64]) -> None:
     said = refusal(tmp_path, text_of(TIME_S, values))
-    assert f"counts run from {values.min()} to {values.max()}" in said
-    assert "say --counts-per-turn N, or --angle-unit" in said
+    assert f"counts range from {values.min()} to {values.max()}" in said
+    assert "give --counts-per-turn N, or --angle-unit" in said
 
 
 def test_words_read_with_another_count_of_a_turn_are_refused(tmp_path: Path) -> None:
     said = refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn=8192.0)
-    assert "say --counts-per-turn rls-13bit-in-22" in said
+    assert "give --counts-per-turn rls-13bit-in-22" in said
 
 
 def test_an_angle_with_fractions_needs_a_unit_and_is_no_count(tmp_path: Path) -> None:
     text = text_of(TIME_S, ANGLE_RAD)
-    assert "does not say its unit, and whole counts it is not: say --angle-unit rad|deg" in refusal(tmp_path, text)
+    assert "names no unit and is not whole counts: give --angle-unit rad|deg" in refusal(tmp_path, text)
     for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):
-        assert "has fractions: say --angle-unit rad|deg" in refusal(tmp_path, text, **options)
+        assert "has fractions: give --angle-unit rad|deg" in refusal(tmp_path, text, **options)
 
 
 @pytest.mark.parametrize("head", ["t,phi", "t,phi_rad"])

@@ -309,8 +309,8 @@ print(find_campaign(None, start=place / "locked"))
         "4 /locked/parameters.toml: cannot be read: Permission denied.",
         "2 /locked/rig.toml: cannot be read: Permission denied.",
         said.splitlines()[8],
-        "2 /parameters.toml: cannot be written: Permission denied. It is as it was.",
+        "2 /parameters.toml: cannot be written: Permission denied. It is unchanged.",
         "None",
     ]
     assert said.splitlines()[8].startswith("2 /20")
-    assert said.splitlines()[8].endswith("_swing: cannot be made: Permission denied.")
+    assert said.splitlines()[8].endswith("_swing: cannot be created: Permission denied.")

@@ -62,7 +62,7 @@ def test_the_oldest_comes_first_and_one_that_is_broken_is_told(tmp_path: Path) -
 
     assert isinstance(first, Fit)
     assert isinstance(broken, DataError)
-    assert "not as cfid writes it" in str(broken)
+    assert "invalid: " in str(broken)
     assert isinstance(last, Fit)
     assert last.section.found > first.section.found
 

@@ -88,8 +88,8 @@ def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -
     ("section", "told"),
     [
         (with_covariance(((1.0,),)), "matrix: should have 2 rows of 2 numbers"),
-        (with_covariance(((1.0, 0.5), (0.4, 1.0))), "row 1, column 2 belongs to no covariance"),
-        (with_covariance(((1.0, 2.0), (2.0, 1.0))), "row 1, column 2 belongs to no covariance"),
+        (with_covariance(((1.0, 0.5), (0.4, 1.0))), "row 1, column 2 is impossible in a covariance matrix"),
+        (with_covariance(((1.0, 2.0), (2.0, 1.0))), "row 1, column 2 is impossible in a covariance matrix"),
         (with_covariance(((-1.0, 0.0), (0.0, 1.0))), "row 1 should have finite numbers"),
         (with_covariance(((1.0,),), of=("motor.speed_poly",)), "of: there is no motor.speed_poly"),
         (

@@ -213,8 +213,8 @@ def test_a_section_that_an_older_version_did_not_believe_is_rejected_whole(tmp_p
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("[swing]", "swing", "no valid TOML"),
-        ("[swing]", "x = 1\n[swing]", "not as cfid writes it: x: should be a table, not 1."),
+        ("[swing]", "swing", "invalid TOML"),
+        ("[swing]", "x = 1\n[swing]", "invalid: x: should be a table, not 1."),
         ('method = "pendulum"\n', "", "swing.method: is missing."),
         ('method = "pendulum"', "method = 3", "swing.method: should be a valid string, not 3."),
         ("2026-11-21T08:30:12Z", '"yesterday"', "swing.found: should be a valid datetime"),
@@ -296,7 +296,7 @@ def test_a_value_that_a_calculation_cannot_take_is_refused_by_its_key(
 
     with pytest.raises(DataError) as caught:
         load_sections(file)
-    assert f"parameters.toml: not as cfid writes it: fit.parameters.{key}: {said}." in str(caught.value)
+    assert f"parameters.toml: invalid: fit.parameters.{key}: {said}." in str(caught.value)
 
 
 def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_and_else_left_out(tmp_path: Path) -> None:

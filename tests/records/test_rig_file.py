@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import Mount, Rig, TestBody, Vehicle, find_campaign, load_rig, new_rig_text, thesis_rig
+from cfid.records.campaign import Mount, Rig, TestBody, VehicleData, find_campaign, load_rig, new_rig_text, thesis_rig
 from cfid.units import MM
 
 # The distances that the thesis' appendix C.1.7 calculates, to the micrometre.
@@ -26,7 +26,7 @@ def preset(folder: Path, old: str = "", new: str = "") -> Path:
     return path
 
 
-def distance_mm(vehicle: Vehicle, mount: Mount) -> float:
+def distance_mm(vehicle: VehicleData, mount: Mount) -> float:
     direction = np.array(mount.distance_direction or mount.direction) / math.hypot(
         *(mount.distance_direction or mount.direction)
     )
@@ -147,10 +147,10 @@ FAULTS = {
     "the same key twice": (
         "mass_kg = 0.0280",
         "mass_kg = 1\nmass_kg = 2",
-        "no valid TOML: Cannot overwrite a value (at line",
+        "invalid TOML: Cannot overwrite a value (at line",
     ),
-    "an open bracket": ("[vehicle]", "[vehicle", "no valid TOML: Expected ']'"),
-    "a decimal comma": ("mass_kg = 0.0280", "mass_kg = 0,0280", "no valid TOML: "),
+    "an open bracket": ("[vehicle]", "[vehicle", "invalid TOML: Expected ']'"),
+    "a decimal comma": ("mass_kg = 0.0280", "mass_kg = 0,0280", "invalid TOML: "),
 }
 
 
@@ -185,10 +185,10 @@ def test_whole_numbers_are_numbers(tmp_path: Path) -> None:
     ("content", "said"),
     [
         (b"", "vehicle: is missing"),
-        (b"\xff\xfe[\0", "byte 1 is no UTF-8 text"),
-        ("name = 'Käfer'".encode("latin-1"), "byte 10 is no UTF-8 text"),
+        (b"\xff\xfe[\0", "byte 1 is not UTF-8 text"),
+        ("name = 'Käfer'".encode("latin-1"), "byte 10 is not UTF-8 text"),
         (b"a = " + b"[" * 5000, "nested too deeply"),
-        (b"\x89PNG\r\n\x1a\n", "no UTF-8 text"),
+        (b"\x89PNG\r\n\x1a\n", "not UTF-8 text"),
     ],
 )
 def test_a_file_that_is_no_rig_is_refused(tmp_path: Path, content: bytes, said: str) -> None:

@@ -206,7 +206,7 @@ def test_a_run_whose_folder_vanished_says_so_when_it_is_closed(tmp_path: Path) -
 @pytest.mark.parametrize("name", ["runs", "."])
 def test_a_place_where_no_run_can_be_made_is_a_configuration_error(tmp_path: Path, name: str) -> None:
     (tmp_path / "runs").write_text("a file")
-    with pytest.raises(ConfigError, match="cannot be made"):
+    with pytest.raises(ConfigError, match="cannot be created"):
         new(tmp_path / name)
 
 
@@ -223,7 +223,7 @@ def test_a_run_that_was_not_closed_is_read_and_says_so(tmp_path: Path) -> None:
     writer.append("encoder", (TIME_S, COUNTS))
     record = read_angle(writer.folder, Reading())
     assert len(record.time_s) == 100
-    assert record.notes == (f"{writer.folder.name}: the run was cut while recording; what reached the disk is used.",)
+    assert record.notes == (f"{writer.folder.name}: the run was cut while recording; the rows on disk are used.",)
     writer.close("complete")
 
 
@@ -235,7 +235,7 @@ def test_a_file_that_lost_rows_since_says_how_many_there_were(tmp_path: Path, ro
     record = read_angle(folder, Reading())
     assert len(record.time_s) == rows
     assert record.notes == (
-        f"{folder.name}: 100 rows were recorded, but encoder.csv has {rows}: it was changed since.",
+        f"{folder.name}: 100 rows were recorded, but encoder.csv has {rows}: the file was changed since.",
     )
 
 
@@ -314,12 +314,12 @@ def test_a_damaged_run_is_refused_by_file_and_key(
     ("content", "said"),
     [
         (b"", "kind: is missing"),
-        (b"kind = ", "no valid TOML: Invalid value (at end of document)"),
-        (b"\xff\xfe", "byte 1 is no UTF-8 text"),
-        (b"a = 1\na = 2\n", "no valid TOML: Cannot overwrite a value (at line 2"),
-        (b"a = " + b"[" * 3000, "no valid TOML: nested too deeply"),
-        (b"a = " + b"9" * 5000, "no valid TOML"),
-        (bytes(64), "no valid TOML"),
+        (b"kind = ", "invalid TOML: Invalid value (at end of document)"),
+        (b"\xff\xfe", "byte 1 is not UTF-8 text"),
+        (b"a = 1\na = 2\n", "invalid TOML: Cannot overwrite a value (at line 2"),
+        (b"a = " + b"[" * 3000, "invalid TOML: nested too deeply"),
+        (b"a = " + b"9" * 5000, "invalid TOML"),
+        (bytes(64), "invalid TOML"),
     ],
 )
 def test_a_run_file_that_is_no_toml_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
@@ -338,7 +338,7 @@ def test_a_run_file_with_a_byte_order_mark_and_crlf_is_read(tmp_path: Path) -> N
 
 
 def test_a_folder_without_a_run_and_a_run_without_its_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"no run: it has no run\.toml"):
+    with pytest.raises(DataError, match=r"not a run: it has no run\.toml"):
         read_angle(tmp_path, Reading())
     folder = recorded(tmp_path)
     (folder / "encoder.csv").unlink()

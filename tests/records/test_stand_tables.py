@@ -132,7 +132,7 @@ def test_a_rate_that_is_given_makes_the_times_and_needs_no_word(tmp_path: Path) 
 
     assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 50)
     assert not any("assumed" in note for note in table.notes)
-    assert "--rate-hz 0: a rate is above zero" in refusal(tmp_path, held(), ConfigError, rate_hz=0.0)
+    assert "--rate-hz 0: has to be above zero" in refusal(tmp_path, held(), ConfigError, rate_hz=0.0)
 
 
 def test_a_time_column_is_taken_before_any_rate_is_assumed(tmp_path: Path) -> None:
@@ -177,27 +177,30 @@ def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("throttle,thrust_n\n1,2\n", "no motor command among throttle, thrust_n. Known heads: cmd, command or pwm"),
-        ("cmd,vbat_v\n1,4\n", "nothing measured among cmd, vbat_v. Known heads: cmd"),
-        ("cmd,lift\n1,4\n", "nothing measured among cmd, lift. Known heads: cmd"),
-        ("cmd,thrust\n1,4\n", "column 'thrust' has no unit that is known. Known heads: cmd"),
-        ("cmd,thrust[lbs]\n1,4\n", "column 'thrust[lbs]' has no unit that is known"),
-        ("cmd,thrust_n,vbat[mV]\n1,4,4100\n", "column 'vbat[mV]' has no unit that is known"),
-        ("pwm[us],thrust_n\n1,4\n", "column 'pwm[us]' has no unit that is known"),
+        ("throttle,thrust_n\n1,2\n", "no motor command among throttle, thrust_n. Known names: cmd, command or pwm"),
+        ("cmd,vbat_v\n1,4\n", "nothing measured among cmd, vbat_v. Known names: cmd"),
+        ("cmd,lift\n1,4\n", "nothing measured among cmd, lift. Known names: cmd"),
+        ("cmd,thrust\n1,4\n", "column 'thrust' has no known unit. Known names: cmd"),
+        ("cmd,thrust[lbs]\n1,4\n", "column 'thrust[lbs]' has no known unit"),
+        ("cmd,thrust_n,vbat[mV]\n1,4,4100\n", "column 'vbat[mV]' has no known unit"),
+        ("pwm[us],thrust_n\n1,4\n", "column 'pwm[us]' has no known unit"),
         ("cmd,weight[g],thrust[N]\n1,4,2\n", "more than one column of thrust: weight[g], thrust[N]. Leave one"),
         ("cmd,pwm,thrust_n\n1,4,2\n", "more than one column of command: cmd, pwm"),
         ("pwm,rpm1,rpm_mean\n1,4,2\n", "more than one column of speeds: rpm1, rpm_mean"),
-        ("1,4\n2,5\n", "no head names its 2 columns. Known heads: cmd"),
-        ("cmd,thrust_n\n2000,0.1\n4000,nan\n", "stand.csv:3: 'nan' in column 'thrust_n' is no number"),
+        ("1,4\n2,5\n", "no header for its 2 columns. Known names: cmd"),
+        ("cmd,thrust_n\n2000,0.1\n4000,nan\n", "stand.csv:3: 'nan' in column 'thrust_n' is not a number"),
         ("cmd,thrust_n\n2000,0.1\n4000,\n", "stand.csv:3: column 'thrust_n' is empty"),
         ("pwm,thrust_n\n2000,0.1\n-4000,0.1\n", "stand.csv:3: -4000 in column 'pwm': a command is zero or more"),
-        ("cmd,thrust_n\n2000,0.1\n70000,0.1\n", "stand.csv:3: 70000 in column 'cmd': it ends at 65535"),
-        ("pwm_percent,thrust_n\n20,0.1\n100.5,0.1\n", "stand.csv:3: 100.5 in column 'pwm_percent': it ends at 100 per"),
-        ("pwm,thrust_n\n0,0\n100,0.1\n", "no pwm above 100: is it per cent? Then call the column pwm_percent"),
+        ("cmd,thrust_n\n2000,0.1\n70000,0.1\n", "stand.csv:3: 70000 in column 'cmd': the largest is 65535"),
+        (
+            "pwm_percent,thrust_n\n20,0.1\n100.5,0.1\n",
+            "stand.csv:3: 100.5 in column 'pwm_percent': the largest",
+        ),
+        ("pwm,thrust_n\n0,0\n100,0.1\n", "no pwm above 100: is it in per cent? Then name the column pwm_percent"),
         ("cmd,rpm_1,rpm_2\n0,0,0\n2000,9000,-1\n", "stand.csv:3: -1 in column 'rpm_2': a speed is zero or more"),
         (
             "cmd,thrust_n,vbat_v\n0,0,4.1\n0,0,3900\n",
-            "stand.csv:3: 3900 in column 'vbat_v': no battery has that in volts",
+            "stand.csv:3: 3900 in column 'vbat_v': no battery has that voltage",
         ),
         ("cmd,thrust_n,vbat_v\n0,0,0\n", "stand.csv:2: 0 in column 'vbat_v': no battery"),
     ],

@@ -92,5 +92,5 @@ def test_old_files_that_were_kept_are_not_written_over(cfid: Cfid, tmp_path: Pat
     said = cfid("upgrade", folder)
 
     assert said.returncode == 2
-    assert "is there already" in said.stderr
+    assert "exists already" in said.stderr
     assert (folder / "parameters.toml").read_text() == PARAMETERS

@@ -97,8 +97,8 @@ def test_a_scale_that_is_given_holds_for_a_run_and_other_options_do_not(tmp_path
 @pytest.mark.parametrize(
     ("facts", "said"),
     [
-        ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n: is missing: say --counts-per-n."),
-        ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm: is missing: say --counts-per-nm."),
+        ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n: is missing: give --counts-per-n."),
+        ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm: is missing: give --counts-per-nm."),
         (FACTS | {"counts_per_n": 0}, "devices.loadcell.counts_per_n: should be greater than 0, not 0"),
         (FACTS | {"gaps": [{"from_s": 1.0}]}, "devices.loadcell.gaps.0.to_s: is missing"),
     ],
@@ -126,7 +126,7 @@ def test_what_a_run_lacks_is_said(tmp_path: Path) -> None:
     record = read_wrench(writer.folder, WrenchReading())
     assert record.lost == 40
     assert [note.removeprefix(f"{writer.folder.name}: ") for note in record.notes] == [
-        "the run failed (no power); what was recorded is used.",
+        "the run failed (no power); the recorded rows are used.",
         "40 samples were lost while recording.",
         "recorded on the simulated rig.",
         "no samples for 3.0 s in 2 gap(s): the stream broke off.",
@@ -205,7 +205,7 @@ def test_a_file_of_the_thesis_is_read_with_the_usual_scale_and_that_is_said(tmp_
     assert record.torque_nm == pytest.approx(COUNTS[:, 3:] / 1e6)
     assert (record.status, record.lost, record.run, record.name) == (None, None, None, "fts")
     assert record.notes[1:] == (USUAL,)
-    assert "samples have the time of the one before" in record.notes[0]
+    assert "samples repeat the time of the previous one" in record.notes[0]
 
 
 def test_only_the_scale_that_is_not_given_is_said(tmp_path: Path) -> None:
@@ -232,8 +232,8 @@ def test_what_can_be_no_count_is_refused_with_its_line_and_the_option_to_say(tmp
     fields = lines[120].split(",")
     lines[120] = ",".join([*fields[:3], value, *fields[4:]])
     said = refusal(tmp_path, "\n".join(lines))
-    assert f"fts.csv:121: {float(value):.9g} in column 'Fz' is no count" in said
-    assert "say --units n,nm" in said
+    assert f"fts.csv:121: {float(value):.9g} in column 'Fz' is not a count" in said
+    assert "give --units n,nm" in said
 
 
 def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
         ({"counts_per_nm": float("nan")}, "--counts-per-nm nan: has to be above zero"),
         ({"columns": ("t", "Fz")}, "names seven columns"),
         ({"columns": ("t", "Fx", "Fx", "Fz", "Tx", "Ty", "Tz")}, "none of them twice"),
-        ({"rate_hz": 0.0}, "--rate-hz 0: a rate is above zero"),
+        ({"rate_hz": 0.0}, "--rate-hz 0: has to be above zero"),
     ],
 )
 def test_options_that_make_no_sense_are_a_usage_error(tmp_path: Path, options: dict[str, Any], said: str) -> None:
@@ -257,16 +257,16 @@ def test_options_that_make_no_sense_are_a_usage_error(tmp_path: Path, options: d
 def test_a_scale_for_newtons_and_a_unit_against_the_head_are_a_usage_error(tmp_path: Path) -> None:
     text = text_of(COUNTS / 1e6, head="t,Fx_n,Fy_n,Fz_n,Tx_nm,Ty_nm,Tz_nm")
     assert "the file is in N and Nm, not in counts" in refusal(tmp_path, text, ConfigError, counts_per_n=1e6)
-    assert "column 'Fx_n' says n, --units says counts" in refusal(tmp_path, text, ConfigError, units="counts")
+    assert "column 'Fx_n' is in n, but --units is counts" in refusal(tmp_path, text, ConfigError, units="counts")
 
 
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        ("t,Fx,Fy,F3,Tx,Ty,T3", "no column Fz, Tz among t, Fx, Fy, F3, Tx, Ty, T3: say --columns TIME,FX"),
+        ("t,Fx,Fy,F3,Tx,Ty,T3", "no column Fz, Tz among t, Fx, Fy, F3, Tx, Ty, T3: give --columns TIME,FX"),
         ("when,Fx,Fy,Fz,Tx,Ty,Tz", "no column of time (t, time) among when, Fx"),
         ("t,Fx,Fy,Fz,Tx,Ty,Fz_counts", "no column Tz"),
-        ("t,Fx,Fy,Fz,Tx_counts,Ty,Tz_nm", "some axes in counts and some not: say --units"),
+        ("t,Fx,Fy,Fz,Tx_counts,Ty,Tz_nm", "some axes in counts and some not: give --units"),
     ],
 )
 def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, said: str) -> None:
@@ -279,7 +279,7 @@ def test_columns_without_a_head_are_taken_in_their_order_and_others_by_number(tm
     assert swapped.force_n == pytest.approx(COUNTS[:, 2::-1] / 1e6)
     six = "\n".join(line.partition(",")[2] for line in text_of().split("\n"))
     assert read(tmp_path, six, rate_hz=7000.0).time_s == pytest.approx(TIME_S, abs=1e-12)
-    assert "no head names its 6 columns" in refusal(tmp_path, six.partition("\n")[2])
+    assert "no header for its 6 columns" in refusal(tmp_path, six.partition("\n")[2])
 
 
 SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
@@ -307,7 +307,7 @@ def test_a_status_word_beside_bare_counts_is_read_and_one_that_is_none_refused(t
     assert record.status is not None
     assert record.status[0] == 2**32 - 1
     said = refusal(tmp_path, text_of(np.hstack([COUNTS, np.full((ROWS, 1), -1)]), head=f"{HEAD},status"))
-    assert "fts.csv:2: status -1 is no word of 32 bits" in said
+    assert "fts.csv:2: status -1 is not a word of 32 bits" in said
 
 
 def test_the_kind_of_a_bare_file_is_told_by_its_columns(tmp_path: Path) -> None:

@@ -57,5 +57,5 @@ def test_a_fit_that_cannot_be_read_is_told_and_the_rest_reported(cfid: Cfid, cam
     said = cfid("report")
 
     assert said.returncode == 0
-    assert "not as cfid writes it" in said.stderr
+    assert "thrust.json: invalid: " in said.stderr
     assert "What could not be read" in (campaign / "report.html").read_text()

@@ -177,7 +177,7 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_since_is_no_longer_cu
     amend_run(run, excluded="the cable touched")
     assert said_of_thrust(campaign) == (
         f"Changed since it was fitted: {fitted.path}: fit again.",
-        f"Made of what is excluded now: {run.folder.name} (the cable touched): fit again without.",
+        f"Fitted to runs that are now excluded: {run.folder.name} (the cable touched): fit again without them.",
     )
 
 

@@ -274,4 +274,4 @@ def test_a_glob_that_no_run_can_have_as_its_name_is_refused(cfid: Cfid, tmp_path
     said = cfid("show", glob, "--campaign", tmp_path / "mine")
 
     assert said.returncode == 2
-    assert "no runs are called so, one is wanted" in " ".join(said.stderr.split())
+    assert "no runs match, expected one" in " ".join(said.stderr.split())

@@ -114,7 +114,7 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
     "an index without a column": (
         replaced("index.csv", "loadcell", "cell"),
         4,
-        ("index.csv: no column loadcell", "its head should be l,n,amplitude,motor,loadcell,crossings[,series]"),
+        ("index.csv: no column loadcell", "its header should be l,n,amplitude,motor,loadcell,crossings[,series]"),
     ),
     "an index of words": (replaced("index.csv", "10,2000", "ten,2000"), 4, ("index.csv:4: 'ten' in column 'l'",)),
     "an l above N/2": (replaced("index.csv", "10,2000", "1001,2000"), 4, ("index.csv:4: l is 1001", "from 0 to 1000")),
@@ -122,9 +122,9 @@ FAULTS: dict[str, tuple[Spoil, int, tuple[str, ...]]] = {
     "an index that ends in a row": (
         rewritten("index.csv", lambda lines: [*lines, "3,2000"]),
         4,
-        ("index.csv:7: 2 fields where its head has 6",),
+        ("index.csv:7: 2 fields where its header has 6",),
     ),
-    "an index of nothing": (rewritten("index.csv", lambda lines: lines[:1]), 4, ("a head and no rows",)),
+    "an index of nothing": (rewritten("index.csv", lambda lines: lines[:1]), 4, ("a header and no rows",)),
     "all motors about an arm": (replaced("index.csv", "20000,1", "20000,0"), 4, ("use the channel Fz",)),
     "a run twice": (rewritten("index.csv", lambda lines: [*lines, lines[2]]), 4, ("l = 5", "name each run once")),
     "a run by two names": (

@@ -1,7 +1,7 @@
-"""An angle over time, in seconds and radians, from a run folder or from a CSV file that anyone wrote.
+"""Read an angle over time, in seconds and radians, from a run folder or any CSV file.
 
-Columns are found by name, units by suffix or option; what cannot be told is asked for, never guessed, and
-time and counts are checked before anything is computed from them.
+Columns are found by name, units by suffix or option. A unit that cannot be determined is an error that asks for the
+option, never a guess; time and counts are checked before use.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
-from cfid.records.tables.table import Array, Table, open_table
+from cfid.records.tables.table import Array, CsvTable, open_table
 from cfid.records.tables.times import (
     CUT_LINE,
     Facts,
@@ -41,7 +41,7 @@ _ANGLE_NAME = column_name("phi|angle|theta|position", ("rad", "deg", "counts"))
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How to read a bare CSV file, where it does not say so itself."""
+    """How to read a CSV file outside a run, where its header does not show it."""
 
     time_unit: TimeUnit | None = None
     angle_unit: AngleUnit | None = None
@@ -53,7 +53,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class AngleRecord:
-    """An angle (n,) that is continuous over turns, at increasing times (n,) from the first sample on."""
+    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample."""
 
     path: Path
     source: Source
@@ -65,12 +65,12 @@ class AngleRecord:
 
     @property
     def name(self) -> str:
-        """What to call it: the run's name, or the file's."""
+        """The run's name, or the file's."""
         return self.run or self.path.stem
 
 
 def read_angle(path: Path, reading: Reading) -> AngleRecord:
-    """Read a run folder's encoder, or a bare CSV file.
+    """Read a run folder's encoder, or a CSV file outside a run.
 
     Raises DataError with file, line and next step; ConfigError when options contradict the file.
     """
@@ -87,9 +87,9 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
         columns=record.columns[:2],
     )
     found, rows = _read(file, own, run.header.label, own=True)
-    said = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
-    notes = tuple(f"{path.name}: {note}" for note in said)
-    return replace(found, run=path.resolve().name, notes=notes + found.notes)
+    notes = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
+    named = tuple(f"{path.name}: {note}" for note in notes)
+    return replace(found, run=path.resolve().name, notes=named + found.notes)
 
 
 Recording = AngleRecord | Run | Path | str
@@ -124,28 +124,28 @@ def counts_per_turn(text: str) -> CountsPerTurn:
 
 
 def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> tuple[AngleRecord, int]:
-    """Return a file's record, and how many rows the file has."""
+    """Return a file's record, and its number of rows."""
     table = open_table(path, skip_lines=reading.skip_lines)
     time_name, angle_name = _columns(table, reading)
     values = numbers_of(table, [*([time_name] if time_name else []), angle_name])
-    time, said = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
+    time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     unit = unit_of(table, _ANGLE_NAME, angle_name, reading.angle_unit, "--angle-unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     if table.cut:
-        said += (CUT_LINE,)
+        notes += (CUT_LINE,)
     record = AngleRecord(
         path=path,
         source=Source(str(path), table.sha256),
         label=label,
         time_s=time[angle.rows] - time[angle.rows[0]],
         angle_rad=angle.angle_rad,
-        notes=tuple(f"{path.name}: {note}" for note in said + angle.said),
+        notes=tuple(f"{path.name}: {note}" for note in notes + angle.notes),
     )
     return record, len(values)
 
 
-def _columns(table: Table, reading: Reading) -> tuple[str | None, str]:
-    """Return the time column (None with a given rate) and the angle column, each as the table finds it."""
+def _columns(table: CsvTable, reading: Reading) -> tuple[str | None, str]:
+    """Return the time column (None with a given rate) and the angle column, each by name or number."""
     if reading.columns:
         if len(reading.columns) != (1 if reading.rate_hz is not None else 2):
             raise ConfigError("--columns names the time and the angle column, or with --rate-hz the angle alone.")
@@ -156,11 +156,11 @@ def _columns(table: Table, reading: Reading) -> tuple[str | None, str]:
     if not table.has_head and len(names) == (1 if reading.rate_hz is not None else 2):
         return (None if reading.rate_hz is not None else names[0]), names[-1]
     if not table.has_head and len(names) == 1:
-        raise DataError(f"{table.path}: one column and no time: say --rate-hz.")
+        raise DataError(f"{table.path}: one column and no time: give --rate-hz.")
     if not table.has_head:
         option = "--columns TIME,ANGLE" if reading.rate_hz is None else "--columns ANGLE"
         raise DataError(
-            f"{table.path}: no head names its {len(names)} columns: say {option} by number, as in "
+            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in "
             f"{'1,2' if reading.rate_hz is None else '2'}. Numbers need decimal points, and no comma inside."
         )
     angle = named_column(table, _ANGLE_NAME, "angle (phi, angle, theta)", "--columns TIME,ANGLE")

@@ -1,4 +1,4 @@
-"""A table of any kind that cfid reads, for notebooks."""
+"""Read a table of any kind, for notebooks."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -40,14 +40,14 @@ def read_table(path: str | Path, *, kind: Literal["stand"], **settings: Any) -> 
 def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
     """Read a CSV file, or a run folder, of a kind: angles, forces and torques, crossings, pings, or a stand's table.
 
-    `settings` say what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns`; of angles
+    `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns`; of angles
     `angle_unit` and `counts_per_turn`; of forces `units`, `counts_per_n`, `counts_per_nm`; of a stand `gravity_mps2`.
-    Raises ConfigError for a kind or a setting that there is not, DataError with file, line and next step.
+    Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """
     if kind not in _READERS:
-        raise ConfigError(f"kind '{kind}': there are {', '.join(_READERS)}.")
+        raise ConfigError(f"kind '{kind}': unknown; the kinds are {', '.join(_READERS)}.")
     known, read = _READERS[kind]
     unknown = sorted(settings.keys() - set(known))
     if unknown:
-        raise ConfigError(f"{kind}: no setting {', '.join(unknown)}: there are {', '.join(known) or 'none'}.")
+        raise ConfigError(f"{kind}: no setting {', '.join(unknown)}; the settings are {', '.join(known) or 'none'}.")
     return read(Path(path), **settings)

@@ -1,6 +1,6 @@
-"""Reports of a sine's crossings as they came, from a run folder or from a CSV file that anyone wrote.
+"""Read the reports of a sine's crossings from a run folder or any CSV file.
 
-Which sample of which sine each report stands for, and whether any is missing, is the analysis' business.
+The analysis assigns them to samples of the sine and finds missing ones.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.records.parameters import Source
 from cfid.records.run import Run
-from cfid.records.tables.table import Array, Table, open_table
+from cfid.records.tables.table import Array, CsvTable, open_table
 from cfid.records.tables.times import CUT_LINE, TimeUnit, seconds_of, time_column
 
 CROSSINGS = "crossings"
@@ -21,7 +21,7 @@ _COMMAND, _SAMPLE, _VEHICLE = "thrust_rec", "sample", "vehicle_us"
 
 @dataclass(frozen=True, kw_only=True)
 class CrossingRecord:
-    """Reports (n,): the host's seconds, commands, and where the vehicle told them samples and its microseconds."""
+    """Reports (n,): host times in seconds, commands, and where the vehicle reported them, samples and microseconds."""
 
     path: Path
     source: Source
@@ -40,11 +40,11 @@ def read_run_crossings(run: Run) -> CrossingRecord:
 def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> CrossingRecord:
     """Read a CSV file with a time and `thrust_rec`, and `sample` and `vehicle_us` where it has both.
 
-    A file without a head has time and command in its first two columns, as those of the thesis. Raises DataError with
+    A file without a header has time and command in its first two columns, like the thesis' files. Raises DataError with
     file, line and next step.
     """
     table = open_table(path)
-    time = time_column(table, "a head t,thrust_rec") if table.has_head else "1"
+    time = time_column(table, "a header t,thrust_rec") if table.has_head else "1"
     stamped = table.has_head and {_SAMPLE, _VEHICLE} <= set(table.names)
     columns = [time, _command(table), *((_SAMPLE, _VEHICLE) if stamped else ())]
     values = table.numbers(columns)
@@ -64,7 +64,7 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
     )
 
 
-def _command(table: Table) -> str:
+def _command(table: CsvTable) -> str:
     if not table.has_head:
         return "2"
     if _COMMAND not in table.names:

@@ -1,4 +1,4 @@
-"""A device's rows of a run as a data frame: SI units, one time base for all devices of the run."""
+"""Return a device's rows of a run as a data frame, in SI units, with one time base for all devices of the run."""
 
 import numpy as np
 from pandas import DataFrame
@@ -13,7 +13,7 @@ def frame(run: Run, device: str) -> DataFrame:
     """Return a device's rows over `t`, in seconds from the first row of any device of the run.
 
     The encoder has `angle_rad`, the load cell `fx_n` to `tz_nm` (frame of the cell), the others their own columns.
-    Raises DataError when the run has no such device, or a file cannot be understood.
+    Raises DataError when the run has no such device, or a file is invalid.
     """
     file = run.device_file(device)
     zero_s = min(begin_s(run.device_file(name)) for name, record in run.header.devices.items() if record.rows != 0)

@@ -1,4 +1,4 @@
-"""An index: a CSV file with a row for each run, that says what its files cannot say of themselves."""
+"""Read an index: a CSV file with a row per run, for facts that the runs' own files do not contain."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class IndexRow:
-    """One row by its columns' names, and where it stands."""
+    """One row: its fields by column, its file and its line."""
 
     path: Path
     line: int
@@ -25,7 +25,7 @@ class IndexRow:
         from cfid.records.tables.text import is_finite
 
         if not is_finite(self.fields[column]):
-            raise self.fault(f"'{self.fields[column]}' in column '{column}' is no number.")
+            raise self.fault(f"'{self.fields[column]}' in column '{column}' is not a number.")
         return float(self.fields[column])
 
     def whole(self, column: str, least: int, most: int) -> int:
@@ -42,12 +42,12 @@ class IndexRow:
         return self.path.parent / self.fields[column]
 
     def fault(self, what: str) -> DataError:
-        """Return the error that says where in the index something is wrong."""
+        """Return an error that names the file and the line."""
         return DataError(f"{self.path}:{self.line}: {what}")
 
 
 class Index(NamedTuple):
-    """The rows of an index, the file, and what is to be said of it."""
+    """The rows of an index, its file, and notes."""
 
     rows: list[IndexRow]
     source: "Source"
@@ -68,16 +68,16 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
     if missing:
         wanted = ",".join(columns) + "".join(f"[,{name}]" for name in optional)
         raise DataError(
-            f"{path}: no column {', '.join(missing)} among {', '.join(names)}: its head should be {wanted}."
+            f"{path}: no column {', '.join(missing)} among {', '.join(names)}: its header should be {wanted}."
         )
     rows = []
     for line in lines:
         fields = fields_of(line.text, separator)
         if len(fields) != len(names):
-            raise DataError(f"{path}:{line.number}: {len(fields)} fields where its head has {len(names)}.")
+            raise DataError(f"{path}:{line.number}: {len(fields)} fields where its header has {len(names)}.")
         rows.append(IndexRow(path=path, line=line.number, fields=dict(zip(names, fields, strict=True))))
     if not rows:
-        raise DataError(f"{path}: a head and no rows: it names no run.")
+        raise DataError(f"{path}: a header and no rows: it names no run.")
     unused = [name for name in names if name not in {*columns, *optional}]
     known = f"it may have {', '.join(optional)}"
     notes = (f"{path.name}: not used: column {', '.join(unused)}; {known}.",) if unused else ()

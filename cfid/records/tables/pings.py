@@ -1,4 +1,4 @@
-"""Round trips to the vehicle, from a run folder or from a CSV file that anyone wrote."""
+"""Read round trips to the vehicle from a run folder or any CSV file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +17,9 @@ _RTT, _VEHICLE = "rtt_s", "vehicle_us"
 
 @dataclass(frozen=True, kw_only=True)
 class PingRecord:
-    """Round trips (n,) in seconds; when each was sent by the host, and answered by the vehicle, where that is told.
+    """Round-trip times (n,) in seconds; the host's times of sending and the vehicle's of answering, where known.
 
-    `circumstances` is what the operator noted.
+    `circumstances` is the operator's note.
     """
 
     path: Path
@@ -32,7 +32,7 @@ class PingRecord:
 
     @property
     def name(self) -> str:
-        """What to call it: the run's name, or the file's."""
+        """The run's name, or the file's."""
         return self.path.stem
 
 
@@ -50,9 +50,11 @@ def read_pings(path: Path) -> PingRecord:
     columns = dict(zip(there, table.numbers(there).T, strict=True))
     wrong = np.flatnonzero(columns[_RTT] <= 0)
     if len(wrong):
-        raise DataError(f"{file}:{table.line_of_row(int(wrong[0]))}: a round trip takes time. Cut that line.")
-    said = [CUT_LINE] if table.cut else []
-    said += [] if run is None else losses(run, run.header.devices[PINGS], len(columns[_RTT]))
+        raise DataError(
+            f"{file}:{table.line_of_row(int(wrong[0]))}: a round trip takes more than zero seconds. Delete that line."
+        )
+    notes = [CUT_LINE] if table.cut else []
+    notes += [] if run is None else losses(run, run.header.devices[PINGS], len(columns[_RTT]))
     return PingRecord(
         path=path,
         source=Source(str(file), table.sha256),
@@ -60,5 +62,5 @@ def read_pings(path: Path) -> PingRecord:
         sent_s=columns.get("t"),
         vehicle_us=columns.get(_VEHICLE),
         circumstances="" if run is None else run.header.label.note or "",
-        notes=tuple(f"{path.name}: {note}" for note in said),
+        notes=tuple(f"{path.name}: {note}" for note in notes),
     )

@@ -1,6 +1,6 @@
-"""Tables of thrust, torque, speed and battery over motor command, in SI units: typed ones and those of thrust stands.
+"""Read tables of thrust, torque, speed and voltage over motor command, typed by hand or from thrust stands.
 
-Knows heads and units. Whether a motor had settled, and how many markers its propeller carries, is asked elsewhere.
+It resolves column names and units only; settling and the tachometer's markers are the fits' part.
 """
 
 import re
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.records.parameters import Source
-from cfid.records.tables.table import Array, Table, open_table
+from cfid.records.tables.table import Array, CsvTable, open_table
 from cfid.records.tables.times import CUT_LINE, times_of
 from cfid.units import FULL_COMMAND, ROTORS, RPM, USUAL_GRAVITY_MPS2
 
@@ -33,12 +33,12 @@ _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its milliv
 
 @dataclass(frozen=True, kw_only=True)
 class StandTable:
-    """A table's columns (n,) in SI units, None for those that it has not; `columns` gives each one's heads.
+    """A table's columns (n,) in SI units, None for absent ones; `columns` has the file's names of each.
 
-    `thrust_n` is one motor's where `motors` says whose sum the file has; where that is None, it is what the file says.
-    `speeds_rad_s` (n, s) are as displayed: a motor's ("motor"), one rotor's in several series ("series"), four
-    rotors' at once ("rotors") or their mean ("mean"). `grams` is the display of scales. `time_s` is None for settled
-    points, and there for a record over time, whose `rate_hz` is None where a column gave the time.
+    `thrust_n` is one motor's where the file has the sum of `motors` motors; where `motors` is None, it is as in the
+    file. `speeds_rad_s` (n, s) are as displayed: a motor's ("motor"), one rotor's in several series ("series"), four
+    rotors' at once ("rotors") or their mean ("mean"). `grams` is the reading of scales. `time_s` is None for settled
+    points and an array for a record over time, whose `rate_hz` is None where a column gave the time.
     """
 
     path: Path
@@ -68,7 +68,7 @@ class StandTable:
 
 
 class _Head(NamedTuple):
-    """How a column of a quantity may be called, less spaces and case, and what makes SI units of it."""
+    """A known name of a quantity's column, without spaces and case, and its factor to SI units."""
 
     quantity: str
     called: str
@@ -77,7 +77,7 @@ class _Head(NamedTuple):
 
 
 class _Column(NamedTuple):
-    """Columns of one quantity as the file has them, (n, s)."""
+    """The columns of one quantity as in the file, (n, s)."""
 
     head: _Head
     names: tuple[str, ...]
@@ -118,19 +118,20 @@ _STEMS = {
 def read_stand_table(
     path: Path, *, gravity_mps2: float = USUAL_GRAVITY_MPS2, rate_hz: float | None = None, skip_lines: int = 0
 ) -> StandTable:
-    """Read a table whose head names quantities and units, in any order; columns of other names are left and noted.
+    """Read a table whose header names quantities and units, in any order; other columns are ignored with a note.
 
     Rows of a pwm that is held for long are a record over time, at `rate_hz` where no column gives the time.
 
-    Raises DataError with file, line or column, and next step; ConfigError for a rate that is none.
+    Raises DataError with file, line or column, and next step; ConfigError for an invalid rate.
     """
     table = open_table(path, skip_lines=skip_lines)
     found = _columns(table)
     _check(table, found)
     thrust, speeds = found.get("thrust_n"), found.get("speeds_rad_s")
     total = thrust is not None and thrust.head.kind.startswith("total")
-    time_s, rate, said = _times(table, found, rate_hz)
-    notes = (*_total_note(thrust, gravity_mps2), *said, *_unused_note(table, found), *([CUT_LINE] if table.cut else []))
+    time_s, rate, time_notes = _times(table, found, rate_hz)
+    cut = [CUT_LINE] if table.cut else []
+    notes = (*_total_note(thrust, gravity_mps2), *time_notes, *_unused_note(table, found), *cut)
     return StandTable(
         path=path,
         source=Source(str(path), table.sha256),
@@ -149,13 +150,14 @@ def read_stand_table(
     )
 
 
-def _columns(table: Table) -> dict[str, _Column]:
+def _columns(table: CsvTable) -> dict[str, _Column]:
     """Return the columns of each quantity.
 
-    Raises DataError when one is called twice, in no known unit, or when there are no commands or nothing else.
+    Raises DataError when a quantity has several columns or no known unit, and when commands or measurements are
+    missing.
     """
     if not table.has_head:
-        raise DataError(f"{table.path}: no head names its {len(table.names)} columns. Known heads: {HEADS}.")
+        raise DataError(f"{table.path}: no header for its {len(table.names)} columns. Known names: {HEADS}.")
     called: dict[str, list[tuple[_Head, str]]] = {}
     for name in table.names:
         bare = re.sub(r"\s", "", name).lower()
@@ -172,7 +174,7 @@ def _columns(table: Table) -> dict[str, _Column]:
     return found
 
 
-def _check_heads(table: Table, called: Mapping[str, list[tuple[_Head, str]]]) -> None:
+def _check_heads(table: CsvTable, called: Mapping[str, list[tuple[_Head, str]]]) -> None:
     for quantity, columns in called.items():
         names = ", ".join(name for _, name in columns)
         if len(columns) > 1 and (columns[0][0].kind not in _SEVERAL or len({head for head, _ in columns}) > 1):
@@ -181,29 +183,29 @@ def _check_heads(table: Table, called: Mapping[str, list[tuple[_Head, str]]]) ->
     for name in table.names:
         bare = name.strip().lower()
         if any(bare.startswith(stems) and quantity not in called for quantity, stems in _STEMS.items()):
-            raise DataError(f"{table.path}: column '{name}' has no unit that is known. Known heads: {HEADS}.")
+            raise DataError(f"{table.path}: column '{name}' has no known unit. Known names: {HEADS}.")
     if "command" not in called or not any(quantity in called for quantity in _MEASURED):
         lacks = "nothing measured" if "command" in called else "no motor command"
-        raise DataError(f"{table.path}: {lacks} among {table.listing}. Known heads: {HEADS}.")
+        raise DataError(f"{table.path}: {lacks} among {table.listing}. Known names: {HEADS}.")
 
 
-def _check(table: Table, found: Mapping[str, _Column]) -> None:
-    """Refuse values that a quantity cannot have, with their line."""
+def _check(table: CsvTable, found: Mapping[str, _Column]) -> None:
+    """Refuse impossible values of a quantity, naming their line."""
     command = found["command"]
     percent = command.head.kind == "percent"
     _refuse(table, command, command.raw < 0, "a command is zero or more.")
     most = 100.0 if percent else FULL_COMMAND
-    _refuse(table, command, command.raw > most, f"it ends at {most:g}{' per cent' if percent else ''}.")
+    _refuse(table, command, command.raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
     if command.head.kind == "pwm" and 0 < command.raw.max() <= 100:
-        raise DataError(f"{table.path}: no pwm above 100: is it per cent? Then call the column pwm_percent.")
+        raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
     if speeds := found.get("speeds_rad_s"):
         _refuse(table, speeds, speeds.raw < 0, "a speed is zero or more.")
     if battery := found.get("vbat_v"):
         wrong = (battery.raw <= 0) | (battery.raw > _MOST_VOLTS)
-        _refuse(table, battery, wrong, "no battery has that in volts. Are they millivolts?")
+        _refuse(table, battery, wrong, "no battery has that voltage. Is the column in millivolts?")
 
 
-def _refuse(table: Table, column: _Column, wrong: npt.NDArray[np.bool_], why: str) -> None:
+def _refuse(table: CsvTable, column: _Column, wrong: npt.NDArray[np.bool_], why: str) -> None:
     if wrong.any():
         row, place = (int(index) for index in np.argwhere(wrong)[0])
         here = f"{table.path}:{table.line_of_row(row)}: {column.raw[row, place]:g} in column '{column.names[place]}'"
@@ -223,20 +225,20 @@ def _single(found: Mapping[str, _Column], quantity: str) -> Array | None:
 
 
 def _times(
-    table: Table, found: Mapping[str, _Column], rate_hz: float | None
+    table: CsvTable, found: Mapping[str, _Column], rate_hz: float | None
 ) -> tuple[Array | None, float | None, tuple[str, ...]]:
-    """Return times (n,) and the rate that made them, both None for a table of settled points, and what to say."""
+    """Return times (n,) and the rate that made them, both None for settled points, and notes."""
     command, time = found["command"], found.get("time_s")
     held = len(command.raw) / (1 + np.count_nonzero(np.diff(command.raw[:, 0])))
     if rate_hz is None and (held < _HELD_ROWS or not command.head.kind):
         return None, None, ()
     if rate_hz is None and time is not None:
-        times, said = times_of(table, time.names[0], time.raw[:, 0], unit="s", rate_hz=None)
-        return times, None, said
+        times, notes = times_of(table, time.names[0], time.raw[:, 0], unit="s", rate_hz=None)
+        return times, None, notes
     rate = STAND_RATE_HZ if rate_hz is None else rate_hz
-    times, said = times_of(table, None, command.raw[:, 0], unit=None, rate_hz=rate)
+    times, notes = times_of(table, None, command.raw[:, 0], unit=None, rate_hz=rate)
     assumed = f"a record over time without a time column: {rate:g} Hz is assumed (--rate-hz)."
-    return times, rate, (*said, *([assumed] if rate_hz is None else []))
+    return times, rate, (*notes, *([assumed] if rate_hz is None else []))
 
 
 def _total_note(thrust: _Column | None, gravity_mps2: float) -> tuple[str, ...]:
@@ -246,7 +248,7 @@ def _total_note(thrust: _Column | None, gravity_mps2: float) -> tuple[str, ...]:
     return (f"'{thrust.names[0]}' is taken as the thrust of {ROTORS} motors: divided by {ROTORS}{by}.",)
 
 
-def _unused_note(table: Table, found: Mapping[str, _Column]) -> tuple[str, ...]:
+def _unused_note(table: CsvTable, found: Mapping[str, _Column]) -> tuple[str, ...]:
     used = {name for column in found.values() for name in column.names}
     unused = [name for name in table.names if name and name not in used]
     return (f"not used: {', '.join(unused)}.",) if unused else ()

@@ -1,6 +1,6 @@
-"""Reading columns of numbers from a CSV file that anyone may have written, with every fault named by line.
+"""Read columns of numbers from any CSV file, with errors that name the line.
 
-Knows separators, heads and cut files; what the columns mean is `recording`'s business.
+It handles separators, headers and cut files; other modules interpret the columns.
 """
 
 import csv
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.text import (
-    Line,
+    TextLine,
     fields_of,
     filled_lines,
     has_comma,
@@ -38,10 +38,10 @@ _REPAIR = "Repair or cut that line."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
-    """A CSV file opened but not yet parsed: column names ('1', '2', ... without a head) and its body.
+class CsvTable:
+    """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
-    A column is asked for by its name, or by its number counted from 1.
+    A column is selected by its name, or by its number counted from 1.
     """
 
     path: Path
@@ -56,8 +56,8 @@ class Table:
     def numbers(self, columns: Sequence[str]) -> Array:
         """Return the named columns, shape (rows, columns).
 
-        Raises DataError naming the line of the first row that has more or fewer fields than there are columns,
-        or in one of these columns no finite number.
+        Raises DataError naming the line of the first row that has a wrong number of fields, or no finite number in one
+        of these columns.
         """
         places = [self.place(name) for name in columns]
         rows = self._rows()
@@ -68,14 +68,14 @@ class Table:
         return values
 
     def place(self, column: str) -> int:
-        """Return where a column stands, counted from 0.
+        """Return the position of a column, counted from 0.
 
         Raises DataError when there is no such column, or more than one.
         """
         there = [i for i, name in enumerate(self.names) if name == column]
         if len(there) > 1:
             numbers = ", ".join(str(i + 1) for i in there)
-            raise DataError(f"{self.path}: the columns {numbers} are all called '{column}': give a number instead.")
+            raise DataError(f"{self.path}: the columns {numbers} are all named '{column}': give a number instead.")
         if there:
             return there[0]
         if column.isdecimal() and 0 < int(column) <= len(self.names):
@@ -84,7 +84,7 @@ class Table:
 
     @property
     def listing(self) -> str:
-        """The columns' names, for a sentence."""
+        """The columns' names, for a message."""
         return short(", ".join(self.names), 200)
 
     def line_of_row(self, row: int) -> int:
@@ -94,8 +94,8 @@ class Table:
     def _rows(self) -> bytes | None:
         """Return the body without quotes and blank lines; None when some row has too many or too few fields.
 
-        Left to itself, pandas drops surplus fields without a word, and lets an open quote swallow the lines up
-        to the next one. It sees only what leaves it no such choice.
+        pandas would silently drop surplus fields, and read on from an open quote to the next one; it gets only rows in
+        which neither can happen.
         """
         if b"\0" in self._body:
             return None
@@ -114,7 +114,7 @@ class Table:
     def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
         import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
 
-        # pandas reads a column of nothing but `true` as ones. One letter is found far sooner than a word.
+        # pandas reads a column of `true` alone as ones. Searching for one letter first is much faster.
         if any(word[-1:] in rows and word in rows for word in _TRUTHS):
             self._check_lines(places)
         try:
@@ -134,7 +134,7 @@ class Table:
         values: Array = frame[places].to_numpy()
         return values
 
-    def _unquoted(self) -> "Table":
+    def _unquoted(self) -> "CsvTable":
         lines = self._body.decode("latin-1").split("\n")
         between = self._separator or " "
         for i, line in enumerate(lines):
@@ -143,7 +143,7 @@ class Table:
         return replace(self, _body="\n".join(lines).encode("latin-1"))
 
     def _is_even(self) -> bool:
-        """Return whether each line has as many separators as there should be, and none is blank; quick."""
+        """Return whether every line has the right number of separators and none is blank; fast."""
         if self._separator not in (",", ";") or len(self.names) < 2:
             return False
         body = np.frombuffer(self._body, np.uint8)
@@ -169,7 +169,7 @@ class Table:
         return fields, ends
 
     def _check_lines(self, places: Sequence[int]) -> None:
-        """Look at every line by itself; slow."""
+        """Check every line by itself; slow."""
         for line in filled_lines(self._body):
             fault = self._fault(line.text, places)
             if fault:
@@ -187,23 +187,23 @@ class Table:
             if not field:
                 return f"{column} is empty. {_REPAIR}"
             if not is_finite(field):
-                return f"'{short(field)}' in {column} is no number. {_POINTS if has_comma(field) else _REPAIR}"
+                return f"'{short(field)}' in {column} is not a number. {_POINTS if has_comma(field) else _REPAIR}"
         return None
 
 
-def open_table(path: Path, *, skip_lines: int = 0) -> Table:
-    """Open a CSV file: comma, semicolon, tab or spaces, with or without a head of one line.
+def open_table(path: Path, *, skip_lines: int = 0) -> CsvTable:
+    """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header of one line.
 
-    A last line without its newline is left out (a cut number reads as a plausible one) and `cut` says so.
+    A last line without its newline is left out, since a cut number may look plausible, and `cut` is set.
 
-    Raises DataError when the file is missing, empty or no table of numbers.
+    Raises DataError when the file is missing, empty or not a table of numbers.
     """
     if skip_lines < 0:
         raise ConfigError(f"--skip-lines {skip_lines}: has to be zero or more.")
     content = read_text(path)
     text, cut = whole_lines(content)
     if not text or text.isspace():
-        raise DataError(f"{path}: its one line has no end: the recording was cut before its first row.")
+        raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
     lines = filled_lines(text, skip=skip_lines)
     first = next(lines, None)
     if first is None:
@@ -214,14 +214,14 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
     has_head = _is_head(path, first, names)
     row = next(lines, None) if has_head else first
     if row is None:
-        raise DataError(f"{path}: a head and no rows; nothing was recorded.")
+        raise DataError(f"{path}: a header and no rows; nothing was recorded.")
     fields = fields_of(row.text, separator)
     if not any(is_number(field) or has_comma(field) for field in fields):
         raise DataError(
-            f"{path}: no CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
-            "A longer head can be left out with --skip-lines."
+            f"{path}: not a CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
+            "A longer header can be left out with --skip-lines."
         )
-    return Table(
+    return CsvTable(
         path=path,
         sha256=hashlib.sha256(content).hexdigest(),
         names=_fitted(names, fields) if has_head else _numbered(fields),
@@ -233,10 +233,10 @@ def open_table(path: Path, *, skip_lines: int = 0) -> Table:
     )
 
 
-def _is_head(path: Path, line: Line, fields: Sequence[str]) -> bool:
-    """Tell a head from a row.
+def _is_head(path: Path, line: TextLine, fields: Sequence[str]) -> bool:
+    """Return whether a line is a header, not a row.
 
-    Raises DataError for a line that is neither: a spoilt first row must not pass as a head.
+    Raises DataError for a line that is neither: a damaged first row must not pass as a header.
     """
     numbers = sum(is_number(field) for field in fields)
     commas = any(has_comma(field) for field in fields)
@@ -246,18 +246,18 @@ def _is_head(path: Path, line: Line, fields: Sequence[str]) -> bool:
         return False
     text = short(line.text.strip())
     raise DataError(
-        f"{path}:{line.number}: '{text}' is neither a head nor a row of numbers: leave it out with --skip-lines, or "
+        f"{path}:{line.number}: '{text}' is neither a header nor a row of numbers: leave it out with --skip-lines, or "
         f"repair it. {_POINTS}"
     )
 
 
 def _numbered(row: list[str]) -> tuple[str, ...]:
-    """Return the columns' numbers; what follows a separator at the end of the row is no column."""
+    """Return the columns' numbers; a separator at the end of the row adds no column."""
     return tuple(str(i + 1) if field or i + 1 < len(row) else "" for i, field in enumerate(row))
 
 
 def _fitted(names: list[str], row: list[str]) -> tuple[str, ...]:
-    """Let a separator at the end of every row, or of the head alone, make no difference."""
+    """Return the columns' names, where a separator at the end of every row, or of the header alone, is ignored."""
     if len(row) == len(names) + 1 and not row[-1]:
         return (*names, "")
     if len(names) == len(row) + 1 and not names[-1]:

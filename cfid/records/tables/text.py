@@ -1,4 +1,4 @@
-"""A text file as the lines that have an end, and a line as its fields. Knows no columns and computes nothing."""
+"""Split a text file into complete lines, and a line into fields."""
 
 import csv
 import itertools
@@ -14,15 +14,15 @@ from cfid.errors import DataError
 _BOM = b"\xef\xbb\xbf"
 _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
-_LOOKED_AT = 4096  # bytes at the begin of a file, which has no control characters there if it is text
+_LOOKED_AT = 4096  # bytes at the start of a file, where text has no control characters
 _DARK = re.compile(r"[^\x00-\x20]+")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?[\d.,']*\d,\d[\d.,']*(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
-class Line(NamedTuple):
-    """A line: its number from 1, where it begins, and its text without the end."""
+class TextLine(NamedTuple):
+    """A line: its number from 1, its offset, and its text without the newline."""
 
     number: int
     begin: int
@@ -32,7 +32,7 @@ class Line(NamedTuple):
 def read_text(path: Path) -> bytes:
     """Return a text file's content as it is.
 
-    Raises DataError when it cannot be read, is empty, or is no text in UTF-8 or another one-byte code.
+    Raises DataError when it cannot be read, is empty, or is not text in UTF-8 or a one-byte encoding.
     """
     try:
         content = path.read_bytes()
@@ -41,19 +41,19 @@ def read_text(path: Path) -> bytes:
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
     if content.startswith(_OTHER_BOMS):
-        raise DataError(f"{path}: no CSV file in UTF-8, but text in UTF-16 or UTF-32: save it as UTF-8.")
+        raise DataError(f"{path}: not a CSV file in UTF-8, but text in UTF-16 or UTF-32: save it as UTF-8.")
     text = content.removeprefix(_BOM).rstrip(b"\0")
     if not text or text.isspace():  # stripping would copy the whole file
         raise DataError(f"{path}: empty; nothing was recorded.")
     if _CONTROL.search(text[:_LOOKED_AT]):
-        raise DataError(f"{path}: no CSV file: it holds binary data (or text in UTF-16: save that as UTF-8).")
+        raise DataError(f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8).")
     return content
 
 
 def whole_lines(content: bytes) -> tuple[bytes, bool]:
-    r"""Return the lines that have an end, each now ended by \n, and whether something came after them.
+    r"""Return the complete lines, each ended by \n, and whether the file was cut after them.
 
-    A power failure may leave zero bytes where the last lines should be: that is a cut too.
+    Zero bytes at the end, which a power failure may leave, count as a cut.
     """
     text = content.removeprefix(_BOM).rstrip(b"\0")
     cut = content.endswith(b"\0")
@@ -63,8 +63,8 @@ def whole_lines(content: bytes) -> tuple[bytes, bool]:
     return text[:end], cut or bool(text[end:].strip())
 
 
-def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[Line]:
-    """Yield the lines that are not blank, without the first `skip` of all lines."""
+def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[TextLine]:
+    """Yield the lines that are not blank, after the first `skip` lines."""
     begin = 0
     for number in itertools.count(1):
         end = text.find(b"\n", begin)
@@ -72,14 +72,14 @@ def filled_lines(text: bytes, *, skip: int = 0) -> Iterator[Line]:
             return
         line = text[begin:end]
         if number > skip and line.strip():
-            yield Line(number, begin, _decoded(line))
+            yield TextLine(number, begin, _decoded(line))
         begin = end + 1
 
 
 def separator_of(line: str) -> str | None:
-    """Return what stands between the fields of a line; None for spaces.
+    """Return the separator of a line's fields; None for spaces.
 
-    A comma comes last: between semicolons or tabs it belongs to a name, or is a decimal comma that must be seen.
+    A comma has the lowest priority: between semicolons or tabs it is part of a name, or a decimal comma to report.
     """
     return next((separator for separator in (";", "\t", ",") if separator in line), None)
 
@@ -98,12 +98,12 @@ def fields_of(line: str, separator: str | None) -> list[str]:
 
 
 def is_number(field: str) -> bool:
-    """Return whether a field is meant as a number: nan and inf are."""
+    """Return whether a field is written as a number; nan and inf count."""
     return bool(_NUMBER.fullmatch(field) or _NOT_FINITE.fullmatch(field))
 
 
 def is_finite(field: str) -> bool:
-    """Return whether a field is a finite number with a decimal point, or none."""
+    """Return whether a field is a finite number, with a decimal point or without."""
     return bool(_NUMBER.fullmatch(field)) and math.isfinite(float(field))
 
 
@@ -113,7 +113,7 @@ def has_comma(field: str) -> bool:
 
 
 def short(text: str, length: int = 40) -> str:
-    """Return the begin of a text that an error repeats."""
+    """Return the start of a text, for a message."""
     return text if len(text) <= length else f"{text[:length]}..."
 
 

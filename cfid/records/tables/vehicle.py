@@ -1,7 +1,7 @@
-"""What a run says of the vehicle: commands, its own log and what was read off an instrument, as arrays.
+"""Read a run's commands, vehicle log and instrument readings as arrays.
 
-Times stay in seconds since the Unix epoch, as every file of a run has them; `begin_s` of another device's file ties
-them to a record that counts from its first sample.
+Times are in seconds since the Unix epoch, as in every file of a run; `begin_s` of another device's file relates them
+to a record that counts from its first sample.
 """
 
 from collections.abc import Mapping
@@ -37,14 +37,14 @@ def holds(run: Run, device: str) -> bool:
 
 
 def read_rows(run: Run, device: str) -> Rows:
-    """Read a device's file. Raises DataError naming the file when it is missing, empty or no table."""
+    """Read a device's file. Raises DataError naming the file when it is missing, empty or not a table."""
     path = run.device_file(device)
     table = open_table(path)
     values = table.numbers(table.names)
     if not len(values):
-        raise DataError(f"{path}: holds no row.")
+        raise DataError(f"{path}: has no rows.")
     if table.names[0] != "t" or np.any(np.diff(values[:, 0]) < 0):
-        raise DataError(f"{path}: has no rising time column 't' in front: it is no device's file of a run.")
+        raise DataError(f"{path}: its first column is not an increasing time 't': it is not a device's file of a run.")
     columns = dict(zip(table.names[1:], values[:, 1:].T, strict=True))
     return Rows(source=Source(str(path), table.sha256), time_s=values[:, 0], columns=columns)
 
@@ -59,7 +59,7 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
 
 
 def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
-    """Return the speeds (n,) in rad/s that an RPM deck or brushless motors told, by motor; none where none did."""
+    """Return the speeds (n,) in rad/s that an RPM deck or brushless motors reported, by motor; else nothing."""
     named = {motor: (f"rpm.m{motor}", f"motor.m{motor}_rpm") for motor in MOTORS}
     return {motor: RPM * rows.columns[name] for motor, names in named.items() for name in names if name in rows.columns}
 
@@ -72,4 +72,4 @@ def begin_s(path: Path) -> float:
     try:
         return float(first)
     except ValueError:
-        raise DataError(f"{path}: holds no row.") from None
+        raise DataError(f"{path}: has no rows.") from None

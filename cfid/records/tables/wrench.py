@@ -1,7 +1,7 @@
-"""Forces and torques over time, in seconds, N and Nm, from a run folder or from a CSV file that anyone wrote.
+"""Read forces and torques over time, in seconds, N and N m, from a run folder or any CSV file.
 
-Of a run, the box itself has said how many counts are a newton. A bare file is taken for counts of the usual
-scale, and that is said; numbers that can be no counts are asked about.
+A run contains the scale that the box reported. A CSV file outside a run is read as counts of the usual scale, with a
+note; numbers that cannot be counts are an error that asks for the unit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from pydantic import Field
 from cfid.errors import ConfigError, DataError
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
-from cfid.records.tables.table import Array, Table, open_table
+from cfid.records.tables.table import Array, CsvTable, open_table
 from cfid.records.tables.times import (
     CUT_LINE,
     Facts,
@@ -39,10 +39,10 @@ Words = npt.NDArray[np.uint32]
 
 LOADCELL = "loadcell"
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-USUAL_COUNTS = 1e6  # of a newton and of a newton metre: the thesis' box, and the manufacturer's default
+USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's default
 
 _STATUS = "status"
-_THESIS_FAMILY: Family = "netft"  # of a file that does not say what box it came from
+_THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
 _COLUMNS = "--columns TIME,FX,FY,FZ,TX,TY,TZ"
 _NAMES = {axis: column_name(axis, ("n" if axis[0] == "F" else "nm", "counts")) for axis in AXES}
 # What no reading exceeds: a count is a signed word of 32 bits, and the largest load cells end at 40 kN.
@@ -53,7 +53,7 @@ _Scale = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True, kw_only=True)
 class WrenchReading:
-    """How to read a bare CSV file, where it does not say so itself. The scales hold for a run too."""
+    """How to read a CSV file outside a run, where its header does not show it. The scales apply to a run too."""
 
     time_unit: TimeUnit | None = None
     units: Units | None = None
@@ -68,8 +68,8 @@ class WrenchReading:
 class WrenchRecord:
     """Forces (n, 3) and torques (n, 3) at times (n,) from the first sample on; times may repeat.
 
-    `status` (n,) are the box' words, None where the file has none; `lost` samples are missing, None where nobody
-    counted. `begin_s` is the first sample's time by the file's own clock, None where it has none.
+    `status` (n,) are the box's status words, None where the file has none; `lost` is the number of missing samples,
+    None where unknown. `begin_s` is the first sample's time by the file's own clock, None where it has none.
     """
 
     path: Path
@@ -86,12 +86,12 @@ class WrenchRecord:
 
     @property
     def name(self) -> str:
-        """What to call it: the run's name, or the file's."""
+        """The run's name, or the file's."""
         return self.run or self.path.stem
 
 
 class _Facts(Facts):
-    """What run.toml says of a load cell."""
+    """The further keys in run.toml of a load cell."""
 
     counts_per_n: _Scale | None = None
     counts_per_nm: _Scale | None = None
@@ -103,7 +103,7 @@ class _Facts(Facts):
 
 
 def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
-    """Read a run folder's load cell, or a bare CSV file.
+    """Read a run folder's load cell, or a CSV file outside a run.
 
     Raises DataError with file, line and next step; ConfigError when options contradict the file.
     """
@@ -119,15 +119,15 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
         counts_per_nm=_scale(run, "counts_per_nm", reading.counts_per_nm, facts.counts_per_nm),
     )
     found = _read(file, own, run.header.label, family=facts.family, own=True)
-    said = [*losses(run, record, len(found.time_s)), *gaps(facts)]
-    notes = tuple(f"{path.name}: {note}" for note in said)
-    return replace(found, run=path.resolve().name, notes=notes + found.notes, lost=record.lost)
+    notes = [*losses(run, record, len(found.time_s)), *gaps(facts)]
+    named = tuple(f"{path.name}: {note}" for note in notes)
+    return replace(found, run=path.resolve().name, notes=named + found.notes, lost=record.lost)
 
 
 def holds_wrench(path: Path, reading: WrenchReading) -> bool:
-    """Return whether a CSV file is of the load cell's kind: by its head, else by how many columns there are.
+    """Return whether a CSV file is a load cell's, by its header or else by its number of columns.
 
-    Raises DataError when the file is no table.
+    Raises DataError when the file is not a table.
     """
     if reading.columns:
         return len(reading.columns) >= len(AXES)
@@ -137,11 +137,11 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
     return any(name.fullmatch(column) for name in _NAMES.values() for column in table.names)
 
 
-def _scale(run: Run, key: str, given: float | None, told: float | None) -> float:
-    value = told if given is None else given
+def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> float:
+    value = recorded if given is None else given
     if value is None:
         option = f"--{key.replace('_', '-')}"
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key}: is missing: say {option}.")
+        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key}: is missing: give {option}.")
     return value
 
 
@@ -151,12 +151,12 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
     axes = columns[-len(AXES) :]
     status = [name for name in table.names if name.lower() == _STATUS and not reading.columns]
     values = numbers_of(table, [*columns, *status])
-    time, said = times_of(table, columns[0], values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
+    time, notes = times_of(table, columns[0], values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     wrench = values[:, : len(columns)][:, -len(AXES) :]
-    scale, told = _scales(reading, _units(table, axes, wrench, reading.units))
+    scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
     words = _words(table, values[:, -1]) if status else None
-    said += told if words is None else (*told, *_faults(table, words, family))
-    said += (CUT_LINE,) if table.cut else ()
+    notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
+    notes += (CUT_LINE,) if table.cut else ()
     return WrenchRecord(
         path=path,
         source=Source(str(path), table.sha256),
@@ -165,41 +165,41 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
         force_n=wrench[:, :3] / scale[:3],
         torque_nm=wrench[:, 3:] / scale[3:],
         status=words,
-        notes=tuple(f"{path.name}: {note}" for note in said),
+        notes=tuple(f"{path.name}: {note}" for note in notes),
         begin_s=_begin_s(table, columns[0], values, reading),
     )
 
 
-def _begin_s(table: Table, column: str, values: Array, reading: WrenchReading) -> float | None:
+def _begin_s(table: CsvTable, column: str, values: Array, reading: WrenchReading) -> float | None:
     if reading.rate_hz is not None:
         return None
     return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
 
 
-def _columns(table: Table, reading: WrenchReading) -> list[str]:
-    """Return the time column (none with a given rate) and then those of the six axes, each as the table finds it."""
+def _columns(table: CsvTable, reading: WrenchReading) -> list[str]:
+    """Return the time column (none with a given rate) and then those of the six axes, each by name or number."""
     chosen = reading.columns or (() if table.has_head else tuple(_filled(table)))
     if reading.columns and {len(chosen), len({table.place(name) for name in chosen})} != {_expected(reading)}:
         raise ConfigError(f"{_COLUMNS} names seven columns, or with --rate-hz the last six alone; none of them twice.")
     if not chosen:
         return [*([] if reading.rate_hz is not None else [time_column(table, _COLUMNS)]), *_named_axes(table)]
     if len(chosen) != _expected(reading):
-        raise DataError(f"{table.path}: no head names its {len(chosen)} columns: say {_COLUMNS} by number.")
+        raise DataError(f"{table.path}: no header for its {len(chosen)} columns: give {_COLUMNS} by number.")
     return list(chosen)
 
 
-def _named_axes(table: Table) -> list[str]:
+def _named_axes(table: CsvTable) -> list[str]:
     there = {axis: [name for name in table.names if _NAMES[axis].fullmatch(name)] for axis in AXES}
     missing = [axis for axis in AXES if not there[axis]]
     if missing:
-        raise DataError(f"{table.path}: no column {', '.join(missing)} among {table.listing}: say {_COLUMNS}.")
+        raise DataError(f"{table.path}: no column {', '.join(missing)} among {table.listing}: give {_COLUMNS}.")
     several = [f"{axis} ({', '.join(names)})" for axis, names in there.items() if len(names) > 1]
     if several:
-        raise DataError(f"{table.path}: more than one column {', '.join(several)}: say {_COLUMNS}, by name or number.")
+        raise DataError(f"{table.path}: more than one column {', '.join(several)}: give {_COLUMNS}, by name or number.")
     return [name for names in there.values() for name in names]
 
 
-def _filled(table: Table) -> list[str]:
+def _filled(table: CsvTable) -> list[str]:
     return [name for name in table.names if name]
 
 
@@ -207,22 +207,21 @@ def _expected(reading: WrenchReading) -> int:
     return len(AXES) + (reading.rate_hz is None)
 
 
-def _units(table: Table, axes: Sequence[str], values: Array, asked: Units | None) -> Units:
-    """Return what the values (n, 6) are in: as asked, as the head says, else counts; refuse what they cannot be."""
+def _units(table: CsvTable, axes: Sequence[str], values: Array, given: Units | None) -> Units:
+    """Return the unit of the values (n, 6): the given one, the header's, else counts; refuse impossible values."""
     found: set[Units] = set()
     for axis, column in zip(AXES, axes, strict=True):
         own = "n" if axis[0] == "F" else "nm"
-        wanted = own if asked == "n,nm" else asked
-        named = unit_of(table, _NAMES[axis], column, wanted, "--units")
+        named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "--units")
         found.add("n,nm" if named == own else "counts")
     if len(found) > 1:
-        raise DataError(f"{table.path}: its head gives some axes in counts and some not: say --units.")
+        raise DataError(f"{table.path}: its header has some axes in counts and some not: give --units.")
     units = found.pop()
     _check_values(table, axes, values, units)
     return units
 
 
-def _check_values(table: Table, axes: Sequence[str], values: Array, units: Units) -> None:
+def _check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Units) -> None:
     wrong = ~(np.abs(values) <= _LARGEST[units])
     if units == "counts":
         wrong |= values != np.rint(values)
@@ -231,12 +230,12 @@ def _check_values(table: Table, axes: Sequence[str], values: Array, units: Units
     row, axis = (int(place) for place in np.argwhere(wrong)[0])
     here = f"{table.path}:{table.line_of_row(row)}: {values[row, axis]:.9g} in column '{axes[axis]}' is"
     if units == "counts":
-        raise DataError(f"{here} no count, which is a whole number of 32 bits: say --units n,nm if they are N and Nm.")
+        raise DataError(f"{here} not a count (a whole number of 32 bits): give --units n,nm if these are N and N m.")
     raise DataError(f"{here} more than any load cell measures: are they counts? Then leave out --units n,nm.")
 
 
 def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...]]:
-    """Return the divisors (6,) that make N and Nm, and what is to be said when they are nobody's word."""
+    """Return the divisors (6,) to N and N m, and a note where they are assumed."""
     options = {"--counts-per-n": reading.counts_per_n, "--counts-per-nm": reading.counts_per_nm}
     given = [option for option, value in options.items() if value is not None]
     if units == "n,nm":
@@ -251,16 +250,18 @@ def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...
     return scale, (f"counts are read as {taken}.",) if taken else ()
 
 
-def _words(table: Table, values: Array) -> Words:
+def _words(table: CsvTable, values: Array) -> Words:
     wrong = np.flatnonzero((values < 0) | (values >= 2.0**32) | (values != np.rint(values)))
     if len(wrong):
         line = table.line_of_row(int(wrong[0]))
-        raise DataError(f"{table.path}:{line}: status {values[wrong[0]]:.9g} is no word of 32 bits. Cut that line.")
+        raise DataError(
+            f"{table.path}:{line}: status {values[wrong[0]]:.9g} is not a word of 32 bits. Delete that line."
+        )
     return values.astype(np.uint32)
 
 
-def _faults(table: Table, words: Words, family: Family) -> tuple[str, ...]:
-    """Return a note on the samples whose status word is not zero, with what the box means by it."""
+def _faults(table: CsvTable, words: Words, family: Family) -> tuple[str, ...]:
+    """Return a note on the samples whose status word is not zero, with the meaning of the word."""
     bad = np.flatnonzero(words)
     if not len(bad):
         return ()
