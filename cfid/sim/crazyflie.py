@@ -215,7 +215,7 @@ class Crazyflie:
 
     @property
     def _idle(self) -> int:
-        """Idle thrust in force; brushed motors have none, whatever the parameter says."""
+        """Idle thrust in force; brushed motors have none, whatever the parameter is."""
         return int(self._parameters[IDLE]) if self._truth.brushless else 0
 
     def _now_ms(self) -> int:

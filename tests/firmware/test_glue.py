@@ -104,7 +104,7 @@ def test_a_release_whose_motors_would_not_obey_is_refused_when_it_is_compiled(tm
     made = compiled(tmp_path, prototypes=older)
 
     assert made.returncode != 0
-    assert "from firmware 2025.12 on" in made.stderr
+    assert "needs firmware 2025.12 or later" in made.stderr
 
 
 def test_without_keep_alives_the_stock_controller_has_the_motors(glue: Glue) -> None:

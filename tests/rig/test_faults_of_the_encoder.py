@@ -228,7 +228,7 @@ def test_something_that_sends_without_end_in_the_place_of_the_plug_keeps_no_log_
 
     assert said.code == 3
     assert "is back" not in said.err
-    assert "and never back" in said.err
+    assert "and not plugged in again" in said.err
     check_rows(lab)
 
 

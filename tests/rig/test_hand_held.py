@@ -334,7 +334,7 @@ def test_a_port_that_cannot_be_opened_is_said(tmp_path: Path, listen: Callable[[
     with pytest.raises(DeviceError, match="no such port"):
         listened(on(str(tmp_path / "none"), listen), [])
     (tmp_path / "file").touch()
-    with pytest.raises(DeviceError, match="no serial port"):
+    with pytest.raises(DeviceError, match="not a serial port"):
         listened(on(str(tmp_path / "file"), listen), [])
 
 
@@ -344,7 +344,7 @@ def test_a_hidraw_device_that_is_none_or_another_is_said(tmp_path: Path) -> None
     (tmp_path / "hidraw0").touch()
     (tmp_path / "tachometer").symlink_to("hidraw0")
     for name in ("hidraw0", "tachometer"):
-        with pytest.raises(DeviceError, match="this is no UT372"):
+        with pytest.raises(DeviceError, match="this is not a UT372"):
             listened(on(str(tmp_path / name)), [])
 
 

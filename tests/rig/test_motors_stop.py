@@ -300,7 +300,7 @@ def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_moto
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"), [("app", "another program stopped the motors"), ("stock", "its battery is not watched")]
+    ("kind", "told"), [("app", "another program stopped the motors"), ("stock", "its battery is not monitored")]
 )
 def test_a_process_that_heeds_no_signal_cannot_keep_the_motors_on(tmp_path: Path, kind: str, told: str) -> None:
     def heed_nothing() -> None:
@@ -390,4 +390,4 @@ def test_a_vehicle_whose_log_was_reset_by_another_program_is_not_left_unwatched(
         bench.in_loop(lambda: bench.rig.crazyflie.vehicle.receive(b"\x5d\x05", time.monotonic()))
         assert bench.stopped_after(began_s + 0.5) < STOPPED_WITHIN_S
         assert pilot.end() == 3
-        assert "its battery is not watched" in pilot.err
+        assert "its battery is not monitored" in pilot.err

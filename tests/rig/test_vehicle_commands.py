@@ -442,7 +442,7 @@ def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "told"), [(b"12000\nfast\n", "'fast' is no reading"), (b"12000\n", "standard input ended")]
+    ("typed", "told"), [(b"12000\nfast\n", "'fast' is not a reading"), (b"12000\n", "standard input ended")]
 )
 def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: bytes, told: str) -> None:
     words = ("log", "scales", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
