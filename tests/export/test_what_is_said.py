@@ -67,7 +67,7 @@ def test_every_file_with_directions_says_how_it_was_turned_and_that_copies_of_th
 def test_a_frame_that_is_the_targets_own_is_said_to_need_no_turn() -> None:
     text = export("mujoco", vehicle(frame={"forward": "x", "left": "y", "up": "z"}))
 
-    assert "nothing had to be turned" in text
+    assert "so nothing was turned" in text
     assert "R = " not in text
 
 
