@@ -53,10 +53,10 @@ SOURCES: Mapping[str, ExportSource] = {
 
 @dataclass(frozen=True, kw_only=True)
 class ExportQuantity:
-    """A value with one standard deviation of its shape (None where there is none), its unit and where it came from.
+    """A value with its standard uncertainty of the same shape (None where there is none), its unit and origin.
 
-    `caveat` is what else has to be known before it is used, `commands` the least and the largest command of a motor
-    that its fit had, where it had any. `simulated` says that some of its recordings are of no vehicle.
+    `caveat` is a warning on its use, `commands` the smallest and the largest command of a motor in its fit, where it
+    had any. `simulated` marks a quantity with simulated recordings.
     """
 
     key: str
@@ -75,9 +75,9 @@ class ExportVehicle:
     """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
 
     `gravity` and `centre` are what rig.toml states, the latter the centre of mass (3,) in m from the vehicle's middle,
-    on the table it stands on. `others` are the quantities that no target takes, `further` has by section what it says
-    of keys that another section gave. `covariance` has by section what parameters.toml says of numbers that depend on
-    each other.
+    on the table it stands on. `others` are the quantities that no target takes, `further` has by section
+    the values of keys that were taken from another section. `covariance` has by section the covariances and common
+    causes of parameters.toml.
     """
 
     name: str
@@ -213,7 +213,7 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str],
     parameter, commands = section.parameters[key], _commands(section)
     recordings = dict.fromkeys(map(_recording, section.sources))
     runs = ", ".join(recordings)
-    said = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
+    caveat = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
     parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
     return ExportQuantity(
         key=key,
@@ -222,7 +222,7 @@ def _quantity(key: str, name: str, section: Section, simulated: Collection[str],
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
         accepted=key not in section.rejected,
-        caveat=" ".join([*([said] if said else []), *stale(section)]),
+        caveat=" ".join([*([caveat] if caveat else []), *stale(section)]),
         commands=commands,
         simulated=any(run in simulated for run in recordings),
     )
