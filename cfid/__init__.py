@@ -1,4 +1,4 @@
-"""cfid measures the physical parameters of a Crazyflie quadrocopter and says how sure they are.
+"""cfid measures the physical parameters of a Crazyflie quadrocopter, with their uncertainties.
 
 campaign = cfid.open_campaign("cfid-demo")
 result = cfid.swing.fit(campaign.run("last swing"))

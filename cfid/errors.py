@@ -1,14 +1,14 @@
-"""Every error an operator may meet, each with its exit code; anything else is a bug."""
+"""All expected errors, each with its exit code; any other exception is a bug."""
 
 
 class CfidError(Exception):
-    """Root of all errors that are answered with a sentence instead of a traceback."""
+    """Base of all errors that end in a sentence instead of a traceback."""
 
     exit_code: int
 
 
 class ConfigError(CfidError):
-    """Wrong arguments, or a rig.toml that cannot be meant so: names the file and the key."""
+    """Wrong arguments, or an invalid rig.toml: names the file and the key."""
 
     exit_code = 2
 
@@ -20,7 +20,7 @@ class DeviceError(CfidError):
 
 
 class StopError(DeviceError):
-    """Motors were told to stop and did not confirm it: said before everything else, whatever else went wrong."""
+    """Motors did not confirm a stop: reported before any other error."""
 
 
 class DataError(CfidError):
@@ -30,7 +30,7 @@ class DataError(CfidError):
 
 
 class FitError(CfidError):
-    """No fit was found, or none that describes the data: gives the figures."""
+    """No fit was found, or it was rejected: gives the figures."""
 
     exit_code = 5
 

@@ -14,9 +14,9 @@ PAGE = Path(__file__).parent / "reference" / "commands.md"
 
 HEAD = """# Commands
 
-This page is written by `python docs/make_commands.py` from what `--help` says, and a test compares the two.
-Each command has `--help` (or `-h`), which is left out below. `cfid --install-completion` teaches the shell to
-complete commands and options.
+`python docs/make_commands.py` writes this page from `--help`, and a test compares the two.
+Each command has `--help` (or `-h`), which is left out below. With `cfid --install-completion` the shell
+completes commands and options.
 
 Square brackets in the usage mark what may be left out. [Exit codes](exit-codes.md) are the same everywhere.
 """

@@ -1,4 +1,4 @@
-"""Groups of commands that are listed by the table, and imported one by one when they are asked for."""
+"""Groups of commands: the table lists them, and calling one imports its module."""
 
 from importlib import import_module
 from typing import Any
@@ -11,15 +11,15 @@ from cfid.cli.table import COMMANDS
 
 
 class LazyGroup(TyperGroup):
-    """The commands below a path, "" or "fit": lists show the table's lines, calling one imports its module."""
+    """The commands below a path such as "" or "fit": lists show the table's lines, calling one imports its module."""
 
     def __init__(self, *, name: str | None = None, **settings: Any) -> None:
-        """Take the name as the path of the table whose commands are listed; typer knows the settings."""
+        """List the commands below the path `name`; `settings` are typer's."""
         super().__init__(name=name, **settings)
         self.commands = {word: TyperCommand(word, help=COMMANDS[path][1]) for word, path in _below(name or "").items()}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """Return the command's word, the command itself, no longer its line alone, and the words that follow."""
+        """Return the command's word, the imported command, and the remaining words."""
         word, _, rest = super().resolve_command(ctx, args)
         return word, None if word is None else _imported(_below(self.name or "")[word]), rest
 

@@ -20,7 +20,7 @@ _LABEL = "What is recorded"
 
 @dataclass(frozen=True, kw_only=True)
 class LabelOptions:
-    """What the operator says the run is."""
+    """The operator's label of the run."""
 
     axis: Annotated[
         str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as in rig.toml.", rich_help_panel=_LABEL)
@@ -123,12 +123,12 @@ def loadcell(
 
 
 def _label(options: LabelOptions, campaign: "Campaign") -> "Label":
-    """Check the label against rig.toml, where a misspelt mount would only be found by the fit."""
+    """Return the label, checked against rig.toml, so that a misspelt mount is found before the recording."""
     from cfid.records.run import Label
 
     body = options.body or ("crazyflie" if options.axis else None)
     if options.axis and options.weight:
-        raise ConfigError("--axis is a swing's and --weight a dropping weight's: give one of them.")
+        raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
     if options.weight is not None:
         positive(options.weight, "--weight")
     rig = campaign.rig

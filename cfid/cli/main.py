@@ -1,4 +1,4 @@
-"""The program `cfid`, its commands those of the table, and the one place where errors become exit codes."""
+"""The program `cfid` with the commands of the table, and the one place where errors become exit codes."""
 
 import sys
 from collections.abc import Sequence
@@ -33,14 +33,14 @@ def cfid(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Measure a Crazyflie: record, identify its physical parameters, say how sure they are.
+    """Measure a Crazyflie: record, identify its physical parameters, state their uncertainties.
 
-    A newcomer starts with [bold]cfid demo[/bold].
+    Start with [bold]cfid demo[/bold].
     """
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the program with its arguments, or others. Expected errors end in a sentence on stderr and an exit code."""
+    """Run the program with its arguments, or with `words`. Expected errors print a sentence and set the exit code."""
     try:
         app(words, prog_name="cfid")
     except CfidError as error:

@@ -1,4 +1,4 @@
-"""`cfid motors`: the motors driven by hand, and a stop that always works."""
+"""`cfid motors`: drive the motors by hand, and stop them."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -57,7 +57,7 @@ def set_motors(
     vehicle: VehicleOptions,
     campaign: CampaignFolder = None,
 ) -> None:
-    """Run motors at a command until the time is over or Ctrl-C, then stop them and check.
+    """Run motors at a command until the time is over or Ctrl-C, then stop them and confirm it.
 
     Example: [bold]cfid motors set 30000 --motor 1,3 --for 10[/bold]
     """
@@ -76,7 +76,7 @@ def set_motors(
 
 @flat
 def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
-    """Stop all motors and see that they stopped. Another cfid that drives them is asked to end, and not waited for.
+    """Stop all motors and confirm it. Another cfid that drives them is requested to end, without waiting for it.
 
     Example: [bold]cfid motors stop[/bold]
     """
@@ -99,7 +99,7 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
 
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
     stopped = stop_vehicle(uri, ports, say=note)
-    _tell_stopped(uri, stopped.kind, stopped.after_s)
+    _print_stopped(uri, stopped.kind, stopped.after_s)
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
 
@@ -111,7 +111,7 @@ def _found() -> str:
 
 
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
-    """Return where the vehicle is; an address on the command line needs no campaign, nor a rig.toml without faults."""
+    """Return the link to the vehicle; an address on the command line needs no campaign and no valid rig.toml."""
     from cfid.records.campaign import CrazyflieLink
 
     if uri is None:
@@ -129,7 +129,7 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
 
     def stopped(seconds: float) -> None:
         live.end()
-        _tell_stopped(vehicle.uri, vehicle.firmware.kind, seconds)
+        _print_stopped(vehicle.uri, vehicle.firmware.kind, seconds)
 
     try:
         drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show, stopped=stopped)
@@ -137,8 +137,8 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
         live.end()
 
 
-def _tell_stopped(uri: str, kind: str, seconds: float) -> None:
+def _print_stopped(uri: str, kind: str, seconds: float) -> None:
     if kind == "thesis":
-        typer.echo(f"{uri}: a stop was sent. The modules of 2015 confirm nothing, and play a sine to its end.")
+        typer.echo(f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end.")
     else:
         typer.echo(f"{uri}: {stop_line(seconds)}")

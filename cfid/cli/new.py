@@ -1,4 +1,4 @@
-"""`cfid new`: a campaign folder with a commented rig.toml."""
+"""`cfid new`: create a campaign folder with a commented rig.toml."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +8,7 @@ import typer
 from cfid.console.campaign import make_campaign
 
 
-def new(
+def new_campaign(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist and be empty.")],
 ) -> None:
     """Make a campaign folder with a commented rig.toml.

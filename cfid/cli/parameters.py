@@ -1,4 +1,4 @@
-"""`cfid parameters` and `cfid set`: what a campaign knows, found by fits or measured by hand."""
+"""`cfid parameters` and `cfid set`: list a campaign's parameters, and store those measured by hand."""
 
 import re
 from functools import partial
@@ -16,25 +16,25 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
-BY_HAND = "set"  # the section of parameters.toml for what no fit finds
+BY_HAND = "set"  # the section of parameters.toml for values measured by hand
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
 
 _MOST = "motor.max_thrust_n"
-_CUBIC = "motor.thrust_voltage_poly"  # lowest power first; what the firmware ships may be noted by hand
+_CUBIC = "motor.thrust_voltage_poly"  # lowest power first; the firmware's own may be stored by hand
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-# What rig.toml states is changed there, so that it stands in one place: table, key, key of the deviation.
+# Values of rig.toml are changed there, so that they have one place: table, key, key of the standard uncertainty.
 _IN_RIG = {
     "mass_kg": ("vehicle", "mass_kg", "mass_std_kg"),
     "gravity_mps2": ("site", "gravity_mps2", "gravity_std_mps2"),
 }
 
 
-def parameters(
+def list_parameters(
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """List what the campaign knows: every parameter with its deviation, unit, and where it is from.
+    """List the campaign's parameters, each with its standard uncertainty, unit and origin.
 
     Example: [bold]cfid parameters --campaign my-crazyflie[/bold]
     """
@@ -50,25 +50,25 @@ def set_by_hand(
         str, typer.Argument(metavar="VALUE", help="A number; motor.thrust_voltage_poly takes four, with commas.")
     ],
     *,
-    std: Annotated[float | None, typer.Option(min=0, help="One standard deviation.")] = None,
-    unit: Annotated[str, typer.Option(help="Where the name does not say it.")] = "",
-    force: Annotated[bool, typer.Option("--force", help="Note what is implausible all the same.")] = False,
+    std: Annotated[float | None, typer.Option(min=0, help="Standard uncertainty.")] = None,
+    unit: Annotated[str, typer.Option(help="Where the name does not end with it.")] = "",
+    force: Annotated[bool, typer.Option("--force", help="Store an implausible value anyway.")] = False,
     campaign: CampaignFolder = None,
 ) -> None:
-    """Note what was measured by hand. What rig.toml states, as the mass, is changed there.
+    """Store a value measured by hand. Values that rig.toml states, such as the mass, are changed there.
 
-    A thrust over motor voltage is noted only if the firmware can invert it.
+    A thrust over motor voltage is stored only if the firmware can invert it.
 
     Example: [bold]cfid set mass_kg 0.0280 --std 0.0001[/bold]
     """
     if name == _CUBIC:
-        _note_cubic(here(campaign), _numbers(value, name), std)
+        _store_cubic(here(campaign), _numbers(value, name), std)
         return
     number = _number(value, name)
     _check(name, number, std, force=force)
     if unit and unit_of(name) not in ("", unit):
         raise ConfigError(
-            f"{name} is in {unit_of(name)}, as its name states, and --unit says {unit}: convert the value, or leave "
+            f"{name} is in {unit_of(name)}, as its name states, but --unit is {unit}: convert the value, or leave "
             "--unit out. Nothing was changed."
         )
     found = here(campaign)
@@ -81,24 +81,24 @@ def _number(word: str, name: str) -> float:
     try:
         return float(word)
     except ValueError:
-        raise ConfigError(f"{name}: '{word}' is no number.") from None
+        raise ConfigError(f"{name}: '{word}' is not a number.") from None
 
 
 def _numbers(words: str, name: str) -> list[float]:
     return [_number(word, name) for word in words.split(",")]
 
 
-def _note_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
+def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
     from cfid.estimate.voltage_cubic import cubic_fault
     from cfid.records.parameters import load_sections
 
     if std is not None:
-        raise ConfigError(f"{_CUBIC}: --std is one number, and a cubic has four: `cfid fit thrust` gives them.")
+        raise ConfigError(f"{_CUBIC}: --std is one number, but a cubic has four: `cfid fit thrust` gives them.")
     known = [s for s in load_sections(campaign.parameters_file).values() if _MOST in s.parameters]
     latest = max(known, key=lambda section: (_MOST not in section.rejected, section.found), default=None)
     most_n = latest.parameters[_MOST].value if latest else None
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
-        raise ConfigError(f"{fault} Nothing was noted.")
+        raise ConfigError(f"{fault} Nothing was changed.")
     where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit=unit_of(_CUBIC))
     typer.echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
 
@@ -111,10 +111,10 @@ def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
     if not _NAME.fullmatch(name):
         raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
     if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
-        raise ConfigError(f"{name}: a value and its deviation are finite numbers.")
+        raise ConfigError(f"{name}: a value and its standard uncertainty must be finite numbers.")
     senseless = value <= 0 and name in _IN_RIG  # rig.toml's own check names the key
-    if not senseless and not force and (said := implausible(name, value)):
-        raise ConfigError(f"{said} Nothing was changed; --force notes it all the same.")
+    if not senseless and not force and (fault := implausible(name, value)):
+        raise ConfigError(f"{fault} Nothing was changed; --force stores it anyway.")
 
 
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
@@ -133,13 +133,13 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
             if std is not None:
                 section[std_key] = std
             elif std_key in section:
-                note(f"the deviation in rig.toml stays {section[std_key]:g}: say --std for another.")
+                note(f"the standard uncertainty in rig.toml stays {section[std_key]:g}: give --std to change it.")
             text = tomlkit.dumps(document)
             check_rig(text, name=str(path))
             write_whole(path, text.encode())
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is as it was.") from None
-    return f"{path}, {table}.{key}. Fits made before have the old number: make them anew."
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
+    return f"{path}, {table}.{key}. Earlier fits used the old number: fit again."
 
 
 def _into_parameters(
@@ -153,7 +153,7 @@ def _into_parameters(
     known = unit or unit_of(name)
     if not known:
         units = ", ".join(UNITS)
-        raise ConfigError(f"'{name}': its unit is not known: end the name with one ({units}), or say --unit.")
+        raise ConfigError(f"'{name}': its unit is unknown: end the name with one ({units}), or give --unit.")
 
     def with_it(before: Section | None) -> Section:
         return Section(
@@ -197,7 +197,7 @@ def _print_tables(sections: "dict[str, Section]") -> None:
     from cfid.console.tables import print_parameters
 
     if not sections:
-        typer.echo("nothing found yet: `cfid fit --help` lists what finds parameters, `cfid set` notes one.")
+        typer.echo("no parameters yet: `cfid fit --help` lists the fits, `cfid set` stores a value.")
     for name, section in sections.items():
         verdict = "" if section.accepted else ", REJECTED"
         method = "" if section.method in ("default", "") else f", {section.method}"

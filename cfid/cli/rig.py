@@ -1,4 +1,4 @@
-"""`cfid rig check` and `cfid rig sim`: who answers, and a rig to practise on."""
+"""`cfid rig check` and `cfid rig sim`: check the devices, or simulate them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ def check(
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Ask every device who it is, and say what is wrong and what to do. Changes no setting.
+    """Identify every device, and report faults and remedies. Changes no setting.
 
     A load cell's box streams to one client only: this takes the stream for a moment, except from a cfid log.
 
@@ -67,18 +67,19 @@ def _print_findings(findings: "dict[str, list[DeviceAnswer]]", *, simulated: boo
 
 @dataclass(frozen=True, kw_only=True)
 class SimOptions:
-    """What is simulated."""
+    """The simulated rig."""
 
     truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None
     platform: Annotated[
         Literal["cf2", "cf21bl"] | None,
         typer.Option(help="The vehicle: a Crazyflie 2.x, or a 2.1 Brushless; default: the truth file's, or cf2."),
     ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another rig and other noise.")] = 1
-    axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="What swings: the vehicle on this mount.")] = None
-    weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="A weight drops instead.")] = None
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's parameters and noise.")] = 1
+    axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="Mount on which the vehicle swings.")] = None
+    weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="Drop this weight instead of a swing.")] = None
     spin: Annotated[
-        str, typer.Option(metavar="M1,M2,M3,M4", help="What the motors on the load cell do until they are commanded.")
+        str,
+        typer.Option(metavar="M1,M2,M3,M4", help="Commands of the motors on the load cell until they are commanded."),
     ] = "0,0,0,0"
     fault: Annotated[
         list[str] | None, typer.Option(metavar="DEVICE.FAULT=VALUE", help="A fault, as loadcell.drop_every=100.")

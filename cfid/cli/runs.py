@@ -1,4 +1,4 @@
-"""`cfid runs`: what was recorded in a campaign, what fits shall leave out, and notes."""
+"""`cfid runs`: list a campaign's runs, exclude them from fits, and write notes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import note as say
+from cfid.console.messages import note as print_note
 from cfid.console.selection import LAST
 from cfid.errors import ConfigError
 
@@ -20,7 +20,7 @@ CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; defa
 RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, or last.")]
 
 
-def runs(
+def show_runs(
     context: typer.Context,
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -40,48 +40,50 @@ def exclude(
     because: Annotated[str, typer.Option(metavar="TEXT", help="Why.")] = "by the operator",
     campaign: CampaignFolder = None,
 ) -> None:
-    """Let fits leave runs out that find their runs themselves. Nothing is deleted.
+    """Exclude runs from the fits that select their runs themselves. Nothing is deleted.
 
     Example: [bold]cfid runs exclude 2026-11-21_083012_swing_x --because "the cable touched"[/bold]
     """
     reason = because or "by the operator"
-    _amend(run, campaign, excluded=reason, told=f"is left out: {reason}")
+    _amend(run, campaign, excluded=reason, message=f"is excluded: {reason}")
 
 
 def include(run: RunWord, campaign: CampaignFolder = None) -> None:
-    """Take an exclusion back.
+    """Include excluded runs again.
 
     Example: [bold]cfid runs include 2026-11-21_083012_swing_x[/bold]
     """
-    _amend(run, campaign, excluded="", told="counts again")
+    _amend(run, campaign, excluded="", message="is included again")
 
 
 def note(
     run: RunWord,
-    text: Annotated[str, typer.Argument(metavar="TEXT", help="What there is to know; an empty text takes it away.")],
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="The note; an empty text removes it.")],
     campaign: CampaignFolder = None,
 ) -> None:
-    """Write a note into runs, in the place of the one they have.
+    """Write a note into runs, in place of the present one.
 
     Example: [bold]cfid runs note last "new battery"[/bold]
     """
-    _amend(run, campaign, note=text, told=f"note: {text}" if text else "has no note any more")
+    _amend(run, campaign, note=text, message=f"note: {text}" if text else "has no note any more")
 
 
-def _amend(word: str, folder: Path | None, *, told: str, excluded: str | None = None, note: str | None = None) -> None:
+def _amend(
+    word: str, folder: Path | None, *, message: str, excluded: str | None = None, note: str | None = None
+) -> None:
     from cfid.records.run import amend_run
 
     for run in _meant(word, folder):
         if run.cut and _changed_lately(run):
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
         amend_run(run, excluded=excluded, note=note)
-        typer.echo(f"{run.folder.name}: {told}")
+        typer.echo(f"{run.folder.name}: {message}")
 
 
 def _meant(word: str, folder: Path | None) -> "list[Run]":
-    """Return the runs that a word names, in whatever state they are.
+    """Return the runs that a word names, in any state.
 
-    Raises ConfigError when there is none, DataError for one that cannot be read.
+    Raises ConfigError when there is none, DataError for an unreadable one.
     """
     from fnmatch import fnmatch
 
@@ -99,7 +101,7 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     readable = [run for run in there if not isinstance(run, DataError)]
     found = readable[-1:] if word == LAST else [run for run in readable if fnmatch(run.folder.name, word)]
     if not found:
-        raise ConfigError(f"{word}: no run of this campaign has such a name: `cfid runs` lists them.")
+        raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
     return found
 
 
@@ -127,7 +129,7 @@ def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    # A run's name is what the other commands take: it is never cut.
+    # Other commands take a run's name: it is never shortened.
     table = Table(box=SIMPLE, pad_edge=False)
     table.add_column("run", no_wrap=True, min_width=max((len(row["run"]) for row in rows), default=0))
     for heading in ("state", "rows", "lost"):
@@ -137,7 +139,7 @@ def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
         table.add_row(*(str(row[key]) for key in ("run", "state", "rows", "lost", "note")))
     Console().print(table)
     for sentence in broken:
-        say(sentence)
+        print_note(sentence)
 
 
 def _row(run: "Run") -> dict[str, Any]:

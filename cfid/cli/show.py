@@ -1,4 +1,4 @@
-"""`cfid show`: a recording as figures, or in the terminal."""
+"""`cfid show`: draw a recording as figures, or in the terminal."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @flat
-def show(
+def show_run(
     *,
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a CSV file.")],
     rig: RigOptions,
@@ -35,7 +35,7 @@ def show(
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
     if terminal and delivery.json:
-        raise ConfigError("--terminal draws where --json would print: give one of them.")
+        raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
     views, faults = views_of(run, open_workplace(rig), reading, loadcell)
     if terminal:
         for view in views:
@@ -61,7 +61,7 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
 
 
 def _parameters(views: "Sequence[View]") -> "dict[str, Parameter]":
-    """Return what is known as `recording.*`, or of several devices as `recording.<device>.*`."""
+    """Return the parameters as `recording.*`, or of several devices as `recording.<device>.*`."""
     return {
         ".".join(["recording", *([view.device] if len(views) > 1 else []), name]): parameter
         for view in views

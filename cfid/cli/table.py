@@ -1,31 +1,30 @@
-"""The table of all commands, in the order of lists: the function of each, and the line that lists show.
+"""The table of all commands in the order of the lists: the function of each, and its line in the lists.
 
-Lists and `--help` of a group are written from here alone, so that no command's module is imported for them.
+Lists and `--help` of a group are printed from this table alone, so that they import no command's module.
 """
 
 COMMANDS: dict[str, tuple[str | None, str]] = {
     "demo": (
         "cfid.demo.command:demo",
-        "Make a campaign on the simulated rig, fit and report it, and compare with the truth that the simulation "
-        "knows.",
+        "Make a campaign on the simulated rig, fit and report it, and compare the estimates with the true values.",
     ),
-    "new": ("cfid.cli.new:new", "Make a campaign folder with a commented rig.toml."),
+    "new": ("cfid.cli.new:new_campaign", "Make a campaign folder with a commented rig.toml."),
     "show": (
-        "cfid.cli.show:show",
+        "cfid.cli.show:show_run",
         "Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, "
         "pings.",
     ),
     "report": (
         "cfid.report.command:report",
-        "Write what a campaign found into one file: the sheet first, then every experiment with its figures.",
+        "Write a campaign's results to one file: the sheet first, then every experiment with its figures.",
     ),
     "parameters": (
-        "cfid.cli.parameters:parameters",
-        "List what the campaign knows: every parameter with its deviation, unit, and where it is from.",
+        "cfid.cli.parameters:list_parameters",
+        "List the campaign's parameters, each with its standard uncertainty, unit and origin.",
     ),
     "set": (
         "cfid.cli.parameters:set_by_hand",
-        "Note what was measured by hand. What rig.toml states, as the mass, is changed there.",
+        "Store a value measured by hand. Values that rig.toml states, such as the mass, are changed there.",
     ),
     "upgrade": (
         "cfid.cli.upgrade:upgrade_campaign",
@@ -34,24 +33,23 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fleet": (
         "cfid.fleet.command:fleet",
-        "Compare what campaigns found: each number of each, mean, scatter, whether they agree, and drift.",
+        "Compare the results of several campaigns: values, mean, scatter, agreement and drift of each number.",
     ),
     "export": (
         "cfid.export.command:export",
-        "Write what was measured as a file for firmware or a simulator: turned to its frame, in its units, with "
-        "origins.",
+        "Export the measured parameters to a file for firmware or a simulator, in its frame and units, with origins.",
     ),
-    "runs": ("cfid.cli.runs:runs", "List the campaign's runs: what, when, state, rows, losses."),
+    "runs": ("cfid.cli.runs:show_runs", "List the campaign's runs: what, when, state, rows, losses."),
     "runs exclude": (
         "cfid.cli.runs:exclude",
-        "Let fits leave runs out that find their runs themselves. Nothing is deleted.",
+        "Exclude runs from the fits that select their runs themselves. Nothing is deleted.",
     ),
-    "runs include": ("cfid.cli.runs:include", "Take an exclusion back."),
-    "runs note": ("cfid.cli.runs:note", "Write a note into runs, in the place of the one they have."),
-    "rig": (None, "Ask the rig's devices, or simulate them."),
+    "runs include": ("cfid.cli.runs:include", "Include excluded runs again."),
+    "runs note": ("cfid.cli.runs:note", "Write a note into runs, in place of the present one."),
+    "rig": (None, "Check the rig's devices, or simulate them."),
     "rig check": (
         "cfid.cli.rig:check",
-        "Ask every device who it is, and say what is wrong and what to do. Changes no setting.",
+        "Identify every device, and report faults and remedies. Changes no setting.",
     ),
     "rig sim": (
         "cfid.cli.rig:sim",
@@ -90,11 +88,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "motors set": (
         "cfid.cli.motors:set_motors",
-        "Run motors at a command until the time is over or Ctrl-C, then stop them and check.",
+        "Run motors at a command until the time is over or Ctrl-C, then stop them and confirm it.",
     ),
     "motors stop": (
         "cfid.cli.motors:stop",
-        "Stop all motors and see that they stopped. Another cfid that drives them is asked to end, and not waited for.",
+        "Stop all motors and confirm it. Another cfid that drives them is requested to end, without waiting for it.",
     ),
     "fit": (None, "Find parameters from recordings."),
     "fit swing": (

@@ -1,4 +1,4 @@
-"""`cfid upgrade`: a campaign of an older version in the formats of this one."""
+"""`cfid upgrade`: rewrite a campaign of an older version in the formats of this one."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""`cfid new`: a campaign folder; and which one a command is meant for."""
+"""Create a campaign folder, and find the one of a command."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
 
 def make_campaign(folder: Path) -> Path:
-    """Make a campaign folder and return the path of its rig.toml.
+    """Create a campaign folder and return the path of its rig.toml.
 
-    Raises ConfigError when there is one already.
+    Raises ConfigError when it exists already.
     """
     from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
 
@@ -21,9 +21,9 @@ def make_campaign(folder: Path) -> Path:
         with (folder / RIG_FILE).open("x", encoding="utf-8") as file:
             file.write(new_rig_text())
     except FileExistsError:
-        raise ConfigError(f"{folder / RIG_FILE} is there already: nothing was changed.") from None
+        raise ConfigError(f"{folder / RIG_FILE} exists already: nothing was changed.") from None
     except OSError as error:
-        raise ConfigError(f"{folder}: cannot be made: {error.strerror}.") from None
+        raise ConfigError(f"{folder}: cannot be created: {error.strerror}.") from None
     return folder / RIG_FILE
 
 

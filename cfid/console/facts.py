@@ -1,4 +1,4 @@
-"""The note on a rig's fact that neither an option nor a rig.toml stated."""
+"""The note on a fact of the rig that neither an option nor a rig.toml stated."""
 
 
 def assumed(what: str, option: str) -> str:

@@ -1,4 +1,4 @@
-"""What the words on the command line stand for: recordings, axes, numbers, and the rig they belong to."""
+"""Find the recordings that a command's arguments name, and the rig that they belong to."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Workplace:
-    """The campaign a command runs in, if any, and the rig that holds; `borrowed` when it is the thesis'."""
+    """The campaign that a command runs in, if any, and its rig; `borrowed` when that is the thesis'."""
 
     campaign: "Campaign | None"
     rig: "Rig"
@@ -26,18 +26,18 @@ class Workplace:
 
     @property
     def facts(self) -> RigFacts:
-        """How things are mounted as rig.toml states it; a borrowed rig states nothing."""
+        """How devices are mounted, as rig.toml states it; a borrowed rig states nothing."""
         return NONE_STATED if self.borrowed else self.rig.facts
 
     def figures_beside(self, files: Sequence[Path]) -> Path:
-        """Return where figures of several recordings go: into the campaign, else beside the first file."""
+        """Return the folder for figures of several recordings: the campaign's, else that of the first file."""
         if self.campaign is not None:
             return self.campaign.folder / "figures"
         return files[0].parent if files else Path()
 
 
 def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) -> Workplace:
-    """Find the campaign and its rig; --geometry and --gravity-mps2 override, the thesis' rig stands in."""
+    """Find the campaign and its rig; --geometry and --gravity-mps2 override it, the thesis' rig is the default."""
     from cfid.records.campaign import find_campaign, load_rig, thesis_rig
 
     campaign = find_campaign(options.campaign, start=Path.cwd())
@@ -53,9 +53,9 @@ def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) ->
 
 
 def find_recording(word: str, workplace: Workplace) -> Path:
-    """Return the path that a RUN stands for: as it is, or a run of the campaign by its name, a glob, or as the last.
+    """Return the path of a RUN: the path itself, or a run of the campaign by its name, a glob, or as `last`.
 
-    Raises ConfigError when a glob is that of several runs, or `last` of none.
+    Raises ConfigError when a glob matches none or several runs, or `last` none.
     """
     path = Path(word)
     if workplace.campaign is None or path.exists():
@@ -66,8 +66,8 @@ def find_recording(word: str, workplace: Workplace) -> Path:
     pattern = "*" if word == LAST else word
     found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if fnmatch(at.parent.name, pattern))
     if not found or (word != LAST and len(found) > 1):
-        told = "nothing is recorded yet" if word == LAST else f"{len(found) or 'no'} runs are called so, one is wanted"
-        raise ConfigError(f"{word}: {told} ({folder}).")
+        fault = "nothing is recorded yet" if word == LAST else f"{len(found) or 'no'} runs match, expected one"
+        raise ConfigError(f"{word}: {fault} ({folder}).")
     return found[-1]
 
 

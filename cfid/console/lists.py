@@ -1,4 +1,4 @@
-"""Lists and spans that an option takes as one word: numbers with commas between, or FROM:TO."""
+"""Parse an option's list of numbers with commas between, or its span FROM:TO."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ def comma_list(
     most: float = math.inf,
     example: str,
 ) -> tuple[Value, ...]:
-    """Return the numbers of an option, from `least` to `most`; one that was repeated counts as one list.
+    """Return the numbers of an option, from `least` to `most`; a repeated option counts as one list.
 
     Raises ConfigError that names the option and what it should be.
     """
@@ -46,6 +46,6 @@ def span(text: str, option: str, *, unit: str, example: str) -> tuple[float, flo
 
 
 def _number(word: str, kind: type[Value]) -> Value:
-    if "_" in word:  # which Python would allow
+    if "_" in word:  # Python would accept it
         raise ValueError(word)
     return kind(word)

@@ -1,4 +1,4 @@
-"""The line on the terminal while a run is recorded, and the sentences that come in between."""
+"""The status line on the terminal during a recording, and the messages above it."""
 
 import os
 import time
@@ -16,9 +16,9 @@ _BARS = "▁▂▃▄▅▆▇█"
 
 
 class LiveLine:
-    """One line on stderr that is written over and over; silent where stderr is no terminal.
+    """One line on stderr that is overwritten; silent where stderr is not a terminal.
 
-    A terminal that was closed or stopped costs its line, never the recording.
+    A closed or stopped terminal loses the line, never the recording.
     """
 
     def __init__(self) -> None:
@@ -31,27 +31,27 @@ class LiveLine:
         self._task = ""
 
     def task(self, text: str) -> None:
-        """Put before the line what is being done, at the next block."""
+        """Show the present task at the start of the line, from the next block on."""
         self._task = text
         self._next_s = 0.0
 
     def show(self, recorder: "Recorder") -> None:
-        """Show how the recording does, a few times a second."""
+        """Show the progress of the recording, a few times a second."""
         now_s = time.monotonic()
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        told = [f"{name} {_told(progress)}" for name, progress in recorder.progress.items()]
+        parts = [f"{name} {_progress_text(progress)}" for name, progress in recorder.progress.items()]
         if self._task:
-            told.insert(0, self._task)
-        self._replace(f"{recorder.seconds:6.1f} s  " + "  |  ".join(told))
+            parts.insert(0, self._task)
+        self._replace(f"{recorder.seconds:6.1f} s  " + "  |  ".join(parts))
 
     def say(self, text: str) -> None:
-        """Say a sentence above the line."""
+        """Print a note above the line."""
         self.tell(f"note: {text}" if self._terminal is None else noted(text))
 
     def tell(self, text: str) -> None:
-        """Say above the line what is no note: where it is recorded to."""
+        """Print a message that is not a note above the line."""
         self._replace("")
         self._screen.write(f"{text}\n")
 
@@ -61,7 +61,7 @@ class LiveLine:
         self._screen.finish()
 
     def _replace(self, text: str) -> None:
-        """Write over the line."""
+        """Overwrite the line."""
         if self._terminal is None:
             return
         try:
@@ -73,7 +73,7 @@ class LiveLine:
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """Return values as bars between their least and their greatest."""
+    """Return values as bars between their smallest and their largest."""
     if not values:
         return ""
     least, range_ = min(values), max(values) - min(values)
@@ -82,7 +82,7 @@ def sparkline(values: Sequence[float]) -> str:
     return "".join(_BARS[min(int((value - least) / range_ * len(_BARS)), len(_BARS) - 1)] for value in values)
 
 
-def _told(progress: "Progress") -> str:
+def _progress_text(progress: "Progress") -> str:
     if progress.status:
         return progress.status
     latest = " ".join(f"{value:.6g}" for value in progress.latest[:6])

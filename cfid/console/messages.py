@@ -1,4 +1,4 @@
-"""What is said to a person beside the result: on stderr, and in colour unless NO_COLOR is set."""
+"""Print notes and errors to stderr, in colour unless NO_COLOR is set."""
 
 import os
 
@@ -6,17 +6,17 @@ import typer
 
 
 def note(text: str) -> None:
-    """Say what the operator should know before using the result."""
+    """Print a note that the operator should know before using the result."""
     typer.echo(noted(text), err=True)
 
 
 def noted(text: str) -> str:
-    """Return a note as it looks on a terminal."""
+    """Return a note as the terminal shows it."""
     return typer.style(f"note: {text}", fg=_colour(typer.colors.YELLOW))
 
 
 def fault(text: str) -> None:
-    """Say why the command ends here."""
+    """Print the error that ends the command."""
     typer.secho(f"cfid: {text}", err=True, fg=_colour(typer.colors.RED))
 
 

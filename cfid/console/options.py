@@ -1,4 +1,4 @@
-"""The options that several commands share: each group is a dataclass, which `flat` spreads over a command."""
+"""The options that several commands share: each group is a dataclass, and `flat` adds its fields to a command."""
 
 import functools
 import inspect
@@ -19,14 +19,15 @@ _FILE = "Files that something else wrote"
 _OUTPUT = "Output"
 _RIG = "Vehicle and rig"
 
-Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' calculates as the thesis did.")]
+Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' applies the thesis method.")]
 
 
 MassKg = Annotated[
-    float | None, typer.Option(help="Mass of what swings; its deviation stays rig.toml's.", rich_help_panel=_RIG)
+    float | None,
+    typer.Option(help="Mass of the swinging body; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG),
 ]
 GravityMps2 = Annotated[
-    float | None, typer.Option(help="Local gravity; its deviation stays rig.toml's.", rich_help_panel=_RIG)
+    float | None, typer.Option(help="Local gravity; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG)
 ]
 YawDeg = Annotated[
     float | None,
@@ -63,7 +64,7 @@ Swings = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """How to read a file that does not say so itself."""
+    """How to read a file whose header does not show it."""
 
     time_unit: Annotated[
         Literal["s", "ms", "us"] | None,
@@ -89,7 +90,7 @@ class ReadingOptions:
     ] = None
 
     def reading(self) -> "Reading":
-        """Return the options as the readers take them."""
+        """Return the options in the form that the readers take."""
         from cfid.records.tables import angle as recording
 
         if self.rate_hz is not None:
@@ -106,20 +107,20 @@ class ReadingOptions:
 
     @property
     def column_names(self) -> tuple[str, ...]:
-        """The columns' names, none where they were not said."""
+        """The columns' names, empty where they were not given."""
         return () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadCellOptions:
-    """What the forces and torques of a file are in."""
+    """Units and scales of a file's forces and torques."""
 
     counts_per_n: Annotated[
-        float | None, typer.Option(help="Counts of a newton; default: the run's, else 1e6.", rich_help_panel=_FILE)
+        float | None, typer.Option(help="Counts per newton; default: the run's, else 1e6.", rich_help_panel=_FILE)
     ] = None
     counts_per_nm: Annotated[
         float | None,
-        typer.Option(help="Counts of a newton metre; default: the run's, else 1e6.", rich_help_panel=_FILE),
+        typer.Option(help="Counts per newton metre; default: the run's, else 1e6.", rich_help_panel=_FILE),
     ] = None
     units: Annotated[
         Literal["counts", "n,nm"] | None,
@@ -129,7 +130,7 @@ class LoadCellOptions:
     ] = None
 
     def reading(self, file: ReadingOptions) -> "WrenchReading":
-        """Return these options and those of any file as the reader of load cells takes them."""
+        """Return these options and those of any file in the form that the load cell's reader takes."""
         from cfid.records.tables.wrench import WrenchReading
 
         return WrenchReading(
@@ -145,7 +146,7 @@ class LoadCellOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RigOptions:
-    """Which campaign and rig a command works with."""
+    """The campaign and the rig of a command."""
 
     campaign: Annotated[
         Path | None,
@@ -161,11 +162,11 @@ class RigOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class WindowOptions:
-    """Which part of a swing to use."""
+    """The part of a swing to use."""
 
     peaks: Annotated[
         str | None,
-        typer.Option(metavar="N|AXIS=N,...", help="Use that many peaks, the release being the first."),
+        typer.Option(metavar="N|AXIS=N,...", help="Number of peaks to use; the release is the first."),
     ] = None
     min_angle_deg: Annotated[
         float | None, typer.Option(min=1, max=90, help="Use peaks down to this angle (the thesis' rule: 10).")
@@ -178,21 +179,21 @@ class CutOptions:
 
     from_s: Annotated[
         float | None,
-        typer.Option("--from", metavar="S", min=0, help="Window's start, since the first sample."),
+        typer.Option("--from", metavar="S", min=0, help="Start of the window, since the first sample."),
     ] = None
     to_s: Annotated[
-        float | None, typer.Option("--to", metavar="S", min=0, help="Window's end, since the first sample.")
+        float | None, typer.Option("--to", metavar="S", min=0, help="End of the window, since the first sample.")
     ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Delivery:
-    """How the operator wants a result."""
+    """How a result is printed, drawn and kept."""
 
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
     force: Annotated[
         bool,
-        typer.Option("--force", help="Give what was rejected, too; overwrite files.", rich_help_panel=_OUTPUT),
+        typer.Option("--force", help="Give rejected quantities too; overwrite files.", rich_help_panel=_OUTPUT),
     ] = False
     figures: Annotated[
         bool, typer.Option(help="Draw figures (with --json only if --out is given).", rich_help_panel=_OUTPUT)
@@ -222,9 +223,9 @@ def optional_positive(value: float | None, option: str) -> float | None:
 
 
 def finite(value: float, option: str) -> float:
-    """Return a number that may be any.
+    """Return a finite number.
 
-    Raises ConfigError when it is none.
+    Raises ConfigError when it is not finite.
     """
     if not abs(value) < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be a number.")
@@ -236,9 +237,9 @@ def _default(field: "Field[Any]") -> Any:
 
 
 def flat(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command, whose parameters may be dataclasses of options, those options one by one.
+    """Replace a command's parameters that are dataclasses of options by those options, one by one.
 
-    Called from Python, an option that is left out has its default.
+    In a call from Python, an option that is left out has its default.
     """
     hints = get_type_hints(command, include_extras=True)
     bundles: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}

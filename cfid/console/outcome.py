@@ -1,4 +1,4 @@
-"""How a result leaves the program: kept in the campaign, drawn, printed, exit code."""
+"""Deliver a result: keep it in the campaign, draw it, print it, set the exit code."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def deliver(result: "Result", delivery: Delivery, campaign: "Campaign | None") -> None:
-    """Draw, keep and print a result; quantities that were rejected by --force alone.
+    """Draw, keep and print a result; rejected quantities only with --force.
 
-    Raises FitError when something that the command is for was rejected and --force does not ask for it all the same;
-    parameters.toml keeps what it had then.
+    Raises FitError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
+    then unchanged.
     """
     given = result if delivery.force else result.without_rejected()
     drawn = _draw(given, delivery)
@@ -32,9 +32,9 @@ def deliver(result: "Result", delivery: Delivery, campaign: "Campaign | None") -
     else:
         _print(given, drawn, texts(result.findings, *(SEVERITIES if kept else SEVERITIES[:2])))
     if not kept:
-        still = " parameters.toml keeps what it had." if campaign is not None else ""
+        still = " parameters.toml is unchanged." if campaign is not None else ""
         reasons = " ".join(dict.fromkeys(texts(result.findings, "rejection")))
-        raise FitError(f"rejected: {reasons}{still} --force gives the numbers all the same.")
+        raise FitError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
 
 
 def _as_json(result: "Result", *, accepted: bool) -> str:
@@ -68,7 +68,7 @@ def _draw(result: "Result", delivery: Delivery) -> Sequence[Path]:
         saved = [save_figure(figure, folder / name, force=delivery.force) for name, figure in drawings.items()]
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ConfigError(f"{folder}: no figure can be written: {reason}. Say --out DIR or --no-figures.") from None
+        raise ConfigError(f"{folder}: no figure can be written: {reason}. Use --out DIR or --no-figures.") from None
     return [path for paths in saved for path in paths]
 
 

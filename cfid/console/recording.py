@@ -1,4 +1,4 @@
-"""What every `cfid log` shares: where it records to, the run itself, and the summary at its end."""
+"""The shared part of all `cfid log` commands: where to record, the run itself, and the summary at its end."""
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 OUTPUT = "Output"
 
 
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeepOptions:
-    """Where a run goes, and how its end is told."""
+    """Where a run is kept, and how its end is reported."""
 
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None
     plot: Annotated[bool, typer.Option("--plot", help="Write the figure too.", rich_help_panel=OUTPUT)] = False
@@ -38,10 +38,10 @@ class KeepOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ResumeOptions:
-    """`--resume`, with a RUN or without: which interrupted run is to be completed."""
+    """`--resume`, with a RUN or without: the interrupted run to complete."""
 
     resume: Annotated[
-        bool, typer.Option("--resume", help="Do what an interrupted run lacks: RUN's, else the last one's.")
+        bool, typer.Option("--resume", help="Record what an interrupted run lacks: RUN, else the last one.")
     ] = False
     run: Annotated[
         Path | None, typer.Argument(metavar="RUN", help="After --resume: the run's name or folder, or last.")
@@ -49,7 +49,7 @@ class ResumeOptions:
 
     @property
     def word(self) -> Path | None:
-        """The run that is resumed, `last` where none is named, None where none is. Raises ConfigError."""
+        """The run to resume, `last` where none is named, None without --resume. Raises ConfigError."""
         if self.run is not None and not self.resume:
             raise ConfigError(f"{self.run}: a run is named to resume it: write --resume {self.run}.")
         return (self.run or Path(LAST)) if self.resume else None
@@ -57,7 +57,7 @@ class ResumeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Lasting:
-    """How long a recording without a procedure takes."""
+    """The duration of a recording without a procedure."""
 
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to record; default: until Ctrl-C.")
@@ -66,12 +66,12 @@ class Lasting:
 
     @property
     def seconds(self) -> float | None:
-        """The seconds, None for no end. Raises ConfigError for none above zero."""
+        """The seconds, None for no end. Raises ConfigError for a value that is not above zero."""
         return None if self.for_s is None else positive(self.for_s, "--for")
 
 
 def rig_of(folder: Path | None) -> "tuple[Campaign, Devices, bool]":
-    """Return the campaign, where its devices are and whether they are simulated, which is said."""
+    """Return the campaign, its devices and whether they are simulated, with a note if so."""
     from cfid.console.campaign import here
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
@@ -83,7 +83,7 @@ def rig_of(folder: Path | None) -> "tuple[Campaign, Devices, bool]":
 
 
 def refuse_mixture(option: str, simulated: bool) -> None:
-    """Raise ConfigError for a device named by hand while a simulated rig serves the campaign."""
+    """Raise ConfigError for a device given by option while a simulated rig serves the campaign."""
     if simulated:
         raise ConfigError(
             f"{option} names a real device while a simulated rig serves this campaign, and a run is one or the other: "
@@ -92,7 +92,7 @@ def refuse_mixture(option: str, simulated: bool) -> None:
 
 
 def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
-    """Say what would be recorded, where and for how long, with nothing opened."""
+    """Print what would be recorded, where and for how long, without opening a device."""
     lasts = "until Ctrl-C" if for_s is None else f"{for_s:g} s"
     typer.echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
 
@@ -106,9 +106,9 @@ def record(
     *,
     found: "Callable[[Run], tuple[Mapping[str, Any], Sequence[str]]]" = lambda run: ({}, ()),
 ) -> None:
-    """Record a run and tell what came of it, also when it failed. Raises what ended it.
+    """Record a run and print its summary, also when it failed. Raises the error that ended it.
 
-    `found` returns parameters as --json has them and lines for a person, from a run that did not fail.
+    `found` returns parameters in the form of --json and lines for the terminal, from a run that did not fail.
     """
     run, failure = attempt(plan, devices, live)
     if run is not None:
@@ -123,7 +123,7 @@ def record(
 
 
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
-    """Record a run; return it, if its folder could be made, and what ended it too early."""
+    """Record a run; return it, if its folder was created, and the error that ended it too early."""
     from cfid.records.run import read_run
     from cfid.rig.log import record_run
 
@@ -151,9 +151,9 @@ def _until(plan: "Plan") -> str:
 
 
 def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
-    """Tell a person what a run holds."""
+    """Print a run's rows, losses and files."""
     for name, device in _devices(run).items():
-        typer.echo(f"{name}: {device['rows']} rows, {device['lost']} lost{_told(device)} -> {device['file']}")
+        typer.echo(f"{name}: {device['rows']} rows, {device['lost']} lost{_counts(device)} -> {device['file']}")
     for line in lines:
         typer.echo(line)
     if (stopped_in_s := _stopped_in_s(run)) is not None:
@@ -168,8 +168,8 @@ def stop_line(stopped_in_s: float) -> str:
 
 
 def _stopped_in_s(run: "Run") -> float | None:
-    told = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
-    return next((seconds for seconds in told if seconds is not None), None)
+    known = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
+    return next((seconds for seconds in known if seconds is not None), None)
 
 
 def print_json(content: Mapping[str, Any]) -> None:
@@ -179,7 +179,7 @@ def print_json(content: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(content, indent=2))
 
 
-def _told(device: Mapping[str, Any]) -> str:
+def _counts(device: Mapping[str, Any]) -> str:
     counts = [f"{count} {kind.replace('_', ' ')}" for kind, count in device["kinds"].items() if count]
     if device["gaps"]:
         counts.append(f"{device['gaps']} gaps")
@@ -189,7 +189,7 @@ def _told(device: Mapping[str, Any]) -> str:
 def summary(
     command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return what --json says of a run."""
+    """Return the object of --json for a run."""
     devices = _devices(run)
     return {
         "command": command,
@@ -218,7 +218,7 @@ def _devices(run: "Run") -> dict[str, dict[str, Any]]:
     for name, record in run.header.devices.items():
         extra = record.model_extra or {}
         kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
-        kinds.pop("lost", None)  # stands before them
+        kinds.pop("lost", None)  # printed before them
         file = run.device_file(name)
         gaps = len(extra.get("gaps", ()))
         devices[name] = {"rows": record.rows, "lost": record.lost, "kinds": kinds, "gaps": gaps, "file": str(file)}
@@ -233,7 +233,7 @@ def _hash(path: Path) -> str:
 
 
 def _figures(run: "Run", options: KeepOptions) -> list[str]:
-    """Draw what `cfid show` draws, beside the run's files; what cannot be drawn is said, not an error."""
+    """Draw the figures of `cfid show` into the run's folder; a failure to draw is a note, not an error."""
     if not options.plot:
         return []
     from cfid.console.inputs import open_workplace

@@ -1,4 +1,4 @@
-"""What is written on stderr while something must not be held up: nobody waits for a terminal."""
+"""Write to stderr without blocking the caller, whatever the terminal does."""
 
 import atexit
 import contextlib
@@ -9,30 +9,30 @@ from queue import Full, Queue
 from threading import Thread
 
 _MOST_TEXTS = 1000
-_LAST_WORDS_S = 1.0
+_FINISH_WITHIN_S = 1.0
 _LOOK_S = 0.002
 
 
 class Screen:
     """Writes to stderr in a thread of its own.
 
-    A terminal that was stopped (Ctrl-S), or a pipe whose reader is busy, takes nothing for as long as it likes. What
-    it has not taken when the program ends is lost.
+    A stopped terminal (Ctrl-S), or a pipe whose reader is busy, may block for any time. Text that it has not accepted
+    when the program ends is lost.
     """
 
     def __init__(self) -> None:
-        """Write nothing yet."""
+        """Start with nothing to write."""
         self.file = _stderr()
         self._texts: Queue[str] = Queue(_MOST_TEXTS)
         self._thread: Thread | None = None
 
     @property
     def idle(self) -> bool:
-        """Whether all is written."""
+        """Whether everything is written."""
         return not self._texts.unfinished_tasks
 
     def write(self, text: str) -> None:
-        """Write as soon as that is possible; one of very many texts that wait is dropped."""
+        """Write as soon as possible; a text is dropped when very many are waiting."""
         if self.file is None:
             return
         if self._thread is None:
@@ -43,8 +43,8 @@ class Screen:
             self._texts.put_nowait(text)
 
     def finish(self) -> None:
-        """Wait until all is written, but not for long."""
-        end_s = time.monotonic() + _LAST_WORDS_S
+        """Wait until everything is written, for a limited time."""
+        end_s = time.monotonic() + _FINISH_WITHIN_S
         while not self.idle and time.monotonic() < end_s:
             time.sleep(_LOOK_S)
 
@@ -58,7 +58,7 @@ class Screen:
 
 
 def _stderr() -> int | None:
-    """Return the number of stderr, None if it was closed: the number may be any file's by now."""
+    """Return the file descriptor of stderr, None if it was closed: another file may have the number by now."""
     try:
         return None if sys.stderr is None else sys.stderr.fileno()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Which runs the words on a command line stand for: names, globs, `last`, or no word at all."""
+"""Select the runs of a command: by names, globs, `last`, or by kind where none is named."""
 
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatch
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 LAST = "last"
 RUN_FILE = "run.toml"
 
-Suits = Callable[["Run"], bool]
+Matches = Callable[["Run"], bool]
 
 
-def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: Suits, wanted: str) -> list[str]:
-    """Return the words with `last` and globs in the names of the campaign's runs; without words all that suit.
+def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: Matches, wanted: str) -> list[str]:
+    """Return the words, with `last` and globs replaced by run names; without words, all runs that match.
 
-    Only complete runs that were not excluded are found so, and what is left out is said. Words that are paths, or of
-    the form NAME=FILE, stay as they are. `wanted` is what a suitable run is, for a person. Raises ConfigError when a
-    word finds nothing.
+    Only complete runs that are not excluded are selected so, and a note names the others. Words that are paths, or
+    have the form NAME=FILE, stay as they are. `wanted` describes the expected runs, for messages. Raises ConfigError
+    when a word matches nothing.
     """
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
@@ -37,12 +37,12 @@ def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: S
             found.append(word)
             continue
         names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, runs, campaign, wanted)
-        found += [name for name in names if name not in found]  # no run counts twice because two words mean it
+        found += [name for name in names if name not in found]  # a run that two words name counts once
     return found
 
 
 def _is_search(word: str) -> bool:
-    """Return whether a word is `last` or a glob, and no path that there is."""
+    """Return whether a word is `last` or a glob, and not an existing path."""
     return not Path(word).exists() and "=" not in word and (word == LAST or is_glob(word))
 
 
@@ -51,8 +51,8 @@ def is_glob(word: str) -> bool:
     return bool(set(word) & set("*?["))
 
 
-def labelled(kind: str, *bodies: str) -> Suits:
-    """Return what tells runs of a kind, and of some bodies; one that says no body is of the vehicle."""
+def labelled(kind: str, *bodies: str) -> Matches:
+    """Return a predicate for runs of a kind, and of some bodies; a run without a body is of the vehicle."""
     return lambda run: run.header.kind == kind and (not bodies or (run.header.label.body or "crazyflie") in bodies)
 
 
@@ -82,19 +82,19 @@ def _taken(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> l
 
 def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
     if campaign is None:
-        raise ConfigError(f"{glob}: there is no campaign here whose runs it could stand for.")
+        raise ConfigError(f"{glob}: there is no campaign here whose runs it could match.")
     named = [run for run in runs if fnmatch(run.folder.name, glob)]
     taken, left = [run.folder.name for run in named if _is_taken(run)], _left(named)
     if not taken:
         unfit = f" but {left}" if left else ""
-        raise ConfigError(f"{glob}: no complete {wanted} in {campaign.runs_folder} has such a name{unfit}.")
+        raise ConfigError(f"{glob}: no complete {wanted} in {campaign.runs_folder} matches{unfit}.")
     if left:
         note(f"{glob}: left out: {left}.")
     return taken
 
 
 def _readable(campaign: "Campaign") -> "list[Run]":
-    """Return the campaign's runs; of those that cannot be read nobody knows whether they are meant: that is said."""
+    """Return the campaign's readable runs; a note names each unreadable one, which might have been meant."""
     from cfid.records.run import Run, list_runs
 
     found = list_runs(campaign.runs_folder)
@@ -109,7 +109,7 @@ def _is_taken(run: "Run") -> bool:
 
 
 def _left(runs: "Sequence[Run]") -> str:
-    """Return which runs are not taken, and why."""
+    """Return which runs are left out, and why."""
     return ", ".join(_why_left(run) for run in runs if not _is_taken(run))
 
 

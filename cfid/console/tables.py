@@ -1,4 +1,4 @@
-"""Results on the terminal: values and deviations to the digits that mean something."""
+"""Print results on the terminal: values and standard uncertainties to their significant digits."""
 
 import math
 from collections.abc import Mapping
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cfid.records.parameters import Parameter
 
-_DIGITS = 7  # of a value whose deviation is unknown; the thesis prints as many
+_DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as many
 
 
 def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> None:
-    """Print value, one standard deviation and unit of every parameter; a list of rows is its command's to print."""
+    """Print value, standard uncertainty and unit of every parameter; commands print lists of rows themselves."""
     from rich.console import Console
     from rich.table import Table
 
@@ -25,7 +25,7 @@ def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> No
 
 
 def value_and_deviation(value: Any, std: Any) -> tuple[str, str]:
-    """Return a value to the digit that its deviation's second digit stands at, and the deviation."""
+    """Return a value, rounded at the second digit of its standard uncertainty, and the uncertainty."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return ("-" if value is None else str(value)), "-"
     if not isinstance(std, int | float) or not math.isfinite(std) or std <= 0:

@@ -1,4 +1,4 @@
-"""What every command that reaches the vehicle shares: which one, and that it is fastened before a motor turns."""
+"""Connect a command to the vehicle, and have the operator confirm that it is fastened before a motor turns."""
 
 import os
 import sys
@@ -29,7 +29,7 @@ Motor = Annotated[
 
 
 def motors_of(words: Sequence[str] | None, usual: Sequence[int]) -> tuple[int, ...]:
-    """Return the motors that `--motor` names, each once and in order. Raises ConfigError for anything else."""
+    """Return the motors of `--motor`, each once and in order. Raises ConfigError for anything else."""
     if not words:
         return tuple(usual)
     return tuple(sorted(set(comma_list(words, "--motor", int, least=1, most=4, example="1,3"))))
@@ -44,7 +44,7 @@ _FIRMWARE = {
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleOptions:
-    """Which vehicle, and whether it is fastened."""
+    """The vehicle's address, and the confirmation that it is fastened."""
 
     uri: Annotated[
         str | None,
@@ -62,7 +62,7 @@ LogMs = Annotated[
 
 
 def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
-    """Connect to the vehicle that is meant and say which it is and what runs on it. Raises DeviceError."""
+    """Connect to the chosen vehicle and note its address and firmware. Raises DeviceError."""
     setting = devices.crazyflie
     if options.uri is not None:
         refuse_mixture("--uri", simulated)
@@ -71,7 +71,7 @@ def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simul
 
 
 def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
-    """Connect to a vehicle and say what of it the operator should know. Raises DeviceError."""
+    """Connect to a vehicle and note what the operator should know about it. Raises DeviceError."""
     from cfid.rig.ready_vehicle import connect_vehicle
 
     vehicle = connect_vehicle(setting, held)
@@ -79,7 +79,7 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
     if vehicle.firmware.kind != "app":
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
     if setting.stop_below_v is not None and not vehicle.reports_battery:
-        note("the vehicle does not tell its battery's voltage: stop_below_v of rig.toml does nothing.")
+        note("the vehicle does not report its battery's voltage: stop_below_v of rig.toml has no effect.")
     if vehicle.state is not None:
         note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")
     if vehicle.firmware.kind == "app" and not vehicle.firmware.knows_owners:
@@ -88,7 +88,7 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
 
 
 def _line() -> str:
-    """Return the next line of standard input, and take no byte of what follows: a script's answers come behind."""
+    """Return the next line of standard input, and read no byte beyond it: a script's further answers follow."""
     if sys.stdin is None:
         return ""
     line = b""
@@ -98,10 +98,10 @@ def _line() -> str:
 
 
 def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool) -> None:
-    """Let the operator confirm that the vehicle is fastened, before motors turn at these commands.
+    """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    Raises ConfigError when that does not come, or rig.toml or the rotors do not allow such a command; DeviceError for a
-    vehicle whose motors cannot be started as it is.
+    Raises ConfigError without a confirmation, or when rig.toml or the rotors do not allow such a command; DeviceError
+    for a vehicle whose motors cannot be started in its present state.
     """
     vehicle.refuse_unfit()
     turning = [command for command in commands if command] or [0]
@@ -116,6 +116,6 @@ def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[i
     typer.echo(question, nl=False, err=True)
     answer = _line()
     if not answer:
-        raise ConfigError("nobody confirmed that the vehicle is fastened: --yes says it in a script.")
+        raise ConfigError("nobody confirmed that the vehicle is fastened: use --yes in a script.")
     if answer.strip().lower() not in ("y", "yes"):
         raise ConfigError("not confirmed: no motor was started.")

@@ -1,4 +1,4 @@
-"""What `cfid show` has of each device in a recording: numbers for a table, a curve for the terminal, a figure."""
+"""The view of each device in a recording, for `cfid show`: numbers, a curve for the terminal, a figure."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _CURVE_POINTS = 400  # more than a terminal has dots from left to right
 
 
 class Curve(NamedTuple):
-    """A value over time (n,), thinned to what a terminal shows, and what its axis is called."""
+    """A value over time (n,), thinned to what a terminal can show, and the name of its axis."""
 
     time_s: "Array"
     value: "Array"
@@ -33,7 +33,7 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """One device's recording as it is shown."""
+    """One device's recording, ready to show."""
 
     device: str
     name: str
@@ -50,7 +50,7 @@ def views_of(
 ) -> tuple[list[View], tuple[str, ...]]:
     """Read a RUN; return a view of every device in it, and why another could not be read.
 
-    A bare file is told by its columns. Raises DataError when nothing can be read.
+    The columns of a file outside a run decide what it is. Raises DataError when nothing can be read.
     """
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.times import run_at
@@ -74,7 +74,7 @@ def _reader_of(run: "Run", device: str, readers: "Mapping[str, Callable[[], View
 
 
 def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str, ...]]:
-    """Read what can be read: a device that said nothing does not hide the other."""
+    """Read every device that can be read: a fault in one does not hide the others."""
     views: list[View] = []
     faults: list[DataError] = []
     for read in readers:
@@ -120,7 +120,7 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
         return wrench_figure(record, title=record.name)
 
-    # Means, as single samples of a vibration would make a curve that was never there.
+    # Means, since single samples of a vibration would alias into a false curve.
     length = -(-len(record.time_s) // _CURVE_POINTS)
     means = block_means(record.time_s, length=length), block_means(record.force_n[:, 2], length=length)
     return View(
@@ -180,7 +180,7 @@ def _device_view(run: "Run", device: str) -> View:
 
 
 def _states(since_s: "Array", words: "Array") -> str:
-    """Return the vehicle's states in turn, each with the second at which it began."""
+    """Return the vehicle's states in order, each with the second at which it began."""
     from cfid.wire.supervisor import VehicleState
 
     named = [(time_s, VehicleState.of(int(word)).name) for time_s, word in zip(since_s, words, strict=True)]

@@ -1,4 +1,4 @@
-"""`cfid demo`: a whole campaign on the simulated rig, so that a newcomer sees every step with a known truth."""
+"""`cfid demo`: record, fit and report a whole campaign on the simulated rig, whose true values are known."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
 
 def demo(
     folder: Annotated[Path, typer.Argument(metavar="[DIR]", help="Folder to make.")] = Path("cfid-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another rig and other recordings.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's parameters and recordings.")] = 1,
     truth: Annotated[
-        Path | None, typer.Option(help="TOML file of what the rig really is, as `cfid rig sim` takes it.")
+        Path | None, typer.Option(help="TOML file with the true parameters, as for `cfid rig sim`.")
     ] = None,
     wire: Annotated[
         bool, typer.Option("--wire", help="In real time over the devices' own wires: a shorter list, two minutes.")
     ] = False,
     figures: Annotated[bool, typer.Option(help="Draw figures.")] = True,
 ) -> None:
-    """Make a campaign on the simulated rig, fit and report it, and compare with the truth that the simulation knows.
+    """Make a campaign on the simulated rig, fit and report it, and compare the estimates with the true values.
 
-    Every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind. Lists are
-    thinned where the thesis has dozens, and the load cell samples at 1 kHz (the steps at 7 kHz).
+    It has every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind. Where
+    the thesis has dozens of settings the demo has some, and the load cell samples at 1 kHz (the steps at 7 kHz).
 
     Example: [bold]cfid demo my-demo --seed 7[/bold]
     """
@@ -47,7 +47,7 @@ def demo(
 
 
 def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
-    """Simulate everything as fast as it goes; return the truth by the parameters' names."""
+    """Simulate everything as fast as possible; return the true values by the parameters' names."""
     from cfid.cli.parameters import set_by_hand
     from cfid.demo.fits import ARM_M, ARM_STD_M
     from cfid.demo.recordings import write_runs
@@ -69,12 +69,12 @@ def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> d
 
     record_over_wires(campaign, truth=truth, seed=seed)
     known = true_motors(USUAL_TRUTH if truth is None else load_truth(truth))
-    # This computer is late too, by more than the simulated radio, and nobody knows by how much.
+    # This computer adds a delay of its own, unknown and larger than the simulated radio's.
     return {name: value for name, value in known.items() if name not in ("tf.delay_s", "latency.rtt_mean_s")}
 
 
 def _check(folder: Path, truth: Path | None) -> None:
-    """Refuse what cannot be done before anything is made. Raises ConfigError."""
+    """Refuse an existing campaign or an invalid truth before anything is created. Raises ConfigError."""
     from cfid.records.campaign import RIG_FILE, RUNS_FOLDER
     from cfid.sim.truth_file import load_truth
 

@@ -1,4 +1,4 @@
-"""The demo's fits, by the same commands that an operator types, and its table of truth against estimate."""
+"""Run the demo's fits by the operator's own commands, and print the true values beside the estimates."""
 
 import math
 import os
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
-_AT_ONCE = 2  # fits, which is as many as a small computer has processors
+_AT_ONCE = 2  # fits, one for each processor of a small computer
 
 # The longest first, so that no processor waits for it at the end.
 FITS = (
@@ -45,7 +45,7 @@ ARM_M, ARM_STD_M = 0.046, 0.0005
 
 
 def run_all(campaign: "Campaign", commands: Sequence[str], *, figures: bool) -> None:
-    """Run commands of cfid, two at once, and print what they say in order; names of runs stand for their kinds.
+    """Run commands of cfid, two at once, and print their output in order; run names replace the names of kinds.
 
     Raises FitError that names the command which failed.
     """
@@ -53,8 +53,8 @@ def run_all(campaign: "Campaign", commands: Sequence[str], *, figures: bool) -> 
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         running = [(words, pool.submit(processes.run, words)) for words in (each.format(**names) for each in commands)]
         try:
-            for words, said in running:
-                _tell(words, *said.result())
+            for words, output in running:
+                _print_output(words, *output.result())
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             processes.end()
@@ -65,14 +65,14 @@ class _Processes:
     """Commands of cfid in processes of their own, each in the campaign's folder."""
 
     def __init__(self, campaign: "Campaign", *, figures: bool) -> None:
-        """Start none yet."""
+        """Start no process yet."""
         self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
         self._started: list[subprocess.Popen[str]] = []
 
     def run(self, words: str) -> tuple[int, str, str]:
-        """Run a command to its end; return exit code, and what it said on both ways."""
+        """Run a command to its end; return exit code, stdout and stderr."""
         drawn = self._drawn if words.startswith(("fit", "tf")) else []
-        # Several at once leave each a processor: more threads of the linear algebra would stand in each other's way.
+        # One processor for each command: more threads of the linear algebra would slow each other down.
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         process = subprocess.Popen(
             [sys.executable, "-m", "cfid.cli.main", *words.split(), *drawn],
@@ -87,12 +87,12 @@ class _Processes:
         return process.returncode, out, err
 
     def end(self) -> None:
-        """End those that still run."""
+        """End the processes that still run."""
         for process in self._started:
             process.terminate()
 
 
-def _tell(words: str, code: int, out: str, err: str) -> None:
+def _print_output(words: str, code: int, out: str, err: str) -> None:
     typer.secho(f"\n$ cfid {words}", bold=True)
     typer.echo(out, nl=False)
     if code:
@@ -111,14 +111,14 @@ def _names(campaign: "Campaign") -> dict[str, list[str]]:
 
 
 def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
-    """Print the simulation's truth beside every estimate, and whether it lies in the 95 % interval."""
+    """Print the true value beside every estimate, and whether it lies in the 95 % interval."""
     from rich.console import Console
     from rich.table import Table
 
     from cfid.console.tables import value_and_deviation
     from cfid.records.parameters import load_sections
 
-    table = Table(title="the simulation's truth against the estimates", title_justify="left")
+    table = Table(title="true values of the simulation and estimates", title_justify="left")
     table.add_column("parameter", overflow="fold")
     for heading in ("truth", "estimate", "std", "in 95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -135,7 +135,7 @@ def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
 def compared(
     sections: "Iterable[Section]", truth: Mapping[str, float]
 ) -> Iterator[tuple[str, float, float, float | None]]:
-    """Return name, truth, estimate and deviation of every number whose truth is known."""
+    """Return name, true value, estimate and standard uncertainty of every number whose true value is known."""
     found = {
         number.name: (number.value, number.std)
         for section in sections
@@ -149,5 +149,5 @@ def compared(
 
 
 def covers(true: float, value: float, std: float | None) -> bool:
-    """Return whether the 95 % interval of an estimate holds the truth."""
+    """Return whether the 95 % interval of an estimate contains the true value."""
     return std is not None and math.isclose(true, value, rel_tol=0, abs_tol=COVERAGE_95 * std)

@@ -1,4 +1,4 @@
-"""The demo's runs on disk, as the logs would have left them."""
+"""Write the demo's runs to disk in the form of recorded runs."""
 
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta

@@ -1,4 +1,4 @@
-"""The demo in real time: a simulated rig is served on real wires, and the operator's own logs record from it."""
+"""Record the demo in real time: serve a simulated rig on real wires and run the operator's log commands on it."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from cfid.records.campaign import Campaign
 
-# A short list, since each takes as long as on a rig: some two minutes together.
+# A short list, since each takes as long as on a real rig: about two minutes together.
 LOGS = (
     "log encoder --axis x --for 14",
     "log thrust --from 16000 --to 64000 --step 16000 --hold 3 --rest 1.5 --rate-hz 1000 --yes",
@@ -29,7 +29,7 @@ _LOOKS_EVERY_S = 0.1
 
 
 def record_over_wires(campaign: "Campaign", *, truth: "Path | None", seed: int) -> None:
-    """Serve a rig and record from it what LOGS says. Raises DeviceError with what a command said when it failed."""
+    """Serve a rig and record the LOGS from it. Raises DeviceError that names the command which failed."""
     with _served(campaign.folder, truth=truth, seed=seed):
         for words in LOGS:
             typer.secho(f"\n$ cfid {words}", bold=True)

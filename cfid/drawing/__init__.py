@@ -1,1 +1,1 @@
-"""Style of figures, panels, saving, and recordings drawn as they came."""
+"""Style of figures, saving, and figures of recordings."""

@@ -1,4 +1,4 @@
-"""An angle record as it came: angle, speed, and how evenly it was sampled. Fits nothing."""
+"""Draw an angle record: angle, speed and sampling intervals."""
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 TURNS_FROM = 2  # a record that spans more turns than this is drawn in turns
 
 _TIME = "time (s)"
-_GAP = 10  # median intervals without a sample that are worth a word
+_GAP = 10  # median intervals without a sample that count as a gap
 _SMOOTHED = 9  # samples of the grid, over which the speed's parabola lies
 _BINS = 60
 
@@ -32,7 +32,7 @@ def recording_figure(record: AngleRecord, *, title: str) -> Figure:
     words(
         page.add_subplot(grid[2, 1]),
         "in numbers",
-        _told(record, intervals),
+        _facts(record, intervals),
         red=("gaps",) if len(gaps) else (),
     )
     page.align_ylabels()
@@ -51,7 +51,7 @@ def _draw_angle(axes: Axes, record: AngleRecord) -> None:
 
 
 def _draw_speed(axes: Axes, record: AngleRecord) -> None:
-    """Draw the slope of a parabola through neighbouring samples; their bare differences are mostly noise."""
+    """Draw the slope of a parabola through neighbouring samples; plain differences are mostly noise."""
     step = max(GRID_S, float(np.median(np.diff(record.time_s))))
     name_panel(axes, f"(b) speed, smoothed over {1e3 * step * _SMOOTHED:.0f} ms", x=_TIME, y="speed (rad/s)")
     grid, angle = resample(record.time_s, record.angle_rad, step_s=step)
@@ -66,14 +66,14 @@ def _draw_speed(axes: Axes, record: AngleRecord) -> None:
 def _draw_intervals(axes: Axes, intervals_s: Array) -> None:
     name_panel(axes, "(c) sampling intervals", x="interval (ms)", y="count (-)")
     low, high = 1e3 * intervals_s.min(), 1e3 * intervals_s.max()
-    # An even clock leaves only rounding between the two: a bin as wide as that would say nothing.
+    # With an even clock only rounding lies between the two: bins that narrow would show nothing.
     room = max(0.0, 0.1 * 1e3 * float(np.median(intervals_s)) - (high - low)) / 2
     axes.hist(1e3 * intervals_s, bins=_BINS, range=(low - room, high + room), color=RECORDED, lw=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.7)
 
 
-def _told(record: AngleRecord, intervals_s: Array) -> list[tuple[str, str]]:
+def _facts(record: AngleRecord, intervals_s: Array) -> list[tuple[str, str]]:
     gaps = _gaps(intervals_s)
     duration, median = float(record.time_s[-1]), float(np.median(intervals_s))
     span = float(np.ptp(record.angle_rad))
@@ -96,6 +96,6 @@ def _in_turns(record: AngleRecord) -> bool:
 
 def _gaps(intervals_s: Array) -> npt.NDArray[np.intp]:
     """Return the samples after which the recording paused."""
-    # Time stamps that come in blocks repeat: the median of all intervals may be zero.
+    # Time stamps of a block repeat: the median of all intervals may be zero.
     passing = intervals_s[intervals_s > 0]
     return np.flatnonzero(intervals_s > _GAP * np.median(passing)) if len(passing) else np.empty(0, dtype=np.intp)

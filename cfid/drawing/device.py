@@ -1,4 +1,4 @@
-"""Any device's file of a run over time, as it came: commands as steps, events as marks, the rest as lines."""
+"""Draw any device's file of a run over time: commands as steps, events as marks, the rest as lines."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ Array = npt.NDArray[np.float64]
 _PANEL_IN = 1.9
 _MOST_PANELS = 8
 _HELD = re.compile(r"m[1-4]")  # a command holds until the next
-_COUNTERS = ("vehicle_us", "vehicle_ms", "report", "sample")  # of use to programs, and straight lines to the eye
-_FEW = 400  # rows, so that each can be marked
+_COUNTERS = ("vehicle_us", "vehicle_ms", "report", "sample")  # straight lines, of use to programs only
+_FEW = 400  # rows, up to which each is marked
 
 
 @styled
@@ -38,7 +38,7 @@ def device_figure(time_s: Array, columns: Mapping[str, Array], *, title: str, no
 
 
 def groups(names: Sequence[str]) -> list[list[str]]:
-    """Return columns in groups that differ by digits only, such as m1 to m4, without counters where others are left."""
+    """Return columns in groups that differ by digits only, such as m1 to m4; counters only where they are alone."""
     shown = [name for name in names if name not in _COUNTERS] or list(names)
     found: dict[str, list[str]] = {}
     for name in shown:

@@ -1,12 +1,12 @@
-"""Numbers with their deviation, and the range they reach, as a figure says them. Computes nothing."""
+"""Format numbers with their standard uncertainty for figures."""
 
 import math
 
-_ROOM = 19  # characters: six digits with their deviation
+_ROOM = 19  # characters: six digits with their uncertainty
 
 
 def plus_minus(value: float, std: float, *, unit: str = "") -> str:
-    """Return a value and its standard deviation, both to the deviation's second digit where there is room."""
+    """Return a value and its standard uncertainty, both to the uncertainty's second digit where there is room."""
     return _plus_minus(value, std, unit).replace("-", "−")
 
 
@@ -19,7 +19,7 @@ def _plus_minus(value: float, std: float, unit: str) -> str:
 
 
 def shortened(text: str, characters: int) -> str:
-    """Return a text cut in its middle, where the names of runs differ least."""
+    """Return a text shortened in its middle, where the names of runs differ least."""
     if len(text) <= characters:
         return text
     tail = (characters - 1) // 2

@@ -1,4 +1,4 @@
-"""A long record drawn by its beginning and its end, where its whole would be one dark bar."""
+"""Draw a long record by its beginning and its end, where the whole would be one dark bar."""
 
 from typing import NamedTuple
 
@@ -24,8 +24,7 @@ class Piece(NamedTuple):
 def pieces(page: Figure, grid: GridSpec, row: int, time_s: Array, *, period_s: float) -> list[Piece]:
     """Return axes for a whole record (n,), or a pair of them for its first and its last periods.
 
-    They stand in a row of a grid of two columns, aligned with all else in it. The pair shares its vertical
-    axis; the second has no labels of its own.
+    They fill a row of a grid of two columns. The pair shares its vertical axis; the second has no labels of its own.
     """
     if time_s[-1] - time_s[0] <= MANY_PERIODS * period_s:
         return [Piece(page.add_subplot(grid[row, :]), slice(None))]

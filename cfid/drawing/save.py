@@ -1,4 +1,4 @@
-"""A figure to PNG and SVG files, whole or not at all, and never over what somebody else made."""
+"""Save a figure as PNG and SVG files, atomically, and never over a file of another origin."""
 
 import io
 import re
@@ -16,9 +16,9 @@ PNG_DPI = 150
 
 _MAKER = "cfid"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEAD_BYTES = 4096  # both kinds of file name their maker at their beginning
-# matplotlib's own prologue: a drawing program that edited our SVG keeps the maker's name but not these lines,
-# and then it is somebody's work.
+_HEAD_BYTES = 4096  # both formats name their creator near the beginning
+# matplotlib's own prologue: a drawing program that edited our SVG keeps the creator's name but not these lines,
+# and then the file is somebody's work.
 _OUR_SVG = re.compile(
     rb'\A<\?xml version="1\.0" encoding="utf-8" standalone="no"\?>\s*<!DOCTYPE svg [^>]*>\s*<svg [^>]*>\s*'
     rb"<metadata>.*?<dc:creator>\s*<cc:Agent>\s*<dc:title>cfid ",
@@ -30,10 +30,10 @@ _OUR_SVG = re.compile(
 def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path]:
     """Write `<stem>.png` and `<stem>.svg` and return their paths; equal figures make equal files.
 
-    Figures that cfid made before are replaced. Both files are rendered and checked before one is written.
+    Earlier figures of cfid are replaced. Both files are rendered and checked before one is written.
 
-    Raises ConfigError when a file of that name is not cfid's and `force` was not said, or when the folder
-    cannot be written.
+    Raises ConfigError when a file of that name is not cfid's and `force` is not set, or when the folder cannot be
+    written.
     """
     maker = f"{_MAKER} {__version__}"
     contents = {
@@ -61,8 +61,8 @@ def _refuse_foreign(paths: list[Path]) -> None:
     for path in paths:
         if path.exists() and not _made_by_cfid(path):
             raise ConfigError(
-                f"{path}: is there already and cfid did not draw it. "
-                "Say --force to replace it, or --out to write elsewhere."
+                f"{path}: exists already and cfid did not draw it. "
+                "Use --force to replace it, or --out to write elsewhere."
             )
 
 
@@ -75,7 +75,7 @@ def _made_by_cfid(path: Path) -> bool:
 
 
 def _png_text(head: bytes, keyword: bytes) -> bytes:
-    """Return a PNG's text of that keyword, or nothing; chunks are length, kind, content, checksum."""
+    """Return a PNG's text of that keyword, else nothing; chunks are length, kind, content, checksum."""
     at = len(_PNG_SIGNATURE)
     while at + 8 <= len(head):
         length, kind = struct.unpack_from(">I4s", head, at)

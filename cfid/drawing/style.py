@@ -1,7 +1,7 @@
-"""How every figure looks: one palette, one page, one place for titles, legends and words of doubt.
+"""The style of every figure: one palette, one page, one place for titles, legends, rejections and notes.
 
-Draws no data. Figures are made without pyplot, so that nothing is shared between two of them, and under
-cfid's own settings, so that they look the same whatever the user's matplotlibrc says.
+Figures are made without pyplot, so that they share no state, and with cfid's own settings, so that they look the same
+whatever the user's matplotlibrc contains.
 """
 
 import functools
@@ -23,8 +23,8 @@ Array = npt.NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# After Okabe and Ito, whose colours the colour-blind tell apart. What is recorded lies wide and pale below
-# what is computed, thin and dark, so that the two also differ on a grey print.
+# After Okabe and Ito, whose colours the colour-blind can distinguish. Recorded data is wide and pale below computed
+# curves, thin and dark, so that the two also differ on a grey print.
 RECORDED = "#0072B2"
 RECORDED_BELOW = "#8CC8EE"
 MODEL = "#A33F00"
@@ -36,11 +36,11 @@ SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#8C
 DASHES: tuple[Literal["-", "--", ":", "-."], ...] = ("-", "--", ":", "-.")
 
 PAGE_WIDTH_IN = 7.2  # fills a page of A4 between its margins at 90 %
-KEY_IN = 0.12  # height of a row that holds nothing but a legend
+KEY_IN = 0.12  # height of a row with a legend alone
 
 _GRID = "#DDDDDD"
 _LINE_IN = 0.165
-_CHARACTERS = 112  # of a line of words across the page
+_CHARACTERS = 112  # of a line of text across the page
 _MOST_POINTS = 4000  # of a drawn line: two extremes for every dot of a printed page
 
 STYLE = {
@@ -104,10 +104,10 @@ def figure(
     doubts: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> tuple[Figure, GridSpec]:
-    """Return a page as wide as all others and its grid of `rows` and `columns`, rows of given heights.
+    """Return a page of the common width and its grid of `rows` and `columns`, rows of given heights.
 
-    Above the grid stand the title, then `doubts` in red and `notes` in grey, wrapped; the page grows with
-    them. Everything is written as it is: a dollar sign in a file's name starts no formula.
+    Above the grid are the title, then `doubts` in red and `notes` in grey, wrapped; the page grows with them. Texts
+    are printed literally: a dollar sign in a file's name starts no formula.
     """
     head = [(line, INK, "bold") for line in _wrapped(title, 84)]
     head += [(line, DOUBT, "normal") for doubt in doubts for line in _wrapped(doubt, _CHARACTERS)]
@@ -175,7 +175,7 @@ def words(axes: Axes, title: str, lines: Sequence[tuple[str, str]], *, red: Sequ
 def thinned(x: Array, y: Array) -> tuple[Array, Array]:
     """Return a line that looks the same with a bounded number of points, so that a long record stays small.
 
-    Of every short stretch the lowest and the highest sample are kept, in their order.
+    Of every short segment the lowest and the highest sample are kept, in their order.
     """
     if len(x) <= _MOST_POINTS:
         return x, y
@@ -191,7 +191,7 @@ def draw_line(axes: Axes, x: Array, y: Array, **how: Any) -> None:
 
 
 def _extremes(y: Array, edges: npt.NDArray[np.intp], pick: np.ufunc) -> npt.NDArray[np.intp]:
-    """Return for each stretch from edge to edge the first sample that is its extreme."""
+    """Return for each segment between edges the first sample that is its extreme."""
     extreme = np.repeat(pick.reduceat(y, edges), np.diff(np.append(edges, len(y))))
     at = np.flatnonzero(y == extreme)
     _, first = np.unique(np.searchsorted(edges, at, side="right"), return_index=True)

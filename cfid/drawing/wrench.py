@@ -1,4 +1,4 @@
-"""A load cell's record as it came: forces, torques, the lines in Fz, and how evenly it was sampled. Fits nothing."""
+"""Draw a load cell's record: forces, torques, the spectrum of Fz and sampling intervals."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,26 +19,26 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 _TIME = "time (s)"
-_MEAN_S = 0.05  # over which means are drawn: some turns of the slowest rotor
+_MEAN_S = 0.05  # length of the drawn means: some turns of the slowest rotor
 _MOST_MEANS = 1000
-_GAP = 10  # median intervals without a sample that are worth a word
-_HOST_GAP_S = 0.1  # the same where a computer stamped at arrival: it is late by tens of milliseconds at any time
-_EVEN = 0.5  # of the median interval: stamps that never come closer are the box' own
-_RESOLUTION_S = 1.0  # length of the stretches whose spectra are averaged; rotors do not hold a speed for longer
+_GAP = 10  # median intervals without a sample that count as a gap
+_HOST_GAP_S = 0.1  # the same for times of arrival at a computer, which may be late by tens of milliseconds
+_EVEN = 0.5  # of the median interval: if no interval is shorter, the times are the box's own
+_RESOLUTION_S = 1.0  # length of the segments whose spectra are averaged; rotors do not hold a speed for longer
 _MOST_LINES = 5
 _ABOVE_NOISE = 8.0  # times the median of the spectrum around a line
 _AROUND_HZ = 100.0
-_APART_HZ = 12.0  # of two lines that are named
-_LEAST_SHARE = 0.02  # of the highest line, for a line that is named
+_APART_HZ = 12.0  # between two labelled lines
+_LEAST_SHARE = 0.02  # of the highest line, for a line that is labelled
 _SHOWN_RATIO = 350.0  # of highest to lowest frequency shown: from 10 Hz at 7 kHz
-_LEAST = 1e-5  # of the highest amplitude, for one that is shown
-_SHORTEST = 16  # samples of such a stretch
+_LEAST = 1e-5  # of the highest amplitude, for an amplitude that is shown
+_SHORTEST = 16  # samples of such a segment
 _LABEL_DECADES = 0.9  # above the highest line, for the labels
 _LABEL_WIDTH = 0.085  # of the panel, from one label to the next
 _BINS = 60
 
 
-class Spectrum(NamedTuple):
+class AmplitudeSpectrum(NamedTuple):
     """Amplitudes (n,) in N of a sine wave at each frequency (n,)."""
 
     frequency_hz: Array
@@ -56,29 +56,29 @@ def wrench_figure(record: WrenchRecord, *, title: str) -> Figure:
     _draw_intervals(page.add_subplot(grid[3, 0]), np.diff(record.time_s))
     wrong = {"gaps": len(gaps_of(record.time_s)), "lost": record.lost}
     red = [name for name, count in wrong.items() if count]
-    words(page.add_subplot(grid[3, 1]), "in numbers", _told(record), red=red)
+    words(page.add_subplot(grid[3, 1]), "in numbers", _facts(record), red=red)
     page.align_ylabels()
     return page
 
 
-def spectrum_of(time_s: Array, value: Array) -> Spectrum:
+def spectrum_of(time_s: Array, value: Array) -> AmplitudeSpectrum:
     """Return the amplitude spectrum of a record (n,) without its mean, up to half its rate.
 
-    Hann windows over stretches of a second, half over each other, their powers averaged (Welch). Of a record with
-    gaps the longest stretch between two of them is taken.
+    Welch's method: Hann windows of one second with half overlap. Of a record with gaps the longest segment between
+    two of them is taken.
     """
     gaps = gaps_of(time_s)
     begins, ends = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
     longest = int(np.argmax(time_s[ends] - time_s[begins]))
-    stretch = slice(begins[longest], ends[longest] + 1)
-    even, rate_hz = _evenly(time_s[stretch], value[stretch])
+    segment = slice(begins[longest], ends[longest] + 1)
+    even, rate_hz = _evenly(time_s[segment], value[segment])
     length = min(len(even), max(_SHORTEST, round(_RESOLUTION_S * rate_hz)))
     frequency_hz, power = welch(even, rate_hz, window="hann", nperseg=length, detrend="constant", scaling="spectrum")
-    return Spectrum(frequency_hz[1:], np.sqrt(2 * power[1:]))
+    return AmplitudeSpectrum(frequency_hz[1:], np.sqrt(2 * power[1:]))
 
 
-def lines_of(spectrum: Spectrum) -> Indices:
-    """Return where the highest lines stand out of the noise around them, at most five, by frequency."""
+def lines_of(spectrum: AmplitudeSpectrum) -> Indices:
+    """Return the indices of the highest lines above the noise around them, at most five, in order of frequency."""
     step_hz, amplitude_n = float(spectrum.frequency_hz[0]), spectrum.amplitude_n
     around = max(1, round(_AROUND_HZ / step_hz))
     blocks = np.arange(0, len(amplitude_n), around)
@@ -90,8 +90,8 @@ def lines_of(spectrum: Spectrum) -> Indices:
     return np.sort(peaks[np.argsort(amplitude_n[peaks])[::-1][:_MOST_LINES]])
 
 
-def _lowest_hz(spectrum: Spectrum) -> float:
-    """Return where the spectrum begins to be of interest: below lie drift and steps of the command."""
+def _lowest_hz(spectrum: AmplitudeSpectrum) -> float:
+    """Return the lowest frequency to show: below it are drift and steps of the command."""
     return max(float(spectrum.frequency_hz[0]), float(spectrum.frequency_hz[-1]) / _SHOWN_RATIO)
 
 
@@ -103,7 +103,7 @@ def gaps_of(time_s: Array) -> Indices:
 
 
 def _usual_s(intervals_s: Array) -> float:
-    """Return the median of the intervals that pass: stamps of a computer repeat when they come in blocks."""
+    """Return the median of the positive intervals: a computer's time stamps of a block repeat."""
     return float(np.median(intervals_s[intervals_s > 0]))
 
 
@@ -112,26 +112,26 @@ def _is_even(intervals_s: Array) -> bool:
 
 
 def _evenly(time_s: Array, value: Array) -> tuple[Array, float]:
-    """Return a stretch on an even grid, and its rate in Hz.
+    """Return a segment on an even grid, and its rate in Hz.
 
-    The box samples evenly: where a computer stamped what arrived, the samples' order tells time better than that.
+    The box samples evenly: where a computer stamped the arrivals, the samples' order is the better clock.
     """
-    step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # no single late stamp bends a line
+    step_s = float(np.polyfit(np.arange(len(time_s)), time_s, 1)[0])  # a single late stamp does not bend a line
     if _is_even(np.diff(time_s)):
         _, value = resample(time_s, value, step_s=step_s)
     return value, 1 / step_s
 
 
 def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequence[str], title: str, y: str) -> None:
-    """Draw three axes (n, 3) pale as they came, and above them their means, which vibration does not hide."""
+    """Draw three axes (n, 3), samples pale and their means above them, which vibration does not hide."""
     time, intervals = record.time_s, np.diff(record.time_s)
     interval_s = _usual_s(intervals) if _is_even(intervals) else float(intervals.mean())
     length = min(len(time), max(1, round(_MEAN_S / interval_s), len(time) // _MOST_MEANS))
-    name_panel(axes, f"{title}: as they came (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
+    name_panel(axes, f"{title}: samples (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
     pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=DOUBT, alpha=0.25, lw=0.8)
     for column, colour in zip(values.T, SERIES, strict=False):
-        # A band of thousands of strokes: as pixels it makes an SVG of a third the size.
+        # A band of thousands of strokes: rasterized, it makes an SVG of a third of the size.
         draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5, rasterized=True)
     for column, colour, name in zip(values.T, SERIES, names, strict=False):
         means = block_means(time, length=length), block_means(column, length=length)
@@ -139,8 +139,8 @@ def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequen
     legend(axes)
 
 
-def _draw_spectrum(axes: Axes, spectrum: Spectrum) -> None:
-    """Draw both axes logarithmic: rotors lie in the lowest tenth of what a fast box resolves."""
+def _draw_spectrum(axes: Axes, spectrum: AmplitudeSpectrum) -> None:
+    """Draw both axes logarithmic: rotors are in the lowest tenth of the range of a fast box."""
     frequency_hz, amplitude_n = spectrum
     title = f"(c) amplitude spectrum of Fz, Hann windows of {1 / frequency_hz[0]:.2g} s"
     name_panel(axes, title, x="frequency (Hz)", y="amplitude (N)")
@@ -164,11 +164,11 @@ def _label_line(axes: Axes, frequency_hz: float, amplitude_n: float, place: floa
 
 
 def _spread(wanted: Array) -> Array:
-    """Return places along an axis, from 0 to 1, about as near the wanted ones (n,) as labels have room."""
+    """Return places along an axis, from 0 to 1, as near to the wanted ones (n,) as the labels' width allows."""
     if not len(wanted):
         return wanted
     steps = _LABEL_WIDTH * np.arange(len(wanted))
-    # Places that keep their distance are steps plus what never falls; the nearest such lies midway of two bounds.
+    # Such places are steps plus a sequence that never falls; the nearest one is midway between two bounds.
     free = wanted - steps
     level = (np.maximum.accumulate(free) + np.minimum.accumulate(free[::-1])[::-1]) / 2
     return np.asarray(np.clip(level, _LABEL_WIDTH / 2, 1 - _LABEL_WIDTH / 2 - steps[-1]) + steps)
@@ -177,14 +177,14 @@ def _spread(wanted: Array) -> Array:
 def _draw_intervals(axes: Axes, intervals_s: Array) -> None:
     name_panel(axes, "(d) sampling intervals", x="interval (ms)", y="count (-)")
     low, high = 1e3 * intervals_s.min(), 1e3 * intervals_s.max()
-    # An even clock leaves only rounding between the two: a bin as wide as that would say nothing.
+    # With an even clock only rounding lies between the two: bins that narrow would show nothing.
     room = max(0.0, 0.1 * 1e3 * _usual_s(intervals_s) - (high - low)) / 2
     axes.hist(1e3 * intervals_s, bins=_BINS, range=(low - room, high + room), color=RECORDED, lw=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=0.7)
 
 
-def _told(record: WrenchRecord) -> list[tuple[str, str]]:
+def _facts(record: WrenchRecord) -> list[tuple[str, str]]:
     time, gaps = record.time_s, gaps_of(record.time_s)
     intervals = np.diff(time)
     longest = int(np.argmax(intervals))
@@ -193,7 +193,7 @@ def _told(record: WrenchRecord) -> list[tuple[str, str]]:
         ("mean rate", f"{len(intervals) / time[-1]:.5g} Hz"),
         ("longest interval", f"{1e3 * intervals[longest]:.4g} ms after {time[longest]:.3f} s"),
         ("gaps", f"{len(gaps)}, {intervals[gaps].sum():.4g} s in all" if len(gaps) else "none"),
-        ("lost", "not known" if record.lost is None else f"{record.lost}"),
+        ("lost", "unknown" if record.lost is None else f"{record.lost}"),
     ]
     values = np.hstack([record.force_n, 1e3 * record.torque_nm])
     for axis, mean, std in zip(AXES, values.mean(axis=0), values.std(axis=0), strict=True):

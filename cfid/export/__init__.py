@@ -1,1 +1,1 @@
-"""Parameters of a campaign as the files that firmware and simulators take."""
+"""Export a campaign's parameters to the files of firmware and simulators."""

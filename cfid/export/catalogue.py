@@ -43,7 +43,7 @@ TARGETS: Mapping[str, Target] = {
 def target_named(name: str) -> Target:
     """Return a target.
 
-    Raises ConfigError for a name that is none.
+    Raises ConfigError for an unknown name.
     """
     if name not in TARGETS:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""`cfid export`: what a campaign found, as the files that firmware and simulators take."""
+"""`cfid export`: export a campaign's parameters to the files of firmware and simulators."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -11,7 +11,7 @@ from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
-    from cfid.export.vehicle import Stale, Vehicle
+    from cfid.export.vehicle import ExportVehicle, Stale
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
@@ -24,31 +24,33 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET|list|samples",
-            help="Whose file to write; list says which there are; samples draws vehicles from the uncertainties.",
+            help="Target to write; list shows all targets; samples draws vehicles from the uncertainties.",
         ),
     ],
     *,
     out: Annotated[
         str | None,
-        typer.Option(metavar="FILE|-", help="Where to; - is stdout. Default: the campaign's folder exports."),
+        typer.Option(metavar="FILE|-", help="File to write; - is stdout. Default: in the campaign's folder exports."),
     ] = None,
-    count: Annotated[int | None, typer.Option("--n", min=1, help="How many vehicles (samples). Default: 1000.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the random numbers (samples). Default: 1.")] = None,
+    count: Annotated[
+        int | None, typer.Option("--n", min=1, help="Number of vehicles (samples). Default: 1000.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers (samples). Default: 1.")] = None,
     force: Annotated[
         bool,
         typer.Option(
             "--force",
-            help="Overwrite a file; export what is rejected, doubtful or implausible, marked so. A firmware header "
-            "whose thrust over voltage would stop the motors is refused all the same.",
+            help="Overwrite a file; export rejected, outdated or implausible quantities, marked so. A firmware header "
+            "whose thrust over voltage would stop the motors is refused even so.",
         ),
     ] = False,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object (list).")] = False,
 ) -> None:
-    """Write what was measured as a file for firmware or a simulator: turned to its frame, in its units, with origins.
+    """Export the measured parameters to a file for firmware or a simulator, in its frame and units, with origins.
 
-    What was not measured is left out or marked, never guessed; a target that cannot do without is refused. So is what
-    is rejected, doubtful or implausible, unless --force asks for it: the file then says so.
+    A quantity that was not measured is left out or marked, never guessed; a target that needs it is refused. Rejected,
+    outdated or implausible quantities are refused too, unless --force is given; the file then marks them.
 
     Example: [bold]cfid export crazyflow[/bold]
     """
@@ -66,41 +68,41 @@ def export(
         from cfid.export.samples_command import write_samples
 
         if out == "-":
-            raise ConfigError("samples are several files: --out names a folder, and - is none.")
+            raise ConfigError("samples are several files: --out must name a folder, not -.")
         folder = Path(out) if out else found.folder / FOLDER
         write_samples(known, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
         return
     if count is not None or seed is not None:
         raise ConfigError("--n and --seed go with `cfid export samples`: a file has the measured numbers.")
     wanted, vehicle = target_named(target), known.vehicle
-    text = text_of(wanted, vehicle)  # what no --force writes is refused first
+    text = text_of(wanted, vehicle)  # first the refusals that --force does not lift
     refuse(wanted, known, force=force)
     _write(text, out or str(found.folder / FOLDER / wanted.file_name), force=force)
     _warn(wanted, vehicle)
 
 
-class Known(NamedTuple):
-    """What a campaign knows: the sections of its parameters.toml, when they are stale, and what exports take of it."""
+class ExportInput(NamedTuple):
+    """The sections of a campaign's parameters.toml, why they are no longer current, and the vehicle of the exports."""
 
     sections: "dict[str, Section]"
     stale: "Stale"
-    vehicle: "Vehicle"
+    vehicle: "ExportVehicle"
 
 
-def refuse(target: "Target", known: Known, *, force: bool) -> None:
-    """Raise DataError for what should not be exported; `force` lets through what is there, marked."""
+def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
+    """Raise DataError for quantities that should not be exported; with `force` they pass, marked."""
     from cfid.errors import DataError
     from cfid.export.refusals import objections, refuse_rejected
 
     refuse_rejected(target, known.vehicle, known.sections)
-    said = objections(target, known.vehicle, known.sections, stale=known.stale)
-    if said and not force:
+    against = objections(target, known.vehicle, known.sections, stale=known.stale)
+    if against and not force:
         raise DataError(
-            f"{target.name}: nothing was written. {' '.join(said)} --force writes it all the same, and marks it."
+            f"{target.name}: nothing was written. {' '.join(against)} Use --force to write it anyway, marked."
         )
 
 
-def _known(campaign: "Campaign") -> Known:
+def _known(campaign: "Campaign") -> ExportInput:
     from cfid.errors import DataError
     from cfid.export.exchange import covariance_blocks
     from cfid.export.refusals import marked
@@ -123,7 +125,7 @@ def _known(campaign: "Campaign") -> Known:
         stale=stale,
         covariance=covariance_blocks(content),
     )
-    return Known(sections, stale, marked(vehicle, sections))
+    return ExportInput(sections, stale, marked(vehicle, sections))
 
 
 def _write(text: str, out: str, *, force: bool) -> None:
@@ -134,7 +136,7 @@ def _write(text: str, out: str, *, force: bool) -> None:
         return
     path = Path(out)
     if path.exists() and not force:
-        raise ConfigError(f"{path} is there already: nothing was changed. --force overwrites it, --out names another.")
+        raise ConfigError(f"{path} exists already: nothing was changed. --force overwrites it, --out names another.")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text.encode())
@@ -143,20 +145,20 @@ def _write(text: str, out: str, *, force: bool) -> None:
     typer.echo(str(path))
 
 
-def _warn(target: "Target", vehicle: "Vehicle") -> None:
-    from cfid.export.target import asked_for, caveats, left_out, simulated, unaccepted
+def _warn(target: "Target", vehicle: "ExportVehicle") -> None:
+    from cfid.export.target import caveats, left_out, need_text, simulated, unaccepted
 
     if keys := simulated(target, vehicle):
-        note(f"SIMULATED, no vehicle was measured: {', '.join(keys)}. The file says so.")
+        note(f"SIMULATED, no vehicle was measured: {', '.join(keys)}. The file marks them.")
     for sentence in caveats(target, vehicle):
         note(sentence)
     for key in unaccepted(target, vehicle):
-        note(f"{key} is rejected by its fit: the file says so.")
+        note(f"{key} is rejected by its fit: the file marks it.")
     for use in left_out(target, vehicle):
-        note(f"not measured, and left out or marked: {asked_for(use)}.")
+        note(f"not measured, and left out or marked: {need_text(use)}.")
 
 
-def _print_list(vehicle: "Vehicle", *, json: bool) -> None:
+def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
     from cfid import __version__
     from cfid.export.catalogue import TARGETS
 
@@ -180,10 +182,10 @@ def _print_keys(title: str, words: list[str]) -> None:
         typer.echo(f"  {title}: {word}")
 
 
-def _row(target: "Target", vehicle: "Vehicle") -> dict[str, Any]:
+def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:
     from cfid.export.target import given_by, has, keys_of, missing, unaccepted
 
-    def told(need: str) -> dict[str, Any]:
+    def row_of(need: str) -> dict[str, Any]:
         return {"keys": keys_of(need), "known": has(vehicle, need), "given_by": given_by(need)}
 
     return {
@@ -191,7 +193,7 @@ def _row(target: "Target", vehicle: "Vehicle") -> dict[str, Any]:
         "file": target.file_name,
         "about": target.about,
         "ready": not missing(target, vehicle),
-        "needs": [told(need) for need in target.needs],
-        "uses": [told(use) for use in target.uses],
+        "needs": [row_of(need) for need in target.needs],
+        "uses": [row_of(use) for use in target.uses],
         "rejected": list(unaccepted(target, vehicle)),
     }

@@ -16,15 +16,15 @@ from cfid.export.hover import (
     value_of,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers, rows
 from cfid.units import RPM
 
-_DRONE = "cf2x_L250"  # crazyflow knows the drones of its list alone
+_DRONE = "cf2x_L250"  # crazyflow knows only the drones of its list
 
 
-def write(vehicle: Vehicle) -> str:
-    """Return the file; what crazyflow asks for and nobody measured is zero and marked."""
+def write(vehicle: ExportVehicle) -> str:
+    """Return the file; a number that crazyflow needs and nobody measured is zero and marked."""
     drag = drag_n_s_per_m(vehicle) if "drag" in vehicle else (0.0, 0.0, 0.0)
     spin = vehicle.quantities["rotor_inertia"].value if "rotor_inertia" in vehicle else 0.0
     drag_words = "N/(m/s) with four rotors hovering" if "drag" in vehicle else "NOT MEASURED: zero switches drag off"
@@ -48,12 +48,12 @@ drag_matrix = {rows(diagonal)}  # {drag_words}
 """
 
 
-def _mixing(vehicle: Vehicle) -> tuple[Sequence[float], ...]:
+def _mixing(vehicle: ExportVehicle) -> tuple[Sequence[float], ...]:
     side, places = arm_per_axis_m(vehicle), rotor_places_m(vehicle)
     return [left / side for _, left, _ in places], [-ahead / side for ahead, _, _ in places], YAW_SIGNS
 
 
-def rpm_to_thrust(vehicle: Vehicle) -> tuple[float, float, float]:
+def rpm_to_thrust(vehicle: ExportVehicle) -> tuple[float, float, float]:
     """Return thrust in N over speed in rpm, lowest power first, with none at rest.
 
     `thrust_of_speed` keeps its value and slope at hovering; where that pulls downwards at small speeds, and without it,
@@ -68,7 +68,7 @@ def rpm_to_thrust(vehicle: Vehicle) -> tuple[float, float, float]:
     return 0.0, 0.0, vehicle["thrust_per_speed_squared"] * RPM**2
 
 
-def rpm_to_torque(vehicle: Vehicle) -> tuple[float, float, float]:
+def rpm_to_torque(vehicle: ExportVehicle) -> tuple[float, float, float]:
     """Return torque in N m over speed in rpm, lowest power first: the torque's tangent at hovering, of the thrust."""
     slope, hovering = moment_per_thrust_m(vehicle), hover_thrust_n(vehicle)
     offset = value_of(vehicle["torque_of_thrust"], hovering) - slope * hovering
@@ -76,7 +76,7 @@ def rpm_to_torque(vehicle: Vehicle) -> tuple[float, float, float]:
     return offset + slope * constant, slope * linear, slope * quadratic
 
 
-def rotor_coefficients(vehicle: Vehicle) -> tuple[float, float, float, float]:
+def rotor_coefficients(vehicle: ExportVehicle) -> tuple[float, float, float, float]:
     """Return (rising 1/s, 1/(rpm s), falling 1/s, 1/(rpm s)), or a plain lag where only that is known."""
     if "rising" in vehicle and "falling" in vehicle:
         (a, b), (c, d) = vehicle["rising"], vehicle["falling"]

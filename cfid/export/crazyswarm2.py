@@ -2,11 +2,11 @@
 
 from cfid.export.hover import inertia_kg_m2
 from cfid.export.target import Target
-from cfid.export.vehicle import SOURCES, Vehicle
+from cfid.export.vehicle import SOURCES, ExportVehicle
 from cfid.export.wording import HASH, identifier, number
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the file."""
     matrix = inertia_kg_m2(vehicle)
     kind = identifier(vehicle.name)

@@ -1,6 +1,6 @@
-"""One JSON file with all that was measured, for every program that has no export of its own, and for uncertainties.
+"""One JSON file with everything measured, for programs without an export of their own, and for uncertainties.
 
-`vehicle.schema.json` beside this module describes it.
+`vehicle.schema.json` in this package describes it.
 """
 
 import json
@@ -22,7 +22,7 @@ from cfid.export.hover import (
     rotor_places_m,
 )
 from cfid.export.target import EXCHANGE_FILE, Target, has
-from cfid.export.vehicle import SOURCES, Quantity, Vehicle
+from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
 from cfid.records.parameters import Value, plain
 
 FORMAT = "cfid-vehicle-1"
@@ -31,7 +31,7 @@ _DEPENDENCES = ("covariance", "common")
 _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the file."""
     frame = vehicle.frame
     axes = [turned(axis, frame) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
@@ -58,7 +58,7 @@ def write(vehicle: Vehicle) -> str:
 
 
 def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
-    """Return what the sections of a parameters.toml say of numbers that depend on each other, by section, as it is."""
+    """Return the covariances and common causes in the sections of a parameters.toml, by section, unchanged."""
     blocks = {
         name: {key: plain(table[key]) for key in _DEPENDENCES if key in table}
         for name, table in content.items()
@@ -67,14 +67,14 @@ def covariance_blocks(content: Mapping[str, Any]) -> dict[str, Value]:
     return {name: block for name, block in blocks.items() if block}
 
 
-def _all(vehicle: Vehicle) -> list[Quantity]:
+def _all(vehicle: ExportVehicle) -> list[ExportQuantity]:
     """Return every quantity once: as exports take them, then what no export takes."""
     known = (*vehicle.quantities.values(), vehicle.gravity, vehicle.centre)
     taken = {quantity.key: quantity for quantity in known}
     return list((taken | {q.key: q for q in vehicle.others if q.key not in taken}).values())
 
 
-def _entry(quantity: Quantity, vehicle: Vehicle) -> dict[str, Value]:
+def _entry(quantity: ExportQuantity, vehicle: ExportVehicle) -> dict[str, Value]:
     directional = quantity.key.startswith(_DIRECTIONAL)
     entry = {
         "value": plain(quantity.value),
@@ -106,7 +106,7 @@ def _turned(value: Sequence[Any], turn: Callable[[Sequence[Sequence[float]]], Se
     return plain([row[i] for i, row in enumerate(turn(diagonal))])
 
 
-def _rotors(vehicle: Vehicle) -> list[dict[str, Value]]:
+def _rotors(vehicle: ExportVehicle) -> list[dict[str, Value]]:
     if "arm" not in vehicle:
         return []
     return [
@@ -115,9 +115,9 @@ def _rotors(vehicle: Vehicle) -> list[dict[str, Value]]:
     ]
 
 
-def _at_hovering(vehicle: Vehicle) -> dict[str, Value]:
+def _at_hovering(vehicle: ExportVehicle) -> dict[str, Value]:
     """Return what follows around hovering, from the quantities that are known and make sense."""
-    derived: Mapping[str, tuple[str, Callable[[Vehicle], Value]]] = {
+    derived: Mapping[str, tuple[str, Callable[[ExportVehicle], Value]]] = {
         "thrust_of_a_motor_n": ("mass", hover_thrust_n),
         "command": ("thrust_of_command", hover_command),
         "rotor_speed_rad_s": ("thrust_per_speed_squared", hover_speed_rad_s),
@@ -129,7 +129,7 @@ def _at_hovering(vehicle: Vehicle) -> dict[str, Value]:
     return found | lags
 
 
-def _or_none(calculate: Callable[[Vehicle], Value], vehicle: Vehicle) -> Value:
+def _or_none(calculate: Callable[[ExportVehicle], Value], vehicle: ExportVehicle) -> Value:
     try:
         return calculate(vehicle)
     except DataError:  # no number instead of a wrong one; the other exports give the reason

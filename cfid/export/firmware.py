@@ -1,4 +1,4 @@
-"""A C header that puts measured numbers in the place of the Crazyflie firmware's defaults."""
+"""A C header that replaces the Crazyflie firmware's defaults by measured numbers."""
 
 from collections.abc import Iterator
 
@@ -6,14 +6,14 @@ from cfid.errors import DataError
 from cfid.estimate.voltage_cubic import IDLE, cubic_fault, least_thrust_n
 from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m, thrust_of_voltage
 from cfid.export.target import Target, has
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import SLASHES, number
 
 _NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the header: a macro for everything that is known.
 
     Raises DataError when the thrust over motor voltage is no cubic that the firmware can invert.
@@ -26,7 +26,7 @@ def write(vehicle: Vehicle) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
+def _macros(vehicle: ExportVehicle) -> Iterator[tuple[str, float, str]]:
     yield "CF_MASS", vehicle["mass"], "kg"
     if "arm" in vehicle:
         yield "ARM_LENGTH", vehicle["arm"], "m, from the centre to a motor, diagonally"
@@ -47,13 +47,13 @@ def _macros(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
             yield f"CFID_INERTIA_{name}", matrix[i][j], "kg m^2"
 
 
-def _fault(vehicle: Vehicle) -> str:
+def _fault(vehicle: ExportVehicle) -> str:
     """Return why the firmware cannot invert the map, from its least thrust up."""
     known = vehicle.quantities.get("max_thrust")
     return cubic_fault(thrust_of_voltage(vehicle), max_thrust_n=known.value if known else None)
 
 
-def _least_thrust_n(vehicle: Vehicle) -> float:
+def _least_thrust_n(vehicle: ExportVehicle) -> float:
     most_n = float(vehicle["max_thrust"])
     return least_thrust_n(thrust_of_voltage(vehicle), most_n) if "thrust_of_voltage" in vehicle else IDLE * most_n
 

@@ -25,7 +25,7 @@ def turned_matrix(matrix: Sequence[Sequence[float]], frame: BodyFrame) -> Matrix
 
 
 def turned_spread(matrix: Sequence[Sequence[float]], frame: BodyFrame) -> Matrix:
-    """Return the deviations (3, 3) of a tensor's entries, which go with their entries and have no sign."""
+    """Return the standard uncertainties (3, 3) of a tensor's entries, turned with their entries; they have no sign."""
     a, b, c = (_vector([abs(part) for part in row]) for row in turned_matrix(matrix, frame))
     return a, b, c
 

@@ -2,7 +2,7 @@
 
 from cfid.export import sdf
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import XML
 
 _NAME = "crazyflie"
@@ -11,7 +11,7 @@ _TOPIC = f"""<robotNamespace>{_NAME}</robotNamespace>
       <commandSubTopic>gazebo/command/motor_speed</commandSubTopic>"""
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the model."""
     rotors = "".join(sdf.rotor(vehicle, motor, body_name=_BODY, link=_link(motor), joint=_joint(motor)) for motor in _M)
     motors = "".join(

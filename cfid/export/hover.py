@@ -1,4 +1,4 @@
-"""What follows from the measured quantities around hovering, in SI and the targets' frame: x forward, y left, z up.
+"""Derive quantities around hovering, in SI and the targets' frame: x forward, y left, z up.
 
 Every function takes a vehicle that has the quantities it names.
 """
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from cfid.errors import DataError
 from cfid.export.frame import Matrix, Vector, turned, turned_matrix, turned_spread
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.units import FULL_COMMAND, MOTOR_AZIMUTH_DEG, ROTOR_TURNS
 
 _CUBIC = 4  # coefficients
@@ -21,43 +21,43 @@ PLACES = tuple((1 if abs(at) < 90 else -1, 1 if at > 0 else -1) for at in MOTOR_
 YAW_SIGNS = tuple(-turn for turn in ROTOR_TURNS.values())
 
 
-def inertia_kg_m2(vehicle: Vehicle) -> Matrix:
+def inertia_kg_m2(vehicle: ExportVehicle) -> Matrix:
     """Return the inertia matrix (3, 3) about the centre of mass, from `inertia`."""
     return turned_matrix(vehicle["inertia"], vehicle.frame)
 
 
-def inertia_std_kg_m2(vehicle: Vehicle) -> Matrix | None:
-    """Return the deviations of the matrix' entries, where there are some."""
+def inertia_std_kg_m2(vehicle: ExportVehicle) -> Matrix | None:
+    """Return the standard uncertainties of the matrix' entries, where there are some."""
     std = vehicle.quantities["inertia"].std
     if std is None:
         return None
     return turned_spread([[math.nan if part is None else part for part in row] for row in std], vehicle.frame)
 
 
-def arm_per_axis_m(vehicle: Vehicle) -> float:
+def arm_per_axis_m(vehicle: ExportVehicle) -> float:
     """Return the distance of a motor from the forward and the left axis, from `arm`, which runs diagonally."""
     return _DIAGONAL * float(vehicle["arm"])
 
 
-def rotor_places_m(vehicle: Vehicle) -> tuple[Vector, ...]:
+def rotor_places_m(vehicle: ExportVehicle) -> tuple[Vector, ...]:
     """Return where the thrusts of m1 to m4 act, from the centre of mass; heights were not measured and are zero."""
     side = arm_per_axis_m(vehicle)
     ahead, left, _ = middle_m(vehicle)
     return tuple((side * x + ahead, side * y + left, 0.0) for x, y in PLACES)
 
 
-def middle_m(vehicle: Vehicle) -> Vector:
+def middle_m(vehicle: ExportVehicle) -> Vector:
     """Return the middle between the motors, from the centre of mass, at its height."""
     ahead, left, _ = turned((vehicle.centre_m[0], vehicle.centre_m[1], 0.0), vehicle.frame)
     return 0.0 - ahead, 0.0 - left, 0.0
 
 
-def hover_thrust_n(vehicle: Vehicle) -> float:
+def hover_thrust_n(vehicle: ExportVehicle) -> float:
     """Return a motor's share of the weight."""
     return float(vehicle["mass"]) * vehicle.gravity_mps2 / 4
 
 
-def hover_command(vehicle: Vehicle) -> float:
+def hover_command(vehicle: ExportVehicle) -> float:
     """Return the command whose thrust hovers, from `thrust_of_command`.
 
     Raises DataError when no command does.
@@ -74,12 +74,12 @@ def hover_command(vehicle: Vehicle) -> float:
     return (low + high) / 2
 
 
-def hover_speed_rad_s(vehicle: Vehicle) -> float:
+def hover_speed_rad_s(vehicle: ExportVehicle) -> float:
     """Return the rotor speed that hovers, from `thrust_per_speed_squared`."""
     return math.sqrt(hover_thrust_n(vehicle) / float(vehicle["thrust_per_speed_squared"]))
 
 
-def most_speed_rad_s(vehicle: Vehicle) -> float:
+def most_speed_rad_s(vehicle: ExportVehicle) -> float:
     """Return the rotor speed at the full command, from `speed_of_command`.
 
     Raises DataError when it is not above zero.
@@ -87,7 +87,7 @@ def most_speed_rad_s(vehicle: Vehicle) -> float:
     return _above_zero(value_of(vehicle["speed_of_command"], FULL_COMMAND), "motor.speed_poly at the full command")
 
 
-def thrust_of_voltage(vehicle: Vehicle) -> Sequence[float]:
+def thrust_of_voltage(vehicle: ExportVehicle) -> Sequence[float]:
     """Return the four coefficients of thrust over motor voltage, lowest power first.
 
     Raises DataError when the campaign has another polynomial: firmware and its tools have a cubic.
@@ -98,7 +98,7 @@ def thrust_of_voltage(vehicle: Vehicle) -> Sequence[float]:
     return cubic
 
 
-def moment_per_thrust_m(vehicle: Vehicle) -> float:
+def moment_per_thrust_m(vehicle: ExportVehicle) -> float:
     """Return the slope of a rotor's torque over its thrust at hovering, from `torque_of_thrust`.
 
     The slope is what yaws: a constant part of the torque cancels between the two pairs of rotors.
@@ -115,12 +115,12 @@ def _above_zero(value: float, what: str) -> float:
     return value
 
 
-def moment_per_speed_squared_nm_s2(vehicle: Vehicle) -> float:
+def moment_per_speed_squared_nm_s2(vehicle: ExportVehicle) -> float:
     """Return the yaw moment of a rotor over its squared speed, in N m s^2/rad^2."""
     return moment_per_thrust_m(vehicle) * float(vehicle["thrust_per_speed_squared"])
 
 
-def drag_kg_per_rad(vehicle: Vehicle) -> Vector:
+def drag_kg_per_rad(vehicle: ExportVehicle) -> Vector:
     """Return drag over (sum of rotor speeds times velocity), positive where it brakes, forward, left and up."""
     value = vehicle["drag"]
     if not isinstance(value[0], Sequence):
@@ -129,22 +129,22 @@ def drag_kg_per_rad(vehicle: Vehicle) -> Vector:
     return -matrix[0][0], -matrix[1][1], -matrix[2][2]
 
 
-def drag_n_s_per_m(vehicle: Vehicle) -> Vector:
+def drag_n_s_per_m(vehicle: ExportVehicle) -> Vector:
     """Return drag over velocity while the four rotors hover."""
     x, y, z = (4 * hover_speed_rad_s(vehicle) * part for part in drag_kg_per_rad(vehicle))
     return x, y, z
 
 
-def has_lag(vehicle: Vehicle) -> bool:
+def has_lag(vehicle: ExportVehicle) -> bool:
     """Return whether the lags are known, one way or the other."""
     return _has_rotor_model(vehicle) or "thrust_lag" in vehicle
 
 
-def _has_rotor_model(vehicle: Vehicle) -> bool:
+def _has_rotor_model(vehicle: ExportVehicle) -> bool:
     return all(name in vehicle for name in ("rising", "falling", "thrust_per_speed_squared"))
 
 
-def lags_s(vehicle: Vehicle) -> tuple[float, float]:
+def lags_s(vehicle: ExportVehicle) -> tuple[float, float]:
     """Return the time constants of rising and falling rotor speeds for small changes around hovering.
 
     From `rising` and `falling`, w' = a (u - w) + b (u^2 - w^2), whose slope there is -(a + 2 b w); else from

@@ -1,7 +1,7 @@
-"""The joint distribution of what several fits found, and draws from it.
+"""The joint distribution of several fits' parameters, and draws from it.
 
-Within a fit its covariances hold, and numbers in none of them are independent. Fits that share a cause covary by what
-one standard uncertainty of the cause does to each of them.
+Within a fit its covariances hold, and numbers in none of them are independent. The covariance between fits with a
+common cause is the product of their changes per standard uncertainty of the cause.
 """
 
 from collections.abc import Mapping, Sequence

@@ -11,13 +11,13 @@ from cfid.export.hover import (
     rotor_places_m,
 )
 from cfid.export.target import Target, has
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import XML, number, numbers
 
 _DRAG = "drag+thrust_per_speed_squared"
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the model: a free body with a site and an actuator for each motor, whose control is thrust in N."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
     places = enumerate(rotor_places_m(vehicle), start=1)
@@ -46,7 +46,7 @@ def write(vehicle: Vehicle) -> str:
 """
 
 
-def _motor(vehicle: Vehicle, motor: int, yaw_sign: int) -> str:
+def _motor(vehicle: ExportVehicle, motor: int, yaw_sign: int) -> str:
     yaw = number(yaw_sign * moment_per_thrust_m(vehicle))
     lag = f' dyntype="filterexact" dynprm="{number(sum(lags_s(vehicle)) / 2)}"' if has_lag(vehicle) else ""
     return (
@@ -55,7 +55,7 @@ def _motor(vehicle: Vehicle, motor: int, yaw_sign: int) -> str:
     )
 
 
-def _drag(vehicle: Vehicle) -> str:
+def _drag(vehicle: ExportVehicle) -> str:
     """Return actuators that brake along the body's axes whatever their control is: MuJoCo's way to such a force."""
     if not has(vehicle, _DRAG):
         return ""

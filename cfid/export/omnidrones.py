@@ -10,14 +10,14 @@ from cfid.export.hover import (
     rotor_places_m,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers
 from cfid.quantities.values import ENTRIES
 
 _ORDER = (3, 2, 1, 0)  # motors m4 to m1: by angle, as OmniDrones numbers its rotors
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the file."""
     matrix = inertia_kg_m2(vehicle)
     entries = "".join(f"  {name}: {number(matrix[i][j])}\n" for name, (i, j) in sorted(ENTRIES.items()))

@@ -1,4 +1,4 @@
-"""Whether parameters can be those of a vehicle: a possible body, maps that rise and that the firmware can invert."""
+"""Check whether a vehicle can have parameters: a possible body, and rising maps that the firmware can invert."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

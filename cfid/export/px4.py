@@ -11,7 +11,7 @@ from cfid.export.hover import (
     rotor_places_m,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, XML, number
 
 _ORDER = (0, 2, 3, 1)  # rotor_0 to rotor_3 are m1, m3, m4, m2
@@ -19,7 +19,7 @@ _TOPIC = "<commandSubTopic>command/motor_speed</commandSubTopic>"
 _RATES_HZ = {"air_pressure": 50, "magnetometer": 100, "imu": 250, "navsat": 30}
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the model."""
     rotors = "".join(
         sdf.rotor(vehicle, motor, body_name="base_link", link=f"rotor_{i}", joint=f"rotor_{i}_joint")
@@ -47,7 +47,7 @@ def _sensor(name: str, rate_hz: int) -> str:
 """
 
 
-def write_airframe(vehicle: Vehicle) -> str:
+def write_airframe(vehicle: ExportVehicle) -> str:
     """Return the start script: geometry, motors, and the thrust of hovering."""
     places, most = rotor_places_m(vehicle), most_speed_rad_s(vehicle)
     hovering = hover_thrust_n(vehicle) / (vehicle["thrust_per_speed_squared"] * most**2)

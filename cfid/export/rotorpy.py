@@ -12,13 +12,13 @@ from cfid.export.hover import (
     rotor_places_m,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers
 
 _GAINS = {"k_w": 200.0, "k_v": 10.0, "kp_att": 310.0, "kd_att": 57.0}  # rotorpy 3.0.0, crazyflie_params.py
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the file."""
     places = "".join(
         f'        "r{i}": np.array([{numbers(place)}]),\n' for i, place in enumerate(rotor_places_m(vehicle), start=1)
@@ -37,7 +37,7 @@ quad_params = {{
 """
 
 
-def _numbers(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
+def _numbers(vehicle: ExportVehicle) -> Iterator[tuple[str, float, str]]:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
     yield "mass", vehicle["mass"], "kg"
     for name, value in (("Ixx", xx), ("Iyy", yy), ("Izz", zz), ("Ixy", xy), ("Iyz", yz), ("Ixz", xz)):
@@ -57,7 +57,7 @@ def _numbers(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
         yield name, gain, "a gain of RotorPy's own controllers for its Crazyflie, no measurement"
 
 
-def _drag(vehicle: Vehicle) -> Iterator[tuple[str, float, str]]:
+def _drag(vehicle: ExportVehicle) -> Iterator[tuple[str, float, str]]:
     if "drag" not in vehicle:
         yield "k_d", 0.0, "kg/rad: NOT MEASURED, zero switches it off"
         yield "k_z", 0.0, "kg/rad: NOT MEASURED, zero switches it off"

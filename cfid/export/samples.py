@@ -11,7 +11,7 @@ from cfid import __version__
 from cfid.export import crazyflow, rotorpy
 from cfid.export.hover import value_of
 from cfid.export.target import Target, caveats, simulated, unaccepted
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, commented
 from cfid.records.parameters import Value
 
@@ -21,7 +21,7 @@ FILES: Mapping[str, str] = {ROTORPY.name: "samples_rotorpy.py", CRAZYFLOW.name: 
 _QUAD = "quad_params"
 
 
-def with_values(vehicle: Vehicle, values: Mapping[str, Value]) -> Vehicle:
+def with_values(vehicle: ExportVehicle, values: Mapping[str, Value]) -> ExportVehicle:
     """Return a vehicle with other values by key; the range of the inverse thrust map follows the map."""
     quantities = {
         name: replace(quantity, value=values.get(quantity.key, quantity.value))
@@ -36,7 +36,7 @@ def with_values(vehicle: Vehicle, values: Mapping[str, Value]) -> Vehicle:
     return replace(vehicle, quantities=quantities, gravity=gravity, centre=centre)
 
 
-def rendered(target: Target, vehicle: Vehicle) -> Any:
+def rendered(target: Target, vehicle: ExportVehicle) -> Any:
     """Return one vehicle as a target's own export has it: RotorPy's as Python, crazyflow's as tables.
 
     Raises DataError when the target cannot take it.
@@ -45,8 +45,8 @@ def rendered(target: Target, vehicle: Vehicle) -> Any:
     return _dictionary(text) if target is ROTORPY else next(iter(tomllib.loads(text).values()))
 
 
-def warnings_of(target: Target, vehicle: Vehicle) -> tuple[str, ...]:
-    """Return what marks the quantities that were drawn from: simulated, implausible, rejected or doubtful ones."""
+def warnings_of(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
+    """Return warnings about the sampled quantities: simulated, implausible, rejected or outdated ones."""
     of_no_vehicle = simulated(target, vehicle)
     marks = [f"SIMULATED, no vehicle was measured: {', '.join(of_no_vehicle)}."] if of_no_vehicle else []
     marks_of = [f"REJECTED by its fit: {key}." for key in unaccepted(target, vehicle)]

@@ -11,10 +11,10 @@ from cfid.console.messages import note
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
-    from cfid.export.command import Known
+    from cfid.export.command import ExportInput
     from cfid.export.joint import Joint
     from cfid.export.target import Target
-    from cfid.export.vehicle import Quantity
+    from cfid.export.vehicle import ExportQuantity
     from cfid.records.covariances import Covariance
     from cfid.records.parameters import Section
 
@@ -36,14 +36,14 @@ class Drawn(NamedTuple):
         return sum(self.reasons.values()) / self.draws
 
 
-def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force: bool) -> None:
+def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, force: bool) -> None:
     """Draw vehicles and write them as CSV, NPZ and, as far as they are measured, as lists for RotorPy and crazyflow.
 
     Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
     """
     from cfid.export.command import refuse
     from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
-    from cfid.export.target import asked_for, missing
+    from cfid.export.target import missing, need_text
 
     targets = [target for target in (ROTORPY, CRAZYFLOW) if not missing(target, known.vehicle)]
     paths = [folder / name for name in ("samples.csv", "samples.npz", *(FILES[target.name] for target in targets))]
@@ -70,11 +70,11 @@ def write_samples(known: "Known", folder: Path, *, count: int, seed: int, force:
         note(sentence)
     for target in (ROTORPY, CRAZYFLOW):
         if target not in targets:
-            needs = "; ".join(asked_for(need) for need in missing(target, known.vehicle))
-            note(f"no list for {target.name}, which cannot do without what is not measured yet: {needs}.")
+            needs = "; ".join(need_text(need) for need in missing(target, known.vehicle))
+            note(f"no list for {target.name}, which needs what is not measured yet: {needs}.")
 
 
-def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int, seed: int) -> Drawn:
+def draw(joint: "Joint", known: "ExportInput", targets: "list[Target]", *, count: int, seed: int) -> Drawn:
     """Draw until there are enough possible vehicles that the targets can take.
 
     Raises DataError when over half of the draws are not possible.
@@ -108,7 +108,7 @@ def draw(joint: "Joint", known: "Known", targets: "list[Target]", *, count: int,
     return Drawn(numbers[:count], {name: made[:count] for name, made in rendered.items()}, drawn, reasons)
 
 
-def _vehicle(values: dict[str, Any], known: "Known", targets: "list[Target]") -> tuple[str, dict[str, Any]]:
+def _vehicle(values: dict[str, Any], known: "ExportInput", targets: "list[Target]") -> tuple[str, dict[str, Any]]:
     """Return why a draw is no possible vehicle, "" where it is one, and what each target has of it."""
     from cfid.export.possible import impossible
     from cfid.export.samples import rendered, with_values
@@ -122,7 +122,7 @@ def _vehicle(values: dict[str, Any], known: "Known", targets: "list[Target]") ->
         return str(error).partition(" is ")[0] + " cannot be exported", {}
 
 
-def _commands(known: "Known") -> tuple[float, float]:
+def _commands(known: "ExportInput") -> tuple[float, float]:
     """Return the range of commands that was measured above the dead zone."""
     from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
@@ -131,7 +131,7 @@ def _commands(known: "Known") -> tuple[float, float]:
     return max(low, float(DEAD_COMMAND)), high
 
 
-def _everything(known: "Known") -> "Target":
+def _everything(known: "ExportInput") -> "Target":
     """Return a target that takes every quantity, to be judged like any other."""
     from cfid.export.target import Target
 
@@ -146,7 +146,7 @@ def _everything(known: "Known") -> "Target":
     )
 
 
-def _joint(known: "Known") -> "Joint":
+def _joint(known: "ExportInput") -> "Joint":
     from cfid.export.joint import joint_of
     from cfid.records.parameters import plain
 
@@ -168,7 +168,7 @@ def _joint(known: "Known") -> "Joint":
     return joint_of(list(fits.values()))
 
 
-def _stated(quantity: "Quantity") -> "Section":
+def _stated(quantity: "ExportQuantity") -> "Section":
     """Return what rig.toml states as a fit; the mass, with itself as the cause that it shares."""
     from datetime import UTC, datetime
 
@@ -187,7 +187,7 @@ def _stated(quantity: "Quantity") -> "Section":
     )
 
 
-def _independent(quantity: "Quantity") -> "tuple[Covariance, ...]":
+def _independent(quantity: "ExportQuantity") -> "tuple[Covariance, ...]":
     """Return the covariance of lengths that were measured one by one."""
     import numpy as np
 

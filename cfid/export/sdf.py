@@ -18,7 +18,7 @@ from cfid.export.hover import (
     most_speed_rad_s,
     rotor_places_m,
 )
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import number, numbers
 
 NEEDS = (
@@ -45,7 +45,7 @@ _ROTOR_SHARE = 0.01  # of the mass: enough for the solver, little enough to take
 _RADIUS_M = 0.0231  # where it was not measured: gym-pybullet-drones' prop_radius
 
 
-def body(vehicle: Vehicle, name: str, sensors: str = "") -> str:
+def body(vehicle: ExportVehicle, name: str, sensors: str = "") -> str:
     """Return the link of everything but the rotors, its frame's origin in the centre of mass of the whole vehicle."""
     mass = float(vehicle["mass"])
     rotor = _ROTOR_SHARE * mass
@@ -83,7 +83,7 @@ def body(vehicle: Vehicle, name: str, sensors: str = "") -> str:
 """
 
 
-def rotor(vehicle: Vehicle, motor: int, *, body_name: str, link: str, joint: str) -> str:
+def rotor(vehicle: ExportVehicle, motor: int, *, body_name: str, link: str, joint: str) -> str:
     """Return the link and the joint of a motor, counted from 0."""
     mass = _ROTOR_SHARE * float(vehicle["mass"])
     across, _, along = _rotor_moments(vehicle, mass)
@@ -118,7 +118,7 @@ def rotor(vehicle: Vehicle, motor: int, *, body_name: str, link: str, joint: str
 """
 
 
-def motor_model(vehicle: Vehicle, motor: int, *, number_: int, link: str, joint: str, topic: str) -> str:
+def motor_model(vehicle: ExportVehicle, motor: int, *, number_: int, link: str, joint: str, topic: str) -> str:
     """Return the plugin that turns commands in rad/s into forces; `topic` is XML that states where it listens."""
     up, down = lags_s(vehicle)
     ahead, left, _ = drag_kg_per_rad(vehicle) if "drag" in vehicle else (0.0, 0.0, 0.0)
@@ -144,11 +144,11 @@ def motor_model(vehicle: Vehicle, motor: int, *, number_: int, link: str, joint:
 """
 
 
-def _radius_m(vehicle: Vehicle) -> float:
+def _radius_m(vehicle: ExportVehicle) -> float:
     return float(vehicle["rotor_radius"]) if "rotor_radius" in vehicle else _RADIUS_M
 
 
-def _rotor_moments(vehicle: Vehicle, mass_kg: float) -> Vector:
+def _rotor_moments(vehicle: ExportVehicle, mass_kg: float) -> Vector:
     """Return a rotor's moments of inertia, those of a disc: its own where it was measured, times the slowdown."""
     along = mass_kg * _radius_m(vehicle) ** 2 / 2
     if "rotor_inertia" in vehicle:

@@ -16,12 +16,12 @@ from cfid.export.hover import (
     value_of,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers
 from cfid.units import RPM
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the file: what is known, in the names and orders that the identification writes.
 
     Raises DataError when the thrust over motor voltage is no cubic, or does not reach THRUST_MAX.
@@ -30,7 +30,7 @@ def write(vehicle: Vehicle) -> str:
     return "\n" + "".join(f"{name} = {value}  # {words}\n" for name, value, words in _entries(vehicle, cubic))
 
 
-def _entries(vehicle: Vehicle, cubic: Sequence[float]) -> Iterator[tuple[str, str, str]]:
+def _entries(vehicle: ExportVehicle, cubic: Sequence[float]) -> Iterator[tuple[str, str, str]]:
     most = float(vehicle["max_thrust"])
     least = least_thrust_n(cubic, most)
     yield "vmotor2thrust", f"[{numbers(cubic)}]", "N of one motor, power 0 to 3 of its voltage"
@@ -61,7 +61,7 @@ def _entries(vehicle: Vehicle, cubic: Sequence[float]) -> Iterator[tuple[str, st
         yield "thrust_coef", number(_thrust_lag(vehicle)), "1/s, of thrust behind its command"
 
 
-def _thrust_lag(vehicle: Vehicle) -> float:
+def _thrust_lag(vehicle: ExportVehicle) -> float:
     """Return 1/s: for small changes thrust lags as its rotor does."""
     return 1 / vehicle["thrust_lag"] if "thrust_lag" in vehicle else 2 / sum(lags_s(vehicle))
 
@@ -81,7 +81,7 @@ def _voltage_of(cubic: Sequence[float], thrust_n: float) -> float:
     return (low + high) / 2
 
 
-def _voltage_to_rpm(vehicle: Vehicle, cubic: Sequence[float]) -> tuple[float, float]:
+def _voltage_to_rpm(vehicle: ExportVehicle, cubic: Sequence[float]) -> tuple[float, float]:
     """Return rpm over motor voltage, lowest power first: thrust of voltage and k omega^2 together."""
     voltage, speed = _voltage_of(cubic, hover_thrust_n(vehicle)), hover_speed_rad_s(vehicle)
     slope = slope_of(list(reversed(cubic)), voltage) / (2 * vehicle["thrust_per_speed_squared"] * speed)

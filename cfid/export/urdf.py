@@ -12,7 +12,7 @@ from cfid.export.hover import (
     value_of,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import XML, number, numbers
 from cfid.units import FULL_COMMAND, RPM
 
@@ -44,7 +44,7 @@ _COMMAND_LIMITS = {"pwm_min": 20000.0, "pwm_max": float(FULL_COMMAND)}
 _HULL = '<origin rpy="0 0 0" xyz="0 0 0"/>\n      <geometry>\n        <cylinder radius="0.06" length="0.025"/>'
 
 
-def properties(vehicle: Vehicle) -> dict[str, float]:
+def properties(vehicle: ExportVehicle) -> dict[str, float]:
     """Return the attributes that both programs share, by name."""
     kf = vehicle["thrust_per_speed_squared"] * RPM**2
     weight = vehicle["mass"] * vehicle.gravity_mps2
@@ -62,24 +62,24 @@ def properties(vehicle: Vehicle) -> dict[str, float]:
     return found
 
 
-def speed_properties(vehicle: Vehicle) -> dict[str, float]:
+def speed_properties(vehicle: ExportVehicle) -> dict[str, float]:
     """Return the straight line of speed over command, rpm of a command: the tangent at hovering."""
     poly, hovering = vehicle["speed_of_command"], hover_command(vehicle)
     slope = slope_of(poly, hovering) / RPM
     return {"pwm2rpm_scale": slope, "pwm2rpm_const": value_of(poly, hovering) / RPM - slope * hovering}
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the file for gym-pybullet-drones."""
     return _robot(vehicle, properties(vehicle), _GYMS_OWN)
 
 
-def write_safe_control(vehicle: Vehicle) -> str:
+def write_safe_control(vehicle: ExportVehicle) -> str:
     """Return the file for safe-control-gym."""
     return _robot(vehicle, properties(vehicle) | speed_properties(vehicle), _GYMS_OWN | _COMMAND_LIMITS)
 
 
-def _robot(vehicle: Vehicle, measured: Mapping[str, float], gyms_own: Mapping[str, float]) -> str:
+def _robot(vehicle: ExportVehicle, measured: Mapping[str, float], gyms_own: Mapping[str, float]) -> str:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
     entries = {"ixx": xx, "ixy": 0.0, "ixz": 0.0, "iyy": yy, "iyz": 0.0, "izz": zz}
     lost = _attributes({"ixy": xy, "ixz": xz, "iyz": yz})

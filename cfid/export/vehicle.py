@@ -1,4 +1,4 @@
-"""What a campaign knows of its vehicle, collected once for all exports; nothing is turned or converted here."""
+"""Collect a campaign's quantities once for all exports; nothing is turned or converted here."""
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -18,45 +18,45 @@ _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 
 
 @dataclass(frozen=True)
-class Source:
+class ExportSource:
     """The keys that a quantity may stand under, the first that is there wins."""
 
     keys: tuple[str, ...]
 
     @property
     def given_by(self) -> str:
-        """What a person does to get it."""
+        """The way to measure it."""
         return registered(self.keys[0]).given_by
 
 
-SOURCES: Mapping[str, Source] = {
-    "mass": Source(("mass_kg",)),
-    "arm": Source(("arm_m",)),
-    "inertia": Source(("inertia.matrix_kg_m2",)),
-    "thrust_of_command": Source(("motor.thrust_poly",)),
-    "thrust_range": Source(("motor.command_of_thrust",)),
-    "max_thrust": Source(("motor.max_thrust_n",)),
-    "thrust_of_voltage": Source(("motor.thrust_voltage_poly",)),
-    "speed_of_command": Source(("motor.speed_poly",)),
-    "thrust_per_speed_squared": Source(("motor.thrust_per_speed_squared_n_s2",)),
-    "thrust_of_speed": Source(("motor.thrust_speed_poly",)),
-    "torque_of_thrust": Source(("motor.torque_poly",)),
-    "rising": Source(("dynamics.rising",)),
-    "falling": Source(("dynamics.falling",)),
-    "thrust_lag": Source(("tf.time_constant_s",)),
-    "delay": Source(("tf.delay_s",)),
-    "drag": Source(("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")),
-    "rotor_inertia": Source(("rotor_inertia_kg_m2",)),
-    "rotor_radius": Source(("rotor_radius_m",)),
+SOURCES: Mapping[str, ExportSource] = {
+    "mass": ExportSource(("mass_kg",)),
+    "arm": ExportSource(("arm_m",)),
+    "inertia": ExportSource(("inertia.matrix_kg_m2",)),
+    "thrust_of_command": ExportSource(("motor.thrust_poly",)),
+    "thrust_range": ExportSource(("motor.command_of_thrust",)),
+    "max_thrust": ExportSource(("motor.max_thrust_n",)),
+    "thrust_of_voltage": ExportSource(("motor.thrust_voltage_poly",)),
+    "speed_of_command": ExportSource(("motor.speed_poly",)),
+    "thrust_per_speed_squared": ExportSource(("motor.thrust_per_speed_squared_n_s2",)),
+    "thrust_of_speed": ExportSource(("motor.thrust_speed_poly",)),
+    "torque_of_thrust": ExportSource(("motor.torque_poly",)),
+    "rising": ExportSource(("dynamics.rising",)),
+    "falling": ExportSource(("dynamics.falling",)),
+    "thrust_lag": ExportSource(("tf.time_constant_s",)),
+    "delay": ExportSource(("tf.delay_s",)),
+    "drag": ExportSource(("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")),
+    "rotor_inertia": ExportSource(("rotor_inertia_kg_m2",)),
+    "rotor_radius": ExportSource(("rotor_radius_m",)),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """A value with one standard deviation of its shape (None where there is none), its unit and where it came from.
+class ExportQuantity:
+    """A value with its standard uncertainty of the same shape (None where there is none), its unit and origin.
 
-    `caveat` is what else has to be known before it is used, `commands` the least and the largest command of a motor
-    that its fit had, where it had any. `simulated` says that some of its recordings are of no vehicle.
+    `caveat` is a warning on its use, `commands` the smallest and the largest command of a motor in its fit, where it
+    had any. `simulated` marks a quantity with simulated recordings.
     """
 
     key: str
@@ -71,22 +71,22 @@ class Quantity:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vehicle:
+class ExportVehicle:
     """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
 
     `gravity` and `centre` are what rig.toml states, the latter the centre of mass (3,) in m from the vehicle's middle,
-    on the table it stands on. `others` are the quantities that no target takes, `further` has by section what it says
-    of keys that another section gave. `covariance` has by section what parameters.toml says of numbers that depend on
-    each other.
+    on the table it stands on. `others` are the quantities that no target takes, `further` has by section
+    the values of keys that were taken from another section. `covariance` has by section the covariances and common
+    causes of parameters.toml.
     """
 
     name: str
     frame: BodyFrame
-    gravity: Quantity
-    centre: Quantity
-    quantities: Mapping[str, Quantity]
-    others: Sequence[Quantity] = ()
-    further: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
+    gravity: ExportQuantity
+    centre: ExportQuantity
+    quantities: Mapping[str, ExportQuantity]
+    others: Sequence[ExportQuantity] = ()
+    further: Mapping[str, Sequence[ExportQuantity]] = field(default_factory=dict)
     covariance: Mapping[str, Value] = field(default_factory=dict)
 
     def __contains__(self, name: str) -> bool:
@@ -116,11 +116,11 @@ def collect(
     simulated: Collection[str] = (),
     stale: Stale = lambda _: (),
     covariance: Mapping[str, Value] | None = None,
-) -> Vehicle:
+) -> ExportVehicle:
     """Collect what the exports need from a campaign's rig and the sections of its parameters.toml.
 
     `simulated` are the names of the runs that were recorded on a simulated rig, `stale` tells why a section is no
-    longer current, `covariance` is as `Vehicle` has it.
+    longer current, `covariance` is as `ExportVehicle` has it.
 
     Raises ConfigError when the rig does not say which body axis points forward: nothing could be turned then.
     """
@@ -129,7 +129,7 @@ def collect(
             f"{rig_file}: vehicle.body_frame is missing: say which body axis points forward, left and up "
             '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
         )
-    quantities: dict[str, Quantity] = {}
+    quantities: dict[str, ExportQuantity] = {}
     givers: dict[str, str] = {}
     for name, source in SOURCES.items():
         found = next((q for key in source.keys if (q := _find(sections, key)) is not None), None)
@@ -147,7 +147,7 @@ def collect(
         for name, section in sections.items()
     }
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
-    return Vehicle(
+    return ExportVehicle(
         name=rig.vehicle.name,
         frame=rig.vehicle.body_frame,
         gravity=_gravity(rig, rig_file),
@@ -159,10 +159,10 @@ def collect(
     )
 
 
-def _weighed(rig: Rig, rig_file: str) -> Quantity:
+def _weighed(rig: Rig, rig_file: str) -> ExportQuantity:
     own, preset = rig.vehicle, thesis_rig().vehicle
     unweighed = (own.mass_kg, own.mass_std_kg) == (preset.mass_kg, preset.mass_std_kg)
-    return Quantity(
+    return ExportQuantity(
         key="mass_kg",
         value=own.mass_kg,
         std=own.mass_std_kg or None,
@@ -172,9 +172,9 @@ def _weighed(rig: Rig, rig_file: str) -> Quantity:
     )
 
 
-def _gravity(rig: Rig, rig_file: str) -> Quantity:
+def _gravity(rig: Rig, rig_file: str) -> ExportQuantity:
     site = rig.site
-    return Quantity(
+    return ExportQuantity(
         key="gravity_mps2",
         value=site.gravity_mps2,
         std=site.gravity_std_mps2 or None,
@@ -183,10 +183,10 @@ def _gravity(rig: Rig, rig_file: str) -> Quantity:
     )
 
 
-def _centre(rig: Rig, rig_file: str) -> Quantity:
+def _centre(rig: Rig, rig_file: str) -> ExportQuantity:
     own = rig.vehicle
     std = [MM * length for length in own.centre_of_mass_std_mm]
-    return Quantity(
+    return ExportQuantity(
         key="centre_of_mass_m",
         value=[MM * length for length in own.centre_of_mass_mm],
         std=std if any(std) else None,
@@ -209,20 +209,20 @@ def _best(sections: Mapping[str, Section], key: str) -> str:
     return max((key not in s.rejected, s.found, name) for name, s in sections.items() if key in s.parameters)[-1]
 
 
-def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> Quantity:
+def _quantity(key: str, name: str, section: Section, simulated: Collection[str], stale: Stale) -> ExportQuantity:
     parameter, commands = section.parameters[key], _commands(section)
     recordings = dict.fromkeys(map(_recording, section.sources))
     runs = ", ".join(recordings)
-    said = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
+    caveat = _extrapolated(commands) if key in _AT_FULL_COMMAND else ""
     parts = [f"section {name}", f"method {section.method}", f"{section.found:%Y-%m-%d %H:%M} UTC"]
-    return Quantity(
+    return ExportQuantity(
         key=key,
         value=plain(parameter.value),
         std=plain(parameter.std),
         unit=parameter.unit,
         origin="; ".join([*parts, f"cfid {section.cfid_version}", *([f"from {runs}"] if runs else [])]),
         accepted=key not in section.rejected,
-        caveat=" ".join([*([said] if said else []), *stale(section)]),
+        caveat=" ".join([*([caveat] if caveat else []), *stale(section)]),
         commands=commands,
         simulated=any(run in simulated for run in recordings),
     )

@@ -10,11 +10,11 @@ from cfid.export.hover import (
     rotor_places_m,
 )
 from cfid.export.target import Target
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import HASH, number, numbers
 
 
-def write(vehicle: Vehicle) -> str:
+def write(vehicle: ExportVehicle) -> str:
     """Return the PROTO."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
     return f"""#VRML_SIM R2023b utf8
@@ -91,7 +91,7 @@ PROTO Crazyflie [
 """
 
 
-def _propeller(vehicle: Vehicle, motor: int) -> str:
+def _propeller(vehicle: ExportVehicle, motor: int) -> str:
     """Return a motor; Webots turns the vehicle against a positive torque, and takes thrust with the speed's sign."""
     thrust = -YAW_SIGNS[motor] * float(vehicle["thrust_per_speed_squared"])
     along = drag_kg_per_rad(vehicle)[2] if "drag" in vehicle else 0.0

@@ -1,4 +1,4 @@
-"""Numbers and comments as files write them."""
+"""Format numbers and comments for exported files."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -24,12 +24,12 @@ def rows(matrix: Iterable[Sequence[float]]) -> str:
     return "[\n" + "".join(f"    [{numbers(row)}],\n" for row in matrix) + "]"
 
 
-def told(value: Value, digits: int = 7) -> str:
-    """Return a value as a comment tells it."""
+def shown(value: Value, digits: int = 7) -> str:
+    """Return a value as text for a comment."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} {told(item, digits)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{key} {shown(item, digits)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(told(item, digits) for item in value) + "]"
+        return "[" + ", ".join(shown(item, digits) for item in value) + "]"
     return f"{value:.{digits}g}" if isinstance(value, int | float) else "-" if value is None else str(value)
 
 

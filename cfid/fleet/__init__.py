@@ -1,1 +1,1 @@
-"""Many campaigns side by side."""
+"""Compare many campaigns."""

@@ -1,4 +1,4 @@
-"""`cfid fleet`: many campaigns side by side, one vehicle or one day each."""
+"""`cfid fleet`: compare many campaigns, of one vehicle or one day each."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -12,27 +12,27 @@ from cfid.errors import CfidError, ConfigError
 
 if TYPE_CHECKING:
     from cfid.estimate.repetition import Repeats
-    from cfid.fleet.summary import Known, Summary
+    from cfid.fleet.summary import KnownValue, Summary
 
-_FOLDERS_FOR_A_PROCESS = 4  # fewer are read sooner than a process starts
+_FOLDERS_FOR_A_PROCESS = 4  # reading fewer takes less time than starting a process
 
 
 def fleet(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR ...", help="Campaign folders.")],
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Only parameters whose names have this in them.")] = "",
-    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0 is one for each processor.")] = 0,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Only parameters whose names contain this.")] = "",
+    jobs: Annotated[int, typer.Option(min=0, help="Number of processes; 0 is one for each processor.")] = 0,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster that sees the folders.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Compare what campaigns found: each number of each, mean, scatter, whether they agree, and drift.
+    """Compare the results of several campaigns: values, mean, scatter, agreement and drift of each number.
 
     Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3 --only inertia.matrix[/bold]
     """
     from cfid.fleet.summary import Summary
 
-    # A campaign that is named twice would agree with itself.
+    # A campaign named twice would agree with itself.
     answers = _summaries(list(dict.fromkeys(folder.resolve() for folder in folders)), jobs=jobs, scheduler=scheduler)
     summaries = [answer for answer in answers if isinstance(answer, Summary)]
     if not summaries:
@@ -81,8 +81,8 @@ def _findings(summary: "Summary") -> list[str]:
     return [f"{summary.folder.name}: {finding.text}" for finding in summary.findings]
 
 
-def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[Known | None]]":
-    """Return each number with its value in each campaign; what has another unit is another number."""
+def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[KnownValue | None]]":
+    """Return each number with its value in each campaign; the same name with another unit is another number."""
     tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
     keys = dict.fromkeys(key for table in tables for key in table)
     units = Counter(name for name, _ in keys)
@@ -92,8 +92,8 @@ def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[Known | None]]":
     }
 
 
-def _compared(row: "Sequence[Known | None]") -> "Repeats | None":
-    """Return how the accepted numbers of a row agree, None where there are not two."""
+def _compared(row: "Sequence[KnownValue | None]") -> "Repeats | None":
+    """Return how the accepted numbers of a row agree, None for fewer than two."""
     import numpy as np
 
     from cfid.estimate.repetition import repeats
@@ -108,7 +108,7 @@ def _compared(row: "Sequence[Known | None]") -> "Repeats | None":
     )
 
 
-def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Known | None]]") -> None:
+def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[KnownValue | None]]") -> None:
     import json
     from dataclasses import asdict
 
@@ -141,7 +141,7 @@ def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Know
     typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
-def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[Known | None]]") -> None:
+def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[KnownValue | None]]") -> None:
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
@@ -183,5 +183,5 @@ def _judgement(found: "Repeats | None") -> list[str]:
 def _agreement(found: "Repeats") -> str:
     if found.probability is None:
         return ""
-    words = "they agree" if found.agree else "they differ by more than their deviations"
+    words = "they agree" if found.agree else "they differ by more than their uncertainties"
     return f"; {words} (probability {found.probability:.2g})"

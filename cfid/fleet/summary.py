@@ -1,6 +1,6 @@
-"""One campaign in short: what it knows, number by number, and whether its recordings are still those of its fits.
+"""Summarise a campaign: its numbers, and whether its recordings are still those of its fits.
 
-For many campaigns side by side; a summary can be made in another process, or on another computer that sees the folder.
+A summary can be made in another process, or on another computer that can read the folder.
 """
 
 import hashlib
@@ -17,8 +17,8 @@ from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.run import Run, list_runs
 
 
-class Known(NamedTuple):
-    """A number that a campaign knows, with one standard deviation where it has one, and when it was last recorded."""
+class KnownValue(NamedTuple):
+    """A number of a campaign, with its standard uncertainty where it has one, and the time of its last recording."""
 
     name: str
     value: float
@@ -30,22 +30,22 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A campaign. `findings` tell of recordings that are gone, or others than those that were fitted."""
+    """A campaign. `findings` name recordings that are missing or have changed since they were fitted."""
 
     folder: Path
     vehicle: str
     complete_runs: int
     other_runs: int
-    known: tuple[Known, ...]
+    known: tuple[KnownValue, ...]
     findings: tuple[Finding, ...]
 
 
 def summarise(folder: Path) -> Summary | CfidError:
-    """Return a campaign's summary, or the error that says why there is none: one must not hide the others."""
+    """Return a campaign's summary, or its error, so that one faulty campaign does not hide the others."""
     try:
         campaign = find_campaign(folder, start=folder)
         if campaign is None:
-            raise ConfigError(f"{folder}: is no campaign: it has no {RIG_FILE}.")
+            raise ConfigError(f"{folder}: not a campaign: it has no {RIG_FILE}.")
         sections = load_sections(campaign.parameters_file)
     except CfidError as error:
         return error
@@ -67,18 +67,20 @@ def summarise(folder: Path) -> Summary | CfidError:
 
 
 def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
-    """Return when the last of a section's runs began; of foreign files it is known only when they were fitted."""
+    """Return the start of a section's last run; without runs, the time of the fit."""
     started = {f"{RUNS_FOLDER}/{run.folder.name}": run.header.started for run in runs}
     found = [started[folder] for source in section.sources if (folder := str(Path(source.path).parent)) in started]
     return max(found, default=section.found)
 
 
-def _numbers(section_name: str, section: Section, recorded: datetime) -> list[Known]:
-    """Return a section's numbers; of a kind that has several sections, as `swing x`, each is named with its own."""
+def _numbers(section_name: str, section: Section, recorded: datetime) -> list[KnownValue]:
+    """Return a section's numbers; a name that several sections share, as of `swing x`, gets the section's own."""
     which = section_name.partition(" ")[2]
     own = f" ({which})" if which else ""
     return [
-        Known(one.name + own, float(one.value), _float(one.std), parameter.unit, recorded, key not in section.rejected)
+        KnownValue(
+            one.name + own, float(one.value), _float(one.std), parameter.unit, recorded, key not in section.rejected
+        )
         for key, parameter in section.parameters.items()
         for one in parameter.numbers(key)
         if one.value is not None
@@ -94,5 +96,5 @@ def _source_finding(folder: Path, source: Source) -> Finding | None:
         with (folder / source.path).open("rb") as file:
             same = hashlib.file_digest(file, "sha256").hexdigest() == source.sha256
     except OSError:
-        return warning("source-missing", f"{source.path} is not there any more.")
+        return warning("source-missing", f"{source.path} is missing.")
     return None if same else warning("source-changed", f"{source.path} has changed since it was fitted.")

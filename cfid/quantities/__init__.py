@@ -1,1 +1,1 @@
-"""Every parameter once: its key, unit, shape, symbol, title, what gives it and which values are plausible."""
+"""The registry of quantities: key, unit, shape, symbol, title, producing command and plausible range of each."""

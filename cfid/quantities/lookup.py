@@ -1,4 +1,4 @@
-"""The row of the registry that a key belongs to, and the unit of whatever has a name."""
+"""Look up a key's row of the registry, and a name's unit."""
 
 import re
 from functools import cache
@@ -28,12 +28,12 @@ UNITS = {  # by how a name ends
 
 @cache
 def find(key: str) -> Quantity | None:
-    """Return the quantity of a key, None of one that the registry has not, as a name noted by hand."""
+    """Return the quantity of a key, None for a key outside the registry, such as a name stored by hand."""
     return _BY_KEY.get(key) or next((found for pattern, found in _PATTERNS if pattern.fullmatch(key)), None)
 
 
 def registered(key: str) -> Quantity:
-    """Return the quantity of a key that the registry has; KeyError of another one is a mistake in the program."""
+    """Return the quantity of a key of the registry; KeyError for another key, which is a bug."""
     found = find(key)
     if found is None:
         raise KeyError(key)
@@ -41,20 +41,20 @@ def registered(key: str) -> Quantity:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a key: the registry's, else what a name ends with; "" where neither says one."""
+    """Return the unit of a key: the registry's, else that of the name's ending; "" where there is none."""
     found = find(key)
     return found.unit if found is not None and found.unit else _at_the_end_of(key)
 
 
 def _at_the_end_of(name: str) -> str:
-    """Return the unit that a name ends with, "" where it ends with none, or with a part of one as in `_m_per_s`."""
+    """Return the unit of a name's ending, "" for none, or for a part of a unit as in `_m_per_s`."""
     suffix = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")
     before = name.removesuffix(f"_{suffix}").rpartition("_")[-1]
     return "" if not suffix or before in {"per", *UNITS} else UNITS[suffix]
 
 
 def _pattern(key: str) -> re.Pattern[str]:
-    """Return what matches a key, `<name>` any name, and `[...]` what may be missing."""
+    """Return the pattern of a key, where `<name>` is any name and `[...]` is optional."""
     words = re.split(r"<\w+>", key)
     return re.compile(".+".join(re.escape(word) for word in words).replace(r"\[", "(?:").replace(r"\]", ")?"))
 

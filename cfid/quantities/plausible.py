@@ -1,6 +1,6 @@
-"""Which values a Crazyflie-sized vehicle can have.
+"""Check whether a Crazyflie-sized vehicle can have a value.
 
-A value outside of its range is most likely in another unit: the message guesses which.
+A value outside its range is most likely in another unit: the message suggests which.
 """
 
 import math
@@ -28,9 +28,10 @@ _ROUNDING = 1e-9  # of a matrix' trace
 
 
 def implausible(key: str, value: Any) -> str:
-    """Return what is implausible about a quantity's value as a sentence, with a guess of its unit; "" where nothing.
+    """Return why a quantity's value is implausible as a sentence, with a guess of its unit; "" where it is plausible.
 
-    An inertia matrix has to be that of a possible body too. Keys without a range pass, and so does what is no number.
+    An inertia matrix must also be that of a possible body. Keys without a range pass, and so do values without
+    numbers.
     """
     quantity = find(key)
     if quantity is None or quantity.plausible is None:
@@ -49,7 +50,7 @@ def implausible(key: str, value: Any) -> str:
 
 
 def judged_unit(quantity: Quantity) -> str:
-    """Return the unit of what a quantity's range judges."""
+    """Return the unit of a quantity's range."""
     if not quantity.over:
         return quantity.unit
     slope = quantity.plausible is not None and quantity.plausible.of == "slope"
@@ -57,9 +58,9 @@ def judged_unit(quantity: Quantity) -> str:
 
 
 def centre_fault(centre_m: Sequence[float], arm_m: float) -> str:
-    """Return why a vehicle with its centre of mass (3,) there cannot hover, "" where it can; x and y count.
+    """Return why a vehicle with its centre of mass (3,) there cannot hover, "" where it can; only x and y matter.
 
-    The rotors stand in a square, a diagonal arm from the middle, and push upwards only.
+    The rotors form a square, a diagonal arm from the middle, and push upwards only.
     """
     side = arm_m / math.sqrt(2)
     if all(abs(length) < side for length in centre_m[:2]):
@@ -92,22 +93,22 @@ def _leaves(value: Any) -> Iterator[float]:
 
 
 def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
-    """Return why an inertia matrix (3, 3) is that of no body: its second moments have to be positive definite [WKS]."""
+    """Return why no body has an inertia matrix (3, 3): its second moments must be positive definite [WKS]."""
     trace = sum(matrix[i][i] for i in range(3))
     if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in ((0, 1), (0, 2), (1, 2))):
-        return f"{key} is that of no body: it is not symmetric."
+        return f"{key} is not that of a body: it is not symmetric."
     (a, b, c), (_, d, e), (_, _, f) = ([(i == j) - 2 * matrix[i][j] / trace for j in range(3)] for i in range(3))
     if min(a, a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) > 0:
         return ""
     diagonal = ", ".join(f"{matrix[i][i]:.3g}" for i in range(3))
     return (
-        f"{key} is that of no body (diagonal {diagonal} kg m^2): each principal moment has to be below the sum of the "
+        f"{key} is not that of a body (diagonal {diagonal} kg m^2): each principal moment must be below the sum of the "
         "other two."
     )
 
 
 def _guess(number: float, expected: Range, unit: str) -> str:
-    """Return the unit in which a number would be nearest to the middle of what is plausible, "" where there is none."""
+    """Return the unit that puts a number nearest to the middle of its range, "" for none."""
     if expected.least <= 0:
         return ""
     middle = math.sqrt(expected.least * expected.largest)

@@ -1,11 +1,11 @@
-"""What a row of the registry says of a quantity."""
+"""The columns of the registry."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class Shape(StrEnum):
-    """What a value is made of, in the words of a message."""
+    """The shape of a value, as messages print it."""
 
     NUMBER = "a number"
     LIST = "a list of numbers"
@@ -19,8 +19,8 @@ class Shape(StrEnum):
 class Range:
     """The least and the largest plausible size, ends included, and why.
 
-    `of` says what of a value is judged: each of its numbers, the diagonal of a matrix, or of a polynomial its slope at
-    zero or its value at `at`.
+    `of` names the checked part of a value: each of its numbers, the diagonal of a matrix, or of a polynomial its slope
+    at zero or its value at `at`.
     """
 
     least: float
@@ -36,8 +36,8 @@ class Quantity:
 
     `unit` is that of --json and parameters.toml. A polynomial gives `of` (a unit) over `over`, its highest power first
     where it is not `lowest_first`. `count` is how many numbers a list has, where that is known; `columns` are those of
-    rows that have to be numbers. `section` of parameters.toml is where a fit puts it, `given_by` what a person does
-    to get it. What a run had and the vehicle has not is `of_the_run`.
+    rows that must be numbers. `section` is its section of parameters.toml, `given_by` the way to measure it. A property
+    of a run, not of the vehicle, is `of_the_run`.
     """
 
     key: str
@@ -57,8 +57,8 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Experiment:
-    """A kind of fit: what it is called, and where nothing else says so how its recordings are made and fitted."""
+class FitKind:
+    """A kind of fit: its title, and where no quantity states it, how to record and fit it."""
 
     title: str
     measured_by: str = ""

@@ -1,29 +1,29 @@
-"""The registry: every quantity that cfid finds, takes or tells, by experiment in the order of the thesis' chapters.
+"""The registry: every quantity that cfid estimates, uses or prints, by experiment in the order of the thesis' chapters.
 
-Plausible is what a quadrocopter from 10 g to 1 kg can have: a Crazyflie 2.0 has 0.028 kg, 0.046 m and 0.15 N a motor.
+Plausible ranges cover quadrocopters from 10 g to 1 kg: a Crazyflie 2.0 has 0.028 kg, 0.046 m and 0.15 N per motor.
 """
 
 from dataclasses import replace
 
-from cfid.quantities.quantity import Experiment, Quantity, Range, Shape
+from cfid.quantities.quantity import FitKind, Quantity, Range, Shape
 from cfid.units import FULL_COMMAND
 
 EXPERIMENTS = {
-    "swing": Experiment("Swing"),
-    "friction": Experiment("Friction of the axis"),
-    "inertia": Experiment(
+    "swing": FitKind("Swing"),
+    "friction": FitKind("Friction of the axis"),
+    "inertia": FitKind(
         "Inertia matrix",
         "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
     ),
-    "testbody": Experiment("Test body"),
-    "thrust": Experiment("Command to thrust", "`cfid log thrust`, then `cfid fit thrust RUN`"),
-    "speed": Experiment("Command to rotor speed", "`cfid log speed`, then `cfid fit speed RUN`"),
-    "torque": Experiment("Thrust to torque", "`cfid log thrust`, then `cfid fit torque RUN`"),
-    "rotor": Experiment("Rotor speed from vibration"),
-    "dynamics": Experiment("Rotor dynamics"),
-    "tf": Experiment("Transfer function of motor and rotor", "`cfid log sine`, then `cfid tf identify RUN ...`"),
-    "latency": Experiment("Latency of the link"),
-    "drag": Experiment("Drag", "`cfid log wind`, then `cfid fit drag RUN ...`"),
+    "testbody": FitKind("Test body"),
+    "thrust": FitKind("Command to thrust", "`cfid log thrust`, then `cfid fit thrust RUN`"),
+    "speed": FitKind("Command to rotor speed", "`cfid log speed`, then `cfid fit speed RUN`"),
+    "torque": FitKind("Thrust to torque", "`cfid log thrust`, then `cfid fit torque RUN`"),
+    "rotor": FitKind("Rotor speed from vibration"),
+    "dynamics": FitKind("Rotor dynamics"),
+    "tf": FitKind("Transfer function of motor and rotor", "`cfid log sine`, then `cfid tf identify RUN ...`"),
+    "latency": FitKind("Latency of the link"),
+    "drag": FitKind("Drag", "`cfid log wind`, then `cfid fit drag RUN ...`"),
 }
 
 _INERTIA = Range(1e-6, 2e-2, "10 g on an axis 10 mm away to 1 kg on one 140 mm away")
@@ -48,15 +48,15 @@ _SWING = _given(
     Quantity("swing.natural_frequency_squared_s2", "1/s^2", "W", "natural frequency squared, m g r / I",
              plausible=Range(20, 3000, "pendulums of 0.7 to 9 Hz")),
     Quantity("swing.axis_inertia_kg_m2", "kg m^2", "I_a", "inertia about the mounting axis", plausible=_INERTIA),
-    Quantity("swing.viscous_nms_per_rad", "N m s/rad", "c", "damping that goes with speed", plausible=_VISCOUS),
+    Quantity("swing.viscous_nms_per_rad", "N m s/rad", "c", "damping proportional to speed", plausible=_VISCOUS),
     Quantity("swing.coulomb_nm", "N m", "M_c", "dry friction", plausible=_COULOMB),
-    Quantity("swing.quadratic_nms2_per_rad2", "N m s^2/rad^2", "q", "damping that goes with the square of speed",
+    Quantity("swing.quadratic_nms2_per_rad2", "N m s^2/rad^2", "q", "damping proportional to the square of speed",
              plausible=Range(0, 1e-3, "air around a body as large as a palm: 1e-7")),
     Quantity("swing.start_angle_rad", "rad", "φ_0", "angle at the release", of_the_run=True,
              plausible=Range(-3.15, 3.15, "a swing over the top is refused")),
     Quantity("swing.start_speed_rad_per_s", "rad/s", "φ'_0", "speed at the release", of_the_run=True,
              plausible=Range(-110, 110, "2 √W at most, or it goes over the top")),
-    Quantity("swing.zero_rad", "rad", "φ_z", "angle where it hangs at rest", of_the_run=True),
+    Quantity("swing.zero_rad", "rad", "φ_z", "rest angle", of_the_run=True),
     Quantity("swing.peaks_used", "1", "n", "peaks used, the release being the first", of_the_run=True),
 )  # fmt: skip
 
@@ -119,7 +119,7 @@ _ROTORS = _given(
     "rotor", "`cfid fit rotor`",
     Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
              Range(200, 5000, "slower ones stand, faster ones no propeller survives")),
-    Quantity("rotor.windows", "as named", "", "windows: speed heard in each", Shape.ROWS),
+    Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS),
 ) + _given(
     "dynamics", "`cfid fit dynamics`",
     Quantity("dynamics.rising", "1/s, 1/rad", "k_r", "rotor model, spinning up: linear and quadratic", Shape.LIST,
@@ -131,7 +131,7 @@ _ROTORS = _given(
 
 
 def _transfer(key: str, symbol: str, of: str) -> tuple[Quantity, ...]:
-    """Return what one transfer function has, under the beginning of its keys."""
+    """Return the quantities of one transfer function, whose keys begin with `key`."""
     return (
         Quantity(f"{key}.numerator", "N", f"n{symbol}", f"numerator{of}, per unit of the command", Shape.POLYNOMIAL,
                  of="N", over="z^-1", lowest_first=True),

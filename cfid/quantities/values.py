@@ -1,6 +1,6 @@
-"""The numbers of a quantity's value, one by one: how they are named, and whether a file has them in the right shape.
+"""Name the numbers of a quantity's value, and check the shape of a value from a file.
 
-Values are plain: numbers, nested lists of them, or lists of rows (mappings); what is unknown is None or nan.
+Values are numbers, nested lists of them, or lists of rows (mappings); an unknown number is None or nan.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,11 +12,11 @@ from cfid.quantities.quantity import Quantity, Shape
 ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}  # of a symmetric matrix
 ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
 
-_NUMBER = 0  # stands for any number in a form
+_NUMBER = 0  # any number in a form
 
 
 class Number(NamedTuple):
-    """One number of a quantity: which of its numbers it is ("" of a single one, "xy", "0"), its value and deviation."""
+    """One number of a quantity: its place ("" for a single one, "xy", "0"), its value and standard uncertainty."""
 
     key: str
     place: str
@@ -32,7 +32,7 @@ class Number(NamedTuple):
 def numbers(key: str, value: Any, std: Any) -> Iterator[Number]:
     """Yield the numbers of a value one by one; of a symmetric matrix (3, 3) each once, of rows none.
 
-    A deviation that is not shaped as its value, as somebody may have edited it, has none of the numbers missing.
+    A standard uncertainty of another shape than the value, as after editing by hand, has None for what is missing.
     """
     if not is_rows(value):
         yield from _numbers(key, "", value, std)
@@ -44,27 +44,27 @@ def is_rows(value: Any) -> bool:
 
 
 def is_matrix(value: Any) -> bool:
-    """Return whether a value is three rows of three."""
+    """Return whether a value is a list of three lists of three."""
     return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
 
 
 def evaluate(key: str, value: Sequence[float], x: float) -> float:
-    """Return a polynomial of the registry with coefficients (n,) at x, in the order that its key has them."""
+    """Return the value at x of a polynomial with coefficients (n,) in the order of its key."""
     lowest_first = value if _polynomial(key).lowest_first else value[::-1]
     return float(sum(c * x**i for i, c in enumerate(lowest_first)))
 
 
 def coefficient_units(key: str, count: int) -> list[str]:
-    """Return the units of a polynomial's coefficients (count,), in the order that its key has them."""
+    """Return the units of a polynomial's coefficients (count,) in the order of its key."""
     found = _polynomial(key)
     units = [_over(found.of, found.over, power) for power in range(count)]
     return units if found.lowest_first else units[::-1]
 
 
 def shape_error(key: str, value: Any, std: Any) -> str:
-    """Return what is wrong with a value as a file gave it, "" where nothing is; a deviation may be None.
+    """Return what is wrong with the shape of a value from a file, "" where nothing is; `std` may be None.
 
-    Keys that the registry has not may have any shape.
+    Keys outside the registry may have any shape.
     """
     found = find(key)
     if found is None:
@@ -75,10 +75,10 @@ def shape_error(key: str, value: Any, std: Any) -> str:
         form, spread = _form(value), None if std is None else _form(std)
     except TypeError:
         return "should be made of numbers"
-    if not _suits(form, found):
+    if not _matches(form, found):
         many = found.shape in (Shape.LIST, Shape.POLYNOMIAL) and found.count
         return f"should be a list of {found.count} numbers" if many else f"should be {found.shape}"
-    return "" if spread in (None, form) else "and its deviation should be shaped alike"
+    return "" if spread in (None, form) else "and its std should have the same shape"
 
 
 def _numbers(key: str, place: str, value: Any, std: Any) -> Iterator[Number]:
@@ -101,19 +101,19 @@ def _part(std: Any, place: int) -> Any:
 def _polynomial(key: str) -> Quantity:
     found = registered(key)
     if found.shape is not Shape.POLYNOMIAL:
-        raise KeyError(f"{key} is no polynomial")
+        raise KeyError(f"{key} is not a polynomial")
     return found
 
 
 def _over(of: str, over: str, power: int) -> str:
     if of == "N m" and over == "N":
         return ("N m", "m", "m/N")[power] if power < 3 else f"N m/N^{power}"
-    if power == 0 or over == "z^-1":  # which has no unit
+    if power == 0 or over == "z^-1":  # z has no unit
         return of
     return f"{of}/{over}" if power == 1 else f"{of}/{over}^{power}"
 
 
-def _suits(form: Any, found: Quantity) -> bool:
+def _matches(form: Any, found: Quantity) -> bool:
     if found.shape is Shape.NUMBER:
         return bool(form == _NUMBER)
     if found.shape is Shape.MATRIX:

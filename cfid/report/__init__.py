@@ -1,1 +1,1 @@
-"""Figures and pages drawn from recordings, fits and parameters."""
+"""The report of a campaign, gathered from its runs, fits and parameters."""

@@ -1,4 +1,4 @@
-"""`cfid report`: all that a campaign found, in one file."""
+"""`cfid report`: write a campaign's results to one file."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,13 +15,13 @@ def report(
     *,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Default: report.html in the campaign.")] = None,
-    form: Annotated[Format, typer.Option("--format", help="How it is written; tex has the tables alone.")] = "html",
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not make.")] = False,
+    form: Annotated[Format, typer.Option("--format", help="Format of the file; tex has the tables alone.")] = "html",
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not write.")] = False,
 ) -> None:
-    """Write what a campaign found into one file: the sheet first, then every experiment with its figures.
+    """Write a campaign's results to one file: the sheet first, then every experiment with its figures.
 
-    The page needs no network. It names what is missing with the command that gives it, and sets your vehicle beside
-    what others publish.
+    The page needs no network. It names missing quantities with the command that gives them, and compares your vehicle
+    with published values.
 
     Example: [bold]cfid report --format tex[/bold]
     """

@@ -1,4 +1,4 @@
-"""The vehicle that was measured beside what others publish, quantity by quantity, in one unit and one frame."""
+"""Compare the measured vehicle with published values, quantity by quantity, in one unit and one frame."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,18 +9,18 @@ from cfid.records.campaign import BodyFrame
 from cfid.records.covariances import shaped_as
 from cfid.records.parameters import plain
 from cfid.report import published
-from cfid.report.known import Found, Known, axis_of, turned
+from cfid.report.known import FoundParameter, Known, axis_of, turned
 from cfid.report.published import Published, PublishedInertia
 from cfid.units import FULL_COMMAND, ROTORS
 
 _INERTIA = "inertia.matrix_kg_m2"
 _TABLE_SCALE = 2**16  # of Bitcraze's tables, whose commands are shares of it
-_HOVERS = 0.01  # of its weight, within which a command carries the vehicle
+_HOVERS = 0.01  # of its weight, to which a hovering command's thrust must agree
 
 
 @dataclass(frozen=True)
-class Line:
-    """A row: who, which vehicle, a value for each column (None: not known), the frame, the source and a note."""
+class ComparisonRow:
+    """A row: author, vehicle, a value for each column (None: unknown), the frame, the source and a note."""
 
     who: str
     vehicle: str
@@ -31,23 +31,23 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A quantity in the columns' common unit; `yours` with deviations, None where nothing was measured."""
+class PublishedComparison:
+    """A quantity in the columns' common unit; `yours` with standard uncertainties, None without a measurement."""
 
     title: str
     about: str
     columns: tuple[str, ...]
     unit: str
-    yours: Line | None
+    yours: ComparisonRow | None
     yours_std: tuple[float | None, ...]
-    others: tuple[Line, ...]
+    others: tuple[ComparisonRow, ...]
 
 
 Values = tuple[float | None, ...]
 
 
-def comparisons(known: Known) -> tuple[Comparison, ...]:
-    """Return all quantities that others publish; those that this campaign lacks have no line of its own."""
+def comparisons(known: Known) -> tuple[PublishedComparison, ...]:
+    """Return all published quantities; those that this campaign lacks have no row of its own."""
     return (
         _mass(known),
         _inertia(known),
@@ -61,26 +61,26 @@ def comparisons(known: Known) -> tuple[Comparison, ...]:
     )
 
 
-def _mass(known: Known) -> Comparison:
+def _mass(known: Known) -> PublishedComparison:
     vehicle = known.rig.vehicle
     own = (vehicle.mass_kg,), (vehicle.mass_std_kg,)
     return _compared(known, "Mass", published.MASS_KG, *own, columns=("mass",), unit=unit_of("mass_kg"))
 
 
-def _inertia(known: Known) -> Comparison:
+def _inertia(known: Known) -> PublishedComparison:
     found = known.find(_INERTIA)
     frame = known.rig.vehicle.body_frame
     values: Values = ()
     std: Values = ()
     if found is not None:
         values = tuple(turned(found.parameter.value, frame).values())
-        # A deviation has no sign: it is turned as its entry is and counts by its size.
+        # A standard uncertainty has no sign: it is turned like its entry, and its size counts.
         std = tuple(abs(x) for x in turned(found.parameter.std, frame).values()) if found.parameter.std else ()
     others = tuple(_turned_line(one) for one in published.INERTIA)
-    return Comparison(
+    return PublishedComparison(
         title="Inertia about the centre of mass",
         about="Roll is about the axis that points forward, pitch about the one to the left, yaw about the one up. "
-        "Yours and the thesis' matrix are turned there from their own frame. The others stand as they are used.",
+        "Yours and the thesis' matrix are turned there from their own frame. The others are given as they are used.",
         columns=tuple(turned(shaped_as(_INERTIA, (0.0,) * 6, None), frame)),
         unit=unit_of(_INERTIA),
         yours=_yours(known, values, (found,), f"turned from {frame_text(frame)}") if values else None,
@@ -90,18 +90,20 @@ def _inertia(known: Known) -> Comparison:
 
 
 def frame_text(frame: BodyFrame) -> str:
-    """Return a body frame in words."""
+    """Return a body frame as text."""
     return f"forward {frame.forward}, left {frame.left}, up {frame.up}"
 
 
-def _turned_line(one: PublishedInertia) -> Line:
+def _turned_line(one: PublishedInertia) -> ComparisonRow:
     values = tuple(turned(shaped_as(_INERTIA, one.matrix_kg_m2, None), one.axes).values())
     frame = "x forward" if one.axes == published.X_FORWARD else f"turned from {frame_text(one.axes)}"
     diagonal = not any(one.matrix_kg_m2[3:])
-    return Line(one.who, one.vehicle, values[:3] + (None,) * 3 if diagonal else values, frame, one.source, one.note)
+    return ComparisonRow(
+        one.who, one.vehicle, values[:3] + (None,) * 3 if diagonal else values, frame, one.source, one.note
+    )
 
 
-def _over_command(known: Known, title: str, key: str, others: tuple[Published, ...]) -> Comparison:
+def _over_command(known: Known, title: str, key: str, others: tuple[Published, ...]) -> PublishedComparison:
     found = known.find(key)
     return _compared(
         known,
@@ -115,8 +117,8 @@ def _over_command(known: Known, title: str, key: str, others: tuple[Published, .
     )
 
 
-def _polynomial(found: Found | None, key: str, at: Sequence[float], column: str) -> Values:
-    """Return a polynomial's values, None beyond what its section's table was measured at."""
+def _polynomial(found: FoundParameter | None, key: str, at: Sequence[float], column: str) -> Values:
+    """Return a polynomial's values, None outside the range of its section's table."""
     if found is None:
         return ()
     table = found.section.parameters.get("motor.table")
@@ -125,7 +127,7 @@ def _polynomial(found: Found | None, key: str, at: Sequence[float], column: str)
     return tuple(evaluate(key, found.parameter.value, x) if low <= x <= high else None for x in at)
 
 
-def _thrust_at_speed(known: Known) -> Comparison:
+def _thrust_at_speed(known: Known) -> PublishedComparison:
     key = "motor.thrust_speed_poly"
     found = known.find(key)
     return _compared(
@@ -140,7 +142,7 @@ def _thrust_at_speed(known: Known) -> Comparison:
     )
 
 
-def _thrust_at_voltage(known: Known) -> Comparison:
+def _thrust_at_voltage(known: Known) -> PublishedComparison:
     key = "motor.thrust_voltage_poly"
     found = known.find(key)
     return _compared(
@@ -156,7 +158,7 @@ def _thrust_at_voltage(known: Known) -> Comparison:
     )
 
 
-def _torque(known: Known) -> Comparison:
+def _torque(known: Known) -> PublishedComparison:
     key = "motor.torque_poly"
     found = known.find(key)
     values: Values = ()
@@ -176,7 +178,7 @@ def _torque(known: Known) -> Comparison:
     )
 
 
-def _dynamics(known: Known) -> Iterator[Comparison]:
+def _dynamics(known: Known) -> Iterator[PublishedComparison]:
     rows = (
         ("Time constant of motor and rotor", "tf.time_constant_s", "time constant"),
         ("Static gain of the transfer function", "tf.static_gain_n", "static gain"),
@@ -189,7 +191,7 @@ def _dynamics(known: Known) -> Iterator[Comparison]:
         yield _compared(known, title, others, *own, by=(found,), columns=(column,), unit=unit_of(key))
 
 
-def _drag(known: Known) -> tuple[Comparison, Comparison]:
+def _drag(known: Known) -> tuple[PublishedComparison, PublishedComparison]:
     key = "drag.simple_kg_per_rad"
     found = known.find(key)
     frame = known.rig.vehicle.body_frame
@@ -225,7 +227,7 @@ def _drag(known: Known) -> tuple[Comparison, Comparison]:
 
 
 def _hover_speed_sum_rad_s(known: Known) -> float | None:
-    """Return the sum of four rotors' speeds that carries the vehicle, None where a map is missing or falls short."""
+    """Return the sum of four rotors' speeds in hover, None where a map is missing or does not reach it."""
     thrust, speed = known.find("motor.thrust_poly"), known.find("motor.speed_poly")
     if thrust is None or speed is None:
         return None
@@ -245,17 +247,17 @@ def _compared(
     values: Values = (),
     std: Values = (),
     *,
-    by: Sequence[Found | None] = (),
+    by: Sequence[FoundParameter | None] = (),
     columns: tuple[str, ...],
     unit: str,
     about: str = "",
-) -> Comparison:
-    """Return a comparison; `by` is what the campaign's own values are made of."""
-    lines = tuple(Line(one.who, one.vehicle, one.values, "", one.source, one.note) for one in others)
-    return Comparison(title, about, columns, unit, _yours(known, values, by) if values else None, std, lines)
+) -> PublishedComparison:
+    """Return a comparison; `by` are the parameters behind the campaign's own values."""
+    lines = tuple(ComparisonRow(one.who, one.vehicle, one.values, "", one.source, one.note) for one in others)
+    return PublishedComparison(title, about, columns, unit, _yours(known, values, by) if values else None, std, lines)
 
 
-def _yours(known: Known, values: Values, by: Sequence[Found | None], frame: str = "") -> Line:
+def _yours(known: Known, values: Values, by: Sequence[FoundParameter | None], frame: str = "") -> ComparisonRow:
     rejected = dict.fromkeys(found.name for found in by if found is not None and found.rejected)
-    note = f"REJECTED by its fit, and kept by force ({', '.join(rejected)})" if rejected else ""
-    return Line("this campaign", known.rig.vehicle.name, values, frame, "", note)
+    note = f"REJECTED by its fit, and kept with --force ({', '.join(rejected)})" if rejected else ""
+    return ComparisonRow("this campaign", known.rig.vehicle.name, values, frame, "", note)

@@ -1,4 +1,4 @@
-"""All that a report says of a campaign, as data: gathered from its files, rendered elsewhere."""
+"""Gather the content of a report from a campaign's files; `formats` renders it."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -12,12 +12,12 @@ from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import load_sections, plain
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import stale_in
-from cfid.report.comparison import Comparison, comparisons, frame_text
-from cfid.report.experiments import Experiment, experiments
+from cfid.report.comparison import PublishedComparison, comparisons, frame_text
+from cfid.report.experiments import Experiment, experiments_of
 from cfid.report.known import Known
-from cfid.report.measurements import measurements
+from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
-from cfid.report.sheet import Group, sheet
+from cfid.report.sheet import SheetGroup, sheet_of
 
 FORMAT = 1  # of the JSON object
 
@@ -26,7 +26,7 @@ Kind = TypeVar("Kind")
 
 @dataclass(frozen=True)
 class About:
-    """What was measured, when, and with which cfid. `recorded` are the starts of the first and the last run."""
+    """The vehicle, the dates and the cfid versions. `recorded` are the starts of the first and the last run."""
 
     vehicle: str
     campaign: str
@@ -41,7 +41,7 @@ class About:
 
 @dataclass(frozen=True)
 class RunLine:
-    """One recording: its name, what the operator said it is, how it ended and what it lacks."""
+    """One recording: its name, the operator's label, its state and its losses."""
 
     name: str
     what: str
@@ -55,38 +55,38 @@ class RunLine:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything a report says, in the order in which it says it."""
+    """The content of a report, in its order."""
 
     about: About
-    sheet: tuple[Group, ...]
+    sheet: tuple[SheetGroup, ...]
     experiments: tuple[Experiment, ...]
     repeats: tuple[RepeatedFit, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[PublishedComparison, ...]
     runs: tuple[RunLine, ...]
     unreadable: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Return plain lists and numbers, dates in ISO format; what is not known is None."""
+        """Return plain lists and numbers, dates in ISO format; None is unknown."""
         content: dict[str, Any] = _dates_as_text(plain({"format": FORMAT, **asdict(self)}))
         return content
 
 
 def gather(campaign: Campaign, *, now: datetime) -> Report:
-    """Read a campaign's parameters, fits and runs, and say what they amount to.
+    """Read a campaign's parameters, fits and runs, and return the report.
 
-    Raises DataError when parameters.toml cannot be understood; fits and runs that cannot be read are named in it.
+    Raises DataError when parameters.toml is invalid; the report names unreadable fits and runs.
     """
     runs, broken_runs = _readable(list_runs(campaign.runs_folder))
     fits, broken_fits = _readable(list_fits(campaign.fits_folder))
     known = Known(campaign.rig, load_sections(campaign.parameters_file))
-    measured = measurements(fits)
+    measured = measurements_of(fits)
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
     stale = stale_in(campaign.folder, runs)
     return Report(
         about=_about(campaign, runs, fits, now),
-        sheet=sheet(known, commands, stale),
-        experiments=experiments(measured, fits, stale),
+        sheet=sheet_of(known, commands, stale),
+        experiments=experiments_of(measured, fits, stale),
         repeats=repeated_fits(measured),
         comparisons=comparisons(known),
         runs=tuple(_line(run) for run in runs),

@@ -1,4 +1,4 @@
-"""What each experiment found, as the fit that counts tells it: verdict, figures, tables, what was left out, origin."""
+"""The results of each experiment from its valid fit: verdict, figures, tables, findings and sources."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from cfid.records.parameters import Source
 from cfid.records.stale import Stale
 from cfid.report.measurements import Measurement
 from cfid.report.sheet import Row
-from cfid.report.tables import Table, parameter_tables, quality_tables
+from cfid.report.tables import ReportTable, parameter_tables, quality_tables
 
 _KINDS = list(EXPERIMENTS)
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement of a kind; paths of figures and sources count from the campaign's folder on."""
+    """One measurement of a kind; paths of figures and sources are relative to the campaign's folder."""
 
     name: str
     title: str
@@ -30,7 +30,7 @@ class Experiment:
     accepted: bool
     findings: tuple[Finding, ...]
     parameters: tuple[Row, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[ReportTable, ...]
     lines: tuple[str, ...]
     figures: tuple[str, ...]
     notes: tuple[str, ...]
@@ -38,28 +38,28 @@ class Experiment:
 
     @property
     def rejections(self) -> tuple[str, ...]:
-        """Why something of it is not to be used."""
+        """The reasons why quantities of it were rejected."""
         return texts(self.findings, "rejection")
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings, then notes: what is said of several recordings, once."""
+        """Warnings, then notes; one about several recordings appears once."""
         names = {name for source in self.sources for name in _names(Path(source.path))}
         return _together((*texts(self.findings, "warning"), *texts(self.findings, "note")), names)
 
     @property
     def anchor(self) -> str:
-        """Its name where a link may lead."""
+        """The target of links to it."""
         stem = "".join(letter if letter.isalnum() else "-" for letter in self.name)
         first = self.sources[0].sha256[:8] if self.sources else "0"
         return f"{stem}-{self.found:%Y%m%d%H%M%S}-{first}"  # two fits may end in the same second
 
 
-def experiments(
+def experiments_of(
     measured: Mapping[str, Sequence[Measurement]], fits: Iterable[Fit], stale: Stale
 ) -> tuple[Experiment, ...]:
-    """Return all measurements in the order of the thesis' chapters, of one kind the latest first."""
-    drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit draws over an earlier one's
+    """Return all measurements in the order of the thesis' chapters, and within a kind the latest first."""
+    drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit replaces an earlier one's figures
     kinds = sorted(measured, key=_place)
     return tuple(
         _experiment(one, drawn_by, stale(one.fit.section), latest=one is measured[kind][-1])
@@ -69,7 +69,7 @@ def experiments(
 
 
 def title_of(name: str) -> str:
-    """Return what a kind of fit is called: `swing x` is the swing about x."""
+    """Return the title of a kind of fit: `swing x` is the swing about x."""
     kind, _, rest = name.partition(" ")
     title = EXPERIMENTS[kind].title if kind in EXPERIMENTS else kind
     return f"{title} {rest}".rstrip()
@@ -116,7 +116,7 @@ def _names(path: Path) -> tuple[str, ...]:
 
 
 def _together(warnings: Sequence[str], recordings: set[str]) -> tuple[str, ...]:
-    """Say once what is said of several recordings: `NAME: words` for each of them."""
+    """Merge sentences `NAME: words` that several recordings share."""
     named: dict[str, list[str]] = {}
     for warning in warnings:
         name, _, words = warning.partition(": ")
@@ -141,4 +141,4 @@ def _replaced(measurement: Measurement) -> list[str]:
 def _drawn_over(count: int) -> list[str]:
     if not count:
         return []
-    return [f"{count} of its figures {'was' if count == 1 else 'were'} drawn over by a later fit."]
+    return [f"{count} of its figures {'was' if count == 1 else 'were'} replaced by a later fit's."]

@@ -1,4 +1,4 @@
-"""What a campaign knows of its vehicle: the last of each fit, and what rig.toml states."""
+"""Look up a campaign's parameters, and turn matrices to forward, left and up."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from cfid.records.campaign import BodyFrame, Rig
 from cfid.records.parameters import Parameter, Section
 
 
-class Found(NamedTuple):
-    """A parameter, the section of parameters.toml that it stands in, and whether its fit rejected it."""
+class FoundParameter(NamedTuple):
+    """A parameter, its section of parameters.toml, and whether its fit rejected it."""
 
     name: str
     section: Section
@@ -19,35 +19,35 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Known:
-    """Parameters by their keys of the contract, and the rig."""
+    """A campaign's parameters by key, and its rig."""
 
     rig: Rig
     sections: Mapping[str, Section]
 
-    def find(self, key: str) -> Found | None:
-        """Return a parameter; of several sections that have it, the latest."""
+    def find(self, key: str) -> FoundParameter | None:
+        """Return a parameter, from the latest section that has it."""
         found = [
-            Found(name, section, section.parameters[key], key in section.rejected)
+            FoundParameter(name, section, section.parameters[key], key in section.rejected)
             for name, section in self.sections.items()
             if key in section.parameters
         ]
         return max(found, key=lambda one: one.section.found, default=None)
 
     def numbers(self, key: str) -> list[float | None] | None:
-        """Return the numbers of a parameter in their order, a scalar as one, None where there is none."""
+        """Return the numbers of a parameter in order, a scalar as one, None for a missing parameter."""
         found = self.find(key)
         return None if found is None else [number.value for number in found.parameter.numbers(key)]
 
 
 def axis_of(name: str) -> tuple[int, int]:
-    """Return a body axis as its place among x, y, z and its sign."""
+    """Return the index of a body axis among x, y, z, and its sign."""
     return "xyz".index(name[-1]), -1 if name.startswith("-") else 1
 
 
 def turned(matrix: list[list[float]], frame: BodyFrame) -> dict[str, float]:
-    """Return a symmetric matrix (3, 3) of a body frame by its entries along forward, left and up.
+    """Return the entries of a symmetric matrix (3, 3) of a body frame along forward, left and up.
 
-    Roll is about forward, pitch about left, yaw about up. The products keep their meaning as entries of the matrix.
+    Roll is about forward, pitch about left, yaw about up. The products stay entries of the matrix, with its sign.
     """
     axes = {"roll": axis_of(frame.forward), "pitch": axis_of(frame.left), "yaw": axis_of(frame.up)}
     names = [("roll", "roll"), ("pitch", "pitch"), ("yaw", "yaw"), ("roll", "pitch"), ("roll", "yaw"), ("pitch", "yaw")]

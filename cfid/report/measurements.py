@@ -1,4 +1,4 @@
-"""Which fits of a campaign are measurements of their own, and which repeat a calculation on the same recordings."""
+"""Group a campaign's fits into measurements: repeated fits of the same recordings are one measurement."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,14 +8,14 @@ from cfid.records.fits import Fit
 
 @dataclass(frozen=True)
 class Measurement:
-    """A fit that counts, and the earlier ones on exactly the same recordings, which it replaces."""
+    """The valid fit of a measurement, and the earlier ones of exactly the same recordings, which it replaces."""
 
     fit: Fit
     replaced: tuple[Fit, ...]
 
 
-def measurements(fits: Iterable[Fit]) -> dict[str, tuple[Measurement, ...]]:
-    """Return the measurements of each kind of fit by the kind's name, the oldest first.
+def measurements_of(fits: Iterable[Fit]) -> dict[str, tuple[Measurement, ...]]:
+    """Return the measurements of each kind of fit by its name, oldest first.
 
     Fits of one kind that share all source hashes are one measurement, and the latest of them counts.
     """

@@ -1,4 +1,4 @@
-"""What others publish about the Crazyflie: each number with its vehicle, its frame and where it stands.
+"""Published values of the Crazyflie: each number with its vehicle, its frame and its source.
 
 Facts alone, in the units that the columns of `comparison` name. Values that were copied from the thesis without
 turning its frame say so: in the thesis x is the pitch axis and y the roll axis, in all that copied it x is forward.
@@ -31,7 +31,7 @@ _QUOTED = "as others quote it; the original was not read"
 
 
 class Published(NamedTuple):
-    """One source's numbers, a column each; None is what it does not give."""
+    """One source's numbers, one for each column; None where it gives none."""
 
     who: str
     vehicle: str
@@ -41,7 +41,7 @@ class Published(NamedTuple):
 
 
 class PublishedInertia(NamedTuple):
-    """An inertia matrix as its source prints it: xx, yy, zz, xy, xz, yz in kg m^2, and which way its axes point."""
+    """An inertia matrix as its source prints it: xx, yy, zz, xy, xz, yz in kg m^2, and the directions of its axes."""
 
     who: str
     vehicle: str
@@ -199,7 +199,7 @@ THRUST_AT_SPEED_N = (
     ),
     Published("crazyflow", "2.x, L250", _of_rpm(0.0, -5.382196214637237e-7, 2.4582929831265485e-10), CRAZYFLOW),
     Published("crazyflow", "2.x, P250", _of_rpm(0.0, -3.6200226530383495e-7, 1.6060924304100328e-10), CRAZYFLOW),
-    Published("RotorPy", "Crazyflie", _squared(2.3e-8), ROTORPY, note="from 14.5 g at 2500 rad/s, as the file says"),
+    Published("RotorPy", "Crazyflie", _squared(2.3e-8), ROTORPY, note="from 14.5 g at 2500 rad/s, as the file states"),
     Published("gym-pybullet-drones", "2.x", _of_rpm(0.0, 0.0, 3.16e-10), PYBULLET, note="N/rpm² there"),
     Published("Luis and Le Ny", "Crazyflie 2.0", _of_rpm(0.0, 0.0, 3.1582e-10), LUIS, note=f"N/rpm²; {_QUOTED}"),
 )

@@ -1,4 +1,4 @@
-"""One quantity measured more than once: the values side by side, their drift, and whether they agree."""
+"""Compare repeated measurements of a quantity: values, drift and agreement."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,8 +13,8 @@ from cfid.report.measurements import Measurement
 
 
 @dataclass(frozen=True)
-class Reading:
-    """One measurement's value of a quantity; `counts` is False when it is rejected or has no deviation."""
+class RepeatReading:
+    """One measurement's value of a quantity; `counts` is False without a standard uncertainty or when rejected."""
 
     value: float
     std: float | None
@@ -34,14 +34,14 @@ class Made:
 class Repeat:
     """A quantity's readings, one for each measurement (None: it lacks it), and the test of those that count.
 
-    Mean, chi-squared and `probability` are those of `analysis.repeats`: deviations may have causes in common, which no
-    repetition averages out. Drift is the last reading less the first.
+    Mean, chi-squared and `probability` are those of `estimate.repetition`: uncertainties may have common causes, which
+    repetition does not average out. Drift is the last reading less the first.
     All None where fewer than two readings count.
     """
 
     quantity: str
     unit: str
-    readings: tuple[Reading | None, ...]
+    readings: tuple[RepeatReading | None, ...]
     mean: float | None
     mean_std: float | None
     chi_squared: float | None
@@ -52,15 +52,15 @@ class Repeat:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the readings agree within their deviations; None where that cannot be said."""
+        """Whether the readings agree within their uncertainties; None where that is unknown."""
         return None if self.probability is None else self.probability >= LEAST_PROBABILITY
 
 
 @dataclass(frozen=True)
 class RepeatedFit:
-    """All quantities of a kind of fit that was made from different recordings, the oldest first.
+    """All quantities of a kind of fit of different recordings, oldest first.
 
-    `shared` says what weakens the test, if anything does.
+    `shared` is a sentence on what weakens the test, if anything does.
     """
 
     name: str
@@ -70,7 +70,7 @@ class RepeatedFit:
 
 
 def repeated_fits(measured: Mapping[str, Sequence[Measurement]]) -> tuple[RepeatedFit, ...]:
-    """Return what was measured more than once."""
+    """Return the fits that were measured more than once."""
     found = []
     for name, several in measured.items():
         quantities = _quantities(several) if len(several) > 1 else ()
@@ -82,31 +82,31 @@ def repeated_fits(measured: Mapping[str, Sequence[Measurement]]) -> tuple[Repeat
 
 
 def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
-    readings: dict[tuple[str, str], list[Reading | None]] = {}
+    readings: dict[tuple[str, str], list[RepeatReading | None]] = {}
     for place, measurement in enumerate(several):
         section = measurement.fit.section
         for key, parameter in section.parameters.items():
             for entry in () if _of_the_run(key) else parameter.numbers(key):
                 row = readings.setdefault((f"{key} {entry.place}".rstrip(), parameter.unit), [None] * len(several))
                 if entry.value is not None:
-                    row[place] = Reading(entry.value, entry.std, key not in section.rejected and bool(entry.std))
+                    row[place] = RepeatReading(entry.value, entry.std, key not in section.rejected and bool(entry.std))
     return tuple(
         compared(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row)
     )
 
 
 def _of_the_run(key: str) -> bool:
-    """Return whether a key is no property of the vehicle, as how a swing was released."""
+    """Return whether a key is a property of the run, not of the vehicle, such as the release of a swing."""
     found = find(key)
     return found is not None and found.of_the_run
 
 
-def _is_repeated(row: Sequence[Reading | None]) -> bool:
+def _is_repeated(row: Sequence[RepeatReading | None]) -> bool:
     there = [reading for reading in row if reading is not None]
     return len(there) > 1 and any(reading.std for reading in there)
 
 
-def compared(quantity: str, unit: str, readings: tuple[Reading | None, ...]) -> Repeat:
+def compared(quantity: str, unit: str, readings: tuple[RepeatReading | None, ...]) -> Repeat:
     """Return readings of one quantity with their mean, drift and chi-squared."""
     counting = [(one.value, one.std) for one in readings if one is not None and one.counts and one.std]
     if len(counting) < 2:
@@ -128,7 +128,7 @@ def compared(quantity: str, unit: str, readings: tuple[Reading | None, ...]) -> 
 
 
 def _shared(several: Sequence[Measurement]) -> str:
-    """Say that some recordings are in more than one measurement, which are then no independent readings."""
+    """Return a sentence if measurements share recordings, since they are then not independent."""
     seen: set[str] = set()
     twice: set[str] = set()
     for measurement in several:

@@ -1,6 +1,6 @@
-"""The sheet of the thesis' appendix A for this vehicle: every parameter with deviation, interval, unit and origin.
+"""The sheet of the thesis' appendix A for this vehicle: every parameter with uncertainty, interval, unit and origin.
 
-What is missing is named with the command that gives it.
+A missing quantity is listed with the command that gives it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,7 @@ from pathlib import PurePath
 from typing import NamedTuple
 
 from cfid.quantities.lookup import registered
-from cfid.quantities.quantity import Quantity as Registered
-from cfid.quantities.quantity import Shape
+from cfid.quantities.quantity import Quantity, Shape
 from cfid.quantities.table import EXPERIMENTS
 from cfid.quantities.values import Number, coefficient_units
 from cfid.records.campaign import RUNS_FOLDER
@@ -22,7 +21,7 @@ from cfid.report.known import Known
 
 @dataclass(frozen=True)
 class Row:
-    """One number: its symbol, value and standard deviation in its unit; None is unknown."""
+    """One number: its symbol, value and standard uncertainty in its unit; None is unknown."""
 
     symbol: str
     value: float | None
@@ -31,15 +30,15 @@ class Row:
 
     @property
     def family(self) -> tuple[str, str]:
-        """What it has in common with the numbers that it is printed beside in one power of ten."""
+        """The key of the numbers that share one power of ten in print."""
         return self.symbol.partition(" ")[0].partition("_")[0], self.unit
 
 
 @dataclass(frozen=True)
 class Origin:
-    """How a quantity was found, and whether it is accepted: None for what was not fitted but stated by hand.
+    """How a quantity was found, and whether it is accepted: None for values stated by hand.
 
-    `recordings` are runs of the campaign, `files` what was read beside them.
+    `recordings` counts runs of the campaign, `files` the other files that were read.
     """
 
     how: str
@@ -51,8 +50,8 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """A quantity of the sheet with its numbers and their origin, or with what gives it where it is missing."""
+class SheetEntry:
+    """A quantity of the sheet with its numbers and their origin, or the command that gives it where it is missing."""
 
     keys: tuple[str, ...]
     title: str
@@ -63,53 +62,53 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Group:
+class SheetGroup:
     """Quantities under one heading of the sheet."""
 
     title: str
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[SheetEntry, ...]
 
 
 class _Wanted(NamedTuple):
-    """Quantities of one fit under one title, that of the first where none is given."""
+    """Quantities of one fit under one title, by default that of the first."""
 
     keys: tuple[str, ...]
     equation: str = ""
     title: str = ""
 
 
-def sheet(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[Group, ...]:
-    """Return the sheet. `commands` is what made the last fit of a section.
+def sheet_of(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[SheetGroup, ...]:
+    """Return the sheet. `commands` has the command of each section's last fit.
 
-    `stale` tells why a section is no longer current.
+    `stale` returns the reasons why a section is no longer current.
     """
     groups = {title: tuple(_quantity(known, one, commands, stale) for one in wanted) for title, wanted in _GROUPS}
     groups["Inertia"] = (_mass(known), *groups["Inertia"])
-    return (*(Group(title, quantities) for title, quantities in groups.items()), *_by_hand(known))
+    return (*(SheetGroup(title, quantities) for title, quantities in groups.items()), *_by_hand(known))
 
 
-def _mass(known: Known) -> Quantity:
+def _mass(known: Known) -> SheetEntry:
     vehicle = known.rig.vehicle
     origin = Origin("as rig.toml states", None, 0, 0, None, ())
-    mass = registered("mass_kg")  # which has another key in the report's JSON
+    mass = registered("mass_kg")  # the report's JSON has another key for it
     rows = (Row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit),)
-    return Quantity(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
+    return SheetEntry(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
 
 
-def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], stale: Stale) -> Quantity:
-    """Return a quantity from what of its parts there is: all come from one fit."""
+def _quantity(known: Known, wanted: _Wanted, commands: Mapping[str, str], stale: Stale) -> SheetEntry:
+    """Return a quantity from those of its parts that are known; all come from one fit."""
     first = registered(wanted.keys[0])
     title = wanted.title or first.title[0].upper() + first.title[1:]
     found = [(registered(key), one) for key in wanted.keys if (one := known.find(key)) is not None]
     rows = tuple(row for quantity, one in found for row in _rows(quantity, list(one.parameter.numbers(quantity.key))))
     if not rows:
         missing = _why_missing(known, first.section, commands)
-        return Quantity(wanted.keys, title, wanted.equation, (), None, missing)
+        return SheetEntry(wanted.keys, title, wanted.equation, (), None, missing)
     _, given = found[0]
     origin = origin_of(given.name, given.section, [one.key for one, _ in found], commands, stale)
     lacking = [key for key in wanted.keys if key not in [quantity.key for quantity, _ in found]]
     missing = f"not found: {', '.join(lacking)}" if lacking else ""
-    return Quantity(wanted.keys, title, wanted.equation, rows, origin, missing)
+    return SheetEntry(wanted.keys, title, wanted.equation, rows, origin, missing)
 
 
 def _why_missing(known: Known, section: str, commands: Mapping[str, str]) -> str:
@@ -120,7 +119,7 @@ def _why_missing(known: Known, section: str, commands: Mapping[str, str]) -> str
 
 
 def origin_of(name: str, section: Section, keys: Sequence[str], commands: Mapping[str, str], stale: Stale) -> Origin:
-    """Return how quantities of a section of parameters.toml came about."""
+    """Return the origin of quantities of a section of parameters.toml."""
     command = commands.get(name, f"fit {name}")
     method = "" if section.method == "default" else f", method {section.method}"
     paths = [PurePath(source.path) for source in section.sources]
@@ -128,23 +127,23 @@ def origin_of(name: str, section: Section, keys: Sequence[str], commands: Mappin
     return Origin(
         how=f"cfid {command}{method}",
         found=section.found,
-        recordings=len({path.parent for path in in_runs}),  # a run's devices have a file each
+        recordings=len({path.parent for path in in_runs}),  # each device of a run has a file
         files=len(set(paths)) - len(set(in_runs)),
         accepted=not any(key in section.rejected for key in keys),
         findings=(*dict.fromkeys(section.rejected[key] for key in keys if key in section.rejected), *stale(section)),
     )
 
 
-def _by_hand(known: Known) -> tuple[Group, ...]:
+def _by_hand(known: Known) -> tuple[SheetGroup, ...]:
     section = known.sections.get("set")
     if section is None:
         return ()
     origin = Origin("cfid set, by hand", section.found, 0, 0, None, ())
     return (
-        Group(
+        SheetGroup(
             "Measured by hand",
             tuple(
-                Quantity(
+                SheetEntry(
                     (key,), key, "", tuple(Row(key, n.value, n.std, one.unit) for n in one.numbers(key)), origin, ""
                 )
                 for key, one in section.parameters.items()
@@ -153,7 +152,7 @@ def _by_hand(known: Known) -> tuple[Group, ...]:
     )
 
 
-def _rows(quantity: Registered, found: list[Number]) -> list[Row]:
+def _rows(quantity: Quantity, found: list[Number]) -> list[Row]:
     """Return the numbers of a quantity, each with its own symbol and unit."""
     symbol, unit = quantity.symbol, quantity.unit
     if quantity.shape is Shape.NUMBER:
@@ -168,8 +167,8 @@ def _rows(quantity: Registered, found: list[Number]) -> list[Row]:
     return [Row(f"{symbol}_{place}", e.value, e.std, own) for place, e, own in rows if not _is_set(quantity, e)]
 
 
-def _is_set(quantity: Registered, number: Number) -> bool:
-    """Return whether a number of a transfer function is no unknown: the leading 1, a zero of the form."""
+def _is_set(quantity: Quantity, number: Number) -> bool:
+    """Return whether a number of a transfer function is fixed by its form: the leading 1, or a zero."""
     leading = quantity.key == "tf.denominator" and number.place == "0"
     return quantity.over == "z^-1" and (leading or (number.value == 0 and not number.std))
 

@@ -1,4 +1,4 @@
-"""What a fit keeps besides its parameters, as titled tables: any nesting of names, numbers, rows and matrices."""
+"""Turn a fit's figures of quality and lists of rows into titled tables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from cfid.quantities.values import ENTRIES, is_matrix, is_rows
 from cfid.records.parameters import Parameter, plain
 
 _TITLES = {
-    "budget_kg_m2": "uncertainty budget: what each input adds to one standard deviation, kg m^2",
+    "budget_kg_m2": "uncertainty budget: what each input adds to the standard uncertainty, kg m^2",
     "swings": "swings: window and verdict of each",
     "mounts": "mounts: distances, and where an error in them does not matter",
     "models": "models compared",
@@ -17,25 +17,25 @@ _TITLES = {
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table of plain cells: text, numbers, True or False, lists of these, None for what is unknown."""
+class ReportTable:
+    """A table of plain cells: text, numbers, True or False, lists of these, None for unknown."""
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Any, ...], ...]
 
 
-def parameter_tables(parameters: Mapping[str, Parameter]) -> Iterator[Table]:
+def parameter_tables(parameters: Mapping[str, Parameter]) -> Iterator[ReportTable]:
     """Yield the parameters that are lists of rows, each as a table."""
     for key, parameter in parameters.items():
         if is_rows(plain(parameter.value)):
             yield _of_rows(key, plain(parameter.value))
 
 
-def quality_tables(quality: Mapping[str, Any]) -> Iterator[Table]:
-    """Yield a fit's figures of quality: single ones in one table, rows, mappings and matrices in their own."""
+def quality_tables(quality: Mapping[str, Any]) -> Iterator[ReportTable]:
+    """Yield a fit's figures of quality: scalars in one table, rows, mappings and matrices in their own."""
     single: list[tuple[str, Any]] = []
-    tables: list[Table] = []
+    tables: list[ReportTable] = []
     for name, value in plain(quality).items():
         if is_rows(value):
             tables.append(_of_rows(name, value))
@@ -46,11 +46,11 @@ def quality_tables(quality: Mapping[str, Any]) -> Iterator[Table]:
         elif value is not None and value != []:
             single.append((_words(name), value))
     if single:
-        yield Table("figures that judge the fit", ("figure", "value"), tuple(single))
+        yield ReportTable("quality of the fit", ("figure", "value"), tuple(single))
     yield from tables
 
 
-def _of_mapping(name: str, content: Mapping[str, Any]) -> list[Table]:
+def _of_mapping(name: str, content: Mapping[str, Any]) -> list[ReportTable]:
     if not content:
         return []
     if all(is_matrix(value) for value in content.values()):
@@ -58,18 +58,18 @@ def _of_mapping(name: str, content: Mapping[str, Any]) -> list[Table]:
     if all(isinstance(value, Mapping) for value in content.values()):
         rows = [{"": key, **_flat(value)} for key, value in content.items()]
         return [_of_rows(name, rows)]
-    return [Table(_title(name), ("figure", "value"), tuple((_words(k), v) for k, v in _flat(content).items()))]
+    return [ReportTable(_title(name), ("figure", "value"), tuple((_words(k), v) for k, v in _flat(content).items()))]
 
 
-def _of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+def _of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> ReportTable:
     columns = tuple(dict.fromkeys(key for row in rows for key in row))
     cells = tuple(tuple(row.get(column) for column in columns) for row in rows)
-    return Table(_title(name), tuple(_words(column) for column in columns), cells)
+    return ReportTable(_title(name), tuple(_words(column) for column in columns), cells)
 
 
-def _of_matrices(name: str, matrices: Mapping[str, Any]) -> Table:
+def _of_matrices(name: str, matrices: Mapping[str, Any]) -> ReportTable:
     cells = tuple((key, *(matrix[i][j] for i, j in ENTRIES.values())) for key, matrix in matrices.items())
-    return Table(_title(name), ("", *ENTRIES), cells)
+    return ReportTable(_title(name), ("", *ENTRIES), cells)
 
 
 def _flat(content: Mapping[str, Any], before: str = "") -> dict[str, Any]:

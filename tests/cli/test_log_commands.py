@@ -48,7 +48,7 @@ def test_a_command_of_the_rig_needs_a_campaign(cfid: Cfid, words: tuple[str, ...
     [
         ("encoder --axis q", "--axis q: rig.toml has no such mount of the crazyflie; it has x, y, z, xy, xz, yz."),
         ("encoder --axis y --body testbody", "--axis y: rig.toml has no such mount of the testbody; it has x, z."),
-        ("encoder --axis x --weight 50", "--axis is a swing's and --weight a dropping weight's: give one of them."),
+        ("encoder --axis x --weight 50", "--axis is for a swing and --weight for a dropping weight: give one of them."),
         ("encoder --weight 0", "--weight 0: has to be above zero."),
         ("encoder --for 0", "--for 0: has to be above zero."),
         ("loadcell --for=-1", "--for -1: has to be above zero."),

@@ -130,7 +130,7 @@ def test_a_name_is_taken_whatever_its_state(campaign: Campaign) -> None:
 
 @pytest.mark.parametrize("given", [["*swing*"], ["nothing*"]])
 def test_a_glob_that_finds_nothing_is_told(campaign: Campaign, given: list[str]) -> None:
-    with pytest.raises(ConfigError, match=r"no complete drops in .* has such a name"):
+    with pytest.raises(ConfigError, match=r"no complete drops in .* matches"):
         words(campaign, *given)
 
 
@@ -223,7 +223,7 @@ def test_a_name_that_no_run_has_is_told(cfid: Cfid, campaign: Campaign) -> None:
     said = cfid("runs", "exclude", "nothing")
 
     assert said.returncode == 2
-    assert "nothing: no run of this campaign has such a name: `cfid runs` lists them." in said.stderr
+    assert "nothing: no run of this campaign matches: `cfid runs` lists them." in said.stderr
 
 
 @pytest.mark.parametrize("by_name", [True, False])
@@ -246,7 +246,7 @@ def test_the_mass_is_changed_in_rig_toml_with_every_comment_kept(cfid: Cfid, cam
     after = path.read_text()
 
     assert said.returncode == 0
-    assert "vehicle.mass_kg. Fits made before have the old number" in said.stdout
+    assert "vehicle.mass_kg. Earlier fits used the old number" in said.stdout
     changed = [line for line, old in zip(after.splitlines(), before.splitlines(), strict=True) if line != old]
     assert [line.split("#")[0].strip() for line in changed] == ["mass_kg = 0.0301", "mass_std_kg = 0.0002"]
     assert all("#" in line for line in changed)
@@ -281,9 +281,9 @@ def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: 
     ("given", "told"),
     [
         ("mass_kg 0", "vehicle.mass_kg: should be greater than 0"),
-        ("wind_m_per_s 3", "its unit is not known"),
-        ("damping_n_m 3", "its unit is not known"),
-        ("thing 3", "its unit is not known: end the name with one"),
+        ("wind_m_per_s 3", "its unit is unknown"),
+        ("damping_n_m 3", "its unit is unknown"),
+        ("thing 3", "its unit is unknown: end the name with one"),
         ("Arm_m 3", "a name has small letters"),
         ("arm_m nan", "finite numbers"),
         ("arm_m 1 --std inf", "finite numbers"),
@@ -308,7 +308,7 @@ def test_what_two_hands_note_at_once_is_both_kept(campaign: Campaign) -> None:
 
 
 def test_a_campaign_that_knows_nothing_says_what_to_do(cfid: Cfid, campaign: Campaign) -> None:
-    assert "nothing found yet" in cfid("parameters").stdout
+    assert "no parameters yet" in cfid("parameters").stdout
 
 
 def runs_of(campaign: Campaign) -> list[Run]:

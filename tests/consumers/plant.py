@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import export
 
@@ -40,7 +40,7 @@ DRAG_1_S = DRAG_KG_PER_RAD * 4 * HOVER_RAD_S / MASS_KG  # deceleration over velo
 MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "yaw": np.array([-1, 1, -1, 1])}
 
 
-def measured() -> Vehicle:
+def measured() -> ExportVehicle:
     """Return the vehicle as a campaign has it, its centre of mass off the middle, its rotors measured."""
     x, y, z = (0.001 * part for part in CENTRE_MM)
     flown = thesis.vehicle()

@@ -128,7 +128,7 @@ def test_the_shortest_record_and_one_in_which_nothing_moves_are_drawn(look: Look
     record = _record(time, np.full(32, fz_n), lost=None)
     record.force_n[:] = fz_n
     page = look(wrench_figure(record, title="a"))
-    assert "not known" in [text.get_text() for text in page.texts()]
+    assert "unknown" in [text.get_text() for text in page.texts()]
     assert page.overlapping() == []
 
 

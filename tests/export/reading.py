@@ -10,20 +10,20 @@ import pytest
 
 from cfid.export.catalogue import TARGETS
 from cfid.export.target import text_of
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 
 
-def export(name: str, vehicle: Vehicle) -> str:
+def export(name: str, vehicle: ExportVehicle) -> str:
     """Return the text of an export."""
     return text_of(TARGETS[name], vehicle)
 
 
-def toml(name: str, vehicle: Vehicle) -> dict[str, Any]:
+def toml(name: str, vehicle: ExportVehicle) -> dict[str, Any]:
     """Return an export read as TOML."""
     return tomllib.loads(export(name, vehicle))
 
 
-def xml(name: str, vehicle: Vehicle) -> ET.Element:
+def xml(name: str, vehicle: ExportVehicle) -> ET.Element:
     """Return the root of an export read as XML."""
     return ET.fromstring(export(name, vehicle))
 
@@ -34,7 +34,7 @@ def attributes(element: ET.Element | None) -> dict[str, float]:
     return {key: float(value) for key, value in element.attrib.items()}
 
 
-def python(name: str, vehicle: Vehicle, folder: Path) -> dict[str, Any]:
+def python(name: str, vehicle: ExportVehicle, folder: Path) -> dict[str, Any]:
     """Return the parameters that an export run as Python defines."""
     path = folder / "vehicle_params.py"
     path.write_text(export(name, vehicle))
@@ -42,7 +42,7 @@ def python(name: str, vehicle: Vehicle, folder: Path) -> dict[str, Any]:
     return found
 
 
-def yaml(name: str, vehicle: Vehicle) -> Any:
+def yaml(name: str, vehicle: ExportVehicle) -> Any:
     """Return an export read as YAML."""
     parser = pytest.importorskip("yaml", reason="PyYAML is not installed")
     return parser.safe_load(export(name, vehicle))

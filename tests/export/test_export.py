@@ -179,7 +179,7 @@ def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, ca
     store_section(campaign / "parameters.toml", "inertia", found)
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is doubtful. Fitted to runs that are now excluded" in " ".join(refused.stderr.split())
+    assert "inertia.matrix_kg_m2 is outdated. Fitted to runs that are now excluded" in " ".join(refused.stderr.split())
     said = cfid("export", "crazyswarm2", "--out", "-", "--force")
 
     assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(said.stderr.split())
@@ -235,8 +235,8 @@ def test_what_rig_toml_states_is_judged_as_well(cfid: Cfid, campaign: Path, line
 def test_a_unit_that_contradicts_the_name_or_a_gravity_of_another_unit_is_not_noted(cfid: Cfid, campaign: Path) -> None:
     before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
     for words, told in (
-        (("arm_m", "0.046", "--unit", "mm"), "arm_m is in m, as its name states, and --unit says mm"),
-        (("mass_kg", "0.028", "--unit", "g"), "mass_kg is in kg, as its name states, and --unit says g"),
+        (("arm_m", "0.046", "--unit", "mm"), "arm_m is in m, as its name states, but --unit is mm"),
+        (("mass_kg", "0.028", "--unit", "g"), "mass_kg is in kg, as its name states, but --unit is g"),
         (("gravity_mps2", "981"), "981.0 m/s^2: cm/s^2?"),
     ):
         said = cfid("set", *words)
@@ -252,10 +252,11 @@ def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid,
     store_section(campaign / "parameters.toml", "inertia", section({"inertia.matrix_kg_m2": impossible}))
     refused = cfid("export", target, "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is that of no body" in " ".join(refused.stderr.split())
+    assert "inertia.matrix_kg_m2 is not that of a body" in " ".join(refused.stderr.split())
 
     assert (
-        "IMPLAUSIBLE: inertia.matrix_kg_m2 is that of no body" in cfid("export", target, "--out", "-", "--force").stdout
+        "IMPLAUSIBLE: inertia.matrix_kg_m2 is not that of a body"
+        in cfid("export", target, "--out", "-", "--force").stdout
     )
 
 
@@ -289,7 +290,7 @@ def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid
     cubic = "motor.thrust_voltage_poly"
     said = cfid("set", cubic, "0.0036,0.0072,0.0113,-0.0003")
     assert said.returncode == 2
-    assert "its motors stop. Nothing was noted." in " ".join(said.stderr.split())
+    assert "its motors stop. Nothing was changed." in " ".join(said.stderr.split())
 
     assert cfid("set", cubic, "0.0067,0.0101,0.0103,0.0028").returncode == 0
     assert "#define VMOTOR2THRUST3 0.0028f" in cfid("export", "firmware", "--out", "-").stdout
@@ -301,7 +302,7 @@ def test_a_voltage_cubic_that_single_precision_cannot_hold_is_not_noted(cfid: Cf
     said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
 
     assert said.returncode == 2
-    assert "finite numbers in single precision. Nothing was noted." in " ".join(said.stderr.split())
+    assert "finite numbers in single precision. Nothing was changed." in " ".join(said.stderr.split())
     assert (campaign / "parameters.toml").read_bytes() == before
 
 
@@ -311,5 +312,5 @@ def test_a_voltage_cubic_that_no_header_could_have_is_not_noted(cfid: Cfid, camp
     said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
 
     assert said.returncode == 2
-    assert "Nothing was noted." in said.stderr
+    assert "Nothing was changed." in said.stderr
     assert (campaign / "parameters.toml").read_bytes() == before

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cfid.export.vehicle import Vehicle
+from cfid.export.vehicle import ExportVehicle
 from tests.export.reading import attributes, export, macros, python, toml, xml, yaml
 from tests.export.thesis_vehicle import vehicle
 
@@ -45,7 +45,7 @@ def test_crazyswarm2_gets_the_same_exchange() -> None:
     assert (lee["J_y"], lee["J_x"], lee["J_z"]) == COPIED_DIAGONAL
 
 
-def entries(known: Vehicle) -> dict[str, float]:
+def entries(known: ExportVehicle) -> dict[str, float]:
     inertial = next(xml("mujoco", known).iter("inertial"))
     numbers = map(float, inertial.attrib["fullinertia"].split())
     return dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), numbers, strict=True))

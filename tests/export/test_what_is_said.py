@@ -67,7 +67,7 @@ def test_every_file_with_directions_says_how_it_was_turned_and_that_copies_of_th
 def test_a_frame_that_is_the_targets_own_is_said_to_need_no_turn() -> None:
     text = export("mujoco", vehicle(frame={"forward": "x", "left": "y", "up": "z"}))
 
-    assert "nothing had to be turned" in text
+    assert "so nothing was turned" in text
     assert "R = " not in text
 
 
@@ -109,7 +109,7 @@ def test_a_file_says_what_hovering_should_take_by_both_ways_to_the_speed() -> No
     off = with_value(vehicle(), "thrust_per_speed_squared", thesis.K_N_S2 / 1.21)
     text = words(export("rotorpy", off))
 
-    assert "0.06867 N of each motor, command 37287 of 65535" in text
+    assert "0.06867 N per motor, command 37287 of 65535" in text
     assert "rotor speed 1900.8 rad/s (18152 rpm) by motor.speed_poly" in text
     assert "rotor speed 2090.9 rad/s (19967 rpm) by motor.thrust_per_speed_squared_n_s2" in text
 

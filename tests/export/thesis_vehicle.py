@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from cfid.export.vehicle import Vehicle, collect
+from cfid.export.vehicle import ExportVehicle, collect
 from cfid.records.campaign import thesis_rig
 from cfid.records.parameters import Parameter, Section, Source
 
@@ -85,7 +85,7 @@ def sections() -> dict[str, Section]:
     }
 
 
-def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str = "") -> Vehicle:
+def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str = "") -> ExportVehicle:
     """Return the thesis' vehicle, without some parameters, in another body frame, or with a section rejected."""
     rig = thesis_rig()
     if frame is not None:
@@ -103,6 +103,6 @@ def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str
     return collect(rig, kept)
 
 
-def with_value(known: Vehicle, name: str, value: Any) -> Vehicle:
+def with_value(known: ExportVehicle, name: str, value: Any) -> ExportVehicle:
     """Return a vehicle with another value of one quantity."""
     return replace(known, quantities={**known.quantities, name: replace(known.quantities[name], value=value)})

@@ -62,7 +62,7 @@ def test_numbers_stand_side_by_side_with_mean_agreement_and_drift_by_day_of_reco
     assert found["repeats"]["drift_per_day"] == pytest.approx(2e-5)
     assert not found["repeats"]["agree"]
     printed = cfid("fleet", *folders).stdout
-    assert "they differ by more than their deviations" in " ".join(printed.split())
+    assert "they differ by more than their uncertainties" in " ".join(printed.split())
     assert "drift 2e-05" in " ".join(printed.split())
 
 
@@ -85,7 +85,7 @@ def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) ->
 
     assert said.returncode == 0
     assert "encoder.csv has changed since it was fitted." in said.stderr
-    assert "encoder.csv is not there any more." in said.stderr
+    assert "encoder.csv is missing." in said.stderr
 
 
 def test_a_folder_that_is_no_campaign_does_not_hide_the_others(cfid: Cfid, tmp_path: Path) -> None:

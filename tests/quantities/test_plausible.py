@@ -72,7 +72,7 @@ def test_what_has_no_range_passes() -> None:
     ids=["flat beyond a plate", "far beyond it", "large products", "not symmetric"],
 )
 def test_an_inertia_matrix_that_no_body_has_is_refused(matrix: list[list[float]]) -> None:
-    assert implausible("inertia.matrix_kg_m2", matrix).startswith("inertia.matrix_kg_m2 is that of no body")
+    assert implausible("inertia.matrix_kg_m2", matrix).startswith("inertia.matrix_kg_m2 is not that of a body")
 
 
 def test_a_plate_is_the_flattest_body() -> None:

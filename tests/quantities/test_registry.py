@@ -94,7 +94,7 @@ def test_a_value_has_the_shape_of_its_key(key: str, value: object, said: str) ->
 
 def test_a_deviation_is_shaped_as_its_value() -> None:
     assert shape_error("tf.lags_s", [1.0, 2.0], [0.1, None]) == ""
-    assert shape_error("tf.lags_s", [1.0, 2.0], 0.1) == "and its deviation should be shaped alike"
+    assert shape_error("tf.lags_s", [1.0, 2.0], 0.1) == "and its std should have the same shape"
 
 
 def named(key: str, value: object, std: object = None) -> list[tuple[str, float | None, float | None]]:

@@ -303,7 +303,7 @@ def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_an
     file = tmp_path / "parameters.toml"
     poly = Parameter(value=[1.0, 2.0], std=[1.0], unit="u")
     store_section(file, "fit", replace(section(), parameters={"motor.speed_poly": poly}))
-    with pytest.raises(DataError, match="its deviation should be shaped alike"):
+    with pytest.raises(DataError, match="its std should have the same shape"):
         load_sections(file)
 
     named = [(one.name, one.value, one.std) for one in Parameter(value=[1.0, 2.0], std=0.5).numbers("a")]

@@ -115,7 +115,7 @@ def test_a_figure_that_a_later_fit_drew_over_is_shown_for_the_later_one_alone(ca
     later, earlier = report_of(campaign).experiments
 
     assert (later.figures, earlier.figures) == (figures, ())
-    assert earlier.notes == ("1 of its figures was drawn over by a later fit.",)
+    assert earlier.notes == ("1 of its figures was replaced by a later fit's.",)
 
 
 def test_two_figures_that_are_the_same_are_shown_once(campaign: Campaign) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
-from cfid.report.comparison import Comparison
+from cfid.report.comparison import PublishedComparison
 from cfid.report.formats.grids import comparison_grid, comparison_notes, sources_of
 from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, new_campaign, number, put, put_appendix_a, report_of
 
@@ -17,7 +17,7 @@ def campaign(tmp_path: Path) -> Campaign:
     return new_campaign(tmp_path)
 
 
-def comparison(campaign: Campaign, title: str) -> Comparison:
+def comparison(campaign: Campaign, title: str) -> PublishedComparison:
     return next(one for one in report_of(campaign).comparisons if one.title.startswith(title))
 
 
@@ -55,7 +55,7 @@ def test_what_its_fit_rejected_is_marked_beside_the_published(campaign: Campaign
     rejected = comparison(campaign, title)
 
     assert not any("REJECTED" in note for note in comparison_notes(accepted))
-    assert any(f"REJECTED by its fit, and kept by force ({section})" in note for note in comparison_notes(rejected))
+    assert any(f"REJECTED by its fit, and kept with --force ({section})" in note for note in comparison_notes(rejected))
 
 
 def test_the_thesis_matrix_is_turned_from_its_pitch_axis_and_its_copies_are_marked(campaign: Campaign) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from cfid.records.campaign import Campaign
 from cfid.report.formats.grids import repeat_grid
-from cfid.report.repeats import Reading, Repeat, compared
+from cfid.report.repeats import Repeat, RepeatReading, compared
 from tests.report.fits_by_hand import new_campaign, number, put, report_of
 
 
@@ -114,7 +114,9 @@ def test_readings_with_true_deviations_disagree_once_in_a_hundred() -> None:
     rng = np.random.default_rng(1)
     draws = rng.normal(6.0, (0.1, 0.2, 0.3), size=(4000, 3))
     disagree = [
-        not compared("", "", tuple(Reading(x, std, True) for x, std in zip(row, (0.1, 0.2, 0.3), strict=True))).agrees
+        not compared(
+            "", "", tuple(RepeatReading(x, std, True) for x, std in zip(row, (0.1, 0.2, 0.3), strict=True))
+        ).agrees
         for row in draws.tolist()
     ]
 

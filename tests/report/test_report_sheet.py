@@ -8,7 +8,7 @@ import pytest
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Source, store_section
 from cfid.report.formats.grids import origin_text, row_grid
-from cfid.report.sheet import Quantity
+from cfid.report.sheet import SheetEntry
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
 
 
@@ -17,11 +17,11 @@ def campaign(tmp_path: Path) -> Campaign:
     return new_campaign(tmp_path)
 
 
-def quantities(campaign: Campaign) -> list[Quantity]:
+def quantities(campaign: Campaign) -> list[SheetEntry]:
     return [quantity for group in report_of(campaign).sheet for quantity in group.quantities]
 
 
-def quantity(campaign: Campaign, key: str) -> Quantity:
+def quantity(campaign: Campaign, key: str) -> SheetEntry:
     return next(one for one in quantities(campaign) if key in one.keys)
 
 

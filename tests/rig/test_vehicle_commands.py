@@ -252,7 +252,9 @@ def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Benc
     assert len(bench.history) > 1
 
 
-@pytest.mark.parametrize(("typed", "told"), [(b"n\n", "not confirmed: no motor was started."), (b"", "--yes says it")])
+@pytest.mark.parametrize(
+    ("typed", "told"), [(b"n\n", "not confirmed: no motor was started."), (b"", "use --yes in a script")]
+)
 def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, told: str) -> None:
     pilot = bench.start(*STAIRS[:-1], stdin=subprocess.PIPE)
     pilot.process.communicate(typed)

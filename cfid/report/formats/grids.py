@@ -1,29 +1,29 @@
-"""The report's tables as words: what every format prints, before it is HTML, Markdown or TeX."""
+"""The report's tables as text, for HTML, Markdown and TeX alike."""
 
 from typing import NamedTuple
 
-from cfid.report.comparison import Comparison, Line
+from cfid.report.comparison import ComparisonRow, PublishedComparison
 from cfid.report.content import RunLine
 from cfid.report.formats.numbers import against, cell_text, plus_minus_in, power_of_ten, printed, with_power
 from cfid.report.repeats import Repeat, RepeatedFit
 from cfid.report.sheet import Origin, Row
-from cfid.report.tables import Table
+from cfid.report.tables import ReportTable
 
 ABOUT_SHEET = (
-    "Each value with one standard deviation and its 95 % interval, 1.96 deviations either side as of a normal "
-    "distribution. Coefficients of one polynomial belong together: their errors are correlated."
+    "Each value has its standard uncertainty and its 95 % interval, 1.96 standard uncertainties either side as of a "
+    "normal distribution. Coefficients of one polynomial belong together: their errors are correlated."
 )
 ABOUT_REPEATS = (
-    "One quantity from different recordings. The mean is weighted by the deviations, drift is the last reading less "
-    "the first. χ² adds up the squared distances from the mean in deviations; “by chance” is how often independent "
-    "readings with these deviations would scatter as much or more. Below 1 % they do not agree, and one quantity in a "
-    "hundred falls below by chance. What all readings share, as mass and geometry, is in each deviation but does not "
-    "scatter: agreement is no proof of that part, and the mean's deviation keeps it. Readings that were rejected "
-    "are shown and left out of the test."
+    "One quantity from different recordings. The mean is weighted by the uncertainties, drift is the last reading less "
+    "the first. χ² adds up the squared distances from the mean in standard uncertainties; “by chance” is how often "
+    "independent readings with these uncertainties would scatter as much or more. Below 1 % they do not agree, and one "
+    "quantity in a hundred falls below by chance. What all readings share, such as mass and geometry, is in each "
+    "uncertainty but does not scatter: agreement does not prove that part, and the mean's uncertainty keeps it. "
+    "Rejected readings are shown and left out of the test."
 )
 ABOUT_PUBLISHED = (
-    "What others publish, in one unit, with how far it is from yours. Vehicles, propellers, batteries and loads "
-    "differ: a difference is no error by itself."
+    "Published values in one unit, with their difference from yours. Vehicles, propellers, batteries and loads "
+    "differ: a difference is not an error by itself."
 )
 
 
@@ -38,7 +38,7 @@ class Grid(NamedTuple):
 
 
 def row_grid(rows: tuple[Row, ...], heading: str = "") -> Grid:
-    """Return numbers with their deviations and 95 % intervals."""
+    """Return numbers with their standard uncertainties and 95 % intervals."""
     families: dict[tuple[str, str], list[float | None]] = {}
     for row in rows:
         families.setdefault(row.family, []).extend([row.value, row.std])
@@ -65,24 +65,24 @@ def _power(row: Row, family: list[float | None]) -> int:
 
 
 def verdict(accepted: bool | None) -> str:
-    """Return whether a quantity is accepted, in a word; what was stated by hand has no verdict."""
+    """Return the verdict on a quantity in a word; a value stated by hand is `stated`."""
     return "stated" if accepted is None else "accepted" if accepted else "rejected"
 
 
 def origin_text(origin: Origin) -> str:
     """Return how a quantity was found, and when."""
     sources = [_counted(origin.recordings, "recording"), _counted(origin.files, "file")]
-    told = " and ".join(filter(None, sources))
+    origins = " and ".join(filter(None, sources))
     day = f"{origin.found:%Y-%m-%d %H:%M} UTC" if origin.found else ""
-    return ", ".join(filter(None, [origin.how, f"from {told}" if told else "", day]))
+    return ", ".join(filter(None, [origin.how, f"from {origins}" if origins else "", day]))
 
 
 def _counted(count: int, what: str) -> str:
     return {0: "", 1: f"one {what}"}.get(count, f"{count} {what}s")
 
 
-def table_grid(table: Table) -> Grid:
-    """Return a table of a fit's own."""
+def table_grid(table: ReportTable) -> Grid:
+    """Return a fit's table as text."""
     return Grid(table.columns, tuple(tuple(cell_text(cell) for cell in row) for row in table.rows))
 
 
@@ -105,7 +105,7 @@ def _repeat_row(repeat: Repeat) -> tuple[str, ...]:
     return (repeat.quantity, with_power(repeat.unit, power), *readings, mean, drift, test, chance, agrees)
 
 
-def comparison_grid(comparison: Comparison, sources: dict[str, int]) -> Grid:
+def comparison_grid(comparison: PublishedComparison, sources: dict[str, int]) -> Grid:
     """Return a comparison, values in one power of ten, sources by their number in the list that follows."""
     lines = [comparison.yours, *comparison.others] if comparison.yours else list(comparison.others)
     power = power_of_ten(value for line in lines for value in line.values)
@@ -118,8 +118,8 @@ def comparison_grid(comparison: Comparison, sources: dict[str, int]) -> Grid:
     return Grid(("", "vehicle", *heads, "source"), tuple(rows))
 
 
-def comparison_notes(comparison: Comparison) -> list[str]:
-    """Return what is to be known of a comparison's lines, each sentence once with those that it holds for."""
+def comparison_notes(comparison: PublishedComparison) -> list[str]:
+    """Return the notes on a comparison's rows, each once with the rows that it concerns."""
     lines = [*([comparison.yours] if comparison.yours else []), *comparison.others]
     who = [line.who for line in lines]
     named: dict[str, list[str]] = {}
@@ -130,14 +130,14 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     return [f"{', '.join(names)}: {note}." for note, names in named.items()]
 
 
-def comparison_unit(comparison: Comparison) -> str:
+def comparison_unit(comparison: PublishedComparison) -> str:
     """Return the unit of a comparison of several columns, with the power of ten of its values."""
     lines = [comparison.yours, *comparison.others] if comparison.yours else comparison.others
     power = power_of_ten(value for line in lines for value in line.values)
     return with_power(comparison.unit, power) if len(comparison.columns) > 1 else ""
 
 
-def _values(line: Line, comparison: Comparison, power: int) -> list[str]:
+def _values(line: ComparisonRow, comparison: PublishedComparison, power: int) -> list[str]:
     yours = comparison.yours
     if line is yours:
         std = comparison.yours_std or (None,) * len(line.values)
@@ -149,8 +149,8 @@ def _values(line: Line, comparison: Comparison, power: int) -> list[str]:
     return texts
 
 
-def sources_of(comparisons: tuple[Comparison, ...]) -> dict[str, int]:
-    """Return the sources that comparisons name, numbered as they come."""
+def sources_of(comparisons: tuple[PublishedComparison, ...]) -> dict[str, int]:
+    """Return the sources of comparisons, numbered in order of appearance."""
     named = dict.fromkeys(line.source for one in comparisons for line in one.others)
     return {source: number for number, source in enumerate(named, start=1)}
 

@@ -1,4 +1,4 @@
-"""A report as one HTML file: figures inside, no script, nothing loaded, for light and dark screens and for paper."""
+"""Render a report as one HTML file with embedded figures, without scripts, for light and dark screens and paper."""
 
 import base64
 import re
@@ -23,7 +23,7 @@ _CODE = re.compile(r"`([^`]+)`")
 
 
 def as_html(report: Report, folder: Path) -> str:
-    """Return the page; figures are read from the campaign's folder, and a missing one is named in its place."""
+    """Return the page; figures are read from the campaign's folder, and a missing one is named instead."""
     environment = Environment(
         loader=PackageLoader("cfid.report.formats", "templates"),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""A report as Markdown: tables that GitHub and pandoc read, figures as links from the campaign's folder on."""
+"""Render a report as Markdown: tables that GitHub and pandoc read, figures as links relative to the campaign."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ from cfid.report.content import Report
 from cfid.report.experiments import Experiment, title_of
 from cfid.report.formats import grids
 from cfid.report.formats.sealed import MARK
-from cfid.report.sheet import Quantity
+from cfid.report.sheet import SheetEntry
 
 
 def as_markdown(report: Report) -> str:
@@ -41,7 +41,7 @@ def _parts(report: Report) -> Iterator[str]:
         yield _table(grids.runs_grid(report.runs))
 
 
-def _quantity(quantity: Quantity) -> Iterator[str]:
+def _quantity(quantity: SheetEntry) -> Iterator[str]:
     yield f"**{quantity.title}**" + (f": {_plain(quantity.equation)}" if quantity.equation else "") + "\n"
     if quantity.origin:
         yield f"{_plain(grids.origin_text(quantity.origin))}: {grids.verdict(quantity.origin.accepted)}.\n"

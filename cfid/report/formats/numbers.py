@@ -1,4 +1,4 @@
-"""Numbers as a report prints them: to the digits that their deviation leaves meaning, in a common power of ten."""
+"""Format a report's numbers: to the significant digits of their uncertainty, in a common power of ten."""
 
 import math
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Printed(NamedTuple):
-    """A value, its deviation and the ends of its 95 % interval; "" is unknown."""
+    """A value, its standard uncertainty and the ends of its 95 % interval; "" is unknown."""
 
     value: str
     std: str
@@ -22,7 +22,7 @@ class Printed(NamedTuple):
 
 
 def printed(value: float | None, std: float | None, power: int) -> Printed:
-    """Return how a value and its standard deviation are printed in units of ten to a power."""
+    """Return a value and its standard uncertainty as text, in units of ten to a power."""
     if value is None or not math.isfinite(value):
         return Printed("", "", "", "")
     scale = 10.0**-power
@@ -36,7 +36,7 @@ def printed(value: float | None, std: float | None, power: int) -> Printed:
 
 
 def plus_minus_in(value: float | None, std: float | None, power: int) -> str:
-    """Return a value and its deviation, where there is one, in units of ten to a power that others share."""
+    """Return a value and its standard uncertainty, where there is one, in units of a common power of ten."""
     if value is None or not math.isfinite(value):
         return ""
     scale = 10.0**-power
@@ -85,7 +85,7 @@ def unit_text(unit: str) -> str:
 
 
 def cell_text(value: Any) -> str:
-    """Return what a cell of a table prints, whatever it holds; "" is unknown."""
+    """Return the text of a table's cell of any kind; "" is unknown."""
     if value is None:
         return ""
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""The formats that a report may have, by the suffix of their files."""
+"""Render a report in the format of a file's suffix."""
 
 import json
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""A report's file: whole or not at all, and never over what cfid did not make.
+"""Write a report's file atomically, and never over a file of another origin.
 
-Every report carries one mark, `cfid VERSION report HASH`. The hash is of the file with zeros in its place, so that a
-report somebody has edited since is no longer cfid's.
+Every report has one mark, `cfid VERSION report HASH`. The hash is of the file with zeros in its place, so that an
+edited report no longer counts as cfid's.
 """
 
 import hashlib
@@ -18,17 +18,17 @@ _MARK = re.compile(rb"(cfid [\w.+-]+ report )([0-9a-f]{64})")
 
 
 def write_report(path: Path, text: str, *, force: bool = False) -> None:
-    """Write a rendered report with its mark; of a name that is no UTF-8 each odd byte becomes a question mark.
+    """Write a rendered report with its mark; each byte of a name that is not UTF-8 becomes a question mark.
 
-    Raises ConfigError when a file of that name is not a report as cfid made it and `force` was not said, or when the
+    Raises ConfigError when a file of that name is not an unchanged report of cfid and `force` is not set, or when the
     folder cannot be written.
     """
     content = _sealed(text.encode("utf-8", "replace"))
     try:
         if path.exists() and not force and not _is_ours(path.read_bytes()):
             raise ConfigError(
-                f"{path}: is there already, and not as cfid made it. Say --force to replace it, or --out FILE to write "
-                "elsewhere."
+                f"{path}: exists already, and is not an unchanged report of cfid. Use --force to replace it, or --out "
+                "FILE to write elsewhere."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)

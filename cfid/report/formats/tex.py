@@ -1,6 +1,6 @@
-"""A report's tables as plain LaTeX: no package beyond longtable, compiled by any pdflatex.
+"""Render a report's tables as plain LaTeX: any pdflatex compiles it with longtable alone.
 
-Figures, windows and the fits' own words stay in the other formats.
+Figures, tables of windows and the fits' lines are in the other formats only.
 """
 
 from collections.abc import Iterator
@@ -69,9 +69,9 @@ def _parts(report: Report) -> Iterator[str]:
     for group in report.sheet:
         yield rf"\subsection*{{{_tex(group.title)}}}"
         for quantity in group.quantities:
-            told = grids.origin_text(quantity.origin) if quantity.origin else ""
+            origin = grids.origin_text(quantity.origin) if quantity.origin else ""
             verdict = grids.verdict(quantity.origin.accepted) if quantity.origin else ""
-            words = ". ".join(filter(None, [quantity.equation, told, verdict, quantity.missing]))
+            words = ". ".join(filter(None, [quantity.equation, origin, verdict, quantity.missing]))
             yield rf"\paragraph{{{_tex(quantity.title)}}} {_tex(words)}."
             yield from _longtable(grids.row_grid(quantity.rows), "lllll") if quantity.rows else ()
     yield from _verdicts(report)
@@ -90,8 +90,8 @@ def _verdicts(report: Report) -> Iterator[str]:
     yield r"\subsection*{Experiments}"
     rows = []
     for one in report.experiments:
-        said = " ".join((*one.rejections, *one.remarks, *one.notes))
-        rows.append((one.title, f"{one.found:%Y-%m-%d}", grids.verdict(one.accepted), said))
+        findings = " ".join((*one.rejections, *one.remarks, *one.notes))
+        rows.append((one.title, f"{one.found:%Y-%m-%d}", grids.verdict(one.accepted), findings))
     yield from _longtable(grids.Grid(("", "fitted", "", "left out, and to be known"), tuple(rows)), "lllp{14cm}")
 
 
