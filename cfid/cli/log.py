@@ -9,7 +9,6 @@ import typer
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
-from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -124,6 +123,7 @@ def loadcell(
 
 def _label(options: LabelOptions, campaign: "Campaign") -> "Label":
     """Return the label, checked against rig.toml, so that a misspelt mount is found before the recording."""
+    from cfid.errors import ConfigError
     from cfid.records.run import Label
 
     body = options.body or ("crazyflie" if options.axis else None)

@@ -6,10 +6,8 @@ from typing import Annotated
 
 import typer
 
-from cfid import __version__
 from cfid.cli.groups import LazyGroup
 from cfid.console.messages import fault
-from cfid.errors import CfidError
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -22,6 +20,8 @@ app = typer.Typer(
 
 
 def _print_version(wanted: bool) -> None:
+    from cfid import __version__
+
     if wanted:
         typer.echo(f"cfid {__version__}")
         raise typer.Exit
@@ -41,6 +41,8 @@ def cfid(
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the program with its arguments, or with `words`. Expected errors print a sentence and set the exit code."""
+    from cfid.errors import CfidError
+
     try:
         app(words, prog_name="cfid")
     except CfidError as error:

@@ -11,7 +11,6 @@ from cfid.console.messages import note
 from cfid.console.options import flat, positive
 from cfid.console.recording import rig_of, stop_line
 from cfid.console.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
-from cfid.errors import ConfigError, DeviceError
 from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
@@ -80,6 +79,7 @@ def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
 
     Example: [bold]cfid motors stop[/bold]
     """
+    from cfid.errors import DeviceError
     from cfid.rig.lock import vehicles_held
 
     setting = _setting(vehicle.uri, campaign)
@@ -112,6 +112,7 @@ def _found() -> str:
 
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
     """Return the link to the vehicle; an address on the command line needs no campaign and no valid rig.toml."""
+    from cfid.errors import ConfigError
     from cfid.records.campaign import CrazyflieLink
 
     if uri is None:

@@ -9,8 +9,6 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import note
-from cfid.errors import ConfigError
-from cfid.quantities.lookup import UNITS, unit_of
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -61,6 +59,9 @@ def set_by_hand(
 
     Example: [bold]cfid set mass_kg 0.0280 --std 0.0001[/bold]
     """
+    from cfid.errors import ConfigError
+    from cfid.quantities.lookup import unit_of
+
     if name == _CUBIC:
         _store_cubic(here(campaign), _numbers(value, name), std)
         return
@@ -78,6 +79,8 @@ def set_by_hand(
 
 
 def _number(word: str, name: str) -> float:
+    from cfid.errors import ConfigError
+
     try:
         return float(word)
     except ValueError:
@@ -89,7 +92,9 @@ def _numbers(words: str, name: str) -> list[float]:
 
 
 def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
+    from cfid.errors import ConfigError
     from cfid.estimate.voltage_cubic import cubic_fault
+    from cfid.quantities.lookup import unit_of
     from cfid.records.parameters import load_sections
 
     if std is not None:
@@ -106,6 +111,7 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | N
 def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
     import math
 
+    from cfid.errors import ConfigError
     from cfid.quantities.plausible import implausible
 
     if not _NAME.fullmatch(name):
@@ -120,6 +126,7 @@ def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
     import tomlkit
 
+    from cfid.errors import ConfigError
     from cfid.records.campaign import RIG_FILE, check_rig
     from cfid.records.files import locked_folder, write_whole
 
@@ -148,6 +155,8 @@ def _into_parameters(
     from datetime import UTC, datetime
 
     from cfid import __version__
+    from cfid.errors import ConfigError
+    from cfid.quantities.lookup import UNITS, unit_of
     from cfid.records.parameters import Parameter, Section, change_section
 
     known = unit or unit_of(name)

@@ -10,8 +10,6 @@ import typer
 from cfid.console.lists import comma_list
 from cfid.console.messages import note
 from cfid.console.options import flat, positive
-from cfid.errors import ConfigError, DeviceError
-from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -32,6 +30,7 @@ def check(
     Example: [bold]cfid rig check[/bold]
     """
     from cfid.console.campaign import here
+    from cfid.errors import DeviceError
     from cfid.rig.check import check_encoder, check_loadcell
     from cfid.rig.check_crazyflie import check_vehicle
     from cfid.rig.sim_file import SIM_FILE, devices_in
@@ -174,6 +173,9 @@ async def _serve(
 
 
 def _commands(text: str) -> tuple[int, int, int, int]:
+    from cfid.errors import ConfigError
+    from cfid.units import FULL_COMMAND
+
     commands = comma_list(text, "--spin", int, least=0, most=FULL_COMMAND, example="28000,0,28000,0")
     if len(commands) != 4:
         raise ConfigError(f"--spin {text}: expected four motor commands, as 28000,0,28000,0.")

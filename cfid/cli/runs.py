@@ -8,7 +8,6 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import note as print_note
 from cfid.console.selection import LAST
-from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.errors import DataError
@@ -71,6 +70,7 @@ def note(
 def _amend(
     word: str, folder: Path | None, *, message: str, excluded: str | None = None, note: str | None = None
 ) -> None:
+    from cfid.errors import ConfigError
     from cfid.records.run import amend_run
 
     for run in _meant(word, folder):
@@ -87,7 +87,7 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     """
     from fnmatch import fnmatch
 
-    from cfid.errors import DataError
+    from cfid.errors import ConfigError, DataError
     from cfid.records.run import RUN_FILE, list_runs, read_run
 
     if (Path(word) / RUN_FILE).is_file():

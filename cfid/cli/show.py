@@ -8,8 +8,6 @@ from cfid.console.inputs import open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
-from cfid.errors import ConfigError
-from cfid.findings import warning
 from cfid.records.result import Result
 
 if TYPE_CHECKING:
@@ -34,6 +32,8 @@ def show_run(
 
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
+    from cfid.errors import ConfigError
+
     if terminal and delivery.json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
     views, faults = views_of(run, open_workplace(rig), reading, loadcell)
@@ -44,6 +44,8 @@ def show_run(
 
 
 def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Result:
+    from cfid.findings import warning
+
     def drawings() -> "dict[str, Figure]":
         return {f"{view.path.stem}_recording": view.draw() for view in views}
 

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
-from cfid.errors import ConfigError
-
 if TYPE_CHECKING:
     from cfid.records.tables.angle import Reading
     from cfid.records.tables.wrench import WrenchReading
@@ -209,6 +207,8 @@ def positive(value: float, option: str) -> float:
 
     Raises ConfigError when it is not.
     """
+    from cfid.errors import ConfigError
+
     if not 0 < value < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be above zero.")
     return value
@@ -227,6 +227,8 @@ def finite(value: float, option: str) -> float:
 
     Raises ConfigError when it is not finite.
     """
+    from cfid.errors import ConfigError
+
     if not abs(value) < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be a number.")
     return value

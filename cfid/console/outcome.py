@@ -1,22 +1,27 @@
 """Deliver a result: keep it in the campaign, draw it, print it, set the exit code."""
 
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from cfid import __version__
+from cfid.console.messages import note
 from cfid.console.options import Delivery
+from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, FitError
 from cfid.findings import SEVERITIES, texts
+from cfid.records.parameters import plain
+from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.result import Result
 
 
-def deliver(result: "Result", delivery: Delivery, campaign: "Campaign | None") -> None:
+def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None") -> None:
     """Draw, keep and print a result; rejected quantities only with --force.
 
     Raises FitError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
@@ -37,11 +42,7 @@ def deliver(result: "Result", delivery: Delivery, campaign: "Campaign | None") -
         raise FitError(f"rejected: {reasons}{still} Use --force to get the numbers anyway.")
 
 
-def _as_json(result: "Result", *, accepted: bool) -> str:
-    import json
-    from dataclasses import asdict
-
-    from cfid.records.parameters import plain
+def _as_json(result: Result, *, accepted: bool) -> str:
 
     content = {
         "command": result.command,
@@ -55,7 +56,7 @@ def _as_json(result: "Result", *, accepted: bool) -> str:
     return json.dumps(plain(content), indent=2, allow_nan=False)
 
 
-def _draw(result: "Result", delivery: Delivery) -> Sequence[Path]:
+def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:
     wanted = delivery.figures and (delivery.out is not None or not delivery.json)
     if not wanted or result.drawings is None:
         return ()
@@ -72,10 +73,7 @@ def _draw(result: "Result", delivery: Delivery) -> Sequence[Path]:
     return [path for paths in saved for path in paths]
 
 
-def _print(result: "Result", drawn: Sequence[Path], notes: Sequence[str]) -> None:
-    from cfid.console.messages import note
-    from cfid.console.tables import print_parameters
-
+def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
     if result.quantities:
         print_parameters(result.quantities, title=f"cfid {result.command}")
     for line in result.summary():

@@ -1,18 +1,23 @@
 """The shared part of all `cfid log` commands: where to record, the run itself, and the summary at its end."""
 
 import contextlib
+import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cfid import __version__
+from cfid.console.campaign import here
+from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
 from cfid.console.messages import note
-from cfid.console.options import positive
+from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
+from cfid.console.views import views_of
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import rejection
 
@@ -72,7 +77,6 @@ class Lasting:
 
 def rig_of(folder: Path | None) -> "tuple[Campaign, Devices, bool]":
     """Return the campaign, its devices and whether they are simulated, with a note if so."""
-    from cfid.console.campaign import here
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
     campaign = here(folder)
@@ -174,8 +178,6 @@ def _stopped_in_s(run: "Run") -> float | None:
 
 def print_json(content: Mapping[str, Any]) -> None:
     """Print the one object of --json."""
-    import json
-
     typer.echo(json.dumps(content, indent=2))
 
 
@@ -208,8 +210,6 @@ def summary(
 
 
 def _findings(failure: CfidError | None) -> list[dict[str, Any]]:
-    from dataclasses import asdict
-
     return [] if failure is None else [asdict(rejection("run-failed", str(failure)))]
 
 
@@ -226,8 +226,6 @@ def _devices(run: "Run") -> dict[str, dict[str, Any]]:
 
 
 def _hash(path: Path) -> str:
-    import hashlib
-
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -236,9 +234,6 @@ def _figures(run: "Run", options: KeepOptions) -> list[str]:
     """Draw the figures of `cfid show` into the run's folder; a failure to draw is a note, not an error."""
     if not options.plot:
         return []
-    from cfid.console.inputs import open_workplace
-    from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
-    from cfid.console.views import views_of
     from cfid.drawing.save import save_figure
 
     try:

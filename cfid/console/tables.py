@@ -2,19 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from cfid.records.parameters import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from cfid.records.parameters import Parameter
 
 _DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as many
 
 
-def print_parameters(parameters: "Mapping[str, Parameter]", *, title: str) -> None:
+def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None:
     """Print value, standard uncertainty and unit of every parameter; commands print lists of rows themselves."""
-    from rich.console import Console
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left")
     for heading in ("parameter", "value", "std", "unit"):
         table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")

@@ -10,11 +10,12 @@ from cfid.console.inputs import Workplace, find_recording, read_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.errors import DataError
 from cfid.quantities.lookup import unit_of
+from cfid.records.parameters import Parameter, Source
+from cfid.wire.supervisor import VehicleState
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cfid.records.parameters import Parameter, Source
     from cfid.records.run import Run
     from cfid.records.tables.angle import AngleRecord
     from cfid.records.tables.table import Array
@@ -38,9 +39,9 @@ class View:
     device: str
     name: str
     path: Path
-    source: "Source"
+    source: Source
     notes: tuple[str, ...]
-    parameters: "Mapping[str, Parameter]"
+    parameters: Mapping[str, Parameter]
     curve: Curve
     draw: "Callable[[], Figure]"
 
@@ -69,7 +70,7 @@ def views_of(
     return _readable(wanted or [readers[ENCODER]])
 
 
-def _reader_of(run: "Run", device: str, readers: "Mapping[str, Callable[[], View]]") -> "Callable[[], View]":
+def _reader_of(run: "Run", device: str, readers: Mapping[str, Callable[[], View]]) -> Callable[[], View]:
     return readers.get(device) or (lambda: _device_view(run, device))
 
 
@@ -89,8 +90,6 @@ def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str,
 
 def _angle_view(device: str, record: "AngleRecord") -> View:
     import numpy as np
-
-    from cfid.records.parameters import Parameter
 
     def draw() -> "Figure":
         from cfid.drawing.angle import recording_figure
@@ -113,7 +112,6 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
 
 def _wrench_view(device: str, record: "WrenchRecord") -> View:
     from cfid.estimate.blocks import block_means
-    from cfid.records.parameters import Parameter
 
     def draw() -> "Figure":
         from cfid.drawing.wrench import wrench_figure
@@ -145,7 +143,6 @@ def _device_view(run: "Run", device: str) -> View:
     import numpy as np
 
     from cfid.drawing.device import groups
-    from cfid.records.parameters import Parameter
     from cfid.records.tables.times import losses
     from cfid.records.tables.vehicle import SUPERVISOR, read_rows
 
@@ -181,17 +178,13 @@ def _device_view(run: "Run", device: str) -> View:
 
 def _states(since_s: "Array", words: "Array") -> str:
     """Return the vehicle's states in order, each with the second at which it began."""
-    from cfid.wire.supervisor import VehicleState
-
     named = [(time_s, VehicleState.of(int(word)).name) for time_s, word in zip(since_s, words, strict=True)]
     changes = [named[0], *(after for before, after in pairwise(named) if after[1] != before[1])]
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
-def _sampling(time_s: "Array") -> "dict[str, Parameter]":
+def _sampling(time_s: "Array") -> dict[str, Parameter]:
     import numpy as np
-
-    from cfid.records.parameters import Parameter
 
     if len(time_s) < 2:
         return {"samples": Parameter(value=len(time_s), unit="1")}

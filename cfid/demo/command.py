@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.errors import ConfigError
-
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
@@ -75,6 +73,7 @@ def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> d
 
 def _check(folder: Path, truth: Path | None) -> None:
     """Refuse an existing campaign or an invalid truth before anything is created. Raises ConfigError."""
+    from cfid.errors import ConfigError
     from cfid.records.campaign import RIG_FILE, RUNS_FOLDER
     from cfid.sim.truth_file import load_truth
 

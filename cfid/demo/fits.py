@@ -6,16 +6,17 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
+from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Section, load_sections
+from cfid.records.run import Run, list_runs
 from cfid.units import COVERAGE_95
-
-if TYPE_CHECKING:
-    from cfid.records.campaign import Campaign
-    from cfid.records.parameters import Section
 
 _AT_ONCE = 2  # fits, one for each processor of a small computer
 
@@ -44,7 +45,7 @@ HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 ARM_M, ARM_STD_M = 0.046, 0.0005
 
 
-def run_all(campaign: "Campaign", commands: Sequence[str], *, figures: bool) -> None:
+def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> None:
     """Run commands of cfid, two at once, and print their output in order; run names replace the names of kinds.
 
     Raises FitError that names the command which failed.
@@ -64,7 +65,7 @@ def run_all(campaign: "Campaign", commands: Sequence[str], *, figures: bool) -> 
 class _Processes:
     """Commands of cfid in processes of their own, each in the campaign's folder."""
 
-    def __init__(self, campaign: "Campaign", *, figures: bool) -> None:
+    def __init__(self, campaign: Campaign, *, figures: bool) -> None:
         """Start no process yet."""
         self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
         self._started: list[subprocess.Popen[str]] = []
@@ -99,10 +100,8 @@ def _print_output(words: str, code: int, out: str, err: str) -> None:
         raise FitError(f"cfid {words} failed: {err.strip()}")
 
 
-def _names(campaign: "Campaign") -> dict[str, list[str]]:
+def _names(campaign: Campaign) -> dict[str, list[str]]:
     """Return the names of the campaign's runs by kind, the first recorded first."""
-    from cfid.records.run import Run, list_runs
-
     found: dict[str, list[str]] = {}
     for run in list_runs(campaign.runs_folder):
         if isinstance(run, Run):
@@ -110,13 +109,8 @@ def _names(campaign: "Campaign") -> dict[str, list[str]]:
     return found
 
 
-def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
+def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
     """Print the true value beside every estimate, and whether it lies in the 95 % interval."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from cfid.console.tables import value_and_deviation
-    from cfid.records.parameters import load_sections
 
     table = Table(title="true values of the simulation and estimates", title_justify="left")
     table.add_column("parameter", overflow="fold")
@@ -133,7 +127,7 @@ def print_comparison(campaign: "Campaign", truth: Mapping[str, float]) -> None:
 
 
 def compared(
-    sections: "Iterable[Section]", truth: Mapping[str, float]
+    sections: Iterable[Section], truth: Mapping[str, float]
 ) -> Iterator[tuple[str, float, float, float | None]]:
     """Return name, true value, estimate and standard uncertainty of every number whose true value is known."""
     found = {

@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from pathlib import Path
+
+import numpy as np
 
 from cfid import __version__
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cfid.records.campaign import Campaign
-    from cfid.sim.demo_runs import SimulatedRun
+from cfid.records.campaign import Campaign
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.sim.demo_runs import SimulatedRun
 
 
-def write_runs(campaign: "Campaign", runs: "Iterable[SimulatedRun]") -> "list[Path]":
+def write_runs(campaign: Campaign, runs: Iterable[SimulatedRun]) -> list[Path]:
     """Write runs one after the other in time, the last of them ending now; return their folders."""
     runs = list(runs)
     begin = datetime.now(UTC) - timedelta(seconds=sum(run.next_after_s for run in runs))
@@ -24,11 +24,7 @@ def write_runs(campaign: "Campaign", runs: "Iterable[SimulatedRun]") -> "list[Pa
     return folders
 
 
-def _write(campaign: "Campaign", run: "SimulatedRun", started: datetime) -> "Path":
-    import numpy as np
-
-    from cfid.records.run import DeviceRecord, Label
-    from cfid.records.run_writer import create_run
+def _write(campaign: Campaign, run: SimulatedRun, started: datetime) -> Path:
 
     scale = campaign.rig.encoder.counts_per_turn
     records = {

@@ -3,18 +3,15 @@
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import typer
 
 from cfid.errors import DeviceError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from cfid.records.campaign import Campaign
+from cfid.records.campaign import Campaign
+from cfid.rig.sim_file import SIM_FILE
 
 # A short list, since each takes as long as on a real rig: about two minutes together.
 LOGS = (
@@ -28,7 +25,7 @@ _STARTS_WITHIN_S = 30.0
 _LOOKS_EVERY_S = 0.1
 
 
-def record_over_wires(campaign: "Campaign", *, truth: "Path | None", seed: int) -> None:
+def record_over_wires(campaign: Campaign, *, truth: Path | None, seed: int) -> None:
     """Serve a rig and record the LOGS from it. Raises DeviceError that names the command which failed."""
     with _served(campaign.folder, truth=truth, seed=seed):
         for words in LOGS:
@@ -38,9 +35,7 @@ def record_over_wires(campaign: "Campaign", *, truth: "Path | None", seed: int) 
 
 
 @contextmanager
-def _served(folder: "Path", *, truth: "Path | None", seed: int) -> "Iterator[None]":
-    from cfid.rig.sim_file import SIM_FILE
-
+def _served(folder: Path, *, truth: Path | None, seed: int) -> Iterator[None]:
     known = [] if truth is None else ["--truth", str(truth.resolve())]
     words = _command("rig", "sim", "--axis", "x", "--seed", str(seed), *known)
     with subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as rig:
@@ -51,7 +46,7 @@ def _served(folder: "Path", *, truth: "Path | None", seed: int) -> "Iterator[Non
             rig.terminate()
 
 
-def _wait_for(file: "Path", rig: "subprocess.Popen[str]") -> None:
+def _wait_for(file: Path, rig: subprocess.Popen[str]) -> None:
     end_s = time.monotonic() + _STARTS_WITHIN_S
     while not file.exists():
         if rig.poll() is not None or time.monotonic() > end_s:

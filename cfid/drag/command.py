@@ -22,7 +22,6 @@ from cfid.console.options import (
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
 from cfid.drag.options import AzimuthRad, azimuth
-from cfid.errors import ConfigError
 
 _INPUT, _MODELS = "What was measured", "Models"
 
@@ -130,6 +129,8 @@ def drag(
 
 def _paths(words: list[str], wind: WindInputs, place: Workplace) -> list[Path]:
     """Return the runs that are named, or all of the campaign where nothing is. Raises ConfigError."""
+    from cfid.errors import ConfigError
+
     if wind.table is not None:
         if words or wind.index is not None:
             raise ConfigError(f"--table {wind.table} contains forces that are reduced already: give it alone.")

@@ -7,7 +7,6 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import note
-from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
@@ -54,6 +53,7 @@ def export(
 
     Example: [bold]cfid export crazyflow[/bold]
     """
+    from cfid.errors import ConfigError
     from cfid.export.catalogue import target_named
     from cfid.export.target import text_of
 
@@ -129,6 +129,7 @@ def _known(campaign: "Campaign") -> ExportInput:
 
 
 def _write(text: str, out: str, *, force: bool) -> None:
+    from cfid.errors import ConfigError
     from cfid.records.files import write_whole
 
     if out == "-":

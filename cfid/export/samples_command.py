@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import typer
 
 from cfid.console.messages import note
-from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.export.command import ExportInput
@@ -41,6 +40,7 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
 
     Raises DataError for what should not be exported, and when over half of the draws are no possible vehicle.
     """
+    from cfid.errors import ConfigError
     from cfid.export.command import refuse
     from cfid.export.samples import CRAZYFLOW, FILES, ROTORPY, listed, warnings_of
     from cfid.export.target import missing, need_text
@@ -81,6 +81,8 @@ def draw(joint: "Joint", known: "ExportInput", targets: "list[Target]", *, count
     """
     import numpy as np
 
+    from cfid.errors import DataError
+
     rng, reasons, drawn = np.random.default_rng(seed), Counter[str](), 0
     numbers: list[Any] = []
     rendered: dict[str, list[Any]] = {target.name: [] for target in targets}
@@ -110,6 +112,7 @@ def draw(joint: "Joint", known: "ExportInput", targets: "list[Target]", *, count
 
 def _vehicle(values: dict[str, Any], known: "ExportInput", targets: "list[Target]") -> tuple[str, dict[str, Any]]:
     """Return why a draw is no possible vehicle, "" where it is one, and what each target has of it."""
+    from cfid.errors import DataError
     from cfid.export.possible import impossible
     from cfid.export.samples import rendered, with_values
 
@@ -224,6 +227,7 @@ def _tables(joint: "Joint", drawn: Drawn, seed: int, comments: list[str]) -> dic
 
 
 def _write(folder: Path, files: dict[str, bytes]) -> None:
+    from cfid.errors import ConfigError
     from cfid.records.files import write_whole
 
     try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cfid.console.messages import note
-from cfid.errors import CfidError, ConfigError
+from cfid.errors import CfidError
 
 if TYPE_CHECKING:
     from cfid.estimate.repetition import Repeats
@@ -30,6 +30,7 @@ def fleet(
 
     Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3 --only inertia.matrix[/bold]
     """
+    from cfid.errors import CfidError, ConfigError
     from cfid.fleet.summary import Summary
 
     # A campaign named twice would agree with itself.
@@ -65,6 +66,8 @@ def _processors() -> int:
 
 
 def _on_cluster(work: Callable[[Path], Any], folders: Iterable[Path], address: str) -> list[Any]:
+    from cfid.errors import ConfigError
+
     try:
         from distributed import Client  # type: ignore[import-not-found, unused-ignore]
     except ImportError:

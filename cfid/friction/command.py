@@ -21,7 +21,6 @@ from cfid.console.options import (
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
-from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.records.tables.angle import AngleRecord
@@ -84,6 +83,8 @@ def _read_weights(words: Sequence[str], reading: ReadingOptions, workplace: Work
 
 
 def _grams(text: str) -> float:
+    from cfid.errors import ConfigError
+
     try:
         return positive(float(text), "GRAMS=")
     except ValueError:

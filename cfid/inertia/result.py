@@ -1,10 +1,11 @@
 """The inertia matrix and its axis inertias: quantities, findings, budget and mounting advice."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
 from cfid.errors import FitError
 from cfid.findings import Finding, rejected, rejection, warning
@@ -18,6 +19,7 @@ from cfid.inertia.estimation import (
     measure_axes,
     off_diagonal_gain,
 )
+from cfid.inertia.figures import budget_figure
 from cfid.records.campaign import Rig
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
@@ -27,9 +29,6 @@ from cfid.swing.axis_inertias import AxisInertias
 from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, vehicle
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD
 from cfid.swing.result import Method
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = npt.NDArray[np.float64]
 
@@ -74,9 +73,7 @@ def fit(
     axes = [swing.axis for swing in measured.mounted]
     lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
-    def drawings() -> "dict[str, Figure]":
-        from cfid.inertia.figures import budget_figure
-
+    def drawings() -> dict[str, Figure]:
         return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
 
     return Result(

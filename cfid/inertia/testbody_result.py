@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from cfid.findings import Finding, rejected, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
+from cfid.inertia.figures import testbody_figure
 from cfid.records.campaign import Rig
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
@@ -15,9 +17,6 @@ from cfid.swing.axis_inertias import AxisInertias, swung_test_body
 from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rig_or_thesis, surroundings
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD
 from cfid.swing.result import Method
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 UNLIKELY_STD = 4.0
 ANOTHER_STD = 20.0  # no calliper is that wrong
@@ -54,9 +53,7 @@ def fit_testbody(
         if f"testbody.error.{c.axis}" not in rejected(findings, quantities)
     )
 
-    def drawings() -> "dict[str, Figure]":
-        from cfid.inertia.figures import testbody_figure
-
+    def drawings() -> dict[str, Figure]:
         return {"testbody": testbody_figure(comparisons)}
 
     return Result(

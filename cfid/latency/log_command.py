@@ -10,7 +10,6 @@ from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import DryRun, KeepOptions, record, rehearse, rig_of
 from cfid.console.vehicle import VehicleOptions, reach
-from cfid.errors import FitError
 
 if TYPE_CHECKING:
     from cfid.records.run import Run
@@ -57,6 +56,7 @@ def ping(
 
 def found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
     """Return what a run's round trips give as --json has it, and as lines; why not, where they are too few."""
+    from cfid.errors import FitError
     from cfid.latency import fit
 
     try:

@@ -10,7 +10,6 @@ from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
-from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.rig.procedures import StaircasePlan
@@ -45,6 +44,7 @@ class StairOptions:
 
     def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
         """Return the staircase. Raises ConfigError for one without steps."""
+        from cfid.errors import ConfigError
         from cfid.rig.procedures import StaircasePlan
 
         steps = tuple(range(self.from_, self.to + 1, self.step or step))

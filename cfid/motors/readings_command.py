@@ -11,7 +11,6 @@ from cfid.console.live import LiveLine
 from cfid.console.options import flat
 from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
-from cfid.errors import ConfigError
 from cfid.motors.command import Note, StairOptions, announce
 
 if TYPE_CHECKING:
@@ -48,6 +47,8 @@ def speed(
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
+    from cfid.errors import ConfigError
+
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
     wanted = stairs.stairs(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)

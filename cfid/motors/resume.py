@@ -3,28 +3,23 @@
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cfid.console.selection import LAST
-from cfid.errors import ConfigError
-
-if TYPE_CHECKING:
-    from cfid.records.campaign import Campaign
-    from cfid.records.run import Run
-    from cfid.records.tables.table import Array
-    from cfid.rig.procedures import StaircasePlan
+from cfid.errors import ConfigError, DataError
+from cfid.records.campaign import Campaign
+from cfid.records.run import Run, list_runs, read_run
+from cfid.records.tables.table import Array
+from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
+from cfid.rig.procedures import StaircasePlan
 
 _ENOUGH = 0.98  # of the time that a step is held
 
 
-def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
+def interrupted(word: Path, campaign: Campaign, *, kind: str) -> Path:
     """Return the folder of the run that a word names: a path, a run of the campaign, or `last`, of its kind.
 
     Raises ConfigError when there is no run of this kind.
     """
-    from cfid.errors import DataError
-    from cfid.records.run import list_runs
-
     if str(word) != LAST:
         return word if word.exists() else campaign.runs_folder / word
     runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
@@ -34,15 +29,12 @@ def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
     return of_kind[-1]
 
 
-def missing(folder: Path, *, kind: str) -> "StaircasePlan":
+def missing(folder: Path, *, kind: str) -> StaircasePlan:
     """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
     The latter counts where no reading was asked for. Raises ConfigError when the run is no staircase
     of this kind, or lacks nothing.
     """
-    from cfid.records.run import read_run
-    from cfid.records.tables.vehicle import READINGS, read_rows
-
     run = read_run(folder)
     asked = run.header.asked
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(asked):
@@ -59,10 +51,8 @@ def missing(folder: Path, *, kind: str) -> "StaircasePlan":
     return replace(before, steps=left)
 
 
-def held_steps(run: "Run") -> list[int]:
+def held_steps(run: Run) -> list[int]:
     """Return the commands of a run's staircase that were held to their end, in any order."""
-    from cfid.records.tables.vehicle import COMMANDS, holds, read_commands
-
     if not holds(run, COMMANDS):
         return []
     rows, commands = read_commands(run)
@@ -71,16 +61,14 @@ def held_steps(run: "Run") -> list[int]:
     return [step for step in stairs.steps if _was_done(step, done)]
 
 
-def _stairs(run: "Run") -> "StaircasePlan":
-    from cfid.rig.procedures import StaircasePlan
-
+def _stairs(run: Run) -> StaircasePlan:
     asked = run.header.asked
     return StaircasePlan(
         steps=tuple(asked["steps"]), motors=tuple(asked["motors"]), hold_s=asked["hold_s"], rest_s=asked["rest_s"]
     )
 
 
-def _held(stairs: "StaircasePlan", time_s: "Array", commands: "Array") -> Counter[int]:
+def _held(stairs: StaircasePlan, time_s: Array, commands: Array) -> Counter[int]:
     """Return how often each command was held long enough."""
     column = commands[:-1, stairs.motors[0] - 1]
     long_enough = time_s[1:] - time_s[:-1] >= _ENOUGH * stairs.hold_s

@@ -11,8 +11,9 @@ from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
+from pandas import DataFrame
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from cfid import __version__
@@ -26,9 +27,6 @@ from cfid.records.result import Result
 from cfid.records.run import Run, list_runs
 from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 from cfid.units import MM as MM  # noqa: PLC0414, friction.command takes it from here
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 RIG_FILE = "rig.toml"
 RUNS_FOLDER = "runs"
@@ -284,13 +282,11 @@ class Campaign(BaseModel):
         """Return the sections of parameters.toml by fit. Raises DataError when the file is invalid."""
         return load_sections(self.parameters_file)
 
-    def quantities(self) -> "DataFrame":
+    def quantities(self) -> DataFrame:
         """Return a row for every estimated number: quantity, value, std, unit, section, accepted, found.
 
         Raises DataError when parameters.toml is invalid.
         """
-        from pandas import DataFrame  # not for every command that opens a campaign
-
         rows = [
             (one.name, one.value, one.std, parameter.unit, name, key not in section.rejected, section.found)
             for name, section in self.sections().items()

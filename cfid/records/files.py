@@ -7,12 +7,12 @@ import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import tomli_w
+from pydantic import ValidationError
 
 from cfid.errors import CfidError
-
-if TYPE_CHECKING:
-    from pydantic import ValidationError
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -45,8 +45,6 @@ def toml_bytes(content: Mapping[str, Any]) -> bytes:
 
     A file name that is not UTF-8 gets a question mark for each invalid byte, so that the file stays readable.
     """
-    import tomli_w
-
     return tomli_w.dumps(content).encode("utf-8", "replace")
 
 
@@ -90,7 +88,7 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
         raise error(f"{path}: invalid TOML: {fault}. Correct it there.") from None
 
 
-def first_fault(error: "ValidationError", content: Mapping[str, Any]) -> str:
+def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:
     """Return a sentence about the first invalid key of a TOML file's content."""
     # A misspelt key gives two errors, an unknown key and a missing one; the unknown key is the more useful one.
     faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")

@@ -10,6 +10,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import from_json
+
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, rejection, warning
 from cfid.records.files import locked_folder, write_whole
@@ -83,8 +86,6 @@ def list_fits(folder: Path) -> list[Fit | DataError]:
 
 
 def _read(path: Path) -> Fit:
-    from pydantic import TypeAdapter, ValidationError
-
     try:
         fit = TypeAdapter(Fit).validate_python(_content(path))
     except OSError as error:
@@ -103,8 +104,6 @@ def _read(path: Path) -> Fit:
 
 def _content(path: Path) -> Any:
     """Return a file's content with current keys. Raises DataError for a newer format, ValueError for invalid JSON."""
-    from pydantic_core import from_json
-
     content = from_json(path.read_bytes())
     if not isinstance(content, dict):
         return content

@@ -11,6 +11,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from cfid.errors import ConfigError, DataError
 from cfid.quantities.values import Number, numbers, shape_error
 from cfid.records.covariances import Covariance, common_fault, covariance_fault
@@ -151,8 +153,6 @@ def with_current_keys(table: Any) -> Any:
 
 
 def _sections(path: Path, content: dict[str, Any]) -> dict[str, Section]:
-    from pydantic import TypeAdapter, ValidationError
-
     try:
         sections = TypeAdapter(dict[str, Section]).validate_python(content)
     except ValidationError as error:

@@ -132,7 +132,7 @@ class Crossings:
         elif self._done is not None:
             self._finish(self._done, done)
 
-    def _finish(self, waiting: "Deferred[Done]", done: Done) -> None:
+    def _finish(self, waiting: Deferred[Done], done: Done) -> None:
         if waiting is self._done and not waiting.called:
             self._end = done
             waiting.callback(done)

@@ -234,13 +234,13 @@ async def _recorded(
         return run.close("complete", reason=early if plan.for_s else "")
 
 
-def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: Ending) -> "Deferred[None]":
+def _lasting(plan: Plan, instruments: Sequence[Instrument], loop: Loop, ending: Ending) -> Deferred[None]:
     """Return a Deferred that fires when the run is over."""
     if plan.procedure is None:
         return ending.within(plan.for_s)
     return _first_of(ending, plan.procedure, instruments, loop)
 
 
-def _first_of(ending: Ending, procedure: Procedure, instruments: Sequence[Instrument], loop: Loop) -> "Deferred[None]":
+def _first_of(ending: Ending, procedure: Procedure, instruments: Sequence[Instrument], loop: Loop) -> Deferred[None]:
     by_name = {instrument.name: instrument for instrument in instruments}
     return until_over(ending, Deferred.fromCoroutine(procedure(by_name, loop)))

@@ -54,7 +54,7 @@ class Ending:
             for deferred in waiting:
                 deferred.callback(None)
 
-    def within(self, for_s: float | None) -> "Deferred[None]":
+    def within(self, for_s: float | None) -> Deferred[None]:
         """Return a Deferred that fires when the end is requested, or after `for_s` seconds."""
         deferred: Deferred[None] = Deferred()
         if self.signal:
@@ -65,13 +65,13 @@ class Ending:
             self._loop.callLater(for_s, self._time_over, deferred)
         return deferred
 
-    def _time_over(self, deferred: "Deferred[None]") -> None:
+    def _time_over(self, deferred: Deferred[None]) -> None:
         if deferred in self._waiting:
             self._waiting.remove(deferred)
             deferred.callback(None)
 
 
-def until_over(ending: Ending, running: "Deferred[None]") -> "Deferred[None]":
+def until_over(ending: Ending, running: Deferred[None]) -> Deferred[None]:
     """Return a Deferred that fires when a procedure is over, or when the end is requested.
 
     In the second case, and when the Deferred is cancelled, the procedure is cancelled first: it can do nothing after

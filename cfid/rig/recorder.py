@@ -143,7 +143,7 @@ class Recorder:
         """How long it has been recording."""
         return float(self._loop.seconds() - self.began_s)
 
-    async def record(self, begin: "Callable[[], Deferred[None]]") -> None:
+    async def record(self, begin: Callable[[], Deferred[None]]) -> None:
         """Record until the Deferred of `begin` fires or something fails; then stop every device, in order.
 
         What a device sent before it stopped is written in every case. Raises the first failure with the others in its
@@ -252,7 +252,7 @@ def _noted(failed: list[Exception]) -> Iterator[None]:
         failed.append(error)
 
 
-def sleep(loop: Any, seconds: float) -> "Deferred[None]":
+def sleep(loop: Any, seconds: float) -> Deferred[None]:
     """Return a Deferred that fires after `seconds` of the loop's time."""
     return deferLater(loop, seconds, lambda: None)
 

@@ -39,7 +39,7 @@ class Wire(Protocol):
     fault: str
     received_s: float
 
-    def send(self, packet: Packet) -> "Departure":
+    def send(self, packet: Packet) -> Departure:
         """Send a packet without waiting. Raises DeviceError when the link is gone."""
 
     def attach(self, wake: Callable[[], None]) -> None:

@@ -35,7 +35,7 @@ class CrazyflieServer:
         self._attend()
         return f"udp://{self._address}:{self._port.getHost().port}"
 
-    def close(self) -> "Deferred[None]":
+    def close(self) -> Deferred[None]:
         """Close the port and stop serving the vehicle; fires when it is done."""
         if self._timer is not None and self._timer.active():
             self._timer.cancel()
@@ -61,7 +61,7 @@ class CrazyflieServer:
         if next_s is not None:
             self._timer = self._reactor.callLater(max(0.0, next_s - self._reactor.seconds()), self._attend)
 
-    def _shut(self) -> "Deferred[None]":
+    def _shut(self) -> Deferred[None]:
         port, self._port, self._socket = self._port, None, None
         return (port.stopListening() if port is not None else None) or succeed(None)
 

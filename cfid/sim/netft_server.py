@@ -74,7 +74,7 @@ class NetFTServer:
             self._open.append(self._reactor.listenTCP(port, factory, interface=self._address))
         return BoxPorts(*(port.getHost().port for port in self._open))
 
-    def close(self) -> "Deferred[list[None]]":
+    def close(self) -> Deferred[list[None]]:
         """Close the ports; fires when all are closed."""
         if self._timer is not None:
             self._timer.cancel()

@@ -127,7 +127,7 @@ class SimulatedRig:
         ports = self._server.open()
         return Addresses(self._pty.open(), self._address, *ports, self._link.open())
 
-    def close(self) -> "Deferred[list[Any]]":
+    def close(self) -> Deferred[list[Any]]:
         """Close all ports; fires when all are closed."""
         self._pty.close()
         closing: list[Deferred[Any]] = [self._server.close(), self._link.close()]

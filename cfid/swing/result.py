@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import contributions
@@ -17,12 +18,10 @@ from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.data import body_of_swing, check_peaks, peaks_on, rig_around, surroundings, swing_in
 from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
 from cfid.swing.model import Coefficients
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Method = Literal["default", "thesis"]
 
@@ -103,16 +102,14 @@ class _Found:
     quality: Mapping[str, Any]
     findings: tuple[Finding, ...]
     lines: tuple[str, ...]
-    drawings: Callable[[], "Mapping[str, Figure]"]
+    drawings: Callable[[], Mapping[str, Figure]]
 
 
 def _by_default(record: AngleRecord, swing: FreeSwing) -> _Found:
     fitted, cosine = fit_swing(swing), fit_damped_cosine(swing)
     checks, check_lines = _checks(swing, fitted, cosine)
 
-    def drawings() -> "dict[str, Figure]":
-        from cfid.swing.figures import swing_figure
-
+    def drawings() -> dict[str, Figure]:
         return {f"{record.path.stem}_swing": swing_figure(swing, fitted, title=record.name)}
 
     quality = fitted.quality
@@ -169,9 +166,7 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
         f"{flexible.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
     )
 
-    def drawings() -> "dict[str, Figure]":
-        from cfid.swing.figures import thesis_swing_figure
-
+    def drawings() -> dict[str, Figure]:
         name = f"{record.path.stem}_swing_thesis"
         return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
 

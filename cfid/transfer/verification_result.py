@@ -13,6 +13,7 @@ from cfid.findings import Finding, warning
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Figures, Result
 from cfid.records.run import Run
+from cfid.transfer.figures import verification_figure  # matplotlib takes longer to load than the comparison
 from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.model import DifferenceEquation
 from cfid.transfer.sines.alignment import Sign, SineRun, SineSeries, align
@@ -162,8 +163,6 @@ def _line(own: Verification) -> str:
 
 
 def _figures(compared: Sequence[tuple[SineRun, Verification]]) -> Figures:
-    from cfid.transfer.figures import verification_figure  # matplotlib takes longer to load than the comparison
-
     names = _distinct(f"tf_verify_l{run.sine.periods}" for run, _ in compared)
     return {name: verification_figure(run, own) for name, (run, own) in zip(names, compared, strict=True)}
 

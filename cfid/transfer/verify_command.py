@@ -9,7 +9,6 @@ from cfid.console.inputs import Workplace, open_workplace
 from cfid.console.lists import comma_list
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
-from cfid.errors import ConfigError, DataError
 from cfid.transfer.options import FunctionOptions, SineInputs
 
 if TYPE_CHECKING:
@@ -37,6 +36,7 @@ def verify(
     Example: [bold]cfid tf verify 2026-11-21_083012_sine_l12[/bold]
     """
     from cfid import transfer
+    from cfid.errors import ConfigError
 
     workplace = open_workplace(rig)
     known = _function(function, workplace)
@@ -49,6 +49,7 @@ def verify(
 
 def _function(options: FunctionOptions, workplace: Workplace) -> "Function":
     """Return the function of the options, else that of the campaign. Raises ConfigError for half of either."""
+    from cfid.errors import ConfigError
     from cfid.transfer.verification_result import Function
 
     if options.numerator is None and options.denominator is None:
@@ -63,6 +64,7 @@ def _function(options: FunctionOptions, workplace: Workplace) -> "Function":
 
 
 def _of_campaign(options: FunctionOptions, workplace: Workplace) -> "Function":
+    from cfid.errors import ConfigError, DataError
     from cfid.records.parameters import load_sections
     from cfid.transfer.verification_result import Function
 

@@ -14,9 +14,7 @@ from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
 from cfid.drag.options import AzimuthRad, azimuth
-from cfid.errors import ConfigError
 from cfid.motors.command import Note, announce
-from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
     from cfid.drag.wind.plan import PlannedRun, WindSetting
@@ -52,6 +50,7 @@ class WindOptions:
     def setting(self) -> "WindSetting":
         """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
         from cfid.drag.wind.plan import HIGHEST_DEG, WindSetting
+        from cfid.errors import ConfigError
 
         if self.wind is None:
             raise ConfigError("say --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
@@ -68,6 +67,8 @@ class WindOptions:
 
     def refuse(self, resume: Path) -> None:
         """Raise ConfigError for an option that the run to be resumed states."""
+        from cfid.errors import ConfigError
+
         given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg, self.azimuth_rad)
         if any(value is not None for value in given):
             raise ConfigError(f"--resume {resume} goes on in the wind that it was recorded in: leave its options out.")
@@ -97,7 +98,9 @@ class SweepOptions:
 
     def stairs(self) -> "StaircasePlan":
         """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
+        from cfid.errors import ConfigError
         from cfid.rig.procedures import StaircasePlan
+        from cfid.units import FULL_COMMAND, MOTORS
 
         steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
         if not any(steps):
@@ -156,6 +159,7 @@ def wind(
 
 def _speeds(text: str) -> tuple[float, float]:
     from cfid.drag.wind.plan import FASTEST_MPS
+    from cfid.errors import ConfigError
 
     example = "2.0,3.7, or 0 for references"
     low, *others = comma_list(text, "--wind", float, least=0, most=FASTEST_MPS, example=example)

@@ -9,7 +9,6 @@ import typer
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.options import Delivery, GravityMps2, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
-from cfid.errors import ConfigError
 from cfid.motors.maps.options import StandOptions
 from cfid.motors.vibration.command import RotorOptions
 
@@ -37,6 +36,8 @@ class MapOptions:
 
     def chosen(self, usual: int) -> "Order":
         """Return the order. Raises ConfigError for what is none."""
+        from cfid.errors import ConfigError
+
         if self.order is None:
             return usual
         if self.order == "auto":

@@ -9,7 +9,6 @@ import typer
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
-from cfid.errors import ConfigError, DataError
 
 
 @flat
@@ -29,6 +28,7 @@ def dynamics(
 
     Example: [bold]cfid fit dynamics 2026-11-21_083012_speed[/bold]
     """
+    from cfid.errors import ConfigError, DataError
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
     from cfid.records.tables.stand import read_stand_table

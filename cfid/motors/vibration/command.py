@@ -8,7 +8,6 @@ import typer
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
-from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.motors.vibration.data import Rotors
@@ -33,6 +32,8 @@ class RotorOptions:
     @property
     def expected_rad_s(self) -> tuple[float, float] | None:
         """The speeds to look for. Raises ConfigError for what is no range."""
+        from cfid.errors import ConfigError
+
         if self.expect is None:
             return None
         try:

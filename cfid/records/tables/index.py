@@ -4,12 +4,11 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from cfid.errors import DataError
-
-if TYPE_CHECKING:
-    from cfid.records.parameters import Source
+from cfid.records.parameters import Source
+from cfid.records.tables.text import fields_of, filled_lines, is_finite, read_text, separator_of, whole_lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +21,6 @@ class IndexRow:
 
     def number(self, column: str) -> float:
         """Return a finite number. Raises DataError with file and line."""
-        from cfid.records.tables.text import is_finite
-
         if not is_finite(self.fields[column]):
             raise self.fault(f"'{self.fields[column]}' in column '{column}' is not a number.")
         return float(self.fields[column])
@@ -50,15 +47,12 @@ class Index(NamedTuple):
     """The rows of an index, its file, and notes."""
 
     rows: list[IndexRow]
-    source: "Source"
+    source: Source
     notes: tuple[str, ...]
 
 
-def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> "Index":
+def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> Index:
     """Read an index with the named columns, in any order. Raises DataError with file, line and next step."""
-    from cfid.records.parameters import Source
-    from cfid.records.tables.text import fields_of, filled_lines, read_text, separator_of, whole_lines
-
     content = read_text(path)
     lines = filled_lines(whole_lines(content.rstrip() + b"\n")[0])
     head = next(lines)

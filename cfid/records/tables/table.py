@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.text import (
@@ -112,8 +113,6 @@ class CsvTable:
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
     def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
-        import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
-
         # pandas reads a column of `true` alone as ones. Searching for one letter first is much faster.
         if any(word[-1:] in rows and word in rows for word in _TRUTHS):
             self._check_lines(places)

@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import Literal
 
 from cfid.report.content import Report
+from cfid.report.formats.html import as_html
+from cfid.report.formats.markdown import as_markdown
 from cfid.report.formats.sealed import MARK
+from cfid.report.formats.tex import as_tex
 
 Format = Literal["html", "md", "json", "tex"]
 
@@ -14,15 +17,9 @@ def rendered(report: Report, form: Format, folder: Path) -> str:
     """Return a report's text; figures are read from the campaign's folder."""
     # Each renderer is imported when it is wanted: a template engine is no use to a program that reads JSON.
     if form == "html":
-        from cfid.report.formats.html import as_html
-
         return as_html(report, folder)
     if form == "md":
-        from cfid.report.formats.markdown import as_markdown
-
         return as_markdown(report)
     if form == "tex":
-        from cfid.report.formats.tex import as_tex
-
         return as_tex(report)
     return json.dumps({"made_by": MARK, **report.as_json()}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cfid import __version__
 from cfid.console import messages as speech
 from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, attempt, print_json, rig_of, summary
 from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
-from cfid.errors import CfidError, ConfigError
+from cfid.errors import CfidError
 from cfid.units import FULL_COMMAND, MOTORS
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
@@ -88,6 +87,8 @@ class SineOptions:
 
         Raises ConfigError.
         """
+        from cfid.errors import ConfigError
+
         planned = self._named() if self.l is not None else self._planned()
         given: dict[str, Any] = {
             "samples": self.n,
@@ -118,6 +119,7 @@ class SineOptions:
         return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
 
     def _named(self) -> "SineSweep":
+        from cfid.errors import ConfigError
         from cfid.transfer.sines.plan import SineSweep
 
         assert self.l is not None
@@ -131,6 +133,7 @@ class SineOptions:
 
 def _requested(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
     """Return what run.toml states of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
+    from cfid.errors import ConfigError
     from cfid.motors.resume import interrupted
     from cfid.records.run import read_run
 
@@ -157,6 +160,8 @@ def sine(
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
+    from cfid import __version__
+    from cfid.errors import ConfigError
     from cfid.rig.procedures import clock
     from cfid.transfer.sines.record import missing_sines, plan_sine
 
