@@ -50,7 +50,7 @@ def write_samples(known: "ExportInput", folder: Path, *, count: int, seed: int, 
     there = [path for path in paths if path.exists()]
     if there and not force:
         raise ConfigError(
-            f"{there[0]} is there already: nothing was changed. --force overwrites it, --out names another folder."
+            f"{there[0]} exists already: nothing was changed. --force overwrites it, --out names another folder."
         )
     everything = _everything(known)
     refuse(everything, known, force=force)

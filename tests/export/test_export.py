@@ -75,7 +75,7 @@ def test_what_was_rejected_is_exported_by_force_alone_and_marked(cfid: Cfid, cam
     store_section(campaign / "parameters.toml", "inertia", section(found, rejected="too little."))
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 was rejected: too little. --force writes it" in " ".join(refused.stderr.split())
+    assert "inertia.matrix_kg_m2 was rejected: too little. Use --force to write it" in " ".join(refused.stderr.split())
 
     said = cfid("export", "crazyswarm2", "--out", "-", "--force")
     assert said.returncode == 0

@@ -32,7 +32,7 @@ def test_a_file_that_cfid_did_not_make_stays_unless_force_is_said(cfid: Cfid, ca
     said = cfid("report", "--format", "md")
 
     assert said.returncode == 2
-    assert "not as cfid made it" in said.stderr
+    assert "not an unchanged report of cfid" in said.stderr
     assert (campaign / "report.md").read_text() == "mine"
     assert cfid("report", "--format", "md", "--force").returncode == 0
     assert "16.57" in (campaign / "report.md").read_text()

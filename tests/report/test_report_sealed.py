@@ -30,7 +30,7 @@ def test_what_somebody_else_wrote_stays(tmp_path: Path, content: str) -> None:
     path = tmp_path / "report.md"
     path.write_text(content)
 
-    with pytest.raises(ConfigError, match="not as cfid made it"):
+    with pytest.raises(ConfigError, match="not an unchanged report of cfid"):
         write_report(path, TEXT)
     assert path.read_text() == content
 
