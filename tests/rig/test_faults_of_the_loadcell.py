@@ -218,7 +218,7 @@ def test_another_client_that_takes_the_stream_again_and_again_ends_the_run(lab: 
     log.wait_for_rows(FIRST)
     for theft in range(1, 4):
         steal(lab)
-        log.wait_until_said("asking again", times=theft)
+        log.wait_until_said("requesting the stream again", times=theft)
         if theft < 3:
             log.wait_until_said("records again", times=theft)
     said = log.end()
@@ -349,7 +349,7 @@ def test_a_box_that_refuses_settings_is_told(lab: Lab) -> None:
     said = lab.cfid(*LOG, "--rate-hz", 350)
 
     assert said.code == 3
-    assert "asked for 350 Hz and 7 records a datagram, the box keeps 700 Hz and 14" in said.err
+    assert "set to 350 Hz and 7 records a datagram, the box keeps 700 Hz and 14" in said.err
     assert lab.run_folder() is None
 
 
@@ -358,7 +358,7 @@ def test_a_rate_that_the_box_does_not_have_is_told_with_one_that_it_has(lab: Lab
 
     assert said.code == 3
     assert "the box keeps 3500 Hz" in said.err
-    assert "It has 7000/n Hz: set devices.loadcell.rate_hz in rig.toml to such a rate, 3500 for instance." in said.err
+    assert "Its rates are 7000/n Hz: set devices.loadcell.rate_hz in rig.toml to such a rate, 3500 for" in said.err
 
 
 # What the status word says
