@@ -24,7 +24,7 @@ from cfid.quantities.plausible import centre_fault, implausible
         ("motor.speed_poly", [0.3893, 3636.7], "at 65535 cmd, 2.91e+04 rad/s: rpm?"),
         ("motor.torque_poly", [5.96, 0.0156], "in its slope, 6.0 m: millimetres?"),
         ("motor.thrust_voltage_poly", [0.0, 1.0, 2.0, 0.0], "at 3 V, 21.0 N"),
-        ("drag.simple_kg_per_rad", [-9e-7, 9e-7, -1e-6], "9e-07 kg/rad. Expected -0.0001 to 0 kg/rad."),
+        ("drag.simple_kg_per_rad", [-9e-7, 9e-7, -1e-6], "9e-07 kg/rad. Expected -0.0001 to 1e-07 kg/rad."),
         ("inertia.axis_kg_m2.roll", 16.6, "16.6 kg m^2: kg mm^2?"),
     ],
 )

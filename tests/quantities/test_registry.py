@@ -126,7 +126,7 @@ def test_a_polynomial_knows_its_order() -> None:
 def test_every_key_and_unit_that_a_result_writes_is_the_registrys() -> None:
     written = list(_written())
 
-    assert len(written) > 40
+    assert len(written) > 20  # those that write their unit out; the others take it from the registry
     for key, unit, file in written:
         rows = [one for one in QUANTITIES if re.fullmatch(key, re.sub(r"\[|\]", "", re.sub(r"<\w+>", "x", one.key)))]
         assert rows, f"{file}: {key}"
