@@ -237,7 +237,7 @@ def test_a_new_campaign_is_never_written_over(cfid: Cfid, tmp_path: Path) -> Non
     refused = cfid("new", "mine")
 
     assert refused.returncode == 2
-    assert "there already" in refused.stderr
+    assert "exists already" in refused.stderr
     assert (tmp_path / "mine" / "rig.toml").read_text().startswith("# mine")
 
 
