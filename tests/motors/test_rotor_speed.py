@@ -97,7 +97,7 @@ def test_one_line_alone_may_be_rotor_or_blade_pass_and_only_an_expectation_decid
     alone = rotor_speed(time_s=time_s, wrench=wrench)
     guided = rotor_speed(time_s=time_s, wrench=wrench, expected_rad_per_s=(1300, 2000))
 
-    assert "say what speed is expected" in " ".join(rejections(alone))
+    assert "state what speed is expected" in " ".join(rejections(alone))
     assert guided.accepted
     assert guided.speed_rad_per_s == pytest.approx(speeds[0], rel=1e-4)
 
@@ -175,7 +175,7 @@ def test_a_rotor_on_a_multiple_of_the_mains_is_doubted_unless_rest_shows_what_is
 def test_noise_alone_is_no_rotor() -> None:
     for seed in range(8):
         found = rotor_speed(time_s=np.arange(HZ) / HZ, wrench=noise(HZ, seed))
-        assert "no rotor is heard" in " ".join(rejections(found))
+        assert "no rotor shows in the vibration" in " ".join(rejections(found))
 
 
 def rotating(angle: Array, *, size_n: float = 0.03) -> Array:
