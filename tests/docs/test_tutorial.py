@@ -129,7 +129,7 @@ def test_all_that_the_tutorials_fits_find_is_as_the_registry_has_it(folder: Path
 
 @pytest.mark.usefixtures("outputs")
 def test_the_page_for_notebooks_runs_on_the_tutorials_campaign(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (campaign,) = (path.parent for path in folder.rglob("rig.toml") if list(path.parent.glob("runs/*_sine_*")))
+    campaign = next(path.parent for path in sorted(folder.rglob("rig.toml")) if list(path.parent.glob("runs/*_sine_*")))
     monkeypatch.chdir(campaign.parent)
     blocks = re.findall(r"^```python\n(.*?)^```$", NOTEBOOK.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     names: dict[str, Any] = {}

@@ -167,5 +167,5 @@ def test_nonsense_typed_for_a_reading_ends_the_run_and_stops_the_motors(bench: B
     pilot.process.communicate(b"fast\n", timeout=30)
 
     assert pilot.process.returncode == 2
-    assert "'fast' is no reading" in pilot.err
+    assert "'fast' is not a reading" in pilot.err
     assert not any(bench.motors)
