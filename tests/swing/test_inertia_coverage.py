@@ -100,6 +100,7 @@ def test_the_matrix_lies_within_its_95_percent_intervals_93_to_97_times_in_100_o
     assert np.all((covered.mean(axis=0) >= 0.93) & (covered.mean(axis=0) <= 0.97))
 
 
+@pytest.mark.slow
 def test_the_matrix_lies_within_its_intervals_over_forty_campaigns(rig: Rig) -> None:
     scores = z_scores(rig, 40, seed=11)
 
