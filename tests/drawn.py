@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy.integrate import solve_ivp
 
-from cfid.drawing.style import DOUBT
+from cfid.drawing.style import ALERT
 from cfid.friction.drops import Drop, measure_drop
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
@@ -40,7 +40,7 @@ class Page:
                 yield text
 
     def red(self) -> str:
-        return " ".join(text.get_text() for text in self.texts() if same_color(text.get_color(), DOUBT))
+        return " ".join(text.get_text() for text in self.texts() if same_color(text.get_color(), ALERT))
 
     def overlapping(self) -> list[tuple[str, str]]:
         """Lay the page out and return the pairs of texts over each other; one that leaves the page, with itself."""

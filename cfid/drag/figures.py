@@ -117,7 +117,7 @@ def models_figure(found: DragModels) -> Figure:
         len(angles),
         heights_in=(2 * KEY_IN, 2.6, 1.7, 0.42 + 0.165 * (len(found.fits) + 1)),
         title=f"Drag force along z, measured and by the {found.chosen} model",
-        doubts=[f"Rejected: {text}" for text in rejections],
+        rejections=[f"Rejected: {text}" for text in rejections],
         notes=_not_drawn(experiments),
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), *_marks())

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
-from cfid.drawing.style import DOUBT, INK, MUTED, RECORDED, draw_line, figure, name_panel, styled, words
+from cfid.drawing.style import ALERT, INK, MUTED, RECORDED, draw_line, figure, name_panel, styled, words
 from cfid.estimate.signals import GRID_S, resample
 from cfid.records.tables.angle import AngleRecord
 
@@ -45,7 +45,7 @@ def _draw_angle(axes: Axes, record: AngleRecord) -> None:
     name_panel(axes, "(a) recording", x=_TIME, y="angle (turns)" if in_turns else "angle (°)")
     intervals = np.diff(record.time_s)
     pauses = [(record.time_s[after], intervals[after]) for after in _gaps(intervals)]
-    axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=DOUBT, alpha=0.25, lw=0.8)
+    axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
     draw_line(axes, record.time_s, angle, color=RECORDED, lw=0.9)
     axes.margins(y=0.08)
 

@@ -31,7 +31,7 @@ MODEL = "#A33F00"
 WINDOW = "#009E73"
 INK = "#222222"
 MUTED = "#777777"
-DOUBT = "#C1121F"
+ALERT = "#C1121F"
 SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#8C8C00")
 DASHES: tuple[Literal["-", "--", ":", "-."], ...] = ("-", "--", ":", "-.")
 
@@ -101,16 +101,16 @@ def figure(
     heights_in: Sequence[float],
     widths: Sequence[float] | None = None,
     title: str = "",
-    doubts: Sequence[str] = (),
+    rejections: Sequence[str] = (),
     notes: Sequence[str] = (),
 ) -> tuple[Figure, GridSpec]:
     """Return a page of the common width and its grid of `rows` and `columns`, rows of given heights.
 
-    Above the grid are the title, then `doubts` in red and `notes` in grey, wrapped; the page grows with them. Texts
+    Above the grid are the title, then `rejections` in red and `notes` in grey, wrapped; the page grows with them. Texts
     are printed literally: a dollar sign in a file's name starts no formula.
     """
     head = [(line, INK, "bold") for line in _wrapped(title, 84)]
-    head += [(line, DOUBT, "normal") for doubt in doubts for line in _wrapped(doubt, _CHARACTERS)]
+    head += [(line, ALERT, "normal") for text in rejections for line in _wrapped(text, _CHARACTERS)]
     head += [(line, MUTED, "normal") for note in notes for line in _wrapped(f"Note: {note}", _CHARACTERS)]
     head_in = _LINE_IN * len(head) + (0.15 if head else 0.0)
     height_in = sum(heights_in) + head_in
@@ -157,7 +157,7 @@ def words(axes: Axes, title: str, lines: Sequence[tuple[str, str]], *, red: Sequ
     axes.set_title(title, parse_math=False)
     for i, (name, value) in enumerate(lines):
         down = -72 * _LINE_IN * i - 2
-        for left, text, colour in ((0.0, name, MUTED), (0.45, value, DOUBT if name in red else INK)):
+        for left, text, colour in ((0.0, name, MUTED), (0.45, value, ALERT if name in red else INK)):
             axes.annotate(
                 text,
                 (left, 1.0),

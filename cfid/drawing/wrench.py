@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.signal import find_peaks, welch
 
 from cfid.drawing.numbers import plus_minus
-from cfid.drawing.style import DOUBT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
+from cfid.drawing.style import ALERT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import resample
 from cfid.records.tables.wrench import AXES, WrenchRecord
@@ -129,7 +129,7 @@ def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequen
     length = min(len(time), max(1, round(_MEAN_S / interval_s), len(time) // _MOST_MEANS))
     name_panel(axes, f"{title}: samples (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
     pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
-    axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=DOUBT, alpha=0.25, lw=0.8)
+    axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
     for column, colour in zip(values.T, SERIES, strict=False):
         # A band of thousands of strokes: rasterized, it makes an SVG of a third of the size.
         draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5, rasterized=True)

@@ -288,8 +288,8 @@ def steady_stretch(
     length = len(inside.value) // count
     runs = Runs.of(block_means(inside.value, length=length)[:count], fewest=_FEWEST_BLOCKS)
     whole = runs.size == count
-    change, doubt = np.abs(runs.slope) * count, runs.slope_std * count
-    flat = np.where(whole, (change <= drift) | (change <= 3 * doubt), change + 2 * doubt <= drift)
+    change, spread = np.abs(runs.slope) * count, runs.slope_std * count
+    flat = np.where(whole, (change <= drift) | (change <= 3 * spread), change + 2 * spread <= drift)
     steady = flat & ((runs.wave <= wave) | whole & (runs.alike <= 3)) & (4 * runs.size >= count)
     if not steady.any():
         much = f"changes by {change[whole][0]:.2g} in {to_s - from_s:.2g} s, {runs.wave[whole][0]:.2g} about a line"

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from cfid.drawing.numbers import plus_minus, shortened
 from cfid.drawing.style import (
-    DOUBT,
+    ALERT,
     INK,
     KEY_IN,
     MODEL,
@@ -68,7 +68,7 @@ def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "
         who = shortened(runs[0].label, LABEL_CHARACTERS) if alone else f"{grams(runs[0].drop)}, runs: {len(runs)}"
         name_panel(turned, who, x=_TIME, y="angle (turns)")
         unsettled = not all(run.drop.settled for run in runs)
-        name_panel(speed, speed_title(runs), x=_TIME, y=_SPEED, colour=DOUBT if unsettled else INK)
+        name_panel(speed, speed_title(runs), x=_TIME, y=_SPEED, colour=ALERT if unsettled else INK)
         speed.set_ylim(bottom=min(0.0, speed.get_ylim()[0]))
         if not alone:
             list_runs(page.add_subplot(grid[i, 2]), runs)
@@ -131,7 +131,7 @@ def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[
 
 def _draw_drop(torque_axes: Axes, coefficient_axes: Axes, drop: Drop, torque: float) -> None:
     points: list[tuple[float, dict[str, Any]]] = [
-        (drop.speed_rad_per_s, {"marker": "o", "color": DOUBT, "mfc": "white"})
+        (drop.speed_rad_per_s, {"marker": "o", "color": ALERT, "mfc": "white"})
     ]
     if drop.settled:
         points = [
@@ -144,7 +144,7 @@ def _draw_drop(torque_axes: Axes, coefficient_axes: Axes, drop: Drop, torque: fl
 
 
 def _key(friction: FrictionEstimate, all_settled: bool) -> list[Artist]:
-    unsettled = Line2D([], [], color=DOUBT, mfc="white", marker="o", ls="", ms=5, label="never settled, not used")
+    unsettled = Line2D([], [], color=ALERT, mfc="white", marker="o", ls="", ms=5, label="never settled, not used")
     return [
         Line2D([], [], color=MODEL, mfc=RECORDED, mec=RECORDED, marker="o", ms=5, label=_name(friction)),
         Line2D([], [], color=MUTED, ls="--", marker="x", ms=5, label=_THESIS),

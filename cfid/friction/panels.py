@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cfid.drawing.numbers import plus_minus, shortened
-from cfid.drawing.style import DOUBT, INK, MODEL, MUTED, RECORDED_BELOW, WINDOW, draw_line
+from cfid.drawing.style import ALERT, INK, MODEL, MUTED, RECORDED_BELOW, WINDOW, draw_line
 from cfid.friction.drops import Drop
 
 LABEL_CHARACTERS = 40
@@ -49,7 +49,7 @@ def draw_alone(turned: Axes, speed: Axes, run: DrawnDrop) -> None:
     """Draw a run's angle and speed with the window, its mean and the fit of eq. 2.13 with its slope."""
     drop = run.drop
     for axes in (turned, speed):
-        axes.axvspan(drop.from_s, drop.to_s, color=WINDOW if drop.settled else DOUBT, alpha=0.13, lw=0, label="window")
+        axes.axvspan(drop.from_s, drop.to_s, color=WINDOW if drop.settled else ALERT, alpha=0.13, lw=0, label="window")
     draw_line(turned, drop.time_s, drop.angle_rad / _TURN_RAD, color=RECORDED_BELOW, lw=2.6)
     draw_line(speed, drop.time_s[:-1], drop.trace_rad_per_s, color=RECORDED_BELOW, lw=1.6)
     draw_line(turned, drop.model_time_s, drop.model_rad / _TURN_RAD, color=MODEL, lw=0.9)
@@ -92,7 +92,7 @@ def list_runs(axes: Axes, runs: Sequence[DrawnDrop]) -> None:
     for run in runs:
         # The row has the weight already.
         name = shortened(run.label.removeprefix(f"{grams(run.drop)}, "), _LISTED_CHARACTERS)
-        lines += [(name, run.colour)] if run.drop.settled else [(f"{name}:", DOUBT), ("   never settled", DOUBT)]
+        lines += [(name, run.colour)] if run.drop.settled else [(f"{name}:", ALERT), ("   never settled", ALERT)]
     if len(lines) > _LISTED_LINES:
         lines = [*lines[: _LISTED_LINES - 1], ("and more", MUTED)]
     for i, (text, colour) in enumerate(lines):

@@ -13,8 +13,8 @@ from matplotlib.patches import Patch
 
 from cfid.drawing.numbers import plus_minus
 from cfid.drawing.style import (
+    ALERT,
     DASHES,
-    DOUBT,
     INK,
     MUTED,
     RECORDED,
@@ -57,7 +57,7 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
     rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.4, 2.1, 2.6) if fit.residual is None else (2.4, 2.1, 1.5, 2.6)
     rows, notes = len(heights_in), texts(fit.findings, "note", "warning")
-    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, doubts=rejected, notes=notes)
+    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, rejections=rejected, notes=notes)
     last = rows - 1
     budget, sensitivity = page.add_subplot(grid[0, 0]), page.add_subplot(grid[last, 0])
     key_column(page.add_subplot(grid[0, 1]), _draw_budget(budget, fit))
@@ -168,7 +168,7 @@ def _draw_residuals(panel: Axes, residual: Array, fit: InertiaFit, axes: Sequenc
     name_panel(panel, title, x="mount", y="residual (std)")
     panel.axhspan(-2, 2, color=MUTED, alpha=0.18, lw=0)
     panel.axhline(0.0, color=MUTED, lw=0.8)
-    colours = [RECORDED if abs(each) <= 2 else DOUBT for each in residual]
+    colours = [RECORDED if abs(each) <= 2 else ALERT for each in residual]
     panel.vlines(_name_mounts(panel, axes), 0.0, residual, colors=colours, lw=5)
     furthest = max(2.5, 1.15 * float(np.max(np.abs(residual))))
     panel.set_ylim(-furthest, furthest)

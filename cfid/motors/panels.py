@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cfid.drawing.numbers import plus_minus
-from cfid.drawing.style import DOUBT, INK, MODEL, RECORDED, RECORDED_BELOW, WINDOW, draw_line, name_panel
+from cfid.drawing.style import ALERT, INK, MODEL, RECORDED, RECORDED_BELOW, WINDOW, draw_line, name_panel
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.staircase import Level, Point, Staircase
 from cfid.units import FULL_COMMAND
@@ -33,7 +33,7 @@ _MOST_REASONS = 6
 _THRUST = "thrust (N)"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WINDOW: dict[str, Any] = {"fc": to_rgba(WINDOW, 0.2), "ec": WINDOW, "lw": 0.4}
-_UNUSED: dict[str, Any] = {"fc": to_rgba(DOUBT, 0.15), "ec": DOUBT, "hatch": "////", "lw": 0.8}
+_UNUSED: dict[str, Any] = {"fc": to_rgba(ALERT, 0.15), "ec": ALERT, "hatch": "////", "lw": 0.8}
 
 
 def scientific(value: float, std: float, *, unit: str = "") -> str:
@@ -139,7 +139,7 @@ def draw_means(value: Axes, deviation: Axes, steps: Sequence[Point], *, thrust: 
     for axes, shown in ((value, mean[settled]), (deviation, 1e3 * std[settled])):
         axes.set_ylim(1.1 * shown.min(initial=0.0), 1.1 * shown.max(initial=0.0) or 1.0)
         axes.plot(
-            place[~settled], np.full((~settled).sum(), 0.04), "x", color=DOUBT, ms=4.5, mew=1.2,
+            place[~settled], np.full((~settled).sum(), 0.04), "x", color=ALERT, ms=4.5, mew=1.2,
             transform=axes.get_xaxis_transform(), label="not used",
         )  # fmt: skip
         if known:
@@ -223,7 +223,7 @@ def _name_unused(axes: Axes, steps: Sequence[Point]) -> None:
             continue
         name = str(step.command if step.command is not None else i + 1)
         axes.text(
-            middle, 0.985, name, transform=axes.get_xaxis_transform(), color=DOUBT, size=7.5, rotation=90,
+            middle, 0.985, name, transform=axes.get_xaxis_transform(), color=ALERT, size=7.5, rotation=90,
             ha="center", va="top",
         )  # fmt: skip
         free = middle + _NAME_WIDTH * (end - begin)

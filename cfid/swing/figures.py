@@ -53,7 +53,7 @@ def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
     rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.1, 2.0, 1.5, 2.0, 2.0)
     page, grid = figure(
-        5, 2, heights_in=heights_in, title=title, doubts=rejected, notes=texts(fit.findings, "note", "warning")
+        5, 2, heights_in=heights_in, title=title, rejections=rejected, notes=texts(fit.findings, "note", "warning")
     )
     (time, angle), residual = swing.hands_off, fit.output_error.residual_rad
     _draw_recording(page.add_subplot(grid[0, :]), swing)

@@ -64,7 +64,7 @@ def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     rejections = texts(fit.findings(()), "rejection")
     rows = _fit_rows(fit)
     heights_in = (KEY_IN, 2.3, 2.3, 1.5, 0.42 + 0.165 * len(rows))
-    page, grid = figure(5, 2, heights_in=heights_in, title="Command to thrust of one motor", doubts=rejections)
+    page, grid = figure(5, 2, heights_in=heights_in, title="Command to thrust of one motor", rejections=rejections)
     size, phase = page.add_subplot(grid[1, :]), page.add_subplot(grid[2, :])
     name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
     name_panel(phase, "(b) phase, the delay taken out", x=FREQUENCY, y="phase (degrees)")
@@ -122,7 +122,7 @@ def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sampl
 @styled
 def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     """Return the thrust after a step of one unit of the command, without delay, with its 95 % interval."""
-    page, grid = figure(2, 1, heights_in=(KEY_IN, 3.2), title="Step of the command", doubts=())
+    page, grid = figure(2, 1, heights_in=(KEY_IN, 3.2), title="Step of the command", rejections=())
     axes = page.add_subplot(grid[1, 0])
     name_panel(axes, "thrust after a step", x="time since the step (ms)", y="thrust over command (µN)")
     time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s
@@ -145,7 +145,7 @@ def verification_figure(run: SineRun, found: Verification) -> Figure:
     rows = _verification_rows(found)
     rejections = () if found.accepted else ("the transfer function does not describe this run",)
     heights_in = (KEY_IN, 1.7, 2.5, 1.5, 0.42 + 0.165 * len(rows))
-    page, grid = figure(5, 1, heights_in=heights_in, title=f"Verification: {found.name}", doubts=rejections)
+    page, grid = figure(5, 1, heights_in=heights_in, title=f"Verification: {found.name}", rejections=rejections)
     played, force, left = (page.add_subplot(grid[row, 0]) for row in (1, 2, 3))
     draw_played(played, run, end_s=run.duration_s)
     name_panel(played, "(a) commands", x="", y=COMMAND)

@@ -35,7 +35,7 @@ def test_a_spike_in_a_long_record_is_drawn() -> None:
 
 def test_words_stand_as_they_are(look: Callable[[Figure], Any]) -> None:
     head = ("swing_$x$ of 5 % \\alpha", "not $believed$", "a_note")
-    page, _ = styled(figure)(1, 1, heights_in=(1.0,), title=head[0], doubts=head[1:2], notes=head[2:])
+    page, _ = styled(figure)(1, 1, heights_in=(1.0,), title=head[0], rejections=head[1:2], notes=head[2:])
     texts = list(look(page).texts())
     assert [text.get_text() for text in texts] == [head[0], head[1], f"Note: {head[2]}"]
     assert not any(text.get_parse_math() for text in texts)
@@ -43,7 +43,7 @@ def test_words_stand_as_they_are(look: Callable[[Figure], Any]) -> None:
 
 def test_a_page_grows_with_its_head_and_keeps_its_width() -> None:
     plain, _ = figure(1, 1, heights_in=(2.0,))
-    full, _ = figure(1, 1, heights_in=(2.0,), title="t", doubts=["a word of doubt " * 30])
+    full, _ = figure(1, 1, heights_in=(2.0,), title="t", rejections=["a word of doubt " * 30])
     assert plain.get_size_inches().tolist() == [PAGE_WIDTH_IN, 2.0]
     assert full.get_size_inches()[0] == PAGE_WIDTH_IN
     assert full.get_size_inches()[1] > 2.7

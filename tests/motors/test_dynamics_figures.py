@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
-from cfid.drawing.style import DOUBT
+from cfid.drawing.style import ALERT
 from cfid.motors.steps.estimation import RotorModel, StepFit, command_steps, fit_rotor_model, fit_steps
 from cfid.motors.steps.figures import dynamics_figure
 
@@ -65,6 +65,6 @@ def test_a_step_that_is_too_short_is_red_and_has_no_time_constant(look: Callable
     page = dynamics_figure(*found, title="short")
     lower = look(page).panel("(b)")
 
-    assert same_color(look(page).panel("(a)").get_lines()[-1].get_color(), DOUBT)
+    assert same_color(look(page).panel("(a)").get_lines()[-1].get_color(), ALERT)
     assert not lower.get_lines()
     assert [text.get_text() for text in lower.texts] == ["every step was rejected"]

@@ -75,15 +75,15 @@ def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, ti
     Thrust (n,) is that of all motors that ran, with the load cell's bias. Steps that are not used say why in red.
     """
     steps = staircase.points
-    doubts = unused_steps(steps)
+    unsettled = unused_steps(steps)
     counts, levels = staircase_counts(staircase), staircase_levels(staircase, thrust=thrust)
     heights_in = (KEY_IN, 2.9, 1.9, _table_in(counts, levels))
     notes = [one.text for one in staircase.findings if one.code == "no-baseline-after"]
-    page, grid = figure(4, 2, heights_in=heights_in, title=title, doubts=doubts, notes=notes)
+    page, grid = figure(4, 2, heights_in=heights_in, title=title, rejections=unsettled, notes=notes)
     key_row(page.add_subplot(grid[0, :]), *staircase_key(steps))
     draw_thrust(page.add_subplot(grid[1, :]), time_s, thrust_n, staircase, thrust=thrust)
     draw_means(page.add_subplot(grid[2, 0]), page.add_subplot(grid[2, 1]), steps, thrust=thrust)
-    words(page.add_subplot(grid[3, 0]), "in numbers", counts, red=("settled",) if doubts else ())
+    words(page.add_subplot(grid[3, 0]), "in numbers", counts, red=("settled",) if unsettled else ())
     words(page.add_subplot(grid[3, 1]), "at rest", levels, red=() if staircase.tare_after else ("tare after", "drift"))
     page.align_ylabels()
     return page
@@ -158,7 +158,7 @@ def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "spe
 def _page(heights_in: Sequence[float], title: str, findings: Sequence[Finding]) -> tuple[Figure, GridSpec]:
     rejected = [f"Rejected: {text}" for text in texts(findings, "rejection")]
     notes = texts(findings, "note", "warning")
-    return figure(len(heights_in), 2, heights_in=heights_in, title=title, doubts=rejected, notes=notes)
+    return figure(len(heights_in), 2, heights_in=heights_in, title=title, rejections=rejected, notes=notes)
 
 
 def _table_in(*tables: Sequence[Any]) -> float:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cfid.drawing.style import DOUBT, INK, MODEL, MUTED, RECORDED, draw_line, figure, legend, name_panel, styled, words
+from cfid.drawing.style import ALERT, INK, MODEL, MUTED, RECORDED, draw_line, figure, legend, name_panel, styled, words
 from cfid.findings import texts
 from cfid.motors.panels import scientific
 from cfid.motors.steps.estimation import RotorModel, StepFit
@@ -31,7 +31,7 @@ def dynamics_figure(
     the rotor model's.
     """
     rejections = [f"Rejected: {text}" for text in texts(model.findings, "rejection")]
-    page, grid = figure(3, 2, heights_in=(2.9, 2.3, 0.95), title=title, doubts=rejections)
+    page, grid = figure(3, 2, heights_in=(2.9, 2.3, 0.95), title=title, rejections=rejections)
     _draw_steps(page.add_subplot(grid[0, :]), time_s, speed_rad_s, lags)
     _draw_constants(page.add_subplot(grid[1, :]), [lag for lag in lags if lag.accepted], model)
     words(page.add_subplot(grid[2, 0]), "rotor model", _told(model))
@@ -57,7 +57,7 @@ def _draw_steps(axes: Axes, time_s: Array, speed_rad_s: Array, lags: Sequence[St
         axes.plot(
             at_s,
             lag.speed_at(at_s),
-            color=MODEL if lag.accepted else DOUBT,
+            color=MODEL if lag.accepted else ALERT,
             ls="-" if lag.accepted else ":",
             lw=1.1,
             label="_" if how in said else how,
