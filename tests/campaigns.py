@@ -18,7 +18,8 @@ import pytest
 from cfid.cli.main import main
 from cfid.console.campaign import make_campaign
 from cfid.demo.recordings import write_runs
-from cfid.records.campaign import find_campaign, load_rig, new_rig_text
+from cfid.records.campaign import find_campaign
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH

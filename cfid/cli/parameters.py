@@ -127,8 +127,8 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
     import tomlkit
 
     from cfid.errors import ConfigError
-    from cfid.records.campaign import RIG_FILE, check_rig
     from cfid.records.files import locked_folder, write_whole
+    from cfid.records.rig_file import RIG_FILE, check_rig
 
     table, key, std_key = _IN_RIG[name]
     path = campaign.folder / RIG_FILE

@@ -148,7 +148,7 @@ def _simulated(
 async def _serve(
     campaign: "Campaign", rig: "SimulatedRig", ending: "Ending", *, for_s: float | None, seed: int
 ) -> None:
-    from cfid.records.campaign import Devices
+    from cfid.records.rig_file import Devices
     from cfid.rig.sim_file import published
 
     where = rig.open()

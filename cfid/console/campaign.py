@@ -14,7 +14,8 @@ def make_campaign(folder: Path) -> Path:
 
     Raises ConfigError when it exists already.
     """
-    from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, new_rig_text
+    from cfid.records.campaign import RUNS_FOLDER
+    from cfid.records.rig_file import RIG_FILE, new_rig_text
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)

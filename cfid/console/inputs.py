@@ -12,7 +12,8 @@ from cfid.errors import ConfigError
 from cfid.records.facts import NONE_STATED, RigFacts
 
 if TYPE_CHECKING:
-    from cfid.records.campaign import Campaign, Rig
+    from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import Rig
     from cfid.records.tables.angle import AngleRecord, Reading
 
 
@@ -38,7 +39,8 @@ class Workplace:
 
 def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) -> Workplace:
     """Find the campaign and its rig; --geometry and --gravity-mps2 override it, the thesis' rig is the default."""
-    from cfid.records.campaign import find_campaign, load_rig, thesis_rig
+    from cfid.records.campaign import find_campaign
+    from cfid.records.rig_file import load_rig, thesis_rig
 
     campaign = find_campaign(options.campaign, start=Path.cwd())
     borrowed = options.geometry is None and campaign is None

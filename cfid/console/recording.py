@@ -22,7 +22,8 @@ from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import rejection
 
 if TYPE_CHECKING:
-    from cfid.records.campaign import Campaign, Devices
+    from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import Devices
     from cfid.records.run import Run
     from cfid.rig.log import Device, Plan
 

@@ -107,9 +107,9 @@ def _known(campaign: "Campaign") -> ExportInput:
     from cfid.export.exchange import covariance_blocks
     from cfid.export.refusals import marked
     from cfid.export.vehicle import collect
-    from cfid.records.campaign import RIG_FILE
     from cfid.records.files import read_toml
     from cfid.records.parameters import load_sections
+    from cfid.records.rig_file import RIG_FILE
     from cfid.records.run import Run, list_runs
     from cfid.records.stale import stale_in
 

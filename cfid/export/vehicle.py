@@ -7,9 +7,10 @@ from pathlib import Path
 
 from cfid.errors import ConfigError
 from cfid.quantities.lookup import registered, unit_of
-from cfid.records.campaign import RUNS_FOLDER, BodyFrame, Rig, thesis_rig
+from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
+from cfid.records.rig_file import BodyFrame, Rig, thesis_rig
 from cfid.units import FULL_COMMAND, MM
 
 _FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated

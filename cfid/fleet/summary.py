@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import Finding, warning
-from cfid.records.campaign import RIG_FILE, RUNS_FOLDER, find_campaign
+from cfid.records.campaign import RUNS_FOLDER, find_campaign
 from cfid.records.parameters import Section, Source, load_sections
+from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, list_runs
 
 

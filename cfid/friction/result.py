@@ -11,9 +11,9 @@ from cfid.findings import warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.figures import drops_figure, friction_figure
-from cfid.records.campaign import Rig
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
+from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.data import rig_or_thesis
 from cfid.units import MM

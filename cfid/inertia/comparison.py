@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.propagation import Input, contributions
-from cfid.records.campaign import TestBody
+from cfid.records.rig_file import TestBody
 from cfid.swing.axis_inertias import AxisInertias, axis_inertia, from_cuboids
 
 Array = npt.NDArray[np.float64]

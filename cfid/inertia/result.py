@@ -20,10 +20,10 @@ from cfid.inertia.estimation import (
     off_diagonal_gain,
 )
 from cfid.inertia.figures import budget_figure
-from cfid.records.campaign import Rig
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
+from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias
 from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, vehicle

@@ -9,9 +9,9 @@ from cfid.findings import Finding, rejected, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
 from cfid.inertia.figures import testbody_figure
-from cfid.records.campaign import Rig
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
+from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, swung_test_body
 from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rig_or_thesis, surroundings

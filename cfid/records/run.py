@@ -6,14 +6,16 @@ read with a note. `tables` interprets the columns, and `run_writer` writes a run
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pandas import DataFrame
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from cfid.errors import DataError
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import first_fault, locked_folder, read_toml, write_toml
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 RUN_FILE = "run.toml"
 FORMAT = 1
@@ -79,7 +81,7 @@ class Run:
         """Whether the recording ended without being closed."""
         return self.header.state == "recording"
 
-    def frame(self, device: str) -> DataFrame:
+    def frame(self, device: str) -> "DataFrame":
         """Return a device's rows in SI units over `t`, in seconds from the first row of the run.
 
         Raises DataError when the run has no such device, or its file is invalid.

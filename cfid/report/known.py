@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cfid.records.campaign import BodyFrame, Rig
 from cfid.records.parameters import Parameter, Section
+from cfid.records.rig_file import BodyFrame, Rig
 
 
 class FoundParameter(NamedTuple):

@@ -7,7 +7,7 @@ turning its frame say so: in the thesis x is the pitch axis and y the roll axis,
 import math
 from typing import NamedTuple
 
-from cfid.records.campaign import BodyFrame
+from cfid.records.rig_file import BodyFrame
 
 X_FORWARD = BodyFrame()
 X_PITCH = BodyFrame(forward="y", left="-x", up="z")  # the thesis' figure 2.4

@@ -5,7 +5,7 @@ import socket
 import time
 
 from cfid.errors import DeviceError
-from cfid.records.campaign import LoadCellBox
+from cfid.records.rig_file import LoadCellBox
 from cfid.wire import netft, rdt
 
 _TIME_OUT_S = 3.0

@@ -11,8 +11,8 @@ from twisted.internet.defer import Deferred
 
 from cfid import __version__
 from cfid.errors import DeviceError
-from cfid.records.campaign import EncoderPort, LoadCellBox
 from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.rig_file import EncoderPort, LoadCellBox
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.rig import box as loadcell_box

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cfid.errors import DeviceError
-from cfid.records.campaign import CrazyflieLink
+from cfid.records.rig_file import CrazyflieLink
 from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
 from cfid.rig.asking import parameter_of, state_of

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.campaign import Spread
 from cfid.records.facts import Number, Positive
+from cfid.records.rig_file import Spread
 from cfid.sim.rotors import NOMINAL_V
 
 _SECONDS_AN_HOUR = 3600

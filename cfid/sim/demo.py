@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cfid.records.campaign import Rig
+from cfid.records.rig_file import Rig
 from cfid.sim.demo_motors import record_chapter_3
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from cfid.records.campaign import Rig
+from cfid.records.rig_file import Rig
 from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun
 from cfid.sim.encoder import EncoderModel, Recording, record
 from cfid.sim.plants import DroppingWeight, drop

@@ -4,8 +4,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.campaign import Spread
 from cfid.records.facts import Number, Positive
+from cfid.records.rig_file import Spread
 from cfid.sim.stepping import Array
 
 SATURATED = 0x80020000  # bit 31, any error, and bit 17

@@ -6,8 +6,8 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cfid.records.campaign import Spread
 from cfid.records.facts import Number
+from cfid.records.rig_file import Spread
 
 _REMEMBERED = 100_000  # pings
 

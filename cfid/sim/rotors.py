@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.campaign import Spread
 from cfid.records.facts import Number, Positive
+from cfid.records.rig_file import Spread
 from cfid.sim.stepping import Array
 
 Six = tuple[Number, Number, Number, Number, Number, Number]

@@ -8,7 +8,7 @@ from twisted.internet.defer import Deferred, gatherResults
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import Rig
+from cfid.records.rig_file import Rig
 from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie

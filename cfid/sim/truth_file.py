@@ -7,15 +7,16 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import MM, Rig, Spread, Vector
 from cfid.records.facts import Positive
 from cfid.records.files import first_fault, read_toml
+from cfid.records.rig_file import Rig, Spread, Vector
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.sim.wind import WindTruth
+from cfid.units import MM
 
 Matrix = tuple[Vector, Vector, Vector]
 

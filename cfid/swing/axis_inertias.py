@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.propagation import Input
-from cfid.records.campaign import Cuboid, Fixture, Mount, TestBody, Vector
+from cfid.records.rig_file import Cuboid, Fixture, Mount, TestBody, Vector
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]

@@ -8,7 +8,8 @@ import numpy as np
 
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, note
-from cfid.records.campaign import Mount, Rig, TestBody, find_campaign, thesis_rig
+from cfid.records.campaign import find_campaign
+from cfid.records.rig_file import Mount, Rig, TestBody, thesis_rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
 from cfid.swing.free_swing import FEWEST_PEAKS, FreeSwing, find_swing

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from cfid.errors import FitError
 from cfid.estimate.propagation import contributions
 from cfid.findings import Finding, rejection, warning
-from cfid.records.campaign import Rig, thesis_rig
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
+from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.data import body_of_swing, check_peaks, peaks_on, rig_around, surroundings, swing_in

@@ -26,7 +26,7 @@ from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
 from cflib.crtp.udpdriver import UdpDriver
 
-from cfid.records.campaign import new_rig_text
+from cfid.records.rig_file import new_rig_text
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.radio import RadioTruth
 from cfid.wire import app

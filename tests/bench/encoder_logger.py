@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.records.campaign import new_rig_text
+from cfid.records.rig_file import new_rig_text
 from cfid.rig.sim_file import SIM_FILE
 from cfid.wire.rls import decode_words
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cfid.records.campaign import load_rig, new_rig_text
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.rig import draw_truth, record_swings
 from cfid.sim.truth_file import INERTIA_KG_M2

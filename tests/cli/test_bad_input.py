@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.campaign import new_rig_text
+from cfid.records.rig_file import new_rig_text
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Spoil = Callable[[list[str]], list[str]]

@@ -10,7 +10,7 @@ import pytest
 
 from cfid.export.exchange import covariance_blocks
 from cfid.export.vehicle import collect
-from cfid.records.campaign import thesis_rig
+from cfid.records.rig_file import thesis_rig
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
 from tests.export.thesis_vehicle import sections, vehicle

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from cfid.errors import CfidError
 from cfid.quantities.table import QUANTITIES
-from cfid.records.campaign import Mount, Rig
+from cfid.records.rig_file import Mount, Rig
 from tests.places import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"

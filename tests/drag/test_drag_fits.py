@@ -19,9 +19,9 @@ from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
 from cfid.drag.thesis import Grouping
 from cfid.drag.wind.data import WindReading
 from cfid.errors import DataError, FitError
-from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.facts import RigFacts, WindStand
 from cfid.records.result import Result
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.tables.wrench import WrenchReading
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind_tunnel import CrossAir, Wind

@@ -7,9 +7,9 @@ from importlib.resources import files
 import numpy as np
 
 from cfid.export.vehicle import collect
-from cfid.records.campaign import thesis_rig
 from cfid.records.covariances import names_of
 from cfid.records.parameters import Parameter
+from cfid.records.rig_file import thesis_rig
 from tests.export.reading import export
 from tests.export.thesis_vehicle import INERTIA_KG_M2, sections
 

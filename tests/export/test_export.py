@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from cfid.export.catalogue import TARGETS
-from cfid.records.campaign import new_rig_text
 from cfid.records.parameters import store_section
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run
 from cfid.records.run_writer import create_run
 from tests.export.thesis_vehicle import section, sections

@@ -17,9 +17,9 @@ import pytest
 from cfid.export import crazyflow, rotorpy
 from cfid.export.possible import impossible
 from cfid.export.samples import FILES, with_values
-from cfid.records.campaign import new_rig_text
 from cfid.records.covariances import covariance_between, shaped_as
 from cfid.records.parameters import Parameter, Section, load_sections, store_section
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections, vehicle

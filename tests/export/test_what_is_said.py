@@ -16,7 +16,7 @@ from cfid.export.catalogue import TARGETS, target_named
 from cfid.export.target import caveats, text_of
 from cfid.export.vehicle import SOURCES, collect
 from cfid.export.wording import HASH, XML, commented, identifier, number
-from cfid.records.campaign import load_rig, new_rig_text, thesis_rig
+from cfid.records.rig_file import load_rig, new_rig_text, thesis_rig
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml
 from tests.export.thesis_vehicle import section, sections, vehicle, with_value

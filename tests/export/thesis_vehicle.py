@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from cfid.export.vehicle import ExportVehicle, collect
-from cfid.records.campaign import thesis_rig
 from cfid.records.parameters import Parameter, Section, Source
+from cfid.records.rig_file import thesis_rig
 
 MASS_KG = 0.028
 INERTIA_KG_M2 = [  # about x (pitch), y (roll), z

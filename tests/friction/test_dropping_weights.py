@@ -12,8 +12,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.findings import rejected
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import fit_friction, thesis_friction
-from cfid.records.campaign import load_rig
 from cfid.records.parameters import Source
+from cfid.records.rig_file import load_rig
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord, labelled
 from cfid.sim.plants import DroppingWeight, drop

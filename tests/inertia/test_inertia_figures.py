@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from cfid.inertia import figures as inertia_figures
 from cfid.inertia.comparison import BodyComparison
 from cfid.inertia.estimation import InertiaFit, fit_inertia
-from cfid.records.campaign import thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.units import MM
 

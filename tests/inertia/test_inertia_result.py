@@ -5,8 +5,8 @@ import pytest
 
 import cfid.inertia
 from cfid.errors import ConfigError
-from cfid.records.campaign import thesis_rig
 from cfid.records.result import Result
+from cfid.records.rig_file import thesis_rig
 from cfid.swing.data import KnownInertia
 
 RIG = thesis_rig()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cfid.inertia.comparison import compare
-from cfid.records.campaign import Cuboid, TestBody, thesis_rig
+from cfid.records.rig_file import Cuboid, TestBody, thesis_rig
 from cfid.swing.axis_inertias import (
     AxisInertias,
     MountedSwing,

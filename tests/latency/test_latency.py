@@ -9,8 +9,8 @@ import pytest
 from cfid import latency
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.latency.estimation import round_trips
-from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.parameters import load_sections
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.radio import Direction, RadioTruth

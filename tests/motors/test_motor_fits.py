@@ -15,9 +15,9 @@ from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors.maps.inputs import read_evidence
 from cfid.motors.maps.options import StandOptions
-from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import load_sections
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.battery import BatteryTruth

@@ -261,7 +261,8 @@ def test_fits_that_end_at_the_same_time_all_keep_their_section(tmp_path: Path) -
 def test_what_this_user_may_not_read_or_write_is_said_by_name() -> None:
     body = """
 import fcntl, os, tomli_w  # before another user, who may not see this Python, is taken on
-from cfid.records.campaign import find_campaign, load_rig
+from cfid.records.campaign import find_campaign
+from cfid.records.rig_file import load_rig
 from cfid.records.parameters import load_sections
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.run import read_run

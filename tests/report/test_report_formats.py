@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
+from cfid.records.campaign import Campaign, find_campaign
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.report.formats.render import Format, rendered
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, put, put_appendix_a, report_of
 

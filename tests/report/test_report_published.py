@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.campaign import RIG_FILE, Campaign, find_campaign, new_rig_text
+from cfid.records.campaign import Campaign, find_campaign
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.report.comparison import PublishedComparison
 from cfid.report.formats.grids import comparison_grid, comparison_notes, sources_of
 from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, new_campaign, number, put, put_appendix_a, report_of

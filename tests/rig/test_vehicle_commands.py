@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.records.campaign import RIG_FILE, load_rig
+from cfid.records.rig_file import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState

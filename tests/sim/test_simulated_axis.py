@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cfid.records.campaign import thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.sim.axis import DROPS, PERIOD_S, RELEASES, Axis, dropping, resting, swinging
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.rig import draw_truth, pendulum

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import find_peaks
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import Rig, Site, thesis_rig
+from cfid.records.rig_file import Rig, Site, thesis_rig
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.plants import HandRelease, swing
 from cfid.sim.rig import TrueFriction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings

@@ -13,7 +13,7 @@ import serial
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
-from cfid.records.campaign import thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.sim.service import SimulatedRig
 from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
 from cfid.wire.e201 import PositionReader

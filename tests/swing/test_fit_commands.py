@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.records.campaign import load_rig, new_rig_text
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.plants import Pendulum
 from cfid.sim.rig import draw_truth, pendulum
 from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH

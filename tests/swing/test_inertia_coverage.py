@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.inertia.estimation import InertiaFit, fit_inertia
-from cfid.records.campaign import Rig, load_rig, new_rig_text
+from cfid.records.rig_file import Rig, load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import swing
 from cfid.sim.rig import TrueFriction, Truth, draw_release, draw_truth, pendulum

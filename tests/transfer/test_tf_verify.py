@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.campaign import RIG_FILE, new_rig_text
 from cfid.records.parameters import load_sections
+from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
 from tests.campaigns import sentences

@@ -22,7 +22,8 @@ from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cfid.records.campaign import Campaign, LoadCellBox
+    from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import LoadCellBox
     from cfid.records.run import Run
     from cfid.rig.log import Device, Plan
     from cfid.transfer.sines.plan import SineSweep
