@@ -69,7 +69,7 @@ def _on_cluster(work: Callable[[Path], Any], folders: Iterable[Path], address: s
     from cfid.errors import ConfigError
 
     try:
-        from distributed import Client  # type: ignore[import-not-found, unused-ignore]
+        from distributed import Client
     except ImportError:
         raise ConfigError("--scheduler: Dask is not installed here: pip install 'cfid[fleet]'.") from None
     try:
