@@ -151,11 +151,11 @@ def speed(
     result = fit_speed(
         read_evidence(
             runs or [],
-            stand.known(),
-            stand.table,
             reading,
             scale,
             workplace,
+            known=stand.known(),
+            table=stand.table,
             kind="speed",
             method=method,
             rotors=rotors,
