@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
+from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, rejected, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
 from cfid.inertia.estimation import (
@@ -125,7 +126,7 @@ def _combined(values: Array, std: Array) -> tuple[float, float]:
     """
     if not std.all():
         return float(values.mean()), 0.0
-    return float(values @ std**-2.0 / (std**-2.0).sum()), float(std.min())
+    return float(weighted_mean(values, std=std).values[0]), float(std.min())
 
 
 def _quality(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swings: MeasuredSwings) -> dict[str, Any]:

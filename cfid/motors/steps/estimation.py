@@ -15,7 +15,7 @@ from scipy.special import roots_jacobi
 
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
-from cfid.estimate.signals import correlation_inflation
+from cfid.estimate.linear import sandwich
 from cfid.findings import Finding, rejection, texts
 
 Array = npt.NDArray[np.float64]
@@ -325,13 +325,6 @@ def _deviations(fit: OptimizeResult) -> Array:
 def _covariance(fit: OptimizeResult) -> Array:
     """Return the parameters' covariance (p, p), residuals being as correlated as they are; NaN at a bound."""
     free = fit.active_mask == 0
-    scale = np.sqrt(np.sum(fit.jac[:, free] ** 2, axis=0))
-    scale[scale == 0] = 1.0
-    jacobian = fit.jac[:, free] / scale
-    influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * fit.fun[:, np.newaxis] / scale
-    inflation = [correlation_inflation(column, longest=len(fit.fun) // 4) for column in influence.T]
-    freedom = len(fit.fun) / max(len(fit.fun) - int(free.sum()), 1)
     covariance = np.full((len(fit.x), len(fit.x)), math.nan)
-    widening = np.sqrt(np.array(inflation) * freedom)
-    covariance[np.ix_(free, free)] = influence.T @ influence * np.outer(widening, widening)
+    covariance[np.ix_(free, free)] = sandwich(fit.jac[:, free], fit.fun, longest=len(fit.fun) // 4)
     return covariance
