@@ -121,9 +121,8 @@ def _quantities(lags: Sequence[StepFit], model: RotorModel) -> dict[str, Paramet
         }
         for lag in lags
     ]
-    unit = "1/s, 1/rad"
     return {
-        "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std), unit=unit),
-        "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std), unit=unit),
-        "dynamics.time_constant_s": Parameter(value=rows, unit="s"),
+        "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std)),
+        "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std)),
+        "dynamics.time_constant_s": Parameter(value=rows),
     }

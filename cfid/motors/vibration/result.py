@@ -153,8 +153,8 @@ def _quantities(windows: Sequence[RotorWindow]) -> dict[str, Parameter]:
     value = np.where(given, [one.speed.speed_rad_per_s for one in windows], math.nan).tolist()
     std = np.where(given, [one.speed.std_rad_per_s for one in windows], math.nan).tolist()
     only = len(windows) == 1
-    speed = Parameter(value=value[0] if only else value, std=std[0] if only else std, unit="rad/s")
-    return {KEY: speed, "rotor.windows": Parameter(value=rows, unit="as named")}
+    speed = Parameter(value=value[0] if only else value, std=std[0] if only else std)
+    return {KEY: speed, "rotor.windows": Parameter(value=rows)}
 
 
 def _line(one: RotorWindow) -> str:
