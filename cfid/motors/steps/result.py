@@ -8,16 +8,9 @@ from pathlib import Path
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, rejection, warning
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
-from cfid.motors.steps.estimation import (
-    CommandStep,
-    RotorModel,
-    StepFit,
-    command_steps,
-    fit_rotor_model,
-    fit_steps,
-    followed,
-)
+from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
 from cfid.motors.steps.figures import dynamics_figure
+from cfid.motors.steps.model import CommandStep, command_steps, followed
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Figures, Result
