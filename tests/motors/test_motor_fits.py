@@ -14,6 +14,7 @@ from cfid.console.inputs import open_workplace
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors.maps.arguments import read_evidence
+from cfid.motors.maps.evidence import Stand
 from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import load_sections
 from cfid.records.rig_file import RIG_FILE, new_rig_text
