@@ -81,8 +81,8 @@ class TableSchema:
             raise DataError(f"{table.path}: {what} and no time: give --rate-hz.")
         by_number = ",".join(str(1 + place) for place in range(len(self.words) - count, len(self.words)))
         raise DataError(
-            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in {by_number}. Numbers "
-            "need decimal points, and no comma inside."
+            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in {by_number}. "
+            "Numbers need decimal points, and no comma inside."
         )
 
     def _check(self, table: CsvTable, there: dict[Column, list[str]]) -> None:
