@@ -124,6 +124,13 @@ def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: 
         assert not any(bench.motors)
 
 
+def test_a_link_that_loses_most_packets_is_named_as_the_cause(tmp_path: Path) -> None:
+    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": 0.5}) as bench:
+        told = refused(bench, "motors", "set", 20000, "--yes", within_s=40.0)
+        assert re.search(r"(the|its) link loses (most )?packets", told)
+        assert not any(bench.motors)
+
+
 # What state it is in
 
 
