@@ -20,26 +20,28 @@ LARGEST_COMMAND = 65535
 
 @dataclass(frozen=True, kw_only=True)
 class StairOptions:
-    """Which commands, and how long each."""
+    """The commands, and how long each is held."""
 
     from_: Annotated[
         int, typer.Option("--from", min=0, max=LARGEST_COMMAND, help="First command.", rich_help_panel=_STAIRS)
     ] = 0
     to: Annotated[int, typer.Option(min=0, max=LARGEST_COMMAND, help="Last command.", rich_help_panel=_STAIRS)] = 64000
     step: Annotated[
-        int | None, typer.Option(min=1, help="From one to the next; default: the thesis'.", rich_help_panel=_STAIRS)
+        int | None,
+        typer.Option(min=1, help="Difference between commands; default: the thesis'.", rich_help_panel=_STAIRS),
     ] = None
     down: Annotated[
-        bool, typer.Option("--down", help="Climb down again too: tells a battery's sag.", rich_help_panel=_STAIRS)
+        bool, typer.Option("--down", help="Also go down again; separates the battery's sag.", rich_help_panel=_STAIRS)
     ] = False
     hold: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRS)
     ] = None
     rest: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds of rest before, between, after.", rich_help_panel=_STAIRS)
+        float | None,
+        typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_STAIRS),
     ] = None
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_STAIRS)
+        bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_STAIRS)
     ] = False
 
     def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
@@ -71,7 +73,7 @@ def thrust(
     note: Note = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
 ) -> None:
-    """Record load cell, commands and battery while the motors climb a staircase; Ctrl-C stops them.
+    """Record load cell, commands and battery while the motors run a staircase; Ctrl-C stops them.
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
@@ -108,7 +110,7 @@ def thrust(
 
 
 def announce(stairs: "StaircasePlan") -> None:
-    """Say what a staircase would do."""
+    """Print what a staircase would do."""
     from cfid.rig.procedures import clock
 
     motors = ", ".join(map(str, stairs.motors))

@@ -1,4 +1,4 @@
-"""`cfid log speed` and `cfid log scales`: a staircase read off a tachometer, or off scales."""
+"""`cfid log speed` and `cfid log scales`: a staircase with the readings of a tachometer, or of scales."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -31,10 +31,13 @@ def speed(
     stairs: StairOptions,
     tachometer: Annotated[
         Literal["typed", "ut372", "deck", "brushless"],
-        typer.Option(help="What reads the speed: you, a UT372, the RPM deck, the motors.", rich_help_panel=_INSTRUMENT),
+        typer.Option(
+            help="Source of the speed: typed by you, a UT372, the RPM deck, brushless motors.",
+            rich_help_panel=_INSTRUMENT,
+        ),
     ] = "typed",
     port: Annotated[
-        str | None, typer.Option(help="Port of the UT372; default: looked for.", rich_help_panel=_INSTRUMENT)
+        str | None, typer.Option(help="Port of the UT372; default: search for it.", rich_help_panel=_INSTRUMENT)
     ] = None,
     motor: Motor = None,
     vehicle: VehicleOptions,
@@ -43,7 +46,7 @@ def speed(
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
-    """Record rotor speeds while motors climb a staircase; Ctrl-C stops them. Typed: Enter alone leaves one out.
+    """Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone leaves a reading out.
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
@@ -93,7 +96,7 @@ def scales(
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
-    """Record what scales show while motors climb a staircase (figure 3.9); Ctrl-C stops them.
+    """Record what scales show while motors run a staircase (figure 3.9); Ctrl-C stops them.
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
@@ -132,7 +135,7 @@ def _climb(
     value: str,
     question: str | None,
 ) -> None:
-    """Climb with an instrument that records by itself, or, with a question, one that the operator reads."""
+    """Run a staircase with an instrument that records by itself, or, with a question, one that the operator reads."""
     from cfid.motors.resume import interrupted, missing
     from cfid.records.run import Label
     from cfid.rig.log import Plan

@@ -1,4 +1,4 @@
-"""What an interrupted run of a sweep lacks."""
+"""The missing steps of an interrupted staircase."""
 
 from collections import Counter
 from dataclasses import replace
@@ -16,7 +16,7 @@ _ENOUGH = 0.98  # of the time that a step is held
 
 
 def interrupted(word: Path, campaign: Campaign, *, kind: str) -> Path:
-    """Return the folder of the run that a word names: a path, a run of the campaign, or `last`, of its kind.
+    """Return the folder of the run that an argument names: a path, a run of the campaign, or `last`, of its kind.
 
     Raises ConfigError when there is no run of this kind.
     """
@@ -32,8 +32,8 @@ def interrupted(word: Path, campaign: Campaign, *, kind: str) -> Path:
 def missing(folder: Path, *, kind: str) -> StaircasePlan:
     """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
-    The latter counts where no reading was asked for. Raises ConfigError when the run is no staircase
-    of this kind, or lacks nothing.
+    The latter counts where no reading was requested. Raises ConfigError when the run is no staircase
+    of this kind, or is complete.
     """
     run = read_run(folder)
     asked = run.header.asked
@@ -47,7 +47,7 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
         done = Counter(held_steps(run))
     left = tuple(step for step in before.steps if not _was_done(step, done))
     if run.header.state == "complete" or not any(left):
-        raise ConfigError(f"{folder}: lacks nothing.")
+        raise ConfigError(f"{folder}: is complete; nothing is left to record.")
     return replace(before, steps=left)
 
 

@@ -24,7 +24,7 @@ def wind_run(
     simulated: bool,
     asks: bool,
 ) -> Plan:
-    """Return what is to be recorded; the operator is asked for the tachometer's reading at each command if `asks`."""
+    """Return what is to be recorded; if `asks`, the operator types the tachometer's reading at each command."""
 
     async def read(there: Any, loop: Loop) -> None:
         await _read_tachometer(stairs, there, loop, live)

@@ -30,12 +30,12 @@ class MapOptions:
     """How a map is fitted."""
 
     order: Annotated[
-        str | None, typer.Option(metavar="N|auto", help="Order; default: the thesis', auto: by corrected AIC.")
+        str | None, typer.Option(metavar="N|auto", help="Order; default: the thesis'; auto: by corrected AIC.")
     ] = None
-    robust: Annotated[bool, typer.Option(help="Let single points that stand apart count little.")] = True
+    robust: Annotated[bool, typer.Option(help="Reduce the weight of outliers.")] = True
 
     def chosen(self, usual: int) -> "Order":
-        """Return the order. Raises ConfigError for what is none."""
+        """Return the order. Raises ConfigError for an invalid one."""
         from cfid.errors import ConfigError
 
         if self.order is None:
@@ -63,7 +63,7 @@ def thrust(
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
-    """Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over that.
+    """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """

@@ -1,4 +1,4 @@
-"""Options of `cfid fit thrust`, `speed` and `torque` that say what files cannot."""
+"""Options of `cfid fit thrust`, `speed` and `torque` for the facts that files do not contain."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ _INPUT = "What was measured"
 
 @dataclass(frozen=True, kw_only=True)
 class StandOptions:
-    """What files cannot say of themselves."""
+    """Facts that files do not contain."""
 
     table: Annotated[
         Path | None,
@@ -25,7 +25,7 @@ class StandOptions:
     ] = None
     motors: Annotated[
         int | None,
-        typer.Option(min=1, max=4, help="How many motors ran in files; a run knows it.", rich_help_panel=_INPUT),
+        typer.Option(min=1, max=4, help="How many motors ran in files; runs state it.", rich_help_panel=_INPUT),
     ] = None
     markers: Markers = None
     window: Annotated[
@@ -35,7 +35,7 @@ class StandOptions:
     flip_fz: FlipFz = None
 
     def known(self) -> "Stand":
-        """Return them as the fits take them. Raises ConfigError for a window that makes no sense."""
+        """Return them as the fits take them. Raises ConfigError for an invalid window."""
         from cfid.motors.maps.evidence import Stand
 
         window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4:8")
