@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from cfid.errors import FitError
 from cfid.findings import Finding, rejected, rejection, warning
@@ -22,7 +21,7 @@ from cfid.inertia.estimation import (
 from cfid.inertia.figures import budget_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias
@@ -73,7 +72,7 @@ def fit(
     axes = [swing.axis for swing in measured.mounted]
     lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
 
     return Result(

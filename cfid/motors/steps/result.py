@@ -1,11 +1,9 @@
 """How rotors follow steps of the command, in the contract's keys."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
-
-from matplotlib.figure import Figure
 
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, rejection, warning
@@ -22,7 +20,7 @@ from cfid.motors.steps.estimation import (
 from cfid.motors.steps.figures import dynamics_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
@@ -46,7 +44,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    def drawings() -> Mapping[str, Figure]:
+    def drawings() -> Figures:
         drawn = dynamics_figure(record.time_s, record.speed_rad_s, lags, model, title=record.name)
         return {f"fit_dynamics_{record.name}": drawn}
 
