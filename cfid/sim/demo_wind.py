@@ -29,7 +29,7 @@ def _in_wind(
 ) -> SimulatedRun:
     """Record at a wind speed that lies anywhere between the operator's two readings."""
     low, high = read_mps * (1 - np.sqrt(3) * READ_STD), read_mps * (1 + np.sqrt(3) * READ_STD)
-    acts = {"speed_mps": float(rng.uniform(low, high)), "angle_deg": angle_deg}
+    acts = {"speed_mps": float(rng.uniform(low, high)) / (1 + truth.wind.anemometer_gain), "angle_deg": angle_deg}
     asked = {
         "angle_deg": angle_deg,
         "fan_v": fan_v,
