@@ -31,7 +31,7 @@ class Imperfection(NamedTuple):
 
 IMPERFECTIONS = (
     Imperfection("swing.eccentricity_deg", "around", 0.3, "deg", "the encoder's ring is mounted off centre"),
-    Imperfection("swing.spring_nm_per_rad", "around", 1e-4, "Nm/rad", "a cable acts as a spring, 1 % of gravity"),
+    Imperfection("swing.spring_nm_per_rad", "around", 6e-5, "Nm/rad", "a cable acts as a spring, 1 % of gravity"),
     Imperfection("swing.stribeck_nm", "around", 2e-5, "Nm", "dry friction is larger at low speed"),
     Imperfection("swing.ripple_nm", "normal", 1e-5, "Nm", "dry friction varies with the angle"),
     Imperfection("swing.tilt_deg", "fixed", 1.0, "deg", "axes are mounted less exactly than rig.toml states"),
