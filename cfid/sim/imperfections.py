@@ -52,7 +52,7 @@ IMPERFECTIONS = (
     Imperfection("loadcell.bias_wander", "fixed", 1e-4, "of range", "the load cell's bias wanders within a minute"),
     Imperfection("battery.charge", "around", 0.6, "of full", "a lithium cell sags (with battery.kind = lipo)"),
     Imperfection("radio.loss", "fixed", 0.01, "of all", "packets and reports are lost"),
-    Imperfection("radio.jitter_shape", "around", 2.0, "", "delays have no sharp lower edge"),
+    Imperfection("radio.jitter_shape", "around", 2.0, "1", "delays have no sharp lower edge"),
     Imperfection("radio.floor_wander_s", "fixed", 5e-3, "s", "the shortest delay wanders within a minute"),
     Imperfection("radio.congestion_s", "around", 0.03, "s", "packets take longer in times of congestion"),
     Imperfection("wind.anemometer_gain", "normal", 0.04, "relative", "the anemometer reads too much"),

@@ -161,7 +161,7 @@ def step_response(campaign: Campaign, truth: SimTruth, rng: np.random.Generator)
 def _rows(result: Result) -> list[dict[str, float]]:
     rows = result.quantities["dynamics.time_constant_s"].value
     assert isinstance(rows, list)
-    return rows  # type: ignore[return-value]
+    return rows
 
 
 def transfer_function(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:

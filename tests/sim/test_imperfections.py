@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,9 @@ from cfid.sim.plants import DroppingWeight, HandRelease, Pendulum, drop, swing
 from cfid.sim.radio import Direction
 from cfid.sim.rig import pendulum
 from cfid.sim.rotors import Rotors
+from cfid.sim.truth import Truth
 from cfid.sim.truth_file import SimTruth, draw_vehicle, load_truth
+from tests.places import ROOT
 
 Array = npt.NDArray[np.float64]
 Seen = Callable[[SimTruth], float]
@@ -31,7 +34,7 @@ SMOOTH = {"unbalance": (0.0,) * 6, "blade_pass": (0.0,) * 6}
 OFF = {"radio.jitter_shape": 1.0, "battery.charge": 1.0}
 
 
-def vehicle(truth: SimTruth, seed: int = 1) -> Any:
+def vehicle(truth: SimTruth, seed: int = 1) -> Truth:
     return draw_vehicle(RIG, truth, rng=np.random.default_rng(seed))
 
 
@@ -160,7 +163,8 @@ def thrust(truth: SimTruth, commands: list[float], *, hold_s: float, rate_hz: fl
 
 def seen_scatter(truth: SimTruth) -> float:
     found = thrust(truth, [20000.0, 40000.0] * 200, hold_s=0.8)[:, -1, 2]
-    return float(np.hypot(*(np.std(found[at::2]) / np.mean(found[at::2]) / math.sqrt(2) for at in (0, 1))))
+    slow, fast = (float(np.std(found[at::2]) / np.mean(found[at::2])) for at in (0, 1))
+    return math.hypot(slow, fast) / math.sqrt(2)
 
 
 def seen_wander(truth: SimTruth) -> float:
@@ -204,7 +208,7 @@ def seen_warm_up(truth: SimTruth) -> float:
 
 
 def seen_bias_wander(truth: SimTruth) -> float:
-    found = shown(truth, np.zeros(6), 60.0 * np.arange(4000)) / np.array(truth.loadcell.ranges)
+    found = shown(truth, np.zeros(6), 60.0 * np.arange(4000.0)) / np.array(truth.loadcell.ranges)
     return float(np.sqrt(np.mean(np.square(found))))
 
 
@@ -219,7 +223,7 @@ def delays(truth: SimTruth, *, apart_s: float, latency_s: float = 0.0) -> Array:
     way = Direction(truth.radio.model_copy(update=update), np.random.default_rng(6))
     sent_s = apart_s * np.arange(20000)
     arrived = [way.arrival_s(at_s) for at_s in sent_s]
-    return np.array([math.nan if at_s is None else at_s for at_s in arrived]) - sent_s
+    return np.asarray(np.array([math.nan if at_s is None else at_s for at_s in arrived]) - sent_s)
 
 
 def seen_congestion(truth: SimTruth) -> float:
@@ -299,6 +303,15 @@ def test_an_imperfection_shows_with_its_size_when_it_is_on_and_not_at_all_when_i
     assert SEEN[one.key](IDEAL) == pytest.approx(off, abs=0.05 * one.size)
 
 
+def test_the_page_of_imperfections_lists_each_with_its_distribution() -> None:
+    page = (ROOT / "docs/reference/imperfections.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+
+    assert rows == [
+        f"| `{one.key}` | {one.text} | {one.distribution} | {one.size:g} | {one.unit} |" for one in IMPERFECTIONS
+    ]
+
+
 def test_values_are_drawn_from_the_stated_distributions() -> None:
     rng = np.random.default_rng(8)
     arms = [draw(IDEAL, [imperfection("rotors.arm_error")], rng=rng).rotors.arm_error for _ in range(1000)]
@@ -313,7 +326,7 @@ def test_values_are_drawn_from_the_stated_distributions() -> None:
     assert len(set(crosstalk.ravel())) == 36
 
 
-def test_a_truth_file_switches_an_imperfection_on(tmp_path: Any) -> None:
+def test_a_truth_file_switches_an_imperfection_on(tmp_path: Path) -> None:
     (tmp_path / "truth.toml").write_text(
         "[loadcell]\ngain_error = [0, 0, 0.01, 0, 0, 0]\n[swing]\neccentricity_deg = 1\n"
     )
