@@ -11,16 +11,18 @@ import pytest
 
 from cfid.errors import ConfigError
 from cfid.records.rig_file import thesis_rig
+from cfid.sim.axis import Axis
 from cfid.sim.battery import Battery
-from cfid.sim.demo_motors import shown_rpm
+from cfid.sim.demo_motors import ping_run, shown_rpm
 from cfid.sim.demo_wind import wind_run
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.imperfections import IMPERFECTIONS, Imperfection, draw, imperfection
 from cfid.sim.loadcell import WARM_UP_S, SimulatedLoadCell
-from cfid.sim.plants import DroppingWeight, HandRelease, Pendulum, drop, swing
+from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
 from cfid.sim.radio import Direction
-from cfid.sim.rig import pendulum
+from cfid.sim.rig import pendulum, record_swings
 from cfid.sim.rotors import Rotors
+from cfid.sim.stand import simulate_stand
 from cfid.sim.truth import Truth
 from cfid.sim.truth_file import SimTruth, draw_vehicle, load_truth
 from tests.places import ROOT
@@ -310,6 +312,43 @@ def test_the_page_of_imperfections_lists_each_with_its_distribution() -> None:
     assert rows == [
         f"| `{one.key}` | {one.text} | {one.distribution} | {one.size:g} | {one.unit} |" for one in IMPERFECTIONS
     ]
+
+
+def recorded(truth: SimTruth) -> list[bytes]:
+    """A swing, a drop, a step on the load cell, readings and pings."""
+    rng = np.random.default_rng(9)
+    encoder = EncoderModel(eccentricity_rad=truth.swing.eccentricity_rad)
+    swings = record_swings(draw_vehicle(RIG, truth, rng=rng), ["x"], rng=rng, encoder=encoder, duration_s=2.6)
+    stand = simulate_stand(
+        rotors=truth.rotors,
+        loadcell=truth.loadcell,
+        battery=truth.battery,
+        steps=[(0.2, (30000, 0, 30000, 0)), (0.8, (0, 0, 0, 0))],
+        duration_s=1.2,
+        rate_hz=1000,
+        rng=rng,
+    )
+    pings = ping_run(truth, rng).devices["pings"].values
+    found = [*swings["x"], np.array(unwound(truth)), stand.wrench, stand.volts, readings(truth), *pings]
+    return [np.ascontiguousarray(part).tobytes() for part in found]
+
+
+def test_what_is_switched_off_leaves_recordings_as_they_are_to_the_byte() -> None:
+    off: dict[str, dict[str, Any]] = {}
+    for one in IMPERFECTIONS:
+        section, name = one.key.split(".")
+        off.setdefault(section, {})[name] = off_value(one.key)
+
+    ideal, disturbed = recorded(IDEAL), recorded(draw(IDEAL, IMPERFECTIONS, rng=np.random.default_rng(10)))
+    assert recorded(SimTruth.model_validate(off)) == ideal
+    assert disturbed != ideal
+
+
+def test_the_served_encoder_is_eccentric_too() -> None:
+    still = Motion(time_s=np.array([0.0, 20.0]), angle_rad=np.zeros((2, 1)), speed_rad_per_s=np.zeros((2, 1)))
+    axis = Axis(still, return_s=0.3, offset_rad=1.0, eccentricity_rad=0.01)
+
+    assert axis.angle_at(5.0) == pytest.approx(1.0 + 0.01 * math.sin(1.0), abs=1e-12)
 
 
 def test_values_are_drawn_from_the_stated_distributions() -> None:
