@@ -1,5 +1,6 @@
 """Sends requests to a vehicle over an open link in a loop, awaits the answers, and monitors the link."""
 
+import math
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
@@ -21,6 +22,8 @@ Handler = Callable[[bytes, float], None]
 Place = tuple[int, int]  # port and channel
 
 SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are missing then
+_STALL_S = 0.2  # between two checks, which come every 0.05 s
+_RECENT_S = 2.0
 
 ANSWER_S = 0.15
 TRIES = 3
@@ -63,6 +66,7 @@ class Vehicle:
         self.wire, self.loop = wire, loop
         self._handlers: dict[Place, list[Handler]] = defaultdict(list)
         self._woken = False
+        self._checked_s, self._resumed_s, self._stalled_s = math.inf, -math.inf, 0.0
         wire.arrived()  # drops earlier packets
         wire.attach(self._wake)
 
@@ -79,11 +83,26 @@ class Vehicle:
         """Send a packet. Raises DeviceError when the link is gone."""
         self.wire.send(Packet(port, channel, payload))
 
+    @property
+    def stall(self) -> str:
+        """How long this program itself was not running a moment ago, in words; empty if it always ran."""
+        if self.loop.seconds() - self._resumed_s > _RECENT_S:
+            return ""
+        return f"cfid itself was suspended or kept waiting for {self._stalled_s:.1f} s"
+
+    def silent_s(self, since_s: float) -> float:
+        """Return how long nothing arrived since a time, not counting a stall of this program: packets then wait."""
+        return float(self.loop.seconds() - max(since_s, self._resumed_s))
+
     def check(self) -> None:
-        """Raise DeviceError when the link failed or no packet arrives any more."""
+        """Raise DeviceError when the link failed or no packet arrives any more. Call it with every block of rows."""
+        now_s = self.loop.seconds()
+        if now_s - self._checked_s > _STALL_S:
+            self._resumed_s, self._stalled_s = now_s, now_s - self._checked_s
+        self._checked_s = now_s
         if self.wire.fault:
             raise DeviceError(self.wire.fault)
-        silent_s = self.loop.seconds() - self.wire.received_s
+        silent_s = self.silent_s(self.wire.received_s)
         if silent_s > SILENT_S:
             raise DeviceError(f"{self.uri}: the link was lost: no packet for {silent_s:.1f} s.")
 

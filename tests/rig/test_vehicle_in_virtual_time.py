@@ -8,13 +8,17 @@ import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DeviceError
+from cfid.latency.record import ping_often
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.record import run_staircase
 from cfid.records.run import Run
 from cfid.rig.loop import Ending
+from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
-from cfid.rig.procedures import StaircasePlan, hold, ping_often, play_sine, run_staircase
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth
+from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
 from tests.rig.flying import UNIX_S, Flight
 
@@ -260,6 +264,30 @@ def test_with_the_app_every_fault_ends_a_sine(tmp_path: Path, fault: CrazyflieFa
     assert isinstance(failure, DeviceError)
     late_s = 0.5 if told.startswith("the battery") else 1.0 if told.startswith("its supervisor") else 0.0
     assert flight.stopped_after(1.0 + BEGUN_S) < 0.7 + late_s
+
+
+STALLS = [
+    ("app", 0.35, ""),
+    ("app", 1.5, "it received no keep-alive, since cfid itself was suspended or kept waiting for 1.5 s"),
+    ("stock", 1.5, ""),
+]
+
+
+@pytest.mark.parametrize(("firmware", "stall_s", "told"), STALLS)
+def test_a_stall_of_cfid_itself_is_not_taken_for_the_vehicles_silence(
+    tmp_path: Path, firmware: str, stall_s: float, told: str
+) -> None:
+    flight = Flight(tmp_path, firmware=firmware)
+
+    async def stall(there: Any) -> None:
+        await hold(there["commands"], 30000, (1, 2), for_s=1.0, loop=flight.clock)
+        flight.clock.pause(stall_s)
+        await hold(there["commands"], 30000, (1, 2), for_s=2.5, loop=flight.clock)
+
+    _, failure = flight.record([flight.commands(), flight.log()], stall)
+
+    assert (told in str(failure)) if told else (failure is None)
+    assert not any(flight.motors[-1][1])
 
 
 @pytest.mark.parametrize("firmware", ["stock", "old"])
