@@ -67,7 +67,7 @@ def fitted(time_s: Array, angle: Array, terms: tuple[str, ...], step_s: float = 
 @pytest.mark.parametrize("degrees", [10, 40, 70])
 @pytest.mark.parametrize(
     ("damping", "terms"),
-    zip(SMOOTH, [("viscous",), ("quadratic",), ("viscous", "quadratic")], strict=True),
+    list(zip(SMOOTH, [("viscous",), ("quadratic",), ("viscous", "quadratic")], strict=True)),
 )
 def test_smooth_damping_comes_back_to_a_millionth(degrees: float, damping: Friction, terms: tuple[str, ...]) -> None:
     fit = fitted(*free_swing(degrees, damping), terms)
