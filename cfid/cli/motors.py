@@ -60,7 +60,7 @@ def set_motors(
 
     Example: [bold]cfid motors set 30000 --motor 1,3 --for 10[/bold]
     """
-    from cfid.rig.procedures import hold
+    from cfid.rig.motor_commands import hold
 
     if for_s is not None:
         positive(for_s, "--for")

@@ -63,11 +63,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Record load cell, commands and battery while the motors climb a staircase; Ctrl-C stops them.",
     ),
     "log speed": (
-        "cfid.motors.readings_command:speed",
+        "cfid.motors.command:speed",
         "Record rotor speeds while motors climb a staircase; Ctrl-C stops them. Typed: Enter alone leaves one out.",
     ),
     "log scales": (
-        "cfid.motors.readings_command:scales",
+        "cfid.motors.command:scales",
         "Record what scales show while motors climb a staircase (figure 3.9); Ctrl-C stops them.",
     ),
     "log sine": (
@@ -75,7 +75,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.",
     ),
     "log ping": (
-        "cfid.latency.log_command:ping",
+        "cfid.latency.command:ping",
         "Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.",
     ),
     "log wind": (
@@ -143,7 +143,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).",
     ),
     "tf verify": (
-        "cfid.transfer.verify_command:verify",
+        "cfid.transfer.command:verify",
         "Simulate the campaign's transfer function, or one by its numbers, against runs it was not identified from.",
     ),
     "tf latency": (

@@ -20,5 +20,10 @@ def fault(text: str) -> None:
     typer.secho(f"cfid: {text}", err=True, fg=_colour(typer.colors.RED))
 
 
+def clock(seconds: float) -> str:
+    """Return a time as minutes and seconds."""
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
 def _colour(name: str) -> str | None:
     return None if os.environ.get("NO_COLOR") else name

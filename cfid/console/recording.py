@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 OUTPUT = "Output"
 
+Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether they are simulated
+Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as --json has them, and lines
+
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.")]
 
@@ -76,7 +79,7 @@ class Lasting:
         return None if self.for_s is None else positive(self.for_s, "--for")
 
 
-def rig_of(folder: Path | None) -> "tuple[Campaign, Devices, bool]":
+def rig_of(folder: Path | None) -> Rig:
     """Return the campaign, its devices and whether they are simulated, with a note if so."""
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
@@ -102,6 +105,11 @@ def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
     typer.echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
 
 
+def nothing_found(_: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Return no parameters and no lines: most runs are evaluated later."""
+    return {}, ()
+
+
 def record(
     command: str,
     plan: "Plan",
@@ -109,11 +117,11 @@ def record(
     live: LiveLine,
     options: KeepOptions,
     *,
-    found: "Callable[[Run], tuple[Mapping[str, Any], Sequence[str]]]" = lambda run: ({}, ()),
+    found: Found = nothing_found,
 ) -> None:
     """Record a run and print its summary, also when it failed. Raises the error that ended it.
 
-    `found` returns parameters in the form of --json and lines for the terminal, from a run that did not fail.
+    `found` evaluates a run that did not fail.
     """
     run, failure = attempt(plan, devices, live)
     if run is not None:

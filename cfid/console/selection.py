@@ -116,3 +116,19 @@ def _left(runs: "Sequence[Run]") -> str:
 def _why_left(run: "Run") -> str:
     state = "cut" if run.cut else run.header.state
     return f"{run.folder.name} ({f'excluded: {run.header.excluded}' if run.header.excluded else state})"
+
+
+def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
+    """Return the folder of the run that --resume names: a path, a run of the campaign, or `last`, of its kind.
+
+    Raises ConfigError when there is no run of this kind.
+    """
+    from cfid.records.run import Run, list_runs
+
+    if str(word) != LAST:
+        return word if word.exists() else campaign.runs_folder / word
+    runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
+    of_kind = [run.folder for run in runs if run.header.kind.partition("_")[0] == kind]  # a sine's ends with its l
+    if not of_kind:
+        raise ConfigError(f"last: {campaign.runs_folder} has no run of `cfid log {kind}` yet.")
+    return of_kind[-1]

@@ -21,7 +21,7 @@ from cfid.console.options import (
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
-from cfid.drag.options import AzimuthRad, azimuth
+from cfid.drag.wind.command import AzimuthRad, azimuth
 
 _INPUT, _MODELS = "What was measured", "Models"
 

@@ -13,11 +13,13 @@ from cfid.errors import DataError
 from cfid.findings import Finding
 from cfid.records.parameters import Source
 from cfid.records.run import Run
+from cfid.records.tables.schema import Column, TableSchema
 from cfid.records.tables.table import open_table
 
 TABLE_COLUMNS = (
     "command", "angle_deg", "vx_mps", "vy_mps", "vz_mps", "speed_sum_rad_s", "fx_n", "fy_n", "fz_n",
 )  # fmt: skip
+FORCES = TableSchema(columns=tuple(Column.named(name) for name in TABLE_COLUMNS))
 
 
 def read_runs(
@@ -48,11 +50,7 @@ def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments
 def read_forces(path: Path) -> DragExperiments:
     """Read a CSV file of reduced forces. Raises DataError naming the file, and the line of what is not a number."""
     table = open_table(path)
-    missing = [name for name in TABLE_COLUMNS if name not in table.names]
-    if missing:
-        expected = ",".join(TABLE_COLUMNS)
-        raise DataError(f"{path}: no column {', '.join(missing)} among {table.listing}: its head should be {expected}.")
-    values = table.numbers(TABLE_COLUMNS)
+    values = table.numbers(list(FORCES.places(table).values()))
     try:
         experiments = experiments_from_table(
             command=values[:, 0],

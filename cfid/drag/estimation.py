@@ -10,6 +10,7 @@ from cfid.drag.covariance import ForceErrors, force_errors, noise_scale, stated_
 from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import BODY, DragModel, rows_of
 from cfid.errors import FitError
+from cfid.estimate.linear import Estimate, fit_linear, gain_of, std_of
 
 Array = npt.NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class DragFit:
     @property
     def std(self) -> Array:
         """The standard uncertainty of each of `value`."""
-        return np.asarray(np.sqrt(np.diag(self.covariance))[self.model.layout])
+        return np.asarray(std_of(self.covariance)[self.model.layout])
 
     @property
     def value_covariance(self) -> Array:
@@ -130,9 +131,9 @@ def fit_drag(
     equations = design(experiments, model, parasitic=parasitic, intercepts=intercepts)
     condition = _condition(equations)
     if gain is None and not weighted:
-        gain = _plain_gain(equations.rows)
+        gain = gain_of(equations.rows)
     found = solve(equations) if gain is None else _estimated(equations, gain)
-    rows, std, p = equations.rows, np.sqrt(np.diag(found.covariance)), model.unknowns
+    rows, std, p = equations.rows, std_of(found.covariance), model.unknowns
     body, settings = [p, p, p + 1], slice(p + (2 if parasitic else 0), None)
     return DragFit(
         model=model,
@@ -158,16 +159,16 @@ def solve(equations: Design) -> Solution:
     """
     experiments, rows, force = equations.experiments, equations.rows, equations.force_n
     noise, both = stated_noise(experiments), np.column_stack([rows, force])
-    values, covariance = _least_squares(noise.whitened(both))
+    found = _fitted(noise.whitened(both))
     for _ in range(_ROUNDS):
-        before = values
-        wind = wind_columns(experiments, equations.slopes @ values)
-        scale = noise_scale(experiments, noise, residual=force - rows @ values, wind=wind, rows=rows)
+        before = found.values
+        wind = wind_columns(experiments, equations.slopes @ before)
+        scale = noise_scale(experiments, noise, residual=force - rows @ before, wind=wind, rows=rows)
         errors = force_errors(noise, scale=scale, wind=wind)
-        values, covariance = _least_squares(errors.whitened(both))
-        if np.all(np.abs(values - before) <= _SETTLED * np.sqrt(np.diag(covariance))):
+        found = _fitted(errors.whitened(both))
+        if np.all(np.abs(found.values - before) <= _SETTLED * found.std):
             break
-    return Solution(values, covariance, errors, scale)
+    return Solution(found.values, found.covariance, errors, scale)
 
 
 def _estimated(equations: Design, gain: Array) -> Solution:
@@ -177,11 +178,6 @@ def _estimated(equations: Design, gain: Array) -> Solution:
     """
     best = solve(equations)
     return best._replace(values=gain @ equations.force_n, covariance=best.errors.covariance_of(gain))
-
-
-def _plain_gain(rows: Array) -> Array:
-    length = np.linalg.norm(rows, axis=0)
-    return np.asarray(np.linalg.pinv(rows / length) / length[:, np.newaxis])
 
 
 def _condition(equations: Design) -> float:
@@ -202,10 +198,6 @@ def _condition(equations: Design) -> float:
     return float(singular[0] / singular[-1])
 
 
-def _least_squares(white: Array) -> tuple[Array, Array]:
-    """Return solution and covariance of white rows and right side (m, q + 1), by a QR of columns of equal length."""
-    rows, right = white[:, :-1], white[:, -1]
-    length = np.linalg.norm(rows, axis=0)
-    q, r = np.linalg.qr(rows / length)
-    inverse = np.linalg.inv(r) / length[:, np.newaxis]
-    return inverse @ (q.T @ right), inverse @ inverse.T
+def _fitted(white: Array) -> Estimate:
+    """Fit white rows to their right side, both in one array (m, q + 1)."""
+    return fit_linear(white[:, :-1], white[:, -1], noise_known=True)

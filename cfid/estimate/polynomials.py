@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.special import ndtri, stdtrit
 
 from cfid.errors import FitError
+from cfid.estimate.linear import Estimate, fit_linear
 
 Array = npt.NDArray[np.float64]
 
@@ -185,16 +186,16 @@ def _fit(
     _check(x, y, given, powers)
     size = float(np.max(np.abs(x))) or 1.0
     rows = (x[:, np.newaxis] / size) ** np.array(powers) / given[:, np.newaxis]
-    inverse = _inverse(rows, x, powers)
-    freedom = len(x) - len(powers)
-    solved = _solve(rows, inverse, y / given, robust=robust and freedom > 0, least=0.0 if std is None else 1.0)
+    _check_places(rows, x, powers)
+    plain = fit_linear(rows, y / given, noise_known=False)
+    freedom, gain = plain.degrees_of_freedom, plain.gain  # of one deviation of each
+    solved = _solved(rows, y / given, plain, robust=robust and freedom > 0, least=0.0 if std is None else 1.0)
     variance = solved.variance if std is None else float(np.nanmax([1.0, solved.variance]))
     scatter = solved.scatter if std is None else float(np.nanmax([1.0, solved.scatter]))
     order = max(powers)
     places, units = order - np.array(powers), size ** -np.array(powers, dtype=np.float64)
     coefficients, covariance = np.zeros(order + 1), np.zeros((order + 1, order + 1))
     coefficients[places] = solved.solution * units
-    gain = inverse @ inverse.T @ rows.T  # of one deviation of each
     by_point = np.zeros((order + 1, len(x)))
     by_point[places] = gain * units[:, np.newaxis] / given
     moved = np.zeros((order + 1, len(x) + (0 if shared is None or std is None else shared.shape[1])))
@@ -237,29 +238,22 @@ def _check(x: Array, y: Array, std: Array, powers: Sequence[int]) -> None:
         )
 
 
-def _inverse(rows: Array, x: Array, powers: Sequence[int]) -> Array:
-    """Return the inverse (p, p) of R in rows = Q R; with its transpose it makes that of the normal matrix."""
-    triangle = np.linalg.qr(rows, mode="r")
-    diagonal = np.abs(np.diag(triangle))
+def _check_places(rows: Array, x: Array, powers: Sequence[int]) -> None:
+    diagonal = np.abs(np.diag(np.linalg.qr(rows, mode="r")))
     if diagonal.min() <= _DEPENDENT * diagonal.max():
         raise FitError(
             f"{len(x)} points at {len(np.unique(x))} different places cannot tell {len(powers)} coefficients apart: "
             "measure at more places, or take a lower order."
         )
-    return np.asarray(np.linalg.inv(triangle))
 
 
-def _solve(rows: Array, inverse: Array, y: Array, *, robust: bool, least: float) -> _Solved:
-    """Solve by least squares, or with Huber's loss at a scale of at least `least`."""
-    count, unknowns = rows.shape
-    freedom = count - unknowns
-    solution = np.asarray(inverse @ (inverse.T @ (rows.T @ y)))
-    solution += inverse @ (inverse.T @ (rows.T @ (y - rows @ solution)))  # what rounding left
-    residual = y - rows @ solution
+def _solved(rows: Array, y: Array, plain: Estimate, *, robust: bool, least: float) -> _Solved:
+    """Return plain least squares as it is, or what Huber's loss makes of it at a scale of at least `least`."""
+    residual, freedom = plain.residual, plain.degrees_of_freedom
     if robust and np.any(residual):
-        return _huber(rows, y, solution, least=least)
+        return _huber(rows, y, plain.values, least=least)
     variance = float(residual @ residual) / freedom if freedom else math.nan
-    return _Solved(solution, residual, np.ones(count), None, variance, variance)
+    return _Solved(plain.values, residual, np.ones(len(y)), None, variance, variance)
 
 
 def _huber(rows: Array, y: Array, solution: Array, *, least: float) -> _Solved:

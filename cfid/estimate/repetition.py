@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cfid.errors import FitError
+from cfid.estimate.linear import fit_linear, weighted_mean
 
 Array = npt.NDArray[np.float64]
 
@@ -52,14 +53,13 @@ def repeats(*, time_s: Array, value: Array, std: Array) -> Repeats:
         raise FitError(f"{len(value)} value does not repeat: it takes two.")
     stated = bool(np.all(np.isfinite(std) & (std > 0)))
     sigma = std if stated else np.ones(len(value))
-    weight = 1 / sigma**2
-    mean = float(weight @ value / weight.sum())
-    chi_squared, freedom = float(weight @ (value - mean) ** 2), len(value) - 1
-    shared = float(weight @ sigma / weight.sum()) if stated else 0.0
-    drift, drift_std = _drift(time_s / _DAY_S, value, weight, stated)
+    found, freedom = weighted_mean(value, std=sigma), len(value) - 1
+    chi_squared = float(np.sum((found.residual / sigma) ** 2))
+    shared = float(found.gain[0] @ sigma) if stated else 0.0
+    drift, drift_std = _drift(time_s / _DAY_S, value, sigma, stated)
     return Repeats(
-        mean=mean,
-        mean_std=max(shared, _widened(chi_squared, freedom, stated) / math.sqrt(weight.sum())),
+        mean=float(found.values[0]),
+        mean_std=max(shared, _widened(chi_squared, freedom, stated) * float(found.std[0])),
         scatter=float(np.std(value, ddof=1)),
         chi_squared=chi_squared,
         freedom=freedom,
@@ -69,15 +69,13 @@ def repeats(*, time_s: Array, value: Array, std: Array) -> Repeats:
     )
 
 
-def _drift(day: Array, value: Array, weight: Array, stated: bool) -> tuple[float | None, float | None]:
+def _drift(day: Array, value: Array, sigma: Array, stated: bool) -> tuple[float | None, float | None]:
     if len(np.unique(day)) < 3:
         return None, None
-    place = day - weight @ day / weight.sum()
-    level = weight @ value / weight.sum()
-    spread = float(weight @ place**2)
-    slope = float(weight @ (place * (value - level))) / spread
-    left = float(weight @ (value - level - slope * place) ** 2)
-    return slope, _widened(left, len(day) - 2, stated) / math.sqrt(spread)
+    rows = np.stack([np.ones_like(day), day - day.mean()], axis=1)
+    line = fit_linear(rows / sigma[:, np.newaxis], value / sigma, noise_known=True)
+    left = float(line.residual @ line.residual)
+    return float(line.values[1]), _widened(left, line.degrees_of_freedom, stated) * float(line.std[1])
 
 
 def _widened(chi_squared: float, freedom: int, stated: bool) -> float:

@@ -9,6 +9,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 
 from cfid.errors import DataError
+from cfid.estimate.linear import mean_of
 from cfid.estimate.signals import GRID_S, resample
 
 Array = npt.NDArray[np.float64]
@@ -161,7 +162,7 @@ def _by_hand(grid: Array, from_s: float | None, to_s: float | None) -> slice:
 
 def _mean_std(inside: Array) -> float:
     blocks = _blocks(inside)
-    return float(np.std(blocks, ddof=1) / math.sqrt(len(blocks))) if len(blocks) > 1 else 0.0
+    return float(mean_of(blocks).std[0]) if len(blocks) > 1 else 0.0
 
 
 def _fit_fall(grid: Array, angle: Array, start: int, stop: int, speed: float) -> tuple[int, tuple[float, float], Array]:

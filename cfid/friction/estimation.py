@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.estimate.linear import fit_linear, mean_of
 from cfid.estimate.propagation import widened
 from cfid.findings import Finding, rejection, warning
 from cfid.friction.drops import Drop
@@ -134,15 +135,11 @@ def _least_squares(columns: list[Array], torque: Array) -> list[_Known]:
 
     What differs from drop to drop is the friction itself, so the residual is a torque.
     """
-    rows = np.stack(columns, axis=1)
-    found = np.linalg.lstsq(rows, torque, rcond=None)[0]
-    degrees_of_freedom = len(torque) - len(columns)
-    if degrees_of_freedom == 0:
-        return [_Known(float(value), None) for value in found]
-    residual = torque - rows @ found
-    std = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)) * (residual @ residual) / degrees_of_freedom)
+    found = fit_linear(np.stack(columns, axis=1), torque, noise_known=False)
+    freedom = found.degrees_of_freedom
     return [
-        _Known(float(value), widened(float(one), degrees_of_freedom)) for value, one in zip(found, std, strict=True)
+        _Known(float(value), widened(float(std), freedom) if freedom else None)
+        for value, std in zip(found.values, found.std, strict=True)
     ]
 
 
@@ -161,7 +158,7 @@ def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, comm
 def _mean_std(values: Array) -> float | None:
     if len(values) < 2:
         return None
-    return widened(float(values.std(ddof=1) / math.sqrt(len(values))), len(values) - 1)
+    return widened(float(mean_of(values).std[0]), len(values) - 1)
 
 
 def _with(std: float | None, common: float) -> float | None:

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from matplotlib.figure import Figure
-
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.figures import drops_figure, friction_figure
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.data import rig_or_thesis
@@ -55,7 +53,7 @@ def fit(
         found = fit_friction(measured, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity_mps2)
     unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]
 
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         labels = [f"{1000 * d.weight_kg:g} g, {r.name}" for d, r in zip(measured, records, strict=True)]
         figures = {"friction_runs": drops_figure(measured, labels=labels)}
         if len(unsettled) < len(measured):

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
 from cfid.errors import FitError
+from cfid.estimate.linear import gain_of
 from cfid.estimate.propagation import budget, contributions
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.consistency import as_matrix, is_consistent, nearest_consistent
@@ -218,8 +219,7 @@ def _gain(rows: Array, columns: Array) -> tuple[Array, Array]:
     """
     covariance = columns @ columns.T
     size = float(np.trace(covariance)) / len(rows)
-    weight = np.linalg.inv(covariance + (1e-6 * size or 1.0) * np.eye(len(rows)))
-    gain = np.linalg.solve(rows.T @ weight @ rows, rows.T @ weight).astype(np.float64)
+    gain = gain_of(rows, covariance=covariance + (1e-6 * size or 1.0) * np.eye(len(rows)))
     return gain, gain @ covariance @ gain.T
 
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from cfid.errors import FitError
+from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, rejected, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
 from cfid.inertia.estimation import (
@@ -22,7 +22,7 @@ from cfid.inertia.estimation import (
 from cfid.inertia.figures import budget_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias
@@ -73,7 +73,7 @@ def fit(
     axes = [swing.axis for swing in measured.mounted]
     lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
 
     return Result(
@@ -126,7 +126,7 @@ def _combined(values: Array, std: Array) -> tuple[float, float]:
     """
     if not std.all():
         return float(values.mean()), 0.0
-    return float(values @ std**-2.0 / (std**-2.0).sum()), float(std.min())
+    return float(weighted_mean(values, std=std).values[0]), float(std.min())
 
 
 def _quality(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swings: MeasuredSwings) -> dict[str, Any]:

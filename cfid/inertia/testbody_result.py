@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from matplotlib.figure import Figure
-
 from cfid.findings import Finding, rejected, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
 from cfid.inertia.figures import testbody_figure
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, swung_test_body
@@ -53,7 +51,7 @@ def fit_testbody(
         if f"testbody.error.{c.axis}" not in rejected(findings, quantities)
     )
 
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         return {"testbody": testbody_figure(comparisons)}
 
     return Result(

@@ -1,13 +1,20 @@
-"""`cfid tf latency`: round trips to the vehicle (table 3.2), and its clock against this computer's."""
+"""`cfid log ping` and `cfid tf latency`: round trips to the vehicle (table 3.2), and its clock."""
 
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import Delivery, RigOptions, flat
+from cfid.console.options import Delivery, RigOptions, flat, positive
 from cfid.console.outcome import deliver
+from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
 from cfid.console.selection import chosen, labelled
+from cfid.console.vehicle import VehicleOptions
+from cfid.errors import FitError
+
+if TYPE_CHECKING:
+    from cfid.records.run import Run
 
 
 @flat
@@ -33,3 +40,38 @@ def latency(
     workplace = open_workplace(rig)
     words = chosen(runs, workplace.campaign, suits=labelled("ping"), wanted="runs of pings")
     deliver(fit([find_recording(word, workplace) for word in words]), delivery, workplace.campaign)
+
+
+@flat
+def ping(
+    *,
+    count: Annotated[int, typer.Option(min=1, help="How many round trips.")] = 1000,
+    interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one to the next.")] = 0.1,
+    vehicle: VehicleOptions,
+    keep: KeepOptions,
+    dry_run: DryRun = False,
+    note: Annotated[str | None, typer.Option(help="Circumstances, kept with the run.")] = None,
+) -> None:
+    """Measure round trips to the vehicle: mean, standard deviation, least, histogram (table 3.2). No motor turns.
+
+    Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
+    """
+    from cfid.latency.record import record_pings
+
+    every_s = positive(interval, "--interval")
+    rig = rig_of(keep.campaign)
+    if dry_run:
+        rehearse(f"{count} pings", rig[0].runs_folder, count * every_s)
+        return
+    record_pings(count=count, every_s=every_s, rig=rig, vehicle=vehicle, keep=keep, note=note, found=_found)
+
+
+def _found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Return what a run's round trips give as --json has it, and as lines; why not, where they are too few."""
+    from cfid.latency import fit
+
+    try:
+        result = fit([run])
+    except FitError as error:
+        return {}, [str(error)]
+    return {key: quantity.as_json() for key, quantity in result.quantities.items()}, result.lines

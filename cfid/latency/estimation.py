@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
+from cfid.estimate.linear import mean_of
 
 
 class RoundTrips(NamedTuple):
@@ -34,4 +35,4 @@ def round_trips(rtt_s: npt.NDArray[np.float64]) -> RoundTrips:
     if count < 2:
         raise FitError(f"{count} round trip(s) have no standard deviation: at least two are needed.")
     std_s = float(np.std(rtt_s, ddof=1))
-    return RoundTrips(count, float(np.mean(rtt_s)), std_s, std_s / float(np.sqrt(count)), float(rtt_s.min()))
+    return RoundTrips(count, float(np.mean(rtt_s)), std_s, float(mean_of(rtt_s).std[0]), float(rtt_s.min()))

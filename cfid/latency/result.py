@@ -81,9 +81,9 @@ def _clock(records: Sequence[PingRecord]) -> ClockLine | None:
 
 def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
     return {
-        "latency.rtt_mean_s": Parameter(value=trips.mean_s, std=trips.mean_std_s, unit="s"),
-        "latency.rtt_std_s": Parameter(value=trips.std_s, unit="s"),
-        "latency.rtt_min_s": Parameter(value=trips.least_s, unit="s"),
+        "latency.rtt_mean_s": Parameter(value=trips.mean_s, std=trips.mean_std_s),
+        "latency.rtt_std_s": Parameter(value=trips.std_s),
+        "latency.rtt_min_s": Parameter(value=trips.least_s),
     }
 
 
@@ -91,8 +91,8 @@ def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter
     """Return the host's time when the vehicle's clock was zero, as if the quickest answer took half its round trip."""
     std_s = hypot(line.offset_std_s, line.rate_std * line.middle_device_s)
     return {
-        "latency.clock_offset_s": Parameter(value=line.offset_s - trips.offset_bound_s, std=std_s, unit="s"),
-        "latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2, unit="1"),
+        "latency.clock_offset_s": Parameter(value=line.offset_s - trips.offset_bound_s, std=std_s),
+        "latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2),
     }
 
 

@@ -1,21 +1,26 @@
-"""`cfid log thrust`: a staircase of commands on the load cell."""
+"""`cfid log thrust`, `cfid log speed`, `cfid log scales`: a staircase of commands, and what is read at each."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.console.live import LiveLine
+from cfid.console.messages import clock
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
-from cfid.console.vehicle import LogMs, Motor, VehicleOptions, confirm, motors_of, reach
+from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
+from cfid.console.selection import interrupted
+from cfid.console.vehicle import LogMs, Motor, VehicleOptions, motors_of
+from cfid.errors import ConfigError
+from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
-    from cfid.rig.procedures import StaircasePlan
+    from cfid.motors.plan import StaircasePlan
+    from cfid.records.campaign import Campaign
 
-_STAIRS = "StaircasePlan"
-LARGEST_COMMAND = 65535
+_STAIRS, _INSTRUMENT = "Staircase", "Instrument"
+
+_SPEED_STEP, _SPEED_HOLD_S, _SPEED_REST_S = 2000, 6.0, 2.0  # a tachometer's display takes seconds to settle
+_SCALES_STEP, _SCALES_HOLD_S, _SCALES_REST_S = 4000, 5.0, 3.0  # as in figure 3.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +28,9 @@ class StairOptions:
     """Which commands, and how long each."""
 
     from_: Annotated[
-        int, typer.Option("--from", min=0, max=LARGEST_COMMAND, help="First command.", rich_help_panel=_STAIRS)
+        int, typer.Option("--from", min=0, max=FULL_COMMAND, help="First command.", rich_help_panel=_STAIRS)
     ] = 0
-    to: Annotated[int, typer.Option(min=0, max=LARGEST_COMMAND, help="Last command.", rich_help_panel=_STAIRS)] = 64000
+    to: Annotated[int, typer.Option(min=0, max=FULL_COMMAND, help="Last command.", rich_help_panel=_STAIRS)] = 64000
     step: Annotated[
         int | None, typer.Option(min=1, help="From one to the next; default: the thesis'.", rich_help_panel=_STAIRS)
     ] = None
@@ -44,8 +49,7 @@ class StairOptions:
 
     def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
         """Return the staircase. Raises ConfigError for one without steps."""
-        from cfid.errors import ConfigError
-        from cfid.rig.procedures import StaircasePlan
+        from cfid.motors.plan import StaircasePlan
 
         steps = tuple(range(self.from_, self.to + 1, self.step or step))
         if not steps:
@@ -75,44 +79,96 @@ def thrust(
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
-    from cfid.motors.resume import interrupted, missing
-    from cfid.records.run import Label
-    from cfid.rig.log import Plan, ready_loadcell
-    from cfid.rig.procedures import run_staircase
+    from cfid.motors.record import record_forces
 
-    campaign, devices, simulated = rig_of(keep.campaign)
+    rig = rig_of(keep.campaign)
     wanted = stairs.stairs(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
-    if resume.word is not None:
-        wanted = missing(interrupted(resume.word, campaign, kind="thrust"), kind="thrust")
+    wanted = _left("thrust", wanted, resume, rig[0])
     if stairs.dry_run:
         announce(wanted)
-        return
-    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
-    live = LiveLine()
-    with ExitStack() as held:
-        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        crazyflie.limits.refuse_idling(wanted.motors)
-        confirm(crazyflie, wanted.motors, wanted.steps, yes=vehicle.yes)
-        plan = Plan(
-            runs_folder=campaign.runs_folder,
-            kind="thrust",
-            label=Label(note=note),
-            procedure=lambda there, loop: run_staircase(wanted, there["commands"], loop=loop, tell=live.task),
-            facts=campaign.rig.facts,
-            asked=wanted.asked,
-            simulated=simulated,
+    else:
+        record_forces("thrust", wanted, rig, vehicle=vehicle, log_ms=log_ms, rate_hz=rate_hz, keep=keep, note=note)
+
+
+@flat
+def speed(
+    *,
+    stairs: StairOptions,
+    tachometer: Annotated[
+        Literal["typed", "ut372", "deck", "brushless"],
+        typer.Option(help="What reads the speed: you, a UT372, the RPM deck, the motors.", rich_help_panel=_INSTRUMENT),
+    ] = "typed",
+    port: Annotated[
+        str | None, typer.Option(help="Port of the UT372; default: looked for.", rich_help_panel=_INSTRUMENT)
+    ] = None,
+    motor: Motor = None,
+    vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
+    resume: ResumeOptions,
+    keep: KeepOptions,
+    note: Note = None,
+) -> None:
+    """Record rotor speeds while motors climb a staircase; Ctrl-C stops them. Typed: Enter alone leaves one out.
+
+    Example: [bold]cfid log speed --motor 1[/bold]
+    """
+    from cfid.motors.record import record_speed
+
+    if port is not None and tachometer != "ut372":
+        raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
+    wanted = stairs.stairs(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
+    rig = rig_of(keep.campaign)
+    wanted = _left("speed", wanted, resume, rig[0])
+    if stairs.dry_run:
+        announce(wanted)
+    else:
+        record_speed(
+            wanted, rig, tachometer=tachometer, port=port, vehicle=vehicle, log_ms=log_ms, keep=keep, note=note
         )
-        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
-        record("log thrust", plan, parts, live, keep)
+
+
+@flat
+def scales(
+    *,
+    stairs: StairOptions,
+    port: Annotated[
+        str | None,
+        typer.Option(help="Serial port of the scales; default: you type what they show.", rich_help_panel=_INSTRUMENT),
+    ] = None,
+    baud: Annotated[int, typer.Option(min=1, help="Speed of that port.", rich_help_panel=_INSTRUMENT)] = 9600,
+    motor: Motor = None,
+    vehicle: VehicleOptions,
+    log_ms: LogMs = 10,
+    resume: ResumeOptions,
+    keep: KeepOptions,
+    note: Note = None,
+) -> None:
+    """Record what scales show while motors climb a staircase (figure 3.9); Ctrl-C stops them.
+
+    Example: [bold]cfid log scales --motor 1,3[/bold]
+    """
+    from cfid.motors.record import record_scales
+
+    wanted = stairs.stairs(motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S)
+    rig = rig_of(keep.campaign)
+    wanted = _left("scales", wanted, resume, rig[0])
+    if stairs.dry_run:
+        announce(wanted)
+    else:
+        record_scales(wanted, rig, port=port, baud=baud, vehicle=vehicle, log_ms=log_ms, keep=keep, note=note)
 
 
 def announce(stairs: "StaircasePlan") -> None:
     """Say what a staircase would do."""
-    from cfid.rig.procedures import clock
-
     motors = ", ".join(map(str, stairs.motors))
     typer.echo(
         f"{len(stairs.steps)} commands from {min(stairs.steps)} to {max(stairs.steps)} on motors {motors}, "
         f"{stairs.hold_s:g} s each with {stairs.rest_s:g} s of rest: {clock(stairs.duration_s)} min"
     )
+
+
+def _left(kind: str, wanted: "StaircasePlan", resume: ResumeOptions, campaign: "Campaign") -> "StaircasePlan":
+    """Return the staircase or, with --resume, what an interrupted run lacks of its own."""
+    from cfid.motors.plan import missing
+
+    return wanted if resume.word is None else missing(interrupted(resume.word, campaign, kind=kind), kind=kind)

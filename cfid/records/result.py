@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cfid.findings import Finding
 from cfid.findings import rejected as rejected_among
+from cfid.quantities.lookup import unit_of
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Source
 
@@ -40,6 +41,11 @@ class Result:
     lines: tuple[str, ...] = ()
     drawings: Callable[[], Figures] | None = None
     folder: Path = field(default_factory=Path)
+
+    def __post_init__(self) -> None:
+        """Give a quantity that states no unit that of the registry."""
+        named = {key: one if one.unit else replace(one, unit=unit_of(key)) for key, one in self.quantities.items()}
+        object.__setattr__(self, "quantities", named)
 
     @property
     def rejected(self) -> Mapping[str, str]:

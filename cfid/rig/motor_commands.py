@@ -1,14 +1,16 @@
 """Records motor commands and their times; whatever ends the recording stops the motors first."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
 from cfid.rig.motors import STILL, STOPPED, Four, Motors
-from cfid.rig.recorder import Block, no_rows
+from cfid.rig.recorder import Block, no_rows, sleep
+from cfid.units import MOTORS
 
 
 class MotorCommands:
@@ -60,3 +62,15 @@ class MotorCommands:
     def facts(self) -> Mapping[str, Any]:
         """Return how long the motors' stop took to be confirmed."""
         return {} if self._stopped_in_s is None else {"stopped_in_s": round(self._stopped_in_s, 4)}
+
+
+def four(command: int, motors: Sequence[int]) -> Four:
+    """Return the four commands: `command` for some of the motors 1 to 4, zero for the others."""
+    m1, m2, m3, m4 = (command if motor in motors else 0 for motor in MOTORS)
+    return m1, m2, m3, m4
+
+
+async def hold(commands: MotorCommands, command: int, motors: Sequence[int], *, for_s: float | None, loop: Any) -> None:
+    """Hold one command for `for_s` seconds, or until the procedure is cancelled."""
+    await commands.set(four(command, motors))
+    await (Deferred[None]() if for_s is None else sleep(loop, for_s))

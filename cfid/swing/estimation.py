@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
+from cfid.estimate.linear import sandwich, std_of
 from cfid.estimate.signals import GRID_S, correlation_inflation
 from cfid.findings import Finding, note
 from cfid.swing.checks import FitQuality, judge
@@ -130,16 +131,8 @@ def _inflation(series: Array, fit: OutputError) -> float:
 
 
 def _standard_uncertainties(fit: OutputError) -> Array:
-    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's own correlation.
-
-    An estimate is a weighted sum of residuals; how far these weighted residuals are correlated along the
-    record determine how much less they average out than white noise would.
-    """
-    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian, hermitian=True, rcond=1e-14)
-    influence = fit.jacobian @ inverse * fit.residual_rad[:, None]
-    per_degree_of_freedom = len(fit.residual_rad) / max(len(fit.residual_rad) - fit.jacobian.shape[1], 1)
-    inflations = np.array([_inflation(column, fit) for column in influence.T])
-    return np.asarray(np.sqrt(np.einsum("ij,ij->j", influence, influence) * per_degree_of_freedom * inflations))
+    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's correlation."""
+    return std_of(sandwich(fit.jacobian, fit.residual_rad, longest=_samples_a_period(fit)))
 
 
 def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:

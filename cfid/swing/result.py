@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import contributions
 from cfid.findings import Finding, rejection, warning
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
@@ -102,14 +101,14 @@ class _Found:
     quality: Mapping[str, Any]
     findings: tuple[Finding, ...]
     lines: tuple[str, ...]
-    drawings: Callable[[], Mapping[str, Figure]]
+    drawings: Callable[[], Figures]
 
 
 def _by_default(record: AngleRecord, swing: FreeSwing) -> _Found:
     fitted, cosine = fit_swing(swing), fit_damped_cosine(swing)
     checks, check_lines = _checks(swing, fitted, cosine)
 
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         return {f"{record.path.stem}_swing": swing_figure(swing, fitted, title=record.name)}
 
     quality = fitted.quality
@@ -166,7 +165,7 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
         f"{flexible.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
     )
 
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         name = f"{record.path.stem}_swing_thesis"
         return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
 

@@ -1,19 +1,175 @@
-"""`cfid tf identify`: sine runs to the transfer function of motor and rotor."""
+"""`cfid tf identify` and `cfid tf verify`: sine runs to the transfer function of motor and rotor, and against it."""
 
-from dataclasses import replace
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.console.inputs import Workplace, open_workplace
-from cfid.console.options import Delivery, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
+from cfid.console.inputs import Workplace, find_recording, open_workplace
+from cfid.console.lists import comma_list
+from cfid.console.options import (
+    Delivery,
+    LoadCellOptions,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    YawDeg,
+    finite,
+    flat,
+    positive,
+)
 from cfid.console.outcome import deliver
-from cfid.transfer.options import FitOptions, SineInputs, ThesisOptions
+from cfid.console.selection import chosen
+from cfid.errors import ConfigError, DataError
+from cfid.units import FULL_COMMAND, MM
+
+if TYPE_CHECKING:
+    from cfid.records.tables.wrench import WrenchReading
+    from cfid.transfer.sines.data import SineSet
+    from cfid.transfer.thesis import ThesisSettings
+    from cfid.transfer.verification_result import Function
+
+_INPUT, _FIT, _THESIS, _FUNCTION = "What was measured", "Model", "As the thesis", "Transfer function"
+_EXAMPLE = "1,-0.97"
 
 Words = Annotated[
     list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
 ]
 Compare = Annotated[Literal["eq3.15", "eq3.16"] | None, typer.Option(help="A result of the thesis to compare with.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineInputs:
+    """Where sine runs are, and which channel of the load cell gives their thrust."""
+
+    index: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file, a row a run: l,n,amplitude,motor,loadcell,crossings[,series]; paths relative to it.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    channel: Annotated[
+        Literal["arm", "Tx", "Ty", "Fz"],
+        typer.Option(help="Torque about the motor's own arm, about x or y, or the force.", rich_help_panel=_INPUT),
+    ] = "arm"
+    sign: Annotated[
+        Literal["auto", "+", "-"],
+        typer.Option(help="Of thrust in that channel; auto: thrust is positive.", rich_help_panel=_INPUT),
+    ] = "auto"
+    arm_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="From the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
+            rich_help_panel=_INPUT,
+        ),
+    ] = None
+    yaw_deg: YawDeg = None
+    offset: Annotated[
+        float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
+    ] = 30000.0
+
+    def read(self, words: Sequence[str] | None, reading: "WrenchReading", workplace: Workplace) -> "SineSet":
+        """Read the index and the RUNs; without either, all complete sines of the campaign.
+
+        Raises ConfigError and DataError.
+        """
+        from cfid.transfer.sines.data import read_sines
+
+        return read_sines(
+            [find_recording(word, workplace) for word in self._chosen(words, workplace)],
+            index=self.index,
+            channel=self.channel,
+            arm_m=None if self.arm_mm is None else MM * positive(self.arm_mm, "--arm-mm"),
+            yaw_deg=None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg"),
+            facts=workplace.facts,
+            middle=self.offset,
+            reading=reading,
+        )
+
+    def _chosen(self, words: Sequence[str] | None, workplace: Workplace) -> list[str]:
+        if not words and self.index is not None:
+            return []
+        if not words and workplace.campaign is None:
+            raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
+        return chosen(words, workplace.campaign, suits=lambda run: run.header.kind.startswith("sine"), wanted="sines")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """What is identified, and from which part of the runs."""
+
+    shape: Annotated[
+        Literal["first", "first+delay", "second", "zero", "auto"],
+        typer.Option(
+            help="A lag, with delay, with a second lag, with a zero; auto: by corrected AIC.", rich_help_panel=_FIT
+        ),
+    ] = "first+delay"
+    form: Annotated[
+        Literal["hold", "thesis"],
+        typer.Option(help="hold: H(z) has a z^-1; thesis: it has none, as (3.15).", rich_help_panel=_FIT),
+    ] = "hold"
+    settle_s: Annotated[float, typer.Option(min=0, help="Of each run's beginning left out.", rich_help_panel=_FIT)] = (
+        1.0
+    )
+    cutoff_hz: Annotated[
+        float, typer.Option(min=0, help="Runs with faster sines are left out.", rich_help_panel=_FIT)
+    ] = 12.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThesisOptions:
+    """The constants of C.2.5, of which the thesis has a set for each of its two series."""
+
+    preset: Annotated[
+        Literal["first", "second"] | None,
+        typer.Option(help="Settings of the thesis' first or second series; default: by N.", rich_help_panel=_THESIS),
+    ] = None
+    settle_samples: Annotated[
+        int | None, typer.Option("--n-t", min=1, help="N_T, samples left out.", rich_help_panel=_THESIS)
+    ] = None
+    weight_low: Annotated[
+        float | None, typer.Option(min=0, help="Weight of slow sines; enters squared.", rich_help_panel=_THESIS)
+    ] = None
+    weight_high: Annotated[float | None, typer.Option(min=0, help="Weight of the others.", rich_help_panel=_THESIS)] = (
+        None
+    )
+    low_up_to: Annotated[
+        int | None, typer.Option(min=0, help="The largest l of the slow ones.", rich_help_panel=_THESIS)
+    ] = None
+    count_up_to: Annotated[
+        int | None, typer.Option(min=1, help="The largest l that counts.", rich_help_panel=_THESIS)
+    ] = None
+    denominator: Annotated[int, typer.Option("--a", min=1, help="A of eq. 3.10.", rich_help_panel=_THESIS)] = 2
+    numerator: Annotated[int, typer.Option("--b", min=1, help="B of eq. 3.10.", rich_help_panel=_THESIS)] = 1
+
+    def settings(self, samples: int) -> "ThesisSettings":
+        """Return the settings for runs of N samples."""
+        from cfid.transfer.thesis import FIRST_SERIES, SECOND_SERIES, settings_of
+
+        presets = {None: settings_of(samples), "first": FIRST_SERIES, "second": SECOND_SERIES}
+        given = {name: value for name, value in asdict(self).items() if name != "preset" and value is not None}
+        return replace(presets[self.preset], **given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FunctionOptions:
+    """A transfer function by its numbers, in place of the campaign's."""
+
+    numerator: Annotated[
+        str | None,
+        typer.Option(metavar="B0,B1,...", help="Coefficients of z^0, z^-1, ...", rich_help_panel=_FUNCTION),
+    ] = None
+    denominator: Annotated[
+        str | None,
+        typer.Option(metavar="1,A1,...", help="The same, with the leading 1.", rich_help_panel=_FUNCTION),
+    ] = None
+    delay_s: Annotated[
+        float | None,
+        typer.Option(help="Of force after stamped command; may be negative.", rich_help_panel=_FUNCTION),
+    ] = None
 
 
 @flat
@@ -64,3 +220,63 @@ def _thrust_poly(workplace: Workplace) -> list[float] | None:
     section = load_sections(workplace.campaign.parameters_file).get("thrust")
     poly = None if section is None else section.parameters.get("motor.thrust_poly")
     return None if poly is None else list(poly.value)
+
+
+@flat
+def verify(
+    *,
+    runs: Annotated[
+        list[str] | None, typer.Argument(metavar="RUN ...", help="Runs that were left out of the fit.")
+    ] = None,
+    inputs: SineInputs,
+    function: FunctionOptions,
+    settle_s: Annotated[float, typer.Option(min=0, help="Of each run's beginning left out.")] = 1.0,
+    rig: RigOptions,
+    reading: ReadingOptions,
+    scale: LoadCellOptions,
+    delivery: Delivery,
+) -> None:
+    """Simulate the campaign's transfer function, or one by its numbers, against runs it was not identified from.
+
+    Example: [bold]cfid tf verify 2026-11-21_083012_sine_l12[/bold]
+    """
+    from cfid import transfer
+
+    workplace = open_workplace(rig)
+    known = _function(function, workplace)
+    if not runs and inputs.index is None:
+        raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
+    sines = inputs.read(runs, scale.reading(reading), workplace)
+    result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
+    deliver(replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign)
+
+
+def _function(options: FunctionOptions, workplace: Workplace) -> "Function":
+    """Return the function of the options, else that of the campaign. Raises ConfigError for half of either."""
+    from cfid.transfer.verification_result import Function
+
+    if options.numerator is None and options.denominator is None:
+        return _of_campaign(options, workplace)
+    if options.numerator is None or options.denominator is None:
+        raise ConfigError("--numerator and --denominator belong together: give both, or none for the campaign's.")
+    return Function.of_coefficients(
+        comma_list(options.numerator, "--numerator", float, example=_EXAMPLE),
+        comma_list(options.denominator, "--denominator", float, example=_EXAMPLE),
+        delay_s=options.delay_s or 0.0,
+    )
+
+
+def _of_campaign(options: FunctionOptions, workplace: Workplace) -> "Function":
+    from cfid.records.parameters import load_sections
+    from cfid.transfer.verification_result import Function
+
+    if workplace.campaign is None:
+        raise ConfigError("no campaign here that has a transfer function: give --numerator, --denominator, --delay-s.")
+    path = workplace.campaign.parameters_file
+    section = load_sections(path).get("tf")
+    if section is None:
+        raise ConfigError(f"{path}: has no transfer function yet: run `cfid tf identify`, or give --numerator ...")
+    try:
+        return Function.of_quantities(section.parameters, section.sources, delay_s=options.delay_s)
+    except DataError as error:
+        raise DataError(f"{path}: section tf: {error}") from None

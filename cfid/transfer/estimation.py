@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cfid.errors import FitError
+from cfid.estimate.linear import propagated, std_of
 from cfid.findings import Finding, rejection, warning
 from cfid.transfer.frequency_response import SETTLE_S, Response, respond
 from cfid.transfer.likelihood import (
@@ -27,7 +28,6 @@ from cfid.transfer.likelihood import (
     model_at,
     points_of,
     search,
-    slopes,
     unknowns,
 )
 from cfid.transfer.model import Complex, Dynamics, Form
@@ -291,10 +291,8 @@ def _uncertainties(points: Points, shape: Shape, values: Array, *, inner: Array,
         delay_s = float(own.mean()) if len(own) else 0.0
         return np.array([*coefficients(values), dynamics.static_gain_n, max(dynamics.lags_s), delay_s])
 
-    outward = slopes(delivered, values)
-    joint = np.asarray(outward @ inner @ outward.T)
-    spread = np.sqrt(np.maximum(np.diag(joint)[:-3], 0.0))
-    single = np.sqrt(np.diag(covariance))
+    joint = propagated(delivered, values, inner)
+    spread, single = std_of(joint)[:-3], std_of(covariance)
     lags = 2 if shape == "second" else 1
     return Uncertainties(
         static_gain_n=float(single[0]),
@@ -307,7 +305,7 @@ def _uncertainties(points: Points, shape: Shape, values: Array, *, inner: Array,
 
 
 def _delays(measured: Sequence[Measured], found: Array, covariance: Array) -> dict[str, Delay]:
-    single = np.sqrt(np.diag(covariance))[len(covariance) - len(found) :]
+    single = std_of(covariance)[len(covariance) - len(found) :]
     pairs = zip(found, single, strict=True) if len(found) else [(0.0, 0.0)] * len(measured)
     return {
         series.name: Delay(

@@ -1,7 +1,7 @@
 """Figures of a transfer function: Bode (figures 3.14, 3.15), step response, and a run against it (figure 3.16)."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from cfid.drawing.style import (
     styled,
     words,
 )
+from cfid.estimate.linear import propagated, std_of
 from cfid.findings import SEVERITIES, texts
 from cfid.records.result import Figures
 from cfid.transfer.estimation import TransferFit
@@ -40,7 +41,6 @@ Array = npt.NDArray[np.float64]
 _MICRO = 1e6
 _CURVE = 300
 _LAGS = 6.0  # that a step is drawn for
-_SMALL = 1e-6
 _EXAMPLE_HZ = 1.5  # l = 12 of N = 4000, which the thesis shows
 
 
@@ -206,19 +206,12 @@ def _step_std(fit: TransferFit, time_s: Array) -> Array:
     free = [fit.dynamics.static_gain_n, *fit.dynamics.lags_s, *([fit.dynamics.lead_s] if fit.shape == "zero" else [])]
     lags = len(fit.dynamics.lags_s)
 
-    def at(values: Sequence[float]) -> Array:
+    def at(values: Array) -> Array:
         lead_s = values[1 + lags] if fit.shape == "zero" else 0.0
         plant = Dynamics(static_gain_n=values[0], lags_s=tuple(values[1 : 1 + lags]), lead_s=lead_s)
         return plant.step_response(time_s)
 
-    columns = []
-    for place, value in enumerate(free):
-        step = _SMALL * max(abs(value), _SMALL)
-        moved = [[*free[:place], value + sign * step, *free[place + 1 :]] for sign in (1, -1)]
-        columns.append((at(moved[0]) - at(moved[1])) / (2 * step))
-    outward = np.stack(columns, axis=1)
-    inner = fit.covariance[: len(free), : len(free)]
-    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", outward, inner, outward), 0.0)))
+    return std_of(propagated(at, np.array(free), fit.covariance[: len(free), : len(free)]))
 
 
 def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:

@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cfid.estimate.linear import gain_of, slopes
 from cfid.transfer.frequency_response import Response
 from cfid.transfer.model import Complex, Dynamics, Form
 
@@ -22,7 +23,7 @@ SHAPES: tuple[Shape, ...] = ("first", "first+delay", "second", "zero")
 _EXACT = 1e-4  # of a response: closer than that no plant is linear
 _SCANNED_S = np.arange(-0.2, 0.2, 0.002)
 _SECOND_LAG = (0.03, 0.3)  # of the first, as guesses
-_ROUNDS, _SMALL = 50, 1e-6
+_ROUNDS = 50
 _SETTLED = 1e-8  # of chi-squared: a ten-thousandth of a standard uncertainty
 
 
@@ -117,22 +118,12 @@ def whitened(points: Points, apart: Complex) -> Array:
 def covariance_of(points: Points, found: Found) -> Array:
     """Return the covariance of the parameters (p, p): of the noise, inflated by its scatter, and of shared errors."""
     degrees_of_freedom = len(found.jacobian) - len(found.values)
-    inverse = np.linalg.pinv(found.jacobian)
+    inverse = gain_of(found.jacobian)
     covariance = inverse @ inverse.T * max(1.0, found.cost / max(degrees_of_freedom, 1))
     for turned in points.shared:
         moved = inverse @ whitened(points, turned)
         covariance += np.outer(moved, moved)
     return np.asarray(covariance)
-
-
-def slopes(function: Callable[[Array], Array], values: Array) -> Array:
-    """Return central differences (outputs, values)."""
-    columns = []
-    for place, size in enumerate(np.maximum(np.abs(values), 1e-9)):
-        step = np.zeros(len(values))
-        step[place] = _SMALL * size
-        columns.append((function(values + step) - function(values - step)) / (2 * _SMALL * size))
-    return np.stack(columns, axis=1)
 
 
 def _shared(series: Sequence[Sequence[Response]]) -> Array:

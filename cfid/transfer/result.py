@@ -90,9 +90,9 @@ def _of_fit(
         method="default",
         quantities={
             **joint,
-            "tf.sample_time_s": Parameter(value=fit.sample_s, unit="s"),
+            "tf.sample_time_s": Parameter(value=fit.sample_s),
             **{key: quantity for own in each.values() for key, quantity in own.items()},
-            "tf.frequency_response": Parameter(value=rows, unit="N"),
+            "tf.frequency_response": Parameter(value=rows),
         },
         wanted=_WANTED,
         covariances=_covariances(fit),
@@ -161,9 +161,9 @@ def _of_thesis(found: ThesisFits, sines: SineSet, beside: Comparison) -> Result:
         method="thesis",
         quantities={
             **joint,
-            "tf.sample_time_s": Parameter(value=SAMPLE_S, unit="s"),
+            "tf.sample_time_s": Parameter(value=SAMPLE_S),
             **{key: quantity for own in each.values() for key, quantity in own.items()},
-            "tf.frequency_response": Parameter(value=rows, unit="N"),
+            "tf.frequency_response": Parameter(value=rows),
         },
         wanted=_WANTED,
         quality={
@@ -183,28 +183,28 @@ def _function(key: str, fit: TransferFit) -> Quantities:
     """Return a transfer function's quantities; of several series the mean of their delays."""
     std, delay = fit.std, fit.mean_delay
     found = {
-        "numerator": Parameter(value=fit.numerator.tolist(), std=std.numerator.tolist(), unit="N"),
-        "denominator": Parameter(value=fit.denominator.tolist(), std=std.denominator.tolist(), unit="1"),
-        "time_constant_s": Parameter(value=fit.time_constant_s, std=fit.time_constant_std_s, unit="s"),
-        "static_gain_n": Parameter(value=fit.dynamics.static_gain_n, std=std.static_gain_n, unit="N"),
-        "delay_s": Parameter(value=delay.delay_s, std=delay.std_s, unit="s"),
-        "delay_after_quickest_s": Parameter(value=delay.after_quickest_s, std=delay.after_quickest_std_s, unit="s"),
+        "numerator": Parameter(value=fit.numerator.tolist(), std=std.numerator.tolist()),
+        "denominator": Parameter(value=fit.denominator.tolist(), std=std.denominator.tolist()),
+        "time_constant_s": Parameter(value=fit.time_constant_s, std=fit.time_constant_std_s),
+        "static_gain_n": Parameter(value=fit.dynamics.static_gain_n, std=std.static_gain_n),
+        "delay_s": Parameter(value=delay.delay_s, std=delay.std_s),
+        "delay_after_quickest_s": Parameter(value=delay.after_quickest_s, std=delay.after_quickest_std_s),
     }
     if key == "tf" and len(fit.dynamics.lags_s) > 1:
-        found["lags_s"] = Parameter(value=list(fit.dynamics.lags_s), std=list(std.lags_s), unit="s")
+        found["lags_s"] = Parameter(value=list(fit.dynamics.lags_s), std=list(std.lags_s))
     if key == "tf" and fit.shape == "zero":
-        found["lead_s"] = Parameter(value=fit.dynamics.lead_s, std=std.lead_s, unit="s")
+        found["lead_s"] = Parameter(value=fit.dynamics.lead_s, std=std.lead_s)
     return {f"{key}.{name}": quantity for name, quantity in found.items()}
 
 
 def _thesis_function(key: str, fit: ThesisFit) -> Quantities:
     """Return the same by the thesis method, which has no uncertainties, and takes the delay to be zero."""
     return {
-        f"{key}.numerator": Parameter(value=fit.numerator.tolist(), unit="N"),
-        f"{key}.denominator": Parameter(value=fit.denominator.tolist(), unit="1"),
-        f"{key}.time_constant_s": Parameter(value=fit.time_constant_s, unit="s"),
-        f"{key}.static_gain_n": Parameter(value=fit.static_gain_n, unit="N"),
-        f"{key}.delay_s": Parameter(value=0.0, unit="s"),
+        f"{key}.numerator": Parameter(value=fit.numerator.tolist()),
+        f"{key}.denominator": Parameter(value=fit.denominator.tolist()),
+        f"{key}.time_constant_s": Parameter(value=fit.time_constant_s),
+        f"{key}.static_gain_n": Parameter(value=fit.static_gain_n),
+        f"{key}.delay_s": Parameter(value=0.0),
     }
 
 

@@ -141,10 +141,10 @@ def _compared(series: SineSeries, known: Function, settle_s: float) -> list[tupl
 
 def _quantities(key: str, own: Verification) -> dict[str, Parameter]:
     return {
-        f"{key}.fit_percent": Parameter(value=own.fit_percent, unit="%"),
-        f"{key}.residual_rms_n": Parameter(value=own.residual_rms_n, unit="N"),
-        f"{key}.late_s": Parameter(value=own.late_s, std=own.late_std_s, unit="s"),
-        f"{key}.gain_ratio": Parameter(value=own.gain_ratio, std=own.gain_ratio_std, unit="1"),
+        f"{key}.fit_percent": Parameter(value=own.fit_percent),
+        f"{key}.residual_rms_n": Parameter(value=own.residual_rms_n),
+        f"{key}.late_s": Parameter(value=own.late_s, std=own.late_std_s),
+        f"{key}.gain_ratio": Parameter(value=own.gain_ratio, std=own.gain_ratio_std),
     }
 
 

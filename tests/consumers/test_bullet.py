@@ -107,7 +107,7 @@ def test_bullet_moves_the_vehicle_as_the_gyms_do(gym: Gym, judge: Judge) -> None
         Row(
             target=gym.path.stem,
             version=f"pybullet {importlib.metadata.version('pybullet')}",
-            loaded="`loadURDF` and forces as BaseAviary.py has them; its parser read by us",
+            loaded="`loadURDF` and forces as BaseAviary.py has them; its parser read by the tests",
             hover=(HOVER_RAD_S, hover),
             hover_unit="rad/s",
             turning=pairs(

@@ -1,4 +1,4 @@
-"""Targets whose programs are not in the package index: a reader of ours for each, after their own sources."""
+"""Targets whose programs are not in the package index: a reader in the tests for each, after their own sources."""
 
 import math
 import re
@@ -66,7 +66,7 @@ def test_webots_propellers_lift_turn_and_brake_the_vehicle(tmp_path: Path, judge
         Row(
             target="webots",
             version="R2023b's formulas",
-            loaded="a reader of ours",
+            loaded="a reader in the tests",
             hover=(HOVER_RAD_S, math.sqrt(mass * G / lift(np.ones(4)).sum())),
             hover_unit="rad/s",
             turning=pairs(accelerations(), [turn(speeds(axis))[i] for i, axis in enumerate(MIXES)]),
@@ -101,7 +101,7 @@ def test_omnidrones_rotors_lift_and_turn_the_vehicle(tmp_path: Path, judge: Judg
         Row(
             target="omnidrones",
             version="rotor_group.py",
-            loaded="a reader of ours",
+            loaded="a reader in the tests",
             hover=(HOVER_RAD_S, math.sqrt(found["mass"] * G / rotors["force_constants"].sum())),
             hover_unit="rad/s",
             turning=pairs(accelerations(), [turn(speeds(axis)[::-1])[i] for i, axis in enumerate(MIXES)]),  # m4 to m1
@@ -135,7 +135,7 @@ def test_the_identification_tool_goes_on_from_the_file_in_all_its_modes(tmp_path
         Row(
             target="system-id",
             version="system_id.py",
-            loaded="a reader of ours",
+            loaded="a reader in the tests",
             hover=(HOVER_RAD_S, rpm * RPM),
             hover_unit="rad/s",
             lag_s=(thesis.TIME_CONSTANT_S, 1 / found["thrust_coef"]),

@@ -124,7 +124,7 @@ def test_sdformat_has_the_whole_vehicles_mass_inertia_and_motors(target: str, pa
         Row(
             target=target,
             version=f"drake {importlib.metadata.version('drake')}",
-            loaded="parsed by SDFormat; motors read by us",
+            loaded="parsed by SDFormat; motors read by the tests",
             hover=(HOVER_RAD_S, hover),
             hover_unit="rad/s",
             turning=pairs(accelerations(), turning),

@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cfid.errors import FitError
-from cfid.motors.steps.estimation import command_steps, fit_rotor_model, fit_steps, followed
+from cfid.motors.steps.estimation import fit_rotor_model, fit_steps
+from cfid.motors.steps.model import command_steps, followed
 from tests.motors.sentences import rejections
 
 Array = npt.NDArray[np.float64]

@@ -245,7 +245,7 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
     [
         ({"counts_per_n": 0.0}, "--counts-per-n 0: has to be above zero"),
         ({"counts_per_nm": float("nan")}, "--counts-per-nm nan: has to be above zero"),
-        ({"columns": ("t", "Fz")}, "names seven columns"),
+        ({"columns": ("t", "Fz")}, "names 7 columns"),
         ({"columns": ("t", "Fx", "Fx", "Fz", "Tx", "Ty", "Tz")}, "none of them twice"),
         ({"rate_hz": 0.0}, "--rate-hz 0: has to be above zero"),
     ],
@@ -279,7 +279,7 @@ def test_columns_without_a_head_are_taken_in_their_order_and_others_by_number(tm
     assert swapped.force_n == pytest.approx(COUNTS[:, 2::-1] / 1e6)
     six = "\n".join(line.partition(",")[2] for line in text_of().split("\n"))
     assert read(tmp_path, six, rate_hz=7000.0).time_s == pytest.approx(TIME_S, abs=1e-12)
-    assert "no header for its 6 columns" in refusal(tmp_path, six.partition("\n")[2])
+    assert "6 columns and no time: give --rate-hz" in refusal(tmp_path, six.partition("\n")[2])
 
 
 SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {

@@ -8,10 +8,13 @@ import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DeviceError, StopError
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.record import run_staircase
+from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
-from cfid.rig.procedures import StaircasePlan, hold, play_sine, run_staircase
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.supervisor_states import SupervisorState
+from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import Packet, encode_packet
 from cfid.wire.supervisor import Bits, VehicleState

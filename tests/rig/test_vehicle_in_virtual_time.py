@@ -8,13 +8,17 @@ import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DeviceError
+from cfid.latency.record import ping_often
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.record import run_staircase
 from cfid.records.run import Run
 from cfid.rig.loop import Ending
+from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
-from cfid.rig.procedures import StaircasePlan, hold, ping_often, play_sine, run_staircase
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.radio import RadioTruth
+from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
 from tests.rig.flying import UNIX_S, Flight
 

@@ -1,7 +1,7 @@
 """`cfid log wind`: one setting of the wind generator, all commands in turn on the load cell (section 4.4.2)."""
 
+import math
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,20 +9,31 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from cfid.console.lists import comma_list
-from cfid.console.live import LiveLine
-from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, ResumeOptions, record, rig_of
-from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
-from cfid.drag.options import AzimuthRad, azimuth
+from cfid.console.options import finite, flat, positive
+from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
+from cfid.console.selection import interrupted
+from cfid.console.vehicle import LogMs, VehicleOptions
+from cfid.errors import ConfigError
 from cfid.motors.command import Note, announce
 
 if TYPE_CHECKING:
     from cfid.drag.wind.plan import PlannedRun, WindSetting
+    from cfid.motors.plan import StaircasePlan
     from cfid.records.campaign import Campaign
-    from cfid.rig.procedures import StaircasePlan
 
 _WIND, _COMMANDS = "Wind", "Commands"
 _THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
+
+AzimuthRad = Annotated[float | None, typer.Option(hidden=True, help="The azimuth in radians, as version 0.1 had it.")]
+
+
+def azimuth(in_deg: float | None, in_rad: float | None) -> float | None:
+    """Return the azimuth in degrees that --azimuth-deg or --azimuth-rad states. Raises ConfigError for both."""
+    if in_deg is not None and in_rad is not None:
+        raise ConfigError("--azimuth-deg and --azimuth-rad are the same: give one of them.")
+    if in_rad is not None:
+        return math.degrees(finite(in_rad, "--azimuth-rad"))
+    return None if in_deg is None else finite(in_deg, "--azimuth-deg")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +61,6 @@ class WindOptions:
     def setting(self) -> "WindSetting":
         """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
         from cfid.drag.wind.plan import HIGHEST_DEG, WindSetting
-        from cfid.errors import ConfigError
 
         if self.wind is None:
             raise ConfigError("say --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
@@ -67,7 +77,6 @@ class WindOptions:
 
     def refuse(self, resume: Path) -> None:
         """Raise ConfigError for an option that the run to be resumed states."""
-        from cfid.errors import ConfigError
 
         given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg, self.azimuth_rad)
         if any(value is not None for value in given):
@@ -98,8 +107,7 @@ class SweepOptions:
 
     def stairs(self) -> "StaircasePlan":
         """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
-        from cfid.errors import ConfigError
-        from cfid.rig.procedures import StaircasePlan
+        from cfid.motors.plan import StaircasePlan
         from cfid.units import FULL_COMMAND, MOTORS
 
         steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
@@ -132,34 +140,32 @@ def wind(
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
     from cfid.drag.wind.plan import KIND
-    from cfid.drag.wind.record import wind_run
-    from cfid.motors.resume import interrupted
-    from cfid.rig.log import ready_loadcell
-    from cfid.rig.ready_instruments import typed_readings
+    from cfid.motors.record import record_forces
 
-    campaign, devices, simulated = rig_of(keep.campaign)
+    rig = campaign, _, simulated = rig_of(keep.campaign)
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
     setting, stairs = _requested(options, sweep, resumed)
     asks = sweep.tachometer == "typed" and not setting.is_reference
     if sweep.dry_run:
         _announce(setting, stairs, _recorded(campaign, simulated=simulated), asks=asks)
         return
-    cell, live = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {}), LiveLine()
-    with ExitStack() as held:
-        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        crazyflie.limits.refuse_idling(stairs.motors)
-        confirm(crazyflie, stairs.motors, stairs.steps, yes=vehicle.yes)
-        plan = wind_run(setting, stairs, campaign, live, note=note, simulated=simulated, asks=asks)
-        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms), *([typed_readings("rpm")] * asks)]
-        record(
-            "log wind", plan, parts, live, keep, found=lambda run: _missing(_recorded(campaign, simulated=simulated))
-        )
+    record_forces(
+        KIND,
+        stairs,
+        rig,
+        vehicle=vehicle,
+        log_ms=log_ms,
+        rate_hz=rate_hz,
+        keep=keep,
+        note=note,
+        question="RPM shown at command {command}, Enter alone for none" if asks else None,
+        asked=setting.asked,
+        found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
+    )
 
 
 def _speeds(text: str) -> tuple[float, float]:
     from cfid.drag.wind.plan import FASTEST_MPS
-    from cfid.errors import ConfigError
 
     example = "2.0,3.7, or 0 for references"
     low, *others = comma_list(text, "--wind", float, least=0, most=FASTEST_MPS, example=example)
@@ -172,7 +178,7 @@ def _speeds(text: str) -> tuple[float, float]:
 def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
     """Return wind setting and staircase: by the options, or those that an interrupted run has left."""
     from cfid.drag.wind.plan import KIND, setting_of
-    from cfid.motors.resume import missing
+    from cfid.motors.plan import missing
     from cfid.records.run import read_run
 
     if resume is None:
@@ -201,7 +207,6 @@ def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[
 
 
 def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":
-    from cfid.drag.wind.plan import recorded
-    from cfid.drag.wind.record import wind_runs
+    from cfid.drag.wind.plan import recorded, wind_runs
 
     return recorded(wind_runs(campaign, simulated=simulated))

@@ -17,17 +17,17 @@ from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis,
 from cfid.drag.wind.plan import WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
-from cfid.estimate.staircase import Point, mean_beside, reduce_staircase
+from cfid.estimate.staircase import Point
 from cfid.findings import Finding, note, texts, warning
+from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
-from cfid.records.run import Run
 from cfid.records.tables.times import run_at
-from cfid.records.tables.vehicle import READINGS, VEHICLE_LOG, Rows, begin_s, holds, read_commands, read_rows
-from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, read_wrench
+from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, holds, read_rows
+from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.units import DEAD_COMMAND
 
 _ESTIMATED_S = 3.0  # of a window: enough to find a speed to a thousandth
@@ -80,28 +80,31 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
         raise DataError(f"{path}: not a run folder; other recordings are listed in an index file.")
     setting, record = setting_of(run), read_wrench(path, how.wrench)
     facts = how.given.over(run.header.rig)
-    began_s = begin_s(run.device_file(LOADCELL))
-    points, findings, sources = _settled(run, record, began_s)
+    if not holds(run, COMMANDS):
+        raise DataError(f"{run.device_file(COMMANDS)}: has no rows.")
+    staircase = motors.reduce_run(record)  # its pauses give the tare, in the wind and with still rotors
+    points = staircase.reduced.steady()
+    findings = [replace(one, quantities=("drag.*",)) for one in staircase.findings]
     readings = read_rows(run, READINGS) if holds(run, READINGS) else None
-    volts = _volts(run, began_s, points)
+    volts = staircase.volts(points)
     findings += _assumptions(facts, setting, typed=readings is not None)
     forces, unknown = [], []
-    for point, volt in zip(points, volts, strict=True):
-        name, typed = f"{record.name} command {point.command}", _typed(readings, began_s, point)
+    for place, point in enumerate(points):
+        name, typed = f"{record.name} command {point.command}", _typed(readings, staircase.began_s, point)
         try:
             made = _force(of_point(point), record, typed, facts, name=name, command=point.command or 0, at=setting)
         except FitError as error:
             unknown.append(error)
             continue
         findings += _vibration_used(typed, setting)
-        forces.append(replace(made, volts=volt))
+        forces.append(made if volts is None else replace(made, volts=float(volts[place])))
     if not forces:
         raise unknown[0]
     findings += [warning("drag-rotor-speed-unknown", f"{error} It is left out.", "drag.*") for error in unknown]
     return ReducedRecording(
         forces=tuple(forces),
         findings=(*_notes(record), *findings),
-        sources=(record.source, *sources, *([readings.source] if readings else [])),
+        sources=(*staircase.sources, *([readings.source] if readings else [])),
     )
 
 
@@ -181,24 +184,6 @@ def _averaged(row: IndexedRun, record: WrenchRecord, how: WindReading) -> MeanFo
         raise type(error)(f"{row.where}: {row.loadcell}: {error}{by_hand}") from None
 
 
-def _settled(run: Run, record: WrenchRecord, began_s: float) -> tuple[tuple[Point, ...], list[Finding], list[Source]]:
-    """Reduce the staircase of a run: its pauses give the tare, in the wind and with still rotors."""
-    rows, commands = read_commands(run)
-    try:
-        found = reduce_staircase(
-            time_s=record.time_s,
-            channels=record.force_n,
-            status=record.status,
-            command_time_s=rows.time_s - began_s,
-            commands=commands,
-        )
-        settled = found.steady()
-    except CfidError as error:
-        raise type(error)(f"{run.folder}: {error}") from None
-    named = [replace(one, text=f"{record.name}: {one.text}", quantities=("drag.*",)) for one in found.findings]
-    return settled, named, [rows.source]
-
-
 def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:
     """Return the tachometer's reading at a point, None where there is none."""
     if readings is None:
@@ -206,14 +191,6 @@ def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:
     there = (readings.columns["command"] == point.command) & (readings.time_s - began_s >= point.begin_s)
     typed = readings.columns["rpm"][there]
     return float(typed[0]) if len(typed) else None
-
-
-def _volts(run: Run, began_s: float, points: Sequence[Point]) -> list[float]:
-    """Return the battery's mean voltage at each point, NaN where the vehicle logged none."""
-    rows = read_rows(run, VEHICLE_LOG) if holds(run, VEHICLE_LOG) else None
-    if rows is None or "pm.vbat" not in rows.columns:
-        return [float("nan")] * len(points)
-    return list(map(float, mean_beside(points, rows.time_s - began_s, rows.columns["pm.vbat"])))
 
 
 def _notes(record: WrenchRecord) -> list[Finding]:

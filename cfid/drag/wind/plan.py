@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cfid.errors import DataError
-from cfid.motors.resume import held_steps
-from cfid.records.run import Run
+from cfid.motors.plan import held_steps
+from cfid.records.campaign import Campaign
+from cfid.records.run import Run, list_runs
 
 KIND = "wind"
 HIGHEST_DEG = 180.0  # of the wind generator to the vertical: straight below
@@ -135,6 +136,13 @@ def setting_of(run: Run) -> WindSetting:
         )
     except (KeyError, TypeError, ValueError):
         raise DataError(f"{run.folder}: not a run of `cfid log wind` that states its wind.") from None
+
+
+def wind_runs(campaign: Campaign, *, simulated: bool) -> list[Run]:
+    """Return the campaign's wind runs of this rig: simulated ones count for a simulated one only."""
+    runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
+    same = [run for run in runs if run.header.kind == KIND and run.header.simulated == simulated]
+    return [run for run in same if not run.header.excluded]
 
 
 def recorded(runs: Sequence[Run]) -> list[PlannedRun]:

@@ -7,14 +7,28 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import Workplace, find_recording, open_workplace
-from cfid.console.options import Delivery, GravityMps2, LoadCellOptions, Method, ReadingOptions, RigOptions, flat
+from cfid.console.lists import span
+from cfid.console.options import (
+    Delivery,
+    FlipFz,
+    GravityMps2,
+    LoadCellOptions,
+    Markers,
+    Method,
+    ReadingOptions,
+    RigOptions,
+    flat,
+)
 from cfid.console.outcome import deliver
-from cfid.motors.maps.options import StandOptions
+from cfid.errors import ConfigError
 from cfid.motors.vibration.command import RotorOptions
 
 if TYPE_CHECKING:
     from cfid.motors.maps.estimation import Order
+    from cfid.motors.maps.evidence import Stand
     from cfid.records.result import Result
+
+_INPUT = "What was measured"
 
 Words = Annotated[
     list[str] | None,
@@ -23,6 +37,33 @@ Words = Annotated[
         help="Load-cell files by command, or runs of cfid log; default: all complete ones.",
     ),
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandOptions:
+    """What files cannot say of themselves."""
+
+    table: Annotated[
+        Path | None,
+        typer.Option(help="A table: cmd, thrust_n, ...; a thrust stand's CSV file.", rich_help_panel=_INPUT),
+    ] = None
+    motors: Annotated[
+        int | None,
+        typer.Option(min=1, max=4, help="How many motors ran in files; a run knows it.", rich_help_panel=_INPUT),
+    ] = None
+    markers: Markers = None
+    window: Annotated[
+        str | None,
+        typer.Option(metavar="FROM:TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
+    ] = None
+    flip_fz: FlipFz = None
+
+    def known(self) -> "Stand":
+        """Return them as the fits take them. Raises ConfigError for a window that makes no sense."""
+        from cfid.motors.maps.evidence import Stand
+
+        window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4:8")
+        return Stand(motors=self.motors, markers=self.markers, window_s=window_s, flip_fz=self.flip_fz)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +77,6 @@ class MapOptions:
 
     def chosen(self, usual: int) -> "Order":
         """Return the order. Raises ConfigError for what is none."""
-        from cfid.errors import ConfigError
-
         if self.order is None:
             return usual
         if self.order == "auto":
@@ -68,11 +107,13 @@ def thrust(
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.maps import fit_thrust
-    from cfid.motors.maps.inputs import read_evidence
+    from cfid.motors.maps.arguments import read_evidence
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
     result = fit_thrust(
-        read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method),
+        read_evidence(
+            runs or [], reading, scale, workplace, known=stand.known(), table=stand.table, kind="thrust", method=method
+        ),
         gravity_mps2=workplace.rig.site.gravity_mps2,
         order=fit.chosen(2),
         robust=fit.robust,
@@ -103,12 +144,22 @@ def speed(
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
     from cfid.motors.maps import fit_speed
-    from cfid.motors.maps.inputs import read_evidence
+    from cfid.motors.maps.arguments import read_evidence
 
     rotors = vibration.rotors_known()
     workplace = open_workplace(rig)
     result = fit_speed(
-        read_evidence(runs or [], stand, reading, scale, workplace, kind="speed", method=method, rotors=rotors),
+        read_evidence(
+            runs or [],
+            reading,
+            scale,
+            workplace,
+            known=stand.known(),
+            table=stand.table,
+            kind="speed",
+            method=method,
+            rotors=rotors,
+        ),
         order=fit.chosen(1),
         robust=fit.robust,
         method=method,
@@ -133,10 +184,12 @@ def torque(
     Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.maps import fit_torque
-    from cfid.motors.maps.inputs import read_evidence
+    from cfid.motors.maps.arguments import read_evidence
 
     workplace = open_workplace(rig)
-    found = read_evidence(runs or [], stand, reading, scale, workplace, kind="thrust", method=method)
+    found = read_evidence(
+        runs or [], reading, scale, workplace, known=stand.known(), table=stand.table, kind="thrust", method=method
+    )
     _deliver(fit_torque(found, order=fit.chosen(1), robust=fit.robust, method=method), workplace, delivery)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cfid.errors import ConfigError, FitError
 from cfid.findings import Finding, rejection, texts, warning
@@ -23,7 +22,7 @@ from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
@@ -219,7 +218,7 @@ def _verified(
 
 
 def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
-    def drawings() -> dict[str, Figure]:
+    def drawings() -> Figures:
         name = f"fit_{mapped.quantity}"
         pages = {
             f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name, thrust=r.thrust)

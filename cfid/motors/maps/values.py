@@ -21,7 +21,6 @@ from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-_UNITS = {"thrust": "N(cmd)", "speed": "rad/s(cmd)", "torque": "Nm(N)"}
 _MOST_NAMES = 2
 _Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
 
@@ -38,14 +37,14 @@ def map_parameters(found: MotorMap) -> dict[str, Parameter]:
     """Return a map's polynomial, highest power first."""
 
     value, std = found.fit.coefficients.tolist(), found.fit.std.tolist()
-    return {f"motor.{found.quantity}_poly": Parameter(value=value, std=std, unit=_UNITS[found.quantity])}
+    return {f"motor.{found.quantity}_poly": Parameter(value=value, std=std)}
 
 
 def table_parameter(points: MotorPoints) -> dict[str, Parameter]:
     """Return all that was measured at each command."""
 
     rows = [row._asdict() for row in motor_table(points)]
-    return {"motor.table": Parameter(value=rows, unit="as named")}
+    return {"motor.table": Parameter(value=rows)}
 
 
 def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Parameter]:
@@ -61,9 +60,9 @@ def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Pa
         "round_trip_n": inverse.round_trip_n,
     }
     return {
-        "motor.command_of_thrust": Parameter(value=[root], unit="as named"),
-        "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n, unit="N"),
-        "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg, unit="kg"),
+        "motor.command_of_thrust": Parameter(value=[root]),
+        "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n),
+        "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg),
     }
 
 
@@ -124,10 +123,8 @@ def speed_parameters(found: SpeedThrustMap) -> dict[str, Parameter]:
 
     quadratic = found.quadratic
     return {
-        "motor.thrust_per_speed_squared_n_s2": Parameter(value=found.k_n_s2, std=found.k_std_n_s2, unit="N s^2/rad^2"),
-        "motor.thrust_speed_poly": Parameter(
-            value=quadratic.coefficients.tolist(), std=quadratic.std.tolist(), unit="N(rad/s)"
-        ),
+        "motor.thrust_per_speed_squared_n_s2": Parameter(value=found.k_n_s2, std=found.k_std_n_s2),
+        "motor.thrust_speed_poly": Parameter(value=quadratic.coefficients.tolist(), std=quadratic.std.tolist()),
     }
 
 
@@ -136,7 +133,7 @@ def voltage_parameters(found: VoltageComparison) -> dict[str, Parameter]:
 
     return {
         "motor.thrust_voltage_poly": Parameter(
-            value=found.lowest_first.tolist(), std=found.by_voltage.std[::-1].tolist(), unit="N(V)"
+            value=found.lowest_first.tolist(), std=found.by_voltage.std[::-1].tolist()
         )
     }
 

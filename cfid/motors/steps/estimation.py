@@ -6,39 +6,22 @@ Takes speeds, as a tachometer, `rotor_speed` or the vehicle's own log gives them
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares, nnls
-from scipy.special import roots_jacobi
 
-from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
-from cfid.estimate.signals import correlation_inflation
+from cfid.estimate.linear import sandwich
 from cfid.findings import Finding, rejection, texts
+from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, StepData
 
 Array = npt.NDArray[np.float64]
 
-_BEFORE = 0.1  # of the time since the command before, that shows where a step begins
-_FEWEST = 8  # samples of a step
-_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
 _QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
 _SMOOTH = 0.25  # time constants over which noise is averaged before anything is said of what the lag explains
 _EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
 _HELD = 1.5  # time constants that a step needs to show where it leads
-# A straight line through phases takes speeds with a parabola's weight: Gauss' nodes and weights for that.
-_NODES, _WEIGHTS = roots_jacobi(6, 1, 1)
-
-
-class CommandStep(NamedTuple):
-    """A command that holds from `at_s` until `until_s`, and the one before it, which held from `since_s` on."""
-
-    since_s: float
-    at_s: float
-    until_s: float
-    command_from: float
-    command_to: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +54,7 @@ class StepFit:
 
     def speed_at(self, time_s: Array) -> Array:
         """Return the lag's speeds (n,) at times (n,) by the clock of the steps."""
-        lag = _Lag(self.delay_s, self.from_rad_per_s, self.to_rad_per_s, 1 / self.time_constant_s, 0.0)
+        lag = Lag(self.delay_s, self.from_rad_per_s, self.to_rad_per_s, 1 / self.time_constant_s, 0.0)
         return lag.speed(time_s - self.step.at_s)
 
 
@@ -101,20 +84,6 @@ class RotorModel:
         return not texts(self.findings, "rejection")
 
 
-def command_steps(*, time_s: Array, command: Array) -> tuple[CommandStep, ...]:
-    """Return the steps of a command (n,) that was sampled at times (n,)."""
-    changes = np.flatnonzero(np.diff(command)) + 1
-    at_s = [float(time_s[0]), *time_s[changes].tolist(), float(time_s[-1])]
-    values = [float(command[0]), *command[changes].tolist()]
-    return tuple(CommandStep(*at_s[i : i + 3], *values[i : i + 2]) for i in range(len(changes)))
-
-
-def followed(steps: Sequence[CommandStep], *, time_s: Array, value: Array) -> tuple[CommandStep, ...]:
-    """Return the steps during which enough was measured, (n,) at times (n,): of one to rest little is heard."""
-    heard = time_s[np.isfinite(value)]
-    return tuple(step for step in steps if np.count_nonzero((heard >= step.at_s) & (heard < step.until_s)) >= _FEWEST)
-
-
 def fit_steps(
     *,
     time_s: Array,
@@ -131,7 +100,7 @@ def fit_steps(
 
     Raises FitError when there is no step, or one with too few samples.
     """
-    data = _Data(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
+    data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
     return tuple(_fit_step(data, part) for part in data.parts)
 
 
@@ -153,7 +122,7 @@ def fit_rotor_model(
     (first_principles) and crazyflow, where speeds are in RPM and k2 is 2 pi / 60 of ours. Free are these four, none
     below zero, so that every speed is stable; a delay; and where each step begins and leads. See `fit_steps`.
     """
-    data = _Data(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
+    data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
     lags = [_fit_step(data, part) for part in data.parts]
     measured = np.concatenate([part.value for part in data.parts])
 
@@ -161,7 +130,7 @@ def fit_rotor_model(
         ways = [p[1:3] if lag.rising else p[3:5] for lag in lags]
         levels = p[5:].reshape(-1, 2)
         each = zip(data.parts, levels, ways, strict=True)
-        shown = [data.shown(part, _Lag(p[0], *level, *way)) for part, level, way in each]
+        shown = [data.shown(part, Lag(p[0], *level, *way)) for part, level, way in each]
         return np.asarray(np.concatenate(shown) - measured)
 
     start, least = _start(lags), np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * 2 * len(lags))
@@ -190,67 +159,7 @@ def fit_rotor_model(
     )
 
 
-class _Lag(NamedTuple):
-    """A step that follows the rotor model; one with a plain lag has no quadratic coefficient."""
-
-    delay_s: float
-    begin: float
-    end: float
-    linear: float
-    quadratic: float
-
-    def speed(self, time_s: Array) -> Array:
-        """Solve the rotor model: of the gap to the end, one over it grows linearly."""
-        gap, rate = self.end - self.begin, self.linear + 2 * self.quadratic * self.end
-        grown = np.exp(np.minimum(rate * np.maximum(time_s - self.delay_s, 0.0), 500.0))
-        return self.end - gap * rate / ((rate - self.quadratic * gap) * grown + self.quadratic * gap)
-
-
-class _Part(NamedTuple):
-    """Samples (n,) about one step, their times counted from it."""
-
-    step: CommandStep
-    time_s: Array
-    value: Array
-
-    @property
-    def interval_s(self) -> float:
-        return float(np.median(np.diff(self.time_s)))
-
-
-class _Data:
-    """What was measured, cut into steps, and how a speed would have shown in it."""
-
-    def __init__(
-        self, time_s: Array, value: Array, steps: Sequence[CommandStep], factor: float | None, blur_s: float
-    ) -> None:
-        if not steps:
-            raise FitError("no step of the command: there is nothing that a rotor could have followed.")
-        self._factor, self._blur_s = factor, blur_s
-        self.parts = [_part(time_s, value, step) for step in steps]
-
-    def speed(self, value: float) -> float:
-        return value if self._factor is None else math.sqrt(max(value / self._factor, 0.0))
-
-    def shown(self, part: _Part, lag: _Lag) -> Array:
-        if self._blur_s > 0:
-            speed = _WEIGHTS @ lag.speed(part.time_s + self._blur_s / 2 * _NODES[:, np.newaxis]) / _WEIGHTS.sum()
-        else:
-            speed = lag.speed(part.time_s)
-        return np.asarray(speed if self._factor is None else self._factor * speed**2)
-
-
-def _part(time_s: Array, value: Array, step: CommandStep) -> _Part:
-    before_s = _BEFORE * (step.at_s - step.since_s)
-    inside = (time_s >= step.at_s - before_s) & (time_s < step.until_s) & np.isfinite(value)
-    time, own = time_s[inside] - step.at_s, value[inside]
-    if np.count_nonzero(time >= 0) < _FEWEST:
-        raise FitError(f"the step at {step.at_s:.2f} s has fewer than {_FEWEST} samples: no lag can be fitted to it.")
-    length = max(int(_FINEST_S / np.median(np.diff(time))), 1)
-    return _Part(step, block_means(time, length=length), block_means(own, length=length))
-
-
-def _fit_step(data: _Data, part: _Part) -> StepFit:
+def _fit_step(data: StepData, part: Part) -> StepFit:
     time, value = part.time_s, part.value
     hold_s = part.step.until_s - part.step.at_s
     after = value[time >= 0]
@@ -259,7 +168,7 @@ def _fit_step(data: _Data, part: _Part) -> StepFit:
     tau_s = float(np.clip(area_s, 2 * _QUICKEST * hold_s, hold_s))
     start = [data.speed(begin), data.speed(end), tau_s, 0.0]
     scale = [max(abs(start[1] - start[0]), 1e-9)] * 2 + [tau_s] * 2
-    least = [-math.inf, -math.inf, _QUICKEST * hold_s, -_BEFORE * hold_s]
+    least = [-math.inf, -math.inf, _QUICKEST * hold_s, -BEFORE * hold_s]
     most = [math.inf, math.inf, _SLOWEST * hold_s, hold_s / 2]
     free = 4 if np.any(time < 0) else 3  # where it comes from tells the delay; else both are one
 
@@ -268,7 +177,7 @@ def _fit_step(data: _Data, part: _Part) -> StepFit:
 
     def residual(p: Array) -> Array:
         first, last, tau, delay = whole(p, 0.0)
-        return data.shown(part, _Lag(delay, first, last, 1 / tau, 0.0)) - value
+        return data.shown(part, Lag(delay, first, last, 1 / tau, 0.0)) - value
 
     fit = least_squares(residual, start[:free], x_scale=scale[:free], bounds=(least[:free], most[:free]))
     found, std = whole(fit.x, 0.0), whole(_deviations(fit), math.nan)
@@ -325,13 +234,6 @@ def _deviations(fit: OptimizeResult) -> Array:
 def _covariance(fit: OptimizeResult) -> Array:
     """Return the parameters' covariance (p, p), residuals being as correlated as they are; NaN at a bound."""
     free = fit.active_mask == 0
-    scale = np.sqrt(np.sum(fit.jac[:, free] ** 2, axis=0))
-    scale[scale == 0] = 1.0
-    jacobian = fit.jac[:, free] / scale
-    influence = jacobian @ np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * fit.fun[:, np.newaxis] / scale
-    inflation = [correlation_inflation(column, longest=len(fit.fun) // 4) for column in influence.T]
-    freedom = len(fit.fun) / max(len(fit.fun) - int(free.sum()), 1)
     covariance = np.full((len(fit.x), len(fit.x)), math.nan)
-    widening = np.sqrt(np.array(inflation) * freedom)
-    covariance[np.ix_(free, free)] = influence.T @ influence * np.outer(widening, widening)
+    covariance[np.ix_(free, free)] = sandwich(fit.jac[:, free], fit.fun, longest=len(fit.fun) // 4)
     return covariance

@@ -1,28 +1,19 @@
 """How rotors follow steps of the command, in the contract's keys."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, rejection, warning
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
-from cfid.motors.steps.estimation import (
-    CommandStep,
-    RotorModel,
-    StepFit,
-    command_steps,
-    fit_rotor_model,
-    fit_steps,
-    followed,
-)
+from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
 from cfid.motors.steps.figures import dynamics_figure
+from cfid.motors.steps.model import CommandStep, command_steps, followed
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
@@ -46,7 +37,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    def drawings() -> Mapping[str, Figure]:
+    def drawings() -> Figures:
         drawn = dynamics_figure(record.time_s, record.speed_rad_s, lags, model, title=record.name)
         return {f"fit_dynamics_{record.name}": drawn}
 
@@ -123,9 +114,8 @@ def _quantities(lags: Sequence[StepFit], model: RotorModel) -> dict[str, Paramet
         }
         for lag in lags
     ]
-    unit = "1/s, 1/rad"
     return {
-        "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std), unit=unit),
-        "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std), unit=unit),
-        "dynamics.time_constant_s": Parameter(value=rows, unit="s"),
+        "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std)),
+        "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std)),
+        "dynamics.time_constant_s": Parameter(value=rows),
     }

@@ -1,13 +1,12 @@
 """Rotor speeds in a load cell's record, in the contract's keys."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cfid.errors import CfidError, DataError
 from cfid.findings import Finding, rejection, warning
@@ -16,7 +15,7 @@ from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.motors.vibration.estimation import KEY, RotorSpeed
 from cfid.motors.vibration.figures import rotor_figure
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
@@ -75,7 +74,7 @@ def fit(
     rejected = [one for one in windows if not one.speed.accepted]
     none = (rejection("vibration-no-window", "no window shows a rotor's speed.", "rotor.*"),)
 
-    def drawings() -> Mapping[str, Figure]:
+    def drawings() -> Figures:
         last = windows[-1]
         title = record.name if last.command is None else f"{record.name}, command {last.command}"
         speed, window_s = last.speed.speed_rad_per_s, (last.begin_s, last.end_s)
@@ -154,8 +153,8 @@ def _quantities(windows: Sequence[RotorWindow]) -> dict[str, Parameter]:
     value = np.where(given, [one.speed.speed_rad_per_s for one in windows], math.nan).tolist()
     std = np.where(given, [one.speed.std_rad_per_s for one in windows], math.nan).tolist()
     only = len(windows) == 1
-    speed = Parameter(value=value[0] if only else value, std=std[0] if only else std, unit="rad/s")
-    return {KEY: speed, "rotor.windows": Parameter(value=rows, unit="as named")}
+    speed = Parameter(value=value[0] if only else value, std=std[0] if only else std)
+    return {KEY: speed, "rotor.windows": Parameter(value=rows)}
 
 
 def _line(one: RotorWindow) -> str:

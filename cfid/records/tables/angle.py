@@ -14,19 +14,18 @@ from cfid.errors import ConfigError, DataError
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
-from cfid.records.tables.table import Array, CsvTable, open_table
+from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
+from cfid.records.tables.table import Array, open_table
 from cfid.records.tables.times import (
     CUT_LINE,
+    TIME_COLUMN,
     Facts,
-    TimeUnit,
     column_name,
     facts_of,
     gaps,
     losses,
-    named_column,
     numbers_of,
     run_at,
-    time_column,
     times_of,
     unit_of,
 )
@@ -36,19 +35,18 @@ AngleUnit = Literal["counts", "rad", "deg"]
 
 ENCODER = "encoder"
 
-_ANGLE_NAME = column_name("phi|angle|theta|position", ("rad", "deg", "counts"))
+_ANGLE = Column(
+    "angle", column_name("phi|angle|theta|position", ("rad", "deg", "counts")), "of angle (phi, angle, theta)"
+)
+SCHEMA = TableSchema(columns=(TIME_COLUMN, _ANGLE), words=("TIME", "ANGLE"))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
-    """How to read a CSV file outside a run, where its header does not show it."""
+class Reading(Foreign):
+    """How to read an angle from a CSV file outside a run."""
 
-    time_unit: TimeUnit | None = None
     angle_unit: AngleUnit | None = None
     counts_per_turn: CountsPerTurn | None = None
-    rate_hz: float | None = None
-    skip_lines: int = 0
-    columns: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,10 +124,11 @@ def counts_per_turn(text: str) -> CountsPerTurn:
 def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> tuple[AngleRecord, int]:
     """Return a file's record, and its number of rows."""
     table = open_table(path, skip_lines=reading.skip_lines)
-    time_name, angle_name = _columns(table, reading)
-    values = numbers_of(table, [*([time_name] if time_name else []), angle_name])
+    places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
+    time_name, angle_name = places.get(TIME), places[_ANGLE.key]
+    values = numbers_of(table, list(places.values()))
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    unit = unit_of(table, _ANGLE_NAME, angle_name, reading.angle_unit, "--angle-unit")
+    unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "--angle-unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     if table.cut:
         notes += (CUT_LINE,)
@@ -142,28 +141,3 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         notes=tuple(f"{path.name}: {note}" for note in notes + angle.notes),
     )
     return record, len(values)
-
-
-def _columns(table: CsvTable, reading: Reading) -> tuple[str | None, str]:
-    """Return the time column (None with a given rate) and the angle column, each by name or number."""
-    if reading.columns:
-        if len(reading.columns) != (1 if reading.rate_hz is not None else 2):
-            raise ConfigError("--columns names the time and the angle column, or with --rate-hz the angle alone.")
-        if len({table.place(column) for column in reading.columns}) < len(reading.columns):
-            raise ConfigError(f"--columns {','.join(reading.columns)}: one column cannot be both time and angle.")
-        return (None if reading.rate_hz is not None else reading.columns[0]), reading.columns[-1]
-    names = [name for name in table.names if name]
-    if not table.has_head and len(names) == (1 if reading.rate_hz is not None else 2):
-        return (None if reading.rate_hz is not None else names[0]), names[-1]
-    if not table.has_head and len(names) == 1:
-        raise DataError(f"{table.path}: one column and no time: give --rate-hz.")
-    if not table.has_head:
-        option = "--columns TIME,ANGLE" if reading.rate_hz is None else "--columns ANGLE"
-        raise DataError(
-            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in "
-            f"{'1,2' if reading.rate_hz is None else '2'}. Numbers need decimal points, and no comma inside."
-        )
-    angle = named_column(table, _ANGLE_NAME, "angle (phi, angle, theta)", "--columns TIME,ANGLE")
-    if reading.rate_hz is not None:
-        return None, angle
-    return time_column(table, "--columns TIME,ANGLE"), angle

@@ -11,12 +11,22 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.records.parameters import Source
 from cfid.records.run import Run
-from cfid.records.tables.table import Array, CsvTable, open_table
-from cfid.records.tables.times import CUT_LINE, TimeUnit, seconds_of, time_column
+from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
+from cfid.records.tables.table import Array, open_table
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of
 
 CROSSINGS = "crossings"
 
 _COMMAND, _SAMPLE, _VEHICLE = "thrust_rec", "sample", "vehicle_us"
+SCHEMA = TableSchema(
+    columns=(
+        TIME_COLUMN,
+        Column.named(_COMMAND),
+        Column.named(_SAMPLE, optional=True),
+        Column.named(_VEHICLE, optional=True),
+    ),
+    hint="It should hold the commands that the vehicle reported. Is it the file of another device?",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,11 +54,11 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
     file, line and next step.
     """
     table = open_table(path)
-    time = time_column(table, "a header t,thrust_rec") if table.has_head else "1"
-    stamped = table.has_head and {_SAMPLE, _VEHICLE} <= set(table.names)
-    columns = [time, _command(table), *((_SAMPLE, _VEHICLE) if stamped else ())]
-    values = table.numbers(columns)
-    host_s = seconds_of(table, time, values[:, 0], unit=time_unit)
+    places = SCHEMA.places(table) if table.has_head else {TIME: "1", _COMMAND: "2"}
+    stamped = {_SAMPLE, _VEHICLE} <= places.keys()
+    keys = (TIME, _COMMAND, *((_SAMPLE, _VEHICLE) if stamped else ()))
+    values = table.numbers([places[key] for key in keys])
+    host_s = seconds_of(table, places[TIME], values[:, 0], unit=time_unit)
     backwards = np.flatnonzero(np.diff(host_s) < 0)
     if len(backwards):
         line = table.line_of_row(int(backwards[0]) + 1)
@@ -62,14 +72,3 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
         vehicle_us=values[:, 3] if stamped else None,
         notes=(f"{path.name}: {CUT_LINE}",) if table.cut else (),
     )
-
-
-def _command(table: CsvTable) -> str:
-    if not table.has_head:
-        return "2"
-    if _COMMAND not in table.names:
-        raise DataError(
-            f"{table.path}: no column {_COMMAND} among {table.listing}: it should hold the commands that the vehicle "
-            "reported. Is it the file of another device?"
-        )
-    return _COMMAND

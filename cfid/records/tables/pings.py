@@ -7,12 +7,17 @@ import numpy as np
 
 from cfid.errors import DataError
 from cfid.records.parameters import Source
+from cfid.records.tables.schema import TIME, Column, TableSchema
 from cfid.records.tables.table import Array, open_table
 from cfid.records.tables.times import CUT_LINE, losses, run_at
 
 PINGS = "pings"
 
 _RTT, _VEHICLE = "rtt_s", "vehicle_us"
+SCHEMA = TableSchema(
+    columns=(Column.named(_RTT), Column.named(TIME, optional=True), Column.named(_VEHICLE, optional=True)),
+    hint="It should hold round trips in seconds.",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +49,8 @@ def read_pings(path: Path) -> PingRecord:
     run = run_at(path)
     file = path if run is None else run.device_file(PINGS)
     table = open_table(file)
-    if _RTT not in table.names:
-        raise DataError(f"{file}: no column {_RTT} among {table.listing}: it should hold round trips in seconds.")
-    there = [name for name in (_RTT, "t", _VEHICLE) if name in table.names]
-    columns = dict(zip(there, table.numbers(there).T, strict=True))
+    places = SCHEMA.places(table)
+    columns = dict(zip(places, table.numbers(list(places.values())).T, strict=True))
     wrong = np.flatnonzero(columns[_RTT] <= 0)
     if len(wrong):
         raise DataError(
@@ -59,7 +62,7 @@ def read_pings(path: Path) -> PingRecord:
         path=path,
         source=Source(str(file), table.sha256),
         rtt_s=columns[_RTT],
-        sent_s=columns.get("t"),
+        sent_s=columns.get(TIME),
         vehicle_us=columns.get(_VEHICLE),
         circumstances="" if run is None else run.header.label.note or "",
         notes=tuple(f"{path.name}: {note}" for note in notes),

@@ -6,7 +6,7 @@ Times are checked before use; the reader of each kind interprets the other colum
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -14,9 +14,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import first_fault
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, read_run
+from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
-
-TimeUnit = Literal["s", "ms", "us"]
 
 SECONDS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 CUT_LINE = "the last line was cut (it has no end) and is left out."
@@ -64,7 +63,7 @@ def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
     return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])]?)?", re.IGNORECASE)
 
 
-_TIME_NAME = column_name("t|time|timestamp", ("s", "ms", "us"))
+TIME_COLUMN = Column(TIME, column_name("t|time|timestamp", ("s", "ms", "us")), "of time (t, time)")
 
 
 def run_at(path: Path) -> Run | None:
@@ -114,28 +113,6 @@ def gaps(facts: Facts) -> list[str]:
     return [f"no samples for {total_s:.1f} s in {len(facts.gaps)} gap(s): {reasons}."]
 
 
-def time_column(table: CsvTable, option: str) -> str:
-    """Return the name of the time column; `option` is the way to name it.
-
-    Raises DataError when there is none, or more than one.
-    """
-    return named_column(table, _TIME_NAME, "time (t, time)", f"{option}, or --rate-hz")
-
-
-def named_column(table: CsvTable, pattern: re.Pattern[str], what: str, option: str) -> str:
-    """Return the one column whose name matches.
-
-    Raises DataError when there is none, or more than one.
-    """
-    fitting = [(str(i + 1), name) for i, name in enumerate(table.names) if pattern.fullmatch(name)]
-    if len(fitting) == 1:
-        return fitting[0][1]
-    if not fitting:
-        raise DataError(f"{table.path}: no column of {what} among {table.listing}: give {option}.")
-    several = ", ".join(f"{name} ({number})" for number, name in fitting)
-    raise DataError(f"{table.path}: more than one column of {what}: {several}. Give {option}, by name or number.")
-
-
 def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, option: str) -> str | None:
     """Return the unit that was given by option or in the column's name, if any.
 
@@ -166,7 +143,7 @@ def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | Non
 
     Raises ConfigError when the given unit contradicts the column's name.
     """
-    return raw * SECONDS[unit_of(table, _TIME_NAME, column, unit, "--time-unit") or "s"]
+    return raw * SECONDS[unit_of(table, TIME_COLUMN.called, column, unit, "--time-unit") or "s"]
 
 
 def times_of(
@@ -182,7 +159,7 @@ def times_of(
         if not 0 < rate_hz < np.inf:
             raise ConfigError(f"--rate-hz {rate_hz:g}: has to be above zero.")
         return np.arange(len(raw)) / rate_hz, ()
-    known = unit_of(table, _TIME_NAME, column or "", unit, "--time-unit") or "s"
+    known = unit_of(table, TIME_COLUMN.called, column or "", unit, "--time-unit") or "s"
     with np.errstate(over="ignore"):
         intervals = np.diff(raw)
     backwards = np.flatnonzero(intervals < 0)

@@ -4,6 +4,7 @@ A run contains the scale that the box reported. A CSV file outside a run is read
 note; numbers that cannot be counts are an error that asks for the unit.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,11 +17,12 @@ from pydantic import Field
 from cfid.errors import ConfigError, DataError
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
+from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
 from cfid.records.tables.table import Array, CsvTable, open_table
 from cfid.records.tables.times import (
     CUT_LINE,
+    TIME_COLUMN,
     Facts,
-    TimeUnit,
     column_name,
     facts_of,
     gaps,
@@ -28,7 +30,6 @@ from cfid.records.tables.times import (
     numbers_of,
     run_at,
     seconds_of,
-    time_column,
     times_of,
     unit_of,
 )
@@ -43,8 +44,15 @@ USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's
 
 _STATUS = "status"
 _THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
-_COLUMNS = "--columns TIME,FX,FY,FZ,TX,TY,TZ"
 _NAMES = {axis: column_name(axis, ("n" if axis[0] == "F" else "nm", "counts")) for axis in AXES}
+SCHEMA = TableSchema(
+    columns=(
+        TIME_COLUMN,
+        *(Column(axis, called, axis) for axis, called in _NAMES.items()),
+        Column(_STATUS, re.compile(_STATUS, re.IGNORECASE), _STATUS, optional=True),
+    ),
+    words=("TIME", *(axis.upper() for axis in AXES)),
+)
 # What no reading exceeds: a count is a signed word of 32 bits, and the largest load cells end at 40 kN.
 _LARGEST: dict[Units, float] = {"counts": 2.0**31, "n,nm": 1e5}
 
@@ -52,16 +60,12 @@ _Scale = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WrenchReading:
-    """How to read a CSV file outside a run, where its header does not show it. The scales apply to a run too."""
+class WrenchReading(Foreign):
+    """How to read forces and torques from a CSV file outside a run. The scales apply to a run too."""
 
-    time_unit: TimeUnit | None = None
     units: Units | None = None
     counts_per_n: float | None = None
     counts_per_nm: float | None = None
-    rate_hz: float | None = None
-    skip_lines: int = 0
-    columns: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +137,7 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
         return len(reading.columns) >= len(AXES)
     table = open_table(path, skip_lines=reading.skip_lines)
     if not table.has_head:
-        return len(_filled(table)) == _expected(reading)
+        return len([name for name in table.names if name]) == len(AXES) + (reading.rate_hz is None)
     return any(name.fullmatch(column) for name in _NAMES.values() for column in table.names)
 
 
@@ -147,14 +151,13 @@ def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> f
 
 def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, own: bool = False) -> WrenchRecord:
     table = open_table(path, skip_lines=reading.skip_lines)
-    columns = _columns(table, reading)
-    axes = columns[-len(AXES) :]
-    status = [name for name in table.names if name.lower() == _STATUS and not reading.columns]
-    values = numbers_of(table, [*columns, *status])
-    time, notes = times_of(table, columns[0], values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    wrench = values[:, : len(columns)][:, -len(AXES) :]
+    places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
+    axes, time_name = [places[axis] for axis in AXES], places.get(TIME)
+    values = numbers_of(table, list(places.values()))
+    time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
+    wrench = values[:, time_name is not None :][:, : len(AXES)]
     scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
-    words = _words(table, values[:, -1]) if status else None
+    words = _words(table, values[:, -1]) if _STATUS in places else None
     notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
     notes += (CUT_LINE,) if table.cut else ()
     return WrenchRecord(
@@ -166,45 +169,14 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
         torque_nm=wrench[:, 3:] / scale[3:],
         status=words,
         notes=tuple(f"{path.name}: {note}" for note in notes),
-        begin_s=_begin_s(table, columns[0], values, reading),
+        begin_s=_begin_s(table, time_name, values, reading),
     )
 
 
-def _begin_s(table: CsvTable, column: str, values: Array, reading: WrenchReading) -> float | None:
-    if reading.rate_hz is not None:
+def _begin_s(table: CsvTable, column: str | None, values: Array, reading: WrenchReading) -> float | None:
+    if column is None:
         return None
     return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
-
-
-def _columns(table: CsvTable, reading: WrenchReading) -> list[str]:
-    """Return the time column (none with a given rate) and then those of the six axes, each by name or number."""
-    chosen = reading.columns or (() if table.has_head else tuple(_filled(table)))
-    if reading.columns and {len(chosen), len({table.place(name) for name in chosen})} != {_expected(reading)}:
-        raise ConfigError(f"{_COLUMNS} names seven columns, or with --rate-hz the last six alone; none of them twice.")
-    if not chosen:
-        return [*([] if reading.rate_hz is not None else [time_column(table, _COLUMNS)]), *_named_axes(table)]
-    if len(chosen) != _expected(reading):
-        raise DataError(f"{table.path}: no header for its {len(chosen)} columns: give {_COLUMNS} by number.")
-    return list(chosen)
-
-
-def _named_axes(table: CsvTable) -> list[str]:
-    there = {axis: [name for name in table.names if _NAMES[axis].fullmatch(name)] for axis in AXES}
-    missing = [axis for axis in AXES if not there[axis]]
-    if missing:
-        raise DataError(f"{table.path}: no column {', '.join(missing)} among {table.listing}: give {_COLUMNS}.")
-    several = [f"{axis} ({', '.join(names)})" for axis, names in there.items() if len(names) > 1]
-    if several:
-        raise DataError(f"{table.path}: more than one column {', '.join(several)}: give {_COLUMNS}, by name or number.")
-    return [name for names in there.values() for name in names]
-
-
-def _filled(table: CsvTable) -> list[str]:
-    return [name for name in table.names if name]
-
-
-def _expected(reading: WrenchReading) -> int:
-    return len(AXES) + (reading.rate_hz is None)
 
 
 def _units(table: CsvTable, axes: Sequence[str], values: Array, given: Units | None) -> Units:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.estimate.linear import mean_of
 from cfid.findings import Finding, note, warning
 from cfid.latency.clocks import COUNTER_S, ClockLine, Start, clock_line, sessions, start_by_phase, unwrapped_s
 from cfid.records.frames import turn_about_z
@@ -141,7 +142,7 @@ def align(recorded: Sequence[RecordedSine], *, sign: Sign = "auto") -> SineSerie
     return SineSeries(
         runs=tuple(runs),
         mean_lateness_s=float(free.mean()),
-        mean_lateness_std_s=float(free.std(ddof=1) / math.sqrt(len(free))) if len(free) > 1 else math.inf,
+        mean_lateness_std_s=float(mean_of(free).std[0]) if len(free) > 1 else math.inf,
         lines=lines,
         findings=_findings(runs, stamped=bool(lines)),
     )

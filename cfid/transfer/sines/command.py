@@ -1,9 +1,7 @@
 """`cfid log sine`: sines of many frequencies played on board, each a run of its own (section 3.4.2)."""
 
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,27 +9,21 @@ import typer
 
 from cfid.console import messages as speech
 from cfid.console.lists import comma_list
-from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, ResumeOptions, attempt, print_json, rig_of, summary
-from cfid.console.vehicle import LogMs, VehicleOptions, confirm, reach
-from cfid.errors import CfidError
-from cfid.units import FULL_COMMAND, MOTORS
+from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of
+from cfid.console.selection import interrupted
+from cfid.console.vehicle import LogMs, VehicleOptions
+from cfid.errors import ConfigError
+from cfid.units import FULL_COMMAND
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cfid.records.campaign import Campaign
-    from cfid.records.rig_file import LoadCellBox
-    from cfid.records.run import Run
-    from cfid.rig.log import Device, Plan
     from cfid.transfer.sines.plan import SineSweep
 
 _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
 _USUAL_N = 4000
-_UNCLIPPED = MIDDLE
 _EXTRA_S = 2.5  # of each run: connecting to the load cell, and the second until the vehicle reports the end
 
 
@@ -88,7 +80,6 @@ class SineOptions:
 
         Raises ConfigError.
         """
-        from cfid.errors import ConfigError
 
         planned = self._named() if self.l is not None else self._planned()
         given: dict[str, Any] = {
@@ -106,10 +97,8 @@ class SineOptions:
         for l in chosen.periods:  # noqa: E741
             if not 0 <= l <= chosen.samples // 2:
                 raise ConfigError(f"--periods {l}: has to be from 0 to N/2 = {chosen.samples // 2}.")
-        if chosen.amplitude > _UNCLIPPED and not self.force:
-            raise ConfigError(
-                f"--amplitude {chosen.amplitude}: above {_UNCLIPPED} the sine is clipped; --force allows it."
-            )
+        if chosen.amplitude > MIDDLE and not self.force:
+            raise ConfigError(f"--amplitude {chosen.amplitude}: above {MIDDLE} the sine is clipped; --force allows it.")
         return chosen
 
     def _planned(self) -> "SineSweep":
@@ -120,7 +109,6 @@ class SineOptions:
         return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
 
     def _named(self) -> "SineSweep":
-        from cfid.errors import ConfigError
         from cfid.transfer.sines.plan import SineSweep
 
         assert self.l is not None
@@ -134,8 +122,6 @@ class SineOptions:
 
 def _requested(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
     """Return what run.toml states of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
-    from cfid.errors import ConfigError
-    from cfid.motors.resume import interrupted
     from cfid.records.run import read_run
 
     run = read_run(interrupted(word, campaign, kind="sine"))
@@ -162,14 +148,12 @@ def sine(
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
     from cfid import __version__
-    from cfid.errors import ConfigError
-    from cfid.rig.procedures import clock
-    from cfid.transfer.sines.record import missing_sines, plan_sine
+    from cfid.transfer.sines.record import missing_sines, record_sines
 
     before_s = positive(options.before, "--before")
     if resume.word is None:
         sweep = options.chosen({})  # invalid options are refused before any device is looked for
-    campaign, devices, simulated = rig_of(keep.campaign)
+    rig = campaign, _, simulated = rig_of(keep.campaign)
     if resume.word is not None:
         sweep = options.chosen({} if resume.run is None else _requested(resume.run, campaign))
     sines = sweep.sines if resume.word is None else missing_sines(sweep, campaign, simulated=simulated)
@@ -184,44 +168,20 @@ def sine(
         typer.echo(lasts)
         return
     speech.note(lasts)
-    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
-    live = LiveLine()
-    with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
-        motors = MOTORS if sweep.motor == 0 else (sweep.motor,)
-        commands = (max(MIDDLE - sweep.amplitude, 1), min(MIDDLE + sweep.amplitude, FULL_COMMAND))
-        confirm(crazyflie, motors, commands, yes=vehicle.yes)
-        runs = []
-        for count, own in enumerate(sines):
-            task = partial(_show, live, own.periods, clock((len(sines) - count) * each_s))
-            plan = plan_sine(own, campaign, before_s=before_s, note=note, simulated=simulated, tell=task)
-            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live)
-            if run is not None:
-                runs.append(summary("log sine", run, failure))
-                if not keep.json:
-                    typer.echo(f"l = {own.periods}: {run.header.state} -> {run.folder}")
-            if failure is not None or run is None or run.header.state != "complete":
-                break
+    runs, failure = record_sines(
+        sines,
+        rig,
+        before_s=before_s,
+        each_s=each_s,
+        vehicle=vehicle,
+        log_ms=log_ms,
+        rate_hz=rate_hz,
+        note=note,
+        show=lambda own, run: (
+            None if keep.json else typer.echo(f"l = {own.periods}: {run.header.state} -> {run.folder}")
+        ),
+    )
     if keep.json:
         print_json({"command": "log sine", "runs": runs, "wanted": periods, "version": __version__})
     if failure is not None:
         raise failure
-
-
-def _show(live: LiveLine, periods: int, left: str, text: str) -> None:
-    live.task(f"l = {periods}: {text} ({left} in all)")
-
-
-def _play(
-    plan: "Plan", vehicle: "Sequence[Device]", cell: "LoadCellBox", live: LiveLine
-) -> "tuple[Run | None, CfidError | None]":
-    from cfid.rig.log import ready_loadcell
-
-    reports, *others = vehicle
-    with ExitStack() as stream:
-        try:
-            loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
-        except CfidError as error:
-            return None, error
-        return attempt(plan, [reports, loadcell, *others], live)

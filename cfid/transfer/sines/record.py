@@ -1,12 +1,80 @@
-"""Recording a sine: the plan of its run, and which sines of a sweep a campaign does not have yet."""
+"""Records sines, each a run of its own: the plan of a run, and which of a sweep a campaign does not have yet."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from typing import Any
 
+from cfid.console.live import LiveLine
+from cfid.console.messages import clock
+from cfid.console.recording import Rig, attempt, summary
+from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.errors import CfidError
 from cfid.records.campaign import Campaign
+from cfid.records.rig_file import LoadCellBox
 from cfid.records.run import Label, Run, list_runs
-from cfid.rig.log import Plan
-from cfid.rig.procedures import play_sine
+from cfid.rig.crossings import Crossings
+from cfid.rig.log import Device, Plan, ready_loadcell
+from cfid.rig.recorder import sleep
 from cfid.transfer.sines.plan import Sine, SineSweep
+from cfid.units import FULL_COMMAND, MOTORS
+from cfid.wire.app import MIDDLE, SAMPLES_PER_S, SineRequest
+
+_REST_S = 1.0  # from the motors' stop to the vehicle's report of it
+
+
+def record_sines(
+    sines: Sequence[Sine],
+    rig: Rig,
+    *,
+    before_s: float,
+    each_s: float,
+    vehicle: VehicleOptions,
+    log_ms: int,
+    rate_hz: int | None,
+    note: str | None,
+    show: Callable[[Sine, Run], None],
+) -> tuple[list[dict[str, Any]], CfidError | None]:
+    """Play sines of one motor and amplitude in turn; return a summary of each run, and the error that ended them.
+
+    `show` gets each run at its end. Raises ConfigError or DeviceError before the first motor turns.
+    """
+    campaign, devices, simulated = rig
+    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
+    live, runs = LiveLine(), []
+    failure: CfidError | None = None
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
+        motors = (sines[0].motor,) if sines[0].motor else MOTORS
+        amplitude = int(sines[0].amplitude)
+        confirm(crazyflie, motors, (max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)), yes=vehicle.yes)
+        for count, sine in enumerate(sines):
+            tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
+            plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
+            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live)
+            if run is not None:
+                runs.append(summary("log sine", run, failure))
+                show(sine, run)
+            if failure is not None or run is None or run.header.state != "complete":
+                break
+    return runs, failure
+
+
+def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
+    live.task(f"l = {periods}: {text} ({left} in all)")
+
+
+def _play(
+    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine
+) -> tuple[Run | None, CfidError | None]:
+    reports, *others = vehicle
+    with ExitStack() as stream:
+        try:
+            loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
+        except CfidError as error:
+            return None, error
+        return attempt(plan, [reports, loadcell, *others], live)
 
 
 def plan_sine(
@@ -30,6 +98,15 @@ def plan_sine(
         asked=sine.to_run(),
         simulated=simulated,
     )
+
+
+async def play_sine(
+    request: SineRequest, crossings: Crossings, *, before_s: float, loop: Any, tell: Callable[[str], None]
+) -> None:
+    """Pause, which gives the load cell's bias, then play one sine to its end (section 3.4.2)."""
+    await sleep(loop, before_s)
+    tell(f"playing, {clock(request.samples / SAMPLES_PER_S + _REST_S)} left")
+    await crossings.play(request)
 
 
 def missing_sines(sweep: SineSweep, campaign: Campaign, *, simulated: bool) -> list[Sine]:

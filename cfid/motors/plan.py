@@ -1,32 +1,43 @@
-"""What an interrupted run of a sweep lacks."""
+"""What a staircase of motor commands asks of the rig, and what an interrupted run of one still lacks."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from cfid.console.selection import LAST
-from cfid.errors import ConfigError, DataError
-from cfid.records.campaign import Campaign
-from cfid.records.run import Run, list_runs, read_run
+from cfid.errors import ConfigError
+from cfid.records.run import Run, read_run
 from cfid.records.tables.table import Array
 from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
-from cfid.rig.procedures import StaircasePlan
 
 _ENOUGH = 0.98  # of the time that a step is held
 
 
-def interrupted(word: Path, campaign: Campaign, *, kind: str) -> Path:
-    """Return the folder of the run that a word names: a path, a run of the campaign, or `last`, of its kind.
+@dataclass(frozen=True, kw_only=True)
+class StaircasePlan:
+    """Commands in turn for some of the motors, each held, with a pause (motors off) before, between and after."""
 
-    Raises ConfigError when there is no run of this kind.
-    """
-    if str(word) != LAST:
-        return word if word.exists() else campaign.runs_folder / word
-    runs = [run for run in list_runs(campaign.runs_folder) if not isinstance(run, DataError)]
-    of_kind = [run.folder for run in runs if run.header.kind.partition("_")[0] == kind]  # a sine's ends with its l
-    if not of_kind:
-        raise ConfigError(f"last: {campaign.runs_folder} has no run of `cfid log {kind}` yet.")
-    return of_kind[-1]
+    steps: tuple[int, ...]
+    motors: tuple[int, ...]
+    hold_s: float
+    rest_s: float
+
+    @classmethod
+    def of_run(cls, run: Run) -> "StaircasePlan":
+        """Return the staircase that run.toml states. Raises KeyError for a run of something else."""
+        asked = run.header.asked
+        steps, motors = tuple(asked["steps"]), tuple(asked["motors"])
+        return cls(steps=steps, motors=motors, hold_s=asked["hold_s"], rest_s=asked["rest_s"])
+
+    @property
+    def duration_s(self) -> float:
+        """How long it takes."""
+        return self.rest_s + len(self.steps) * (self.hold_s + self.rest_s)
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """Its entry in run.toml."""
+        return {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
 
 
 def missing(folder: Path, *, kind: str) -> StaircasePlan:
@@ -36,10 +47,9 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
     of this kind, or lacks nothing.
     """
     run = read_run(folder)
-    asked = run.header.asked
-    if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(asked):
+    if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.asked):
         raise ConfigError(f"{folder}: is no run of `cfid log {kind}` that could be resumed.")
-    before = _stairs(run)
+    before = StaircasePlan.of_run(run)
     if READINGS in run.header.devices:
         typed = read_rows(run, READINGS).columns["command"].tolist() if run.header.devices[READINGS].rows else []
         done = Counter(map(int, typed))
@@ -56,16 +66,9 @@ def held_steps(run: Run) -> list[int]:
     if not holds(run, COMMANDS):
         return []
     rows, commands = read_commands(run)
-    stairs = _stairs(run)
+    stairs = StaircasePlan.of_run(run)
     done = _held(stairs, rows.time_s, commands)
     return [step for step in stairs.steps if _was_done(step, done)]
-
-
-def _stairs(run: Run) -> StaircasePlan:
-    asked = run.header.asked
-    return StaircasePlan(
-        steps=tuple(asked["steps"]), motors=tuple(asked["motors"]), hold_s=asked["hold_s"], rest_s=asked["rest_s"]
-    )
 
 
 def _held(stairs: StaircasePlan, time_s: Array, commands: Array) -> Counter[int]:

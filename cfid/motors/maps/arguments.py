@@ -8,8 +8,7 @@ from cfid.console.options import LoadCellOptions, ReadingOptions
 from cfid.console.selection import chosen, labelled
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps.data import of_file, of_run
-from cfid.motors.maps.evidence import Evidence, together
-from cfid.motors.maps.options import StandOptions
+from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
 from cfid.records.tables.stand import read_stand_table
@@ -19,29 +18,29 @@ from cfid.units import FULL_COMMAND
 
 def read_evidence(
     words: Sequence[str],
-    stand: StandOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
     workplace: Workplace,
     *,
+    known: Stand,
+    table: Path | None,
     kind: str,
     method: str,
     rotors: Rotors | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and --table, and put all their points together; `rotors` are looked for in
+    """Read COMMAND=FILE, RUN and a table, and put all their points together; `rotors` are looked for in
     vibration where nobody reported their speeds.
 
     Without any of them the campaign's complete runs of a `kind` are taken.
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
-    known, site = stand.known(), workplace.rig.site
-    parts = []
-    if stand.table is not None:
-        table = read_stand_table(
-            stand.table, gravity_mps2=site.gravity_mps2, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines
+    site, parts = workplace.rig.site, []
+    if table is not None:
+        read = read_stand_table(
+            table, gravity_mps2=site.gravity_mps2, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines
         )
-        parts.append(of_table(table, known, workplace.facts))
+        parts.append(of_table(read, known, workplace.facts))
     for word in _meant(words, parts, workplace, kind):
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():

@@ -1,0 +1,51 @@
+"""Records round trips of pings to the vehicle (section 3.4.4)."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+from cfid.console.live import LiveLine
+from cfid.console.messages import clock
+from cfid.console.recording import Found, KeepOptions, Rig, record
+from cfid.console.vehicle import VehicleOptions, reach
+from cfid.records.run import Label
+from cfid.rig.log import Plan
+from cfid.rig.pings import Pings
+from cfid.rig.recorder import sleep
+
+
+def record_pings(
+    *,
+    count: int,
+    every_s: float,
+    rig: Rig,
+    vehicle: VehicleOptions,
+    keep: KeepOptions,
+    note: str | None,
+    found: Found,
+) -> None:
+    """Record `count` round trips, one begun every `every_s` seconds. Raises DeviceError."""
+    campaign, devices, simulated = rig
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        plan = Plan(
+            runs_folder=campaign.runs_folder,
+            kind="ping",
+            label=Label(note=note),
+            procedure=lambda there, loop: ping_often(
+                there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
+            ),
+            asked={"count": count, "interval_s": every_s},
+            simulated=simulated,
+        )
+        record("log ping", plan, [crazyflie.pings()], live, keep, found=found)
+
+
+async def ping_often(pings: Pings, *, count: int, every_s: float, loop: Any, tell: Callable[[str], None]) -> None:
+    """Ping on a grid, one at a time (C.2.6)."""
+    began_s = loop.seconds()
+    for number in range(count):
+        tell(f"ping {number + 1} of {count}, {clock((count - number) * every_s)} left")
+        await pings.ping()
+        await sleep(loop, max(began_s + (number + 1) * every_s - loop.seconds(), 0.0))

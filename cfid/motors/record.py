@@ -1,0 +1,228 @@
+"""Records a staircase of motor commands: with the load cell, or with an instrument that shows speed or weight."""
+
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from cfid.console.live import LiveLine
+from cfid.console.messages import clock
+from cfid.console.recording import Found, KeepOptions, Rig, nothing_found, record
+from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.motors.plan import StaircasePlan
+from cfid.records.run import Label
+from cfid.rig.log import Device, Plan, Procedure, ready_loadcell
+from cfid.rig.loop import Loop
+from cfid.rig.motor_commands import MotorCommands, four
+from cfid.rig.motors import STILL
+from cfid.rig.questions import Questions
+from cfid.rig.ready_instruments import ready_scales, ready_tachometer, typed_readings
+from cfid.rig.ready_vehicle import ReadyVehicle
+from cfid.rig.recorder import sleep
+
+Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
+Ask = Callable[[int], Awaitable[float | None]]  # returns the operator's reading at a command; None leaves it out
+
+
+def record_forces(
+    kind: str,
+    stairs: StaircasePlan,
+    rig: Rig,
+    *,
+    vehicle: VehicleOptions,
+    log_ms: int,
+    rate_hz: int | None,
+    keep: KeepOptions,
+    note: str | None,
+    question: str | None = None,
+    asked: Mapping[str, Any] | None = None,
+    found: Found = nothing_found,
+) -> None:
+    """Record load cell, commands and the vehicle's log during a staircase; a `question` is asked at each command.
+
+    `asked` goes into run.toml beside the staircase. Raises ConfigError or DeviceError.
+    """
+    _, devices, simulated = rig
+    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
+    live = LiveLine()
+    with ExitStack() as held:
+        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        crazyflie.limits.refuse_idling(stairs.motors)
+        confirm(crazyflie, stairs.motors, stairs.steps, yes=vehicle.yes)
+        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
+        if question is not None:
+            parts.append(typed_readings("rpm"))
+        procedure = _procedure(stairs, question, live, tare=True)
+        plan = _plan(kind, stairs, rig, note=note, procedure=procedure, asked=asked or {})
+        record(f"log {kind}", plan, parts, live, keep, found=found)
+
+
+def record_speed(
+    stairs: StaircasePlan,
+    rig: Rig,
+    *,
+    tachometer: str,
+    port: str | None,
+    vehicle: VehicleOptions,
+    log_ms: int,
+    keep: KeepOptions,
+    note: str | None,
+) -> None:
+    """Record rotor speeds during a staircase, as `typed`, a `ut372`, the RPM `deck` or `brushless` motors give them.
+
+    Raises ConfigError or DeviceError.
+    """
+
+    def instrument(crazyflie: ReadyVehicle) -> list[Device]:
+        if tachometer == "ut372":
+            return [crazyflie.usual_log(log_ms), ready_tachometer(port)]
+        if tachometer == "typed":
+            return [crazyflie.usual_log(log_ms)]
+        return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
+
+    question = "RPM shown at command {command}" if tachometer == "typed" else None
+    _record_readings(
+        "speed",
+        stairs,
+        rig,
+        instrument=instrument,
+        value="rpm",
+        question=question,
+        vehicle=vehicle,
+        keep=keep,
+        note=note,
+    )
+
+
+def record_scales(
+    stairs: StaircasePlan,
+    rig: Rig,
+    *,
+    port: str | None,
+    baud: int,
+    vehicle: VehicleOptions,
+    log_ms: int,
+    keep: KeepOptions,
+    note: str | None,
+) -> None:
+    """Record during a staircase what scales at a serial port show, or, without a port, what the operator types.
+
+    Raises ConfigError or DeviceError.
+    """
+
+    def instrument(crazyflie: ReadyVehicle) -> list[Device]:
+        return [crazyflie.usual_log(log_ms), *([] if port is None else [ready_scales(port, baud=baud)])]
+
+    question = "grams shown at command {command}" if port is None else None
+    _record_readings(
+        "scales",
+        stairs,
+        rig,
+        instrument=instrument,
+        value="grams",
+        question=question,
+        vehicle=vehicle,
+        keep=keep,
+        note=note,
+    )
+
+
+def _record_readings(
+    kind: str,
+    stairs: StaircasePlan,
+    rig: Rig,
+    *,
+    instrument: Callable[[ReadyVehicle], list[Device]],
+    value: str,
+    question: str | None,
+    vehicle: VehicleOptions,
+    keep: KeepOptions,
+    note: str | None,
+) -> None:
+    """Record an instrument that records by itself, or, with a question, one that the operator reads."""
+    _, devices, simulated = rig
+    live = LiveLine()
+    with ExitStack() as held:
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        parts = [crazyflie.commands(), *instrument(crazyflie), crazyflie.supervisor_log()]
+        if question is not None:
+            parts.append(typed_readings(value))
+        confirm(crazyflie, stairs.motors, stairs.steps, yes=vehicle.yes)
+        procedure = _procedure(stairs, question, live, tare=False)
+        plan = _plan(kind, stairs, rig, note=note, procedure=procedure, asked={})
+        record(f"log {kind}", plan, parts, live, keep)
+
+
+def _plan(
+    kind: str, stairs: StaircasePlan, rig: Rig, *, note: str | None, procedure: Procedure, asked: Mapping[str, Any]
+) -> Plan:
+    campaign, _, simulated = rig
+    return Plan(
+        runs_folder=campaign.runs_folder,
+        kind=kind,
+        label=Label(note=note),
+        procedure=procedure,
+        facts=campaign.rig.facts,
+        asked={**stairs.asked, **asked},
+        simulated=simulated,
+    )
+
+
+def _procedure(stairs: StaircasePlan, question: str | None, live: LiveLine, *, tare: bool) -> Procedure:
+    """Return the staircase; with a question the operator is asked at each command.
+
+    A `tare` is a pause before the first command, and then nobody is asked about rotors that stand.
+    """
+    if question is None:
+        return lambda there, loop: run_staircase(stairs, there["commands"], loop=loop, tell=live.task)
+
+    async def read(there: Mapping[str, Any], loop: Loop) -> None:
+        questions = Questions(loop=loop, tell=live.task, say=live.tell)
+
+        async def ask(command: int) -> float | None:
+            if tare and not command:
+                return None
+            return await questions.number(question.format(command=command))
+
+        questions.open()
+        try:
+            if tare:
+                await sleep(loop, stairs.rest_s)
+            await read_at_steps(stairs, there["commands"], there["readings"].add, ask, loop=loop, tell=live.task)
+        finally:
+            questions.close()
+
+    return read
+
+
+async def run_staircase(stairs: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
+    """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
+    await sleep(loop, stairs.rest_s)
+    for count, step in enumerate(stairs.steps):
+        left_s = (len(stairs.steps) - count) * (stairs.hold_s + stairs.rest_s)
+        tell(f"command {step} ({count + 1} of {len(stairs.steps)}), {clock(left_s)} left")
+        await commands.set(four(step, stairs.motors))
+        await sleep(loop, stairs.hold_s)
+        await commands.set(STILL)
+        await sleep(loop, stairs.rest_s)
+
+
+async def read_at_steps(
+    stairs: StaircasePlan,
+    commands: MotorCommands,
+    note: Callable[[int, float], None],
+    ask: Ask,
+    *,
+    loop: Any,
+    tell: Tell,
+) -> None:
+    """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2)."""
+    for count, step in enumerate(stairs.steps):
+        tell(f"command {step} ({count + 1} of {len(stairs.steps)})")
+        await commands.set(four(step, stairs.motors))
+        await sleep(loop, stairs.hold_s)
+        value = await ask(step)
+        if value is not None:
+            note(step, value)
+        await commands.set(STILL)
+        await sleep(loop, stairs.rest_s)

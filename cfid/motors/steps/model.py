@@ -1,0 +1,108 @@
+"""A rotor that follows steps of its command, by the rotor model, and what a measurement of it would show."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import roots_jacobi
+
+from cfid.errors import FitError
+from cfid.estimate.blocks import block_means
+
+Array = npt.NDArray[np.float64]
+
+BEFORE = 0.1  # of the time since the command before, that shows where a step begins
+_FEWEST = 8  # samples of a step
+_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
+# A straight line through phases takes speeds with a parabola's weight: Gauss' nodes and weights for that.
+_NODES, _WEIGHTS = roots_jacobi(6, 1, 1)
+
+
+class CommandStep(NamedTuple):
+    """A command that holds from `at_s` until `until_s`, and the one before it, which held from `since_s` on."""
+
+    since_s: float
+    at_s: float
+    until_s: float
+    command_from: float
+    command_to: float
+
+
+def command_steps(*, time_s: Array, command: Array) -> tuple[CommandStep, ...]:
+    """Return the steps of a command (n,) that was sampled at times (n,)."""
+    changes = np.flatnonzero(np.diff(command)) + 1
+    at_s = [float(time_s[0]), *time_s[changes].tolist(), float(time_s[-1])]
+    values = [float(command[0]), *command[changes].tolist()]
+    return tuple(CommandStep(*at_s[i : i + 3], *values[i : i + 2]) for i in range(len(changes)))
+
+
+def followed(steps: Sequence[CommandStep], *, time_s: Array, value: Array) -> tuple[CommandStep, ...]:
+    """Return the steps during which enough was measured, (n,) at times (n,): of one to rest little is heard."""
+    heard = time_s[np.isfinite(value)]
+    return tuple(step for step in steps if np.count_nonzero((heard >= step.at_s) & (heard < step.until_s)) >= _FEWEST)
+
+
+class Lag(NamedTuple):
+    """A step that follows the rotor model; one with a plain lag has no quadratic coefficient."""
+
+    delay_s: float
+    begin: float
+    end: float
+    linear: float
+    quadratic: float
+
+    def speed(self, time_s: Array) -> Array:
+        """Solve the rotor model: of the gap to the end, one over it grows linearly."""
+        gap, rate = self.end - self.begin, self.linear + 2 * self.quadratic * self.end
+        grown = np.exp(np.minimum(rate * np.maximum(time_s - self.delay_s, 0.0), 500.0))
+        return self.end - gap * rate / ((rate - self.quadratic * gap) * grown + self.quadratic * gap)
+
+
+class Part(NamedTuple):
+    """Samples (n,) about one step, their times counted from it."""
+
+    step: CommandStep
+    time_s: Array
+    value: Array
+
+    @property
+    def interval_s(self) -> float:
+        """The usual time between two samples."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+class StepData:
+    """What was measured, cut into steps, and how a speed would have shown in it."""
+
+    def __init__(
+        self, time_s: Array, value: Array, steps: Sequence[CommandStep], factor: float | None, blur_s: float
+    ) -> None:
+        """Cut values (n,) at times (n,) into steps; see `fit_steps`. Raises FitError for none, or one too short."""
+        if not steps:
+            raise FitError("no step of the command: there is nothing that a rotor could have followed.")
+        self._factor, self._blur_s = factor, blur_s
+        self.parts = [_part(time_s, value, step) for step in steps]
+
+    def speed(self, value: float) -> float:
+        """Return the speed that a value stands for."""
+        return value if self._factor is None else math.sqrt(max(value / self._factor, 0.0))
+
+    def shown(self, part: Part, lag: Lag) -> Array:
+        """Return what would have been measured (n,) of a lag at the times of a step."""
+        if self._blur_s > 0:
+            speed = _WEIGHTS @ lag.speed(part.time_s + self._blur_s / 2 * _NODES[:, np.newaxis]) / _WEIGHTS.sum()
+        else:
+            speed = lag.speed(part.time_s)
+        return np.asarray(speed if self._factor is None else self._factor * speed**2)
+
+
+def _part(time_s: Array, value: Array, step: CommandStep) -> Part:
+    before_s = BEFORE * (step.at_s - step.since_s)
+    inside = (time_s >= step.at_s - before_s) & (time_s < step.until_s) & np.isfinite(value)
+    time, own = time_s[inside] - step.at_s, value[inside]
+    if np.count_nonzero(time >= 0) < _FEWEST:
+        raise FitError(f"the step at {step.at_s:.2f} s has fewer than {_FEWEST} samples: no lag can be fitted to it.")
+    length = max(int(_FINEST_S / np.median(np.diff(time))), 1)
+    return Part(step, block_means(time, length=length), block_means(own, length=length))

@@ -1,0 +1,107 @@
+"""Schemas of tables: the columns of a kind of CSV file, what files call them, and where they stand in one of them."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.tables.table import CsvTable
+
+TimeUnit = Literal["s", "ms", "us"]
+
+TIME = "t"
+
+
+class Column(NamedTuple):
+    """A column of a kind: its key, the pattern of its names in files, and its description in messages."""
+
+    key: str
+    called: re.Pattern[str]
+    label: str
+    optional: bool = False
+
+    @classmethod
+    def named(cls, key: str, *, optional: bool = False) -> "Column":
+        """Return a column that is called by its key alone."""
+        return cls(key, re.compile(re.escape(key)), key, optional)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foreign:
+    """How to read a CSV file outside a run, where its header does not show it; a rate stands for the time column."""
+
+    time_unit: TimeUnit | None = None
+    rate_hz: float | None = None
+    skip_lines: int = 0
+    columns: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableSchema:
+    """The columns of one kind of table.
+
+    `words` are those of --columns, in the columns' order, empty for a kind that is read by its header alone. `hint`
+    ends the message on a missing column.
+    """
+
+    columns: tuple[Column, ...]
+    words: tuple[str, ...] = ()
+    hint: str = ""
+
+    def places(self, table: CsvTable, *, named: Sequence[str] = (), rate_hz: float | None = None) -> dict[str, str]:
+        """Return a table's name of each column by its key: `named` by option, else by the header, else by order.
+
+        An optional column may be absent, and is left out where columns are named; so is the time where a rate is
+        given. Raises ConfigError for named columns that are too few, too many or not different, DataError for a table
+        that does not show its columns.
+        """
+        needed = [one for one in self.columns if not (one.optional or (one.key == TIME and rate_hz is not None))]
+        if self.words and (named or not table.has_head):
+            return dict(zip([one.key for one in needed], self._in_order(table, named, needed), strict=True))
+        there = {one: [name for name in table.names if one.called.fullmatch(name)] for one in self.columns}
+        self._check(table, {one: names for one, names in there.items() if one in needed})
+        return {one.key: names[0] for one, names in there.items() if names and (one in needed or one.optional)}
+
+    def _in_order(self, table: CsvTable, named: Sequence[str], needed: Sequence[Column]) -> list[str]:
+        count, option = len(needed), self._option(needed)
+        if named:
+            if len(named) != count or len({table.place(name) for name in named}) < count:
+                both = len(self.words)
+                raise ConfigError(
+                    f"--columns {','.join(self.words)} names {both} columns, or with --rate-hz the last {both - 1} "
+                    "alone; none of them twice."
+                )
+            return list(named)
+        names = [name for name in table.names if name]
+        if len(names) == count:
+            return names
+        if needed[0].key == TIME and len(names) == count - 1:
+            what = "one column" if count == 2 else f"{len(names)} columns"
+            raise DataError(f"{table.path}: {what} and no time: give --rate-hz.")
+        by_number = ",".join(str(1 + place) for place in range(len(self.words) - count, len(self.words)))
+        raise DataError(
+            f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in {by_number}. "
+            "Numbers need decimal points, and no comma inside."
+        )
+
+    def _check(self, table: CsvTable, there: dict[Column, list[str]]) -> None:
+        option = self._option(list(there))
+        missing = [one for one, names in there.items() if not names]
+        if missing:
+            what = ", ".join(one.label for one in missing)
+            rate = ", or --rate-hz" if self.words and [one.key for one in missing] == [TIME] else ""
+            hint = f" {self.hint}" if self.hint else ""
+            raise DataError(f"{table.path}: no column {what} among {table.listing}: give {option}{rate}.{hint}")
+        several = [one for one, names in there.items() if len(names) > 1]
+        if several:
+            found = (f"{name} ({i})" for i, name in enumerate(table.names, start=1) if name in there[several[0]])
+            raise DataError(
+                f"{table.path}: more than one column {several[0].label}: {', '.join(found)}. Give {option}, by name or "
+                "number."
+            )
+
+    def _option(self, needed: Sequence[Column]) -> str:
+        if not self.words:
+            return f"a header {','.join(one.key for one in needed)}"
+        return f"--columns {','.join(self.words[-len(needed) :])}"
