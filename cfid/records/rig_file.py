@@ -104,9 +104,13 @@ class Mount(RigTable):
 
 
 class VehicleData(RigTable):
-    """The vehicle as weighed and measured: mass, centre of mass and body frame."""
+    """The vehicle as weighed and measured: mass, centre of mass and body frame.
+
+    `platform` sets what is plausible: `crazyflie` for quadrocopters of its kind, `other` for any body: physics alone.
+    """
 
     name: str = "vehicle"
+    platform: Literal["crazyflie", "other"] = "crazyflie"
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     centre_of_mass_mm: Vector
@@ -157,10 +161,25 @@ class EncoderScale(RigTable):
 
 
 class FrictionRig(RigTable):
-    """The axis around which the fishing line of the dropping weights is wound."""
+    """The axis around which the fishing line of the dropping weights is wound, and the line's thickness.
+
+    The weight pulls at the middle of the line: half its thickness adds to the radius of the axis.
+    """
 
     radius_mm: Positive
     radius_std_mm: Spread = 0.0
+    line_mm: Spread | None = None
+    line_std_mm: Spread = 0.0
+
+    @property
+    def lever_mm(self) -> float:
+        """The radius at which the weight pulls, without the line where its thickness is not stated."""
+        return self.radius_mm + (self.line_mm or 0.0) / 2
+
+    @property
+    def lever_std_mm(self) -> float:
+        """The standard uncertainty of that radius."""
+        return math.hypot(self.radius_std_mm, self.line_std_mm / 2)
 
 
 class EncoderPort(RigTable):
@@ -244,10 +263,11 @@ def new_rig_text() -> str:
 
 
 def thesis_rig() -> Rig:
-    """Return the rig of the thesis' calculation (C.1.4, C.1.5, C.1.7), with the two directions of its xy mount."""
-    content = tomllib.loads(_preset("rig.toml"))
-    for name, differing in tomllib.loads(_preset("thesis.toml"))["mounts"].items():
-        content["mounts"][name] |= differing
+    """Return the rig of the thesis' calculation (C.1.2 to C.1.7), with the two directions of its xy mount."""
+    content, differing = tomllib.loads(_preset("rig.toml")), tomllib.loads(_preset("thesis.toml"))
+    for name, mount in differing["mounts"].items():
+        content["mounts"][name] |= mount
+    content["friction"] |= differing["friction"]
     return _checked(content, name="the thesis' rig")
 
 
