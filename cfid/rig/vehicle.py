@@ -24,6 +24,7 @@ Place = tuple[int, int]  # port and channel
 SILENT_S = 0.5  # cflib pings ten times a second: five answers in a row are missing then
 _STALL_S = 0.2  # between two checks, which come every 0.05 s
 _RECENT_S = 2.0
+_KEPT_S = 20.0
 
 ANSWER_S = 0.15
 TRIES = 3
@@ -66,7 +67,8 @@ class Vehicle:
         self.wire, self.loop = wire, loop
         self._handlers: dict[Place, list[Handler]] = defaultdict(list)
         self._woken = False
-        self._checked_s, self._resumed_s, self._stalled_s = math.inf, -math.inf, 0.0
+        self._checked_s = math.inf
+        self._stalls: list[tuple[float, float]] = []  # when each ended, and how long it was
         wire.arrived()  # drops earlier packets
         wire.attach(self._wake)
 
@@ -86,19 +88,23 @@ class Vehicle:
     @property
     def stall(self) -> str:
         """How long this program itself was not running a moment ago, in words; empty if it always ran."""
-        if self.loop.seconds() - self._resumed_s > _RECENT_S:
-            return ""
-        return f"cfid itself was suspended or kept waiting for {self._stalled_s:.1f} s"
+        recent = [length_s for ended_s, length_s in self._stalls if self.loop.seconds() - ended_s <= _RECENT_S]
+        return f"cfid itself was suspended or kept waiting for {max(recent):.1f} s" if recent else ""
 
     def silent_s(self, since_s: float) -> float:
-        """Return how long nothing arrived since a time, not counting a stall of this program: packets then wait."""
-        return float(self.loop.seconds() - max(since_s, self._resumed_s))
+        """Return how long nothing arrived since a time, without the stalls of this program, in which packets wait.
+
+        Of each stall a little counts, so that a lost link is noticed by a program that is always late, too.
+        """
+        away_s = sum(length_s - _STALL_S for ended_s, length_s in self._stalls if ended_s > since_s)
+        return float(self.loop.seconds() - since_s - away_s)
 
     def check(self) -> None:
         """Raise DeviceError when the link failed or no packet arrives any more. Call it with every block of rows."""
         now_s = self.loop.seconds()
         if now_s - self._checked_s > _STALL_S:
-            self._resumed_s, self._stalled_s = now_s, now_s - self._checked_s
+            self._stalls = [stall for stall in self._stalls if now_s - stall[0] < _KEPT_S]
+            self._stalls.append((now_s, now_s - self._checked_s))
         self._checked_s = now_s
         if self.wire.fault:
             raise DeviceError(self.wire.fault)
