@@ -68,10 +68,10 @@ class Direction:
         self._rng = rng
         self._last_s = 0.0
         self.lost = 0
-        self._more = rng.spawn(1)[0] if truth.floor_wander_s or truth.congestion_s else rng
+        self._disturbing = rng.spawn(1)[0] if truth.floor_wander_s or truth.congestion_s else rng
         self._wander: Wander | None = None
         if truth.floor_wander_s:
-            self._wander = Wander(truth.floor_wander_s, correlation_s=FLOOR_WANDER_S, rng=self._more)
+            self._wander = Wander(truth.floor_wander_s, correlation_s=FLOOR_WANDER_S, rng=self._disturbing)
         self._congested: tuple[float, float] | None = None
 
     def arrival_s(self, sent_s: float) -> float | None:
@@ -93,10 +93,10 @@ class Direction:
             return 0.0
         begin_s, end_s = self._congested or (-math.inf, sent_s - _CYCLES * (CONGESTED_S + CLEAR_S))
         while end_s <= sent_s:
-            begin_s = end_s + self._more.exponential(CLEAR_S)
-            end_s = begin_s + self._more.exponential(CONGESTED_S)
+            begin_s = end_s + self._disturbing.exponential(CLEAR_S)
+            end_s = begin_s + self._disturbing.exponential(CONGESTED_S)
         self._congested = begin_s, end_s
-        return self._more.exponential(self._truth.congestion_s) if begin_s <= sent_s else 0.0
+        return self._disturbing.exponential(self._truth.congestion_s) if begin_s <= sent_s else 0.0
 
 
 class Radio:

@@ -114,9 +114,9 @@ def with_errors(
     tilt_deg: float,
     rng: np.random.Generator,
 ) -> Truth:
-    """Return a body that differs by more than the rig states: in mass, centre of mass, fixture and axes.
+    """Return the body with a mass and a centre of mass that are off by so much, and with a fixture.
 
-    Each axis tilts by a normal angle of standard deviation `tilt_deg` in both directions across it.
+    Each axis tilts by two normal angles of standard deviation `tilt_deg`, about the directions across it.
     """
     mounts = truth.mounts
     if tilt_deg:

@@ -99,10 +99,12 @@ def _friction(campaign: Campaign, truth: SimTruth, runs: Sequence[SimulatedRun])
 
 
 def thrust_and_torque(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """A staircase on the load cell: the maps' coefficients."""
+    """A staircase on the load cell: the maps' coefficients, and the thrust at full command."""
     path = _staircase(campaign, truth, rng, STEPS)
     known = {name: true for name, true in true_motors(truth).items() if name.startswith(("motor.thrust_poly", _TORQUE))}
-    gravity_mps2 = campaign.rig.site.gravity_mps2
+    rotors, gravity_mps2 = truth.rotors, campaign.rig.site.gravity_mps2
+    fastest_rad_s = float(rotors.steady_rad_per_s(np.array(FULL_COMMAND), volts=rotors.nominal_v))
+    known["motor.max_thrust_n"] = rotors.thrust_ns2_per_rad2 * fastest_rad_s**2
     results = [cfid.motors.maps.fit_thrust(path, gravity_mps2=gravity_mps2), cfid.motors.maps.fit_torque(path)]
     return Measured(known, results)
 
@@ -165,9 +167,9 @@ def _rows(result: Result) -> list[dict[str, float]]:
 
 
 def transfer_function(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """A series of sines. The true time constant of a rotor that slows down more slowly is taken as the mean."""
+    """A series of sines. True of a rotor that slows down more slowly is the mean of its two rates, 1/s."""
     known = {name: true for name, true in true_motors(truth).items() if name.startswith("tf.")}
-    known["tf.time_constant_s"] *= 1 + truth.rotors.slower_fall / 2
+    known["tf.time_constant_s"] *= (1 + truth.rotors.slower_fall) / (1 + truth.rotors.slower_fall / 2)
     return Measured(known, [cfid.transfer.fit(write_runs(campaign, sine_runs(truth, rng)))])
 
 
