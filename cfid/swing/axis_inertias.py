@@ -201,7 +201,7 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
 
 
 def _unit(vector: Vector) -> Array:
-    return np.array(vector, dtype=float) / np.linalg.norm(vector)
+    return np.asarray(np.array(vector, dtype=float) / np.linalg.norm(vector))
 
 
 def _across(unit: Array) -> Array:

@@ -159,7 +159,7 @@ def _falls_freely(time: Array, angle: Array, halves: list[HalfSwing], first: int
         return True
     half_period_s = float(np.median(np.diff(time[[half.extreme for half in halves]])))
     phase = math.pi * float(time[still] - time[first]) / half_period_s
-    return abs(angle[first] - angle[still] * math.cos(min(phase, math.pi))) < _OFF_A_COSINE * abs(angle[still])
+    return bool(abs(angle[first] - angle[still] * math.cos(min(phase, math.pi))) < _OFF_A_COSINE * abs(angle[still]))
 
 
 def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:

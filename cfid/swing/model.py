@@ -171,7 +171,7 @@ def fit_output_error(
 
 def _read(angle: Array, harmonic: Array) -> Array:
     """Return what an encoder reads at angles (n,)."""
-    return angle + harmonic[0] * np.sin(angle) + harmonic[1] * (np.cos(angle) - 1)
+    return np.asarray(angle + harmonic[0] * np.sin(angle) + harmonic[1] * (np.cos(angle) - 1))
 
 
 def _read_derivatives(angle: Array, columns: Array, harmonic: Array, *, eccentric: bool) -> Array:

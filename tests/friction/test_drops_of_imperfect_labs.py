@@ -6,6 +6,7 @@ The plant is an integrator of its own: (I + m r^2) w' = m g r(turns) - M_c - c w
 import math
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,15 +42,15 @@ def fallen(grams: float, dry_nm: float, layered: float) -> tuple[Array, Array]:
         angle += step * speed
         angles.append(angle)
     counts = np.floor(8192 / (2 * math.pi) * np.array(angles))
-    return step * np.arange(len(angles)), 2 * math.pi / 8192 * counts
+    return step * np.arange(float(len(angles))), 2 * math.pi / 8192 * counts
 
 
 def drops(seed: int, layered: float = 0.0, grams: tuple[float, ...] = GRAMS, **setup: float) -> list[Drop]:
     """Return the drops of a campaign; `grams` are what their labels have."""
     rng = np.random.default_rng(seed)
-    setup = {"radius_m": RADIUS_M, "gravity_mps2": GRAVITY, **setup}
+    known: dict[str, Any] = {"radius_m": RADIUS_M, "gravity_mps2": GRAVITY, **setup}
     falls = [fallen(one, DRY_NM * (1 + SCATTER * rng.normal()), layered) for one in GRAMS]
-    return [measure_drop(*fall, weight_kg=one / 1000, **setup) for fall, one in zip(falls, grams, strict=True)]
+    return [measure_drop(*fall, weight_kg=one / 1000, **known) for fall, one in zip(falls, grams, strict=True)]
 
 
 def codes(found: list[Drop]) -> set[str]:

@@ -28,7 +28,7 @@ SIX = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "xy": (-1, 1, 0), "xz": (
 EIGHT = {**SIX, "a": (2, -1, 2), "b": (1, 2, -2)}
 POINTS_MM = {
     "x": (22.8, 22.8, 1.5), "y": (-22.8, 22.8, 1.5), "z": (22.7, 30.7, -17.4), "xy": (23.9, 23.9, 1.5),
-    "xz": (24.0, 25.1, 5.7), "yz": (-24.0, 25.1, 5.7), "a": (-20.0, 20.0, 22.0), "b": (24.0, -24.0, 2.0),
+    "xz": (24.0, 25.1, 5.7), "yz": (-24.0, 25.1, 5.7), "a": (-20.0, 20.0, 22.0), "b": (24.0, -24.0, 2.0), "far": (0.0, 20.0, 60.0),
 }  # fmt: skip
 STATED = {"mass_kg": 3e-5, "gravity_mps2": 0.003, "centre_m": 1e-4, "point_m": 1e-4, "tilt_rad": math.radians(0.3)}
 SWING_STD = 3e-5  # of W
@@ -197,7 +197,7 @@ def test_the_eighth_swing_names_the_one_whose_distance_is_wrong() -> None:
 
 
 def test_two_distances_of_one_axis_that_differ_are_rejected() -> None:
-    axes = {**SIX, "a": (1, 0, 0)}  # a passes 30 mm from the centre of mass, x 23 mm
+    axes = {**SIX, "far": (1, 0, 0)}  # it passes 63 mm from the centre of mass, x 23 mm
     sound, stiff = (Lab(axes=axes, stiffness_nm=one).fitted(np.random.default_rng(5)) for one in (0.0, 4e-4))
 
     assert "inertia-distances-differ" not in codes(redundancy_findings(sound[1], sound[0]))

@@ -63,7 +63,7 @@ class Trials:
             k4 = self.acceleration(angle + h * third, fourth)
             angle = angle + h / 6 * (speed + 2 * second + 2 * third + fourth)
             speed = speed + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return h * np.arange(0, len(kept), 2), np.array(kept[::2])
+        return h * np.arange(0.0, len(kept), 2), np.array(kept[::2])
 
 
 def encoded(angle_rad: Array, rng: np.random.Generator, *, eccentric_rad: float = 0.0) -> Array:
