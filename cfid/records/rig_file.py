@@ -14,7 +14,17 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, RigTable, Tachometer, WindStand
+from cfid.records.facts import (
+    LoadCellMount,
+    Number,
+    Positive,
+    RigFacts,
+    RigTable,
+    Scales,
+    Spread,
+    Tachometer,
+    WindStand,
+)
 from cfid.records.files import first_fault, read_toml
 from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2
 
@@ -34,9 +44,6 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-
-
-Spread = Annotated[Number, Field(ge=0)]
 
 
 SpreadVector = tuple[Spread, Spread, Spread]
@@ -213,6 +220,7 @@ class Rig(RigTable):
     encoder: EncoderScale = EncoderScale()
     loadcell: LoadCellMount = LoadCellMount()
     tachometer: Tachometer = Tachometer()
+    scales: Scales = Scales()
     wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
@@ -222,8 +230,8 @@ class Rig(RigTable):
 
     @property
     def facts(self) -> RigFacts:
-        """How devices are mounted, as each run stores it."""
-        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
+        """How devices are mounted and how exact they are, as each run stores it."""
+        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, scales=self.scales, wind=self.wind)
 
 
 def load_rig(path: Path) -> Rig:
