@@ -3,7 +3,7 @@
 An error e of a scale, of relative standard uncertainty s, multiplies what the instrument measured by 1 + e, the same
 in every fit on this rig. A quantity that goes with the n-th power of the instrument's unit changes by n s times its
 value per standard uncertainty: its effect. Standard uncertainties grow by the effects, covariances by their outer
-product [GUM, F.1.2.3], and `common` keeps them by the name of the cause, so that the covariance of two fits is known.
+product, and `common` keeps them by the name of the cause, so that the covariance of two fits is known.
 """
 
 import math
@@ -92,6 +92,11 @@ def anemometer_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
 def linearity(rigs: Sequence[RigFacts]) -> Cause:
     """Return the linearity of the load cells of rigs as a cause."""
     return _widest("linearity of the load cell", [rig.loadcell.linearity_std for rig in rigs])
+
+
+def scales_of_weights(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a mass goes with that was read off the scales of rigs."""
+    return _powers({_widest("scales", [rig.scales.linearity_std for rig in rigs]): 1}, rigs)
 
 
 def force_cross_talk(rigs: Sequence[RigFacts]) -> list[tuple[Cause, tuple[int, int]]]:
