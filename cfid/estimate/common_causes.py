@@ -151,7 +151,10 @@ def with_common_causes(result: Result, *effects: Effects) -> Result:
         result,
         quantities={key: _widened(key, one, common) for key, one in result.quantities.items()},
         covariances=tuple(_with_outer(one, result.quantities, common) for one in result.covariances),
-        common={**result.common, **common},
+        common={
+            **result.common,
+            **{name: {key: one.tolist() for key, one in moved.items()} for name, moved in common.items()},
+        },
         quality={**result.quality, "common_causes": _budget(result.quantities, common)} if common else result.quality,
         findings=(*result.findings, *_taken_as_exact(unstated)),
         lines=(*result.lines, *_lines(result, common)),
