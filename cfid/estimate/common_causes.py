@@ -65,7 +65,7 @@ def arm_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
     """
     cells = [rig.loadcell for rig in rigs]
     arm = _widest("arm", [_over_arm(cell, cell.arm_std_mm) for cell in cells])
-    talks = [None if (talk := cell.cross_talk_std_nm_per_n) is None else 1e3 * talk for cell in cells]
+    talks = [None if (each := cell.cross_talk_std_nm_per_n) is None else 1e3 * each for cell in cells]
     talk = _widest("cross-talk of Fz into Tx and Ty", [_over_arm(*one) for one in zip(cells, talks, strict=True)])
     return _powers({gain(rigs, "Tx", "Ty"): 1, linearity(rigs): 1, arm: -1, talk: 1}, rigs)
 
