@@ -49,7 +49,8 @@ class Cell:
         x, y, z = at
         torque = np.array([y * force[2] - z * force[1], z * force[0] - x * force[2], x * force[1] - y * force[0]])
         load = np.concatenate([force, torque])
-        return self.matrix @ load + self.bend * np.diag(self.matrix) * load * np.abs(load) / self.largest
+        bent = self.bend * np.diag(self.matrix) * load * np.abs(load) / self.largest
+        return np.asarray(self.matrix @ load + bent)
 
 
 def cell_of(rng: np.random.Generator, bend: float = 0.0) -> Cell:
