@@ -237,9 +237,7 @@ def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[st
     for name, moved in common.items():
         parts = [f"{key} {_percent(moved[key], result.quantities[key].value, key)}" for key in wanted if key in moved]
         lines += [f"  {name}: {', '.join(parts)}"] if parts else []
-    return (
-        ["uncertainty from causes that other fits share, within the standard uncertainties:", *lines] if lines else []
-    )
+    return ["causes of error that fits share, their part of the standard uncertainties:", *lines] if lines else []
 
 
 def _percent(moved: Array, value: Any, key: str) -> str:
