@@ -14,8 +14,18 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, RigTable, Tachometer, WindStand
-from cfid.records.files import first_fault, read_toml
+from cfid.records.facts import (
+    LoadCellMount,
+    Number,
+    Positive,
+    RigFacts,
+    RigTable,
+    Scales,
+    Spread,
+    Tachometer,
+    WindStand,
+)
+from cfid.records.files import first_fault, locked_folder, read_toml, write_whole
 from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2
 
 RIG_FILE = "rig.toml"
@@ -34,9 +44,6 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-
-
-Spread = Annotated[Number, Field(ge=0)]
 
 
 SpreadVector = tuple[Spread, Spread, Spread]
@@ -232,6 +239,7 @@ class Rig(RigTable):
     encoder: EncoderScale = EncoderScale()
     loadcell: LoadCellMount = LoadCellMount()
     tachometer: Tachometer = Tachometer()
+    scales: Scales = Scales()
     wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
@@ -241,8 +249,8 @@ class Rig(RigTable):
 
     @property
     def facts(self) -> RigFacts:
-        """How devices are mounted, as each run stores it."""
-        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
+        """How devices are mounted and how exact they are, as each run stores it."""
+        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, scales=self.scales, wind=self.wind)
 
 
 def load_rig(path: Path) -> Rig:
@@ -273,6 +281,28 @@ def thesis_rig() -> Rig:
 
 def _preset(name: str) -> str:
     return (resources.files("cfid.records.presets") / name).read_text(encoding="utf-8")
+
+
+def change_rig(folder: Path, table: str, keys: Mapping[str, object]) -> Path:
+    """Set keys of a table of a campaign's rig.toml, atomically; comments stay. Returns the file's path.
+
+    Raises ConfigError that names the key, or the reason why the file cannot be written; it is then unchanged.
+    """
+    import tomlkit  # slow to load, for those who read alone
+
+    path = folder / RIG_FILE
+    try:
+        with locked_folder(folder):
+            document = tomlkit.parse(path.read_text("utf-8-sig"))
+            section = document.setdefault(table, tomlkit.table())
+            for key, value in keys.items():
+                section[key] = value
+            text = tomlkit.dumps(document)
+            check_rig(text, name=str(path))
+            write_whole(path, text.encode())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
+    return path
 
 
 def check_rig(text: str, *, name: str) -> None:
