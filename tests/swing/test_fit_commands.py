@@ -152,7 +152,7 @@ def test_the_thesis_method_gives_too_large_an_inertia_with_the_reason(cfid: Cfid
 
 def test_friction_of_dropped_weights(cfid: Cfid, files: Path) -> None:
     drops = [f"{path.stem.split('_')[1][:-1]}={path}" for path in sorted(files.glob("drop_*.csv"))]
-    result = found(cfid("fit", "friction", *drops, "--radius-mm", "2", "--json"))
+    result = found(cfid("fit", "friction", *drops, "--radius-mm", "2.1", "--json"))
     parameters = result["parameters"]
 
     assert set(parameters) == {
@@ -250,12 +250,20 @@ def test_show_draws_a_file_or_the_terminal(cfid: Cfid, files: Path, tmp_path: Pa
     assert "angle, degrees" in terminal.stdout
 
 
-def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path) -> None:
+def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path, tmp_path: Path) -> None:
     x, z = (next((bodies / "runs").glob(f"*_swing_testbody_{axis}")) for axis in "xz")
     right = cfid("fit", "testbody", f"x={x}", f"z={z}", "--campaign", bodies, "--no-figures")
-    exchanged = cfid("fit", "testbody", f"x={z}", f"z={x}", "--campaign", bodies, "--no-figures")
+    contradicting = cfid("fit", "testbody", f"x={z}", f"z={x}", "--campaign", bodies, "--no-figures")
+    for run, axis in ((x, "z"), (z, "x")):  # labelled wrongly from the beginning
+        there = shutil.copytree(run, tmp_path / axis) / "run.toml"
+        there.write_text(there.read_text().replace(f'axis = "{run.name[-1]}"', f'axis = "{axis}"'))
+    exchanged = cfid(
+        "fit", "testbody", f"x={tmp_path / 'x'}", f"z={tmp_path / 'z'}", "--campaign", bodies, "--no-figures"
+    )
 
     assert right.returncode == 0
+    assert contradicting.returncode == 2
+    assert "axis 'x' contradicts the run's own label, axis 'z'" in contradicting.stderr
     assert exchanged.returncode == 5
     assert "standard uncertainties apart (limit 4). Check which axis was swung" in exchanged.stderr
 

@@ -97,7 +97,7 @@ class TableSchema:
         missing = [one for one, names in there.items() if not names]
         if missing:
             what = ", ".join(one.label for one in missing)
-            rate = ", or --rate-hz" if self.words and [one.key for one in missing] == [TIME] else ""
+            rate = ", or --rate-hz" if self.words and {one.key for one in missing} == {TIME} else ""
             hint = f" {self.hint}" if self.hint else ""
             raise DataError(f"{table.path}: no column {what} among {table.listing}: give {option}{rate}.{hint}")
 
