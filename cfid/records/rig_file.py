@@ -14,6 +14,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
+from cfid.quantities.platforms import Platform
 from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, RigTable, Tachometer, WindStand
 from cfid.records.files import first_fault, read_toml
 from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2
@@ -104,9 +105,13 @@ class Mount(RigTable):
 
 
 class VehicleData(RigTable):
-    """The vehicle as weighed and measured: mass, centre of mass and body frame."""
+    """The vehicle as weighed and measured: mass, centre of mass and body frame.
+
+    `platform` sets what is plausible: `crazyflie` is any quadrocopter of its kind, `other` any body: physics alone.
+    """
 
     name: str = "vehicle"
+    platform: Platform = "crazyflie"
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     centre_of_mass_mm: Vector

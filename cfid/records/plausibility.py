@@ -1,0 +1,62 @@
+"""Reject what a platform cannot have: quantities that were found, and numbers that were typed or read."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from cfid.findings import Finding, rejection
+from cfid.quantities.platforms import Platform
+from cfid.quantities.plausible import implausible, out_of_range
+from cfid.quantities.quantity import Range
+from cfid.records.parameters import Parameter, plain
+from cfid.records.result import Result
+from cfid.records.rig_file import Rig
+
+_FOUND, _GIVEN = "implausible", "implausible-input"
+_OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'
+
+
+class Given(NamedTuple):
+    """A number that was typed or read, with its name, plausible range and the range's unit."""
+
+    name: str
+    number: float
+    expected: Range
+    unit: str
+
+
+def judged(result: Result, rig: Rig | None) -> Result:
+    """Return a result with a rejection of each quantity that the rig's platform cannot have.
+
+    A rig of any body takes back the rejections that rest on what a quadrocopter can have.
+    """
+    own = tuple(one for one in result.findings if one.code not in (_FOUND, _GIVEN))
+    if platform_of(rig) == "other":
+        return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
+    known = {key for one in result.findings if one.code == _FOUND for key in one.quantities}
+    rest = {key: found for key, found in result.quantities.items() if key not in known}
+    return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
+
+
+def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None) -> tuple[Finding, ...]:
+    """Return a rejection for each quantity outside what the rig's platform can have."""
+    platform = platform_of(rig)
+    faults = {
+        key: implausible(key, plain(found.value), std=plain(found.std), platform=platform)
+        for key, found in quantities.items()
+    }
+    advice = f" {_OTHERWISE}" if platform != "other" else ""
+    return tuple(rejection(_FOUND, f"{fault}{advice}", key) for key, fault in faults.items() if fault)
+
+
+def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -> tuple[Finding, ...]:
+    """Return a rejection of the quantities that rest on each number outside what the rig's platform can have."""
+    if platform_of(rig) == "other":
+        return ()
+    faults = (out_of_range(f"the {one.name} is implausible", one.number, one.expected, one.unit) for one in given)
+    return tuple(rejection(_GIVEN, f"{fault} {_OTHERWISE}", *resting) for fault in faults if fault)
+
+
+def platform_of(rig: Rig | None) -> Platform:
+    """Return the platform that a rig states; without a rig any small quadrocopter."""
+    return "crazyflie" if rig is None else rig.vehicle.platform
