@@ -13,6 +13,7 @@ from cfid.records.result import Result
 from cfid.records.rig_file import Rig
 
 _FOUND, _GIVEN = "implausible", "implausible-input"
+_BY_PLATFORM = (_FOUND, _GIVEN, "speed-unusual")  # codes of what a quadrocopter cannot have
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'
 
 
@@ -30,7 +31,7 @@ def judged(result: Result, rig: Rig | None) -> Result:
 
     A rig of any body takes back the rejections that rest on what a quadrocopter can have.
     """
-    own = tuple(one for one in result.findings if one.code not in (_FOUND, _GIVEN))
+    own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
     if platform_of(rig) == "other":
         return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
     known = {key for one in result.findings if one.code == _FOUND for key in one.quantities}

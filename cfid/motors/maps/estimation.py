@@ -26,6 +26,7 @@ GIVEN_BY = {  # the quantities that each map gives
 }
 OVER_SPEED = ("motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly")
 
+_MISCOUNTED = 0.5  # of k w^2: a speed that is twice or half as large puts it 0.75 or 3 apart
 _DROPPED = 2000  # the command that C.2.3 leaves out
 
 
@@ -170,6 +171,8 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     quadratic = fit_polynomial(speed, thrust, order=2, std=std, shared=shared, robust=huber)
     difference = float(np.max(np.abs(square.at(speed) - quadratic.at(speed))))
     suffices = square.aicc <= quadratic.aicc
+    agree = bool(np.all(np.abs(thrust - square.at(speed)) <= _MISCOUNTED * np.abs(square.at(speed))))
+    miscounted = marker_findings(found.command, speed, thrust, quantities=OVER_SPEED, single=not agree)
     text = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
     return SpeedThrustMap(
         square=square,
@@ -182,7 +185,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
         findings=(
             *(() if suffices else (warning("thrust-not-square-of-speed", text, OVER_SPEED[0]),)),
             *_misfit(square, thrust, OVER_SPEED),
-            *marker_findings(found.command, speed, thrust, quantities=OVER_SPEED),
+            *miscounted,
         ),
     )
 
