@@ -67,9 +67,9 @@ def marker_findings(
 ) -> tuple[Finding, ...]:
     """Reject quantities that rest on speeds (n,) that were counted double, or divided twice.
 
-    Single points show beside the others, unless `single` is false. All of them show beside the thesis' motors and, where the thrust (n,) was
-    measured, beside that too: both must agree, since another propeller differs in one of them. A rig of any other body
-    takes the latter back.
+    Single points show beside the others, unless `single` is false. All of them show beside the thesis' motors and,
+    where thrust (n,) was measured, beside that too: both must agree, since another propeller differs in one of them. A
+    rig of any other body takes the latter back.
     """
     running = command > DEAD_COMMAND
     thrust = None if thrust_n is None else thrust_n[running]

@@ -98,6 +98,8 @@ def fit_thrust(
             "better_form": voltage.better if voltage else None,
             "verification_rms_n": verification.rms_n if verification else None,
             "verification_rms_percent": verification.rms_percent if verification else None,
+            "verification_gain": verification.gain if verification else None,
+            "verification_gain_std": verification.gain_std if verification else None,
         },
         over_speed=over_speed,
         voltage=voltage,
