@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from cfid.errors import DataError
 from cfid.records.facts import NONE_STATED, RigFacts
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 RUN_FILE = "run.toml"
 FORMAT = 1
 
+_NOTABLE_SKIPS = 0.01  # of the samples asked for
 State = Literal["recording", "complete", "interrupted", "failed"]
 
 
@@ -43,13 +44,27 @@ class Label(_Section):
 
 
 class DeviceRecord(_Section):
-    """One device's file: its columns in the device's own units, and the scale from counts to SI."""
+    """One device's file: its columns in the device's own units, and the scale from counts to SI.
+
+    `lost` samples were taken and are missing; `skipped` ones, of a device that is asked at `rate_hz`, were never taken.
+    """
 
     file: _FileName
     columns: tuple[_ColumnName, ...] = Field(min_length=1)
     counts_per_turn: _Positive | Literal["rls-13bit-in-22"] | None = None
     rows: _Count | None = None
     lost: _Count = 0
+    skipped: _Count | None = Field(None, validation_alias=AliasChoices("skipped", "grid_places_skipped"))
+    rate_hz: _Positive | None = None
+
+    @property
+    def achieved(self) -> str:
+        """The rate achieved as text, "462 of 1000 Hz", where a sample in a hundred or more was skipped; else ""."""
+        taken, skipped = (self.rows or 0) + self.lost, self.skipped or 0
+        if not skipped or skipped < _NOTABLE_SKIPS * (taken + skipped):
+            return ""
+        share = taken / (taken + skipped)
+        return f"{100 * share:.0f} %" if self.rate_hz is None else f"{share * self.rate_hz:.0f} of {self.rate_hz:g} Hz"
 
 
 class RunHeader(_Section):

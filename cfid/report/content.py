@@ -132,7 +132,7 @@ def _line(run: Run) -> RunLine:
         lost=sum(device.lost for device in devices),
         simulated=header.simulated,
         excluded=getattr(header, "excluded", ""),
-        note="; ".join(filter(None, [label.note, header.reason])),
+        note="; ".join(filter(None, [*(device.achieved for device in devices), label.note, header.reason])),
     )
 
 

@@ -190,7 +190,7 @@ def _check_heads(table: CsvTable, called: Mapping[str, list[tuple[_Head, str]]])
             raise DataError(f"{table.path}: column '{name}' has no known unit. Known names: {HEADS}.")
     without = {"thrust_n", "speeds_rad_s"} <= called.keys()  # thrust over speed needs no command
     if not ("command" in called or without) or not any(quantity in called for quantity in _MEASURED):
-        lacks = "nothing measured" if "command" in called else "no motor command, nor both thrust and speed,"
+        lacks = "nothing measured" if "command" in called else "no motor command"
         raise DataError(f"{table.path}: {lacks} among {table.listing}. Known names: {HEADS}.")
 
 
