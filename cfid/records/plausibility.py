@@ -14,6 +14,14 @@ from cfid.records.rig_file import Rig
 
 _FOUND, _GIVEN = "implausible", "implausible-input"
 _BY_PLATFORM = (_FOUND, _GIVEN, "speed-unusual")  # codes of what a quadrocopter cannot have
+_ALIKE = {  # what rests on the same force, arm or wind
+    "motor.thrust_poly": (
+        "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_voltage_poly",
+        "motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly",
+    ),
+    "tf.static_gain_n": ("tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response"),
+    "drag.simple_kg_per_rad": ("drag.*",),
+}  # fmt: skip
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'
 
 
@@ -40,14 +48,16 @@ def judged(result: Result, rig: Rig | None) -> Result:
 
 
 def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None) -> tuple[Finding, ...]:
-    """Return a rejection for each quantity outside what the rig's platform can have."""
+    """Return a rejection for each quantity outside what the rig's platform can have, and for what has its inputs."""
     platform = platform_of(rig)
     faults = {
         key: implausible(key, plain(found.value), std=plain(found.std), platform=platform)
         for key, found in quantities.items()
     }
     advice = f" {_OTHERWISE}" if platform != "other" else ""
-    return tuple(rejection(_FOUND, f"{fault}{advice}", key) for key, fault in faults.items() if fault)
+    return tuple(
+        rejection(_FOUND, f"{fault}{advice}", key, *_ALIKE.get(key, ())) for key, fault in faults.items() if fault
+    )
 
 
 def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -> tuple[Finding, ...]:
