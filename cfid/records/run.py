@@ -4,13 +4,14 @@ run.toml has `state = "recording"` until the run is closed; a run found in that 
 read with a note. `tables` interprets the columns, and `run_writer` writes a run.
 """
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AliasChoices, AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import first_fault, locked_folder, read_toml, write_toml
 
@@ -134,6 +135,29 @@ def read_run(folder: Path) -> Run:
     except ValidationError as error:
         raise DataError(f"{path}: {first_fault(error, content)}") from None
     return Run(folder=folder, header=header)
+
+
+def run_holding(path: Path) -> Run | None:
+    """Return the run that a path is, or that a file lies in; None for any other. Raises DataError as `read_run`."""
+    folder = path if path.is_dir() else path.parent
+    return read_run(folder) if (folder / RUN_FILE).is_file() else None
+
+
+def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[str, object]) -> None:
+    """Raise ConfigError for the first thing that is given and that a run's own label states otherwise.
+
+    None is not stated; a collection is what any of may be given.
+    """
+    for name, value in given.items():
+        stated = own.get(name)
+        if value is None or stated is None or stated == value or (isinstance(stated, Collection) and value in stated):
+            continue
+        several = isinstance(stated, Collection) and not isinstance(stated, str)
+        shown = ", ".join(map(str, stated)) if several else stated  # type: ignore[arg-type]
+        raise ConfigError(
+            f"{where}: {name} {value} contradicts the run's own label, {name} {shown}. Leave it out, or correct the "
+            "label in run.toml."
+        )
 
 
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:

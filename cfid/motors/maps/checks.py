@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import fit_power
+from cfid.estimate.polynomials import fit_polynomial, fit_power
 from cfid.findings import Finding, rejection
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND
@@ -21,6 +21,7 @@ _TWICE, _HALF = (1.7, 2.3), (0.43, 0.59)  # ratios of speeds that a count too ma
 _OTHER_MOTORS = 1.33  # ratio of speeds at one command that other motors and propellers explain
 _FEWEST = 5  # points that say what is usual among them
 _FAR = 0.25  # of the largest command, from where speeds lie close to a line
+_EXCHANGED = 0.25  # of the sum of squares that is left once two commands are exchanged
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
 _MARKERS = "check the number of its reflective markers."
@@ -79,6 +80,36 @@ def marker_findings(
         *(rejection("speed-marker-count", text, *quantities) for text in odd),
         *(rejection("speed-unusual", text, *quantities) for text in wrong),
     )
+
+
+def exchange_findings(command: Array, value: Array, *, order: int, quantities: Sequence[str]) -> tuple[Finding, ...]:
+    """Reject a map of values (n,) of which two commands seem exchanged: the lower one has the larger value.
+
+    Points must be more than the polynomial's coefficients by three, and describe it much better once exchanged.
+    """
+    commands = np.unique(command)
+    if len(commands) < order + 4:
+        return ()
+    means = np.array([value[command == one].mean() for one in commands])
+    before = _squares(commands, means, order)
+    best, pair = before, (0, 0)
+    for low, high in zip(*np.triu_indices(len(commands), 1), strict=True):
+        if means[low] > means[high]:
+            exchanged = means.copy()
+            exchanged[[low, high]] = means[[high, low]]
+            best, pair = min((best, pair), (_squares(commands, exchanged, order), (int(low), int(high))))
+    if best >= _EXCHANGED * before:
+        return ()
+    low, high = pair
+    text = (
+        f"command {commands[low]:.0f} has {means[low]:.4g} and command {commands[high]:.0f} only {means[high]:.4g}: "
+        "were their files exchanged? The points describe one curve once they are."
+    )
+    return (rejection("commands-exchanged", text, *quantities),)
+
+
+def _squares(x: Array, y: Array, order: int) -> float:
+    return float(np.sum(fit_polynomial(x, y, order=order).residual ** 2))
 
 
 def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -> tuple[int, ...]:

@@ -16,7 +16,7 @@ from cfid.motors.maps.thesis import reduce_thesis
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
-from cfid.records.run import Run
+from cfid.records.run import Run, refuse_contradiction
 from cfid.records.tables.vehicle import (
     READINGS,
     VEHICLE_LOG,
@@ -77,6 +77,8 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
 
 def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
     """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
+    ran = run.header.asked.get("motors")
+    refuse_contradiction(run.folder.name, {"--motors": stand.motors}, {"--motors": ran and len(ran)})
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)

@@ -9,7 +9,14 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
 from cfid.findings import Finding, note, rejection, warning
-from cfid.motors.maps.checks import check_speed, check_thrust, listed, marker_findings, missing_commands
+from cfid.motors.maps.checks import (
+    check_speed,
+    check_thrust,
+    exchange_findings,
+    listed,
+    marker_findings,
+    missing_commands,
+)
 from cfid.motors.points import Array, Measured, MotorPoints, measured
 from cfid.units import DEAD_COMMAND
 
@@ -224,6 +231,10 @@ def _map(
         fit, aicc = choice.fit, choice.aicc
     else:
         fit = fit_polynomial(used.x, used.y, order=order, std=std, shared=shared, robust=huber)
+    swaps: tuple[Finding, ...] = ()
+    if quantity != "torque" and method == "default":
+        resting = (*keys, "motor.thrust_voltage_poly") if quantity == "thrust" else keys
+        swaps = exchange_findings(used.command, used.y, order=fit.order, quantities=resting)
     gaps = (warning("commands-missing", f"command {listed(missing)} is missing.", own),) if missing else ()
     return MotorMap(
         quantity=quantity,
@@ -237,6 +248,7 @@ def _map(
         aicc=aicc,
         findings=(
             *findings,
+            *swaps,
             *gaps,
             *left,
             *_scatter(fit, used.command, own),

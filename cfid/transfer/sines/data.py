@@ -12,7 +12,7 @@ from cfid.quantities.quantity import Range
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
-from cfid.records.run import Run
+from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings, read_run_crossings
 from cfid.records.tables.index import IndexRow, read_index
 from cfid.records.tables.times import losses, run_at
@@ -122,6 +122,9 @@ class _Reader:
             series=row.fields.get("series"),
         )
         name = f"l = {row.fields['l']} ({crossings.path.name})"
+        for path in (crossings.path, row.file("loadcell")):
+            if (run := run_holding(path)) is not None and run.header.kind == "sine":
+                _refuse_other_sine(f"{name}: {path}", sine, _sine(run))
         self._add(name, sine, crossings, row.file("loadcell"), facts)
 
     def add_run(self, run: Run, sine: Sine) -> None:
@@ -208,6 +211,13 @@ class _Reader:
             self._findings.append(note("fact-assumed", text, "tf.*"))
         self._findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
         return arm_m, _YAW_DEG if yaw_deg is None else yaw_deg
+
+
+def _refuse_other_sine(where: str, given: Sine, own: Sine) -> None:
+    """Raise ConfigError for a row of an index that contradicts the run that its file lies in."""
+    names = {"l": "periods", "n": "samples", "amplitude": "amplitude", "motor": "motor"}
+    stated = [{name: getattr(sine, of) for name, of in names.items()} for sine in (given, own)]
+    refuse_contradiction(where, *stated)
 
 
 def _run(run: Run | Path | str) -> Run:
