@@ -16,7 +16,7 @@ _BRUSHED: Mapping[str, Range] = {
     "motor.thrust_poly": Range(0.07, 0.3, "published motors give 0.13 to 0.2 N", at=FULL_COMMAND),
     "motor.max_thrust_n": Range(0.07, 0.3, "published motors give 0.13 to 0.2 N"),
     "motor.thrust_per_speed_squared_n_s2": Range(1e-8, 5e-8, "published propellers have 1.8e-8 to 2.9e-8"),
-    "tf.static_gain_n": Range(8e-7, 8e-6, "the slope of published thrust maps is 1e-6 to 4e-6"),
+    "tf.static_gain_n": Range(8e-7, 8e-6, "the slope of published thrust maps is 1e-6 to 4e-6", "size"),
     "drag.simple_kg_per_rad": Range(-1.5e-6, -6.5e-7, "the thesis found -9.2e-7 sideways and -1.03e-6 along z"),
 }
 _BRUSHLESS: Mapping[str, Range] = {

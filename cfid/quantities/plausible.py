@@ -105,6 +105,8 @@ def _judged(quantity: Quantity, found: Range, value: Any) -> list[float]:
     judged = list(_leaves(value))
     if found.of == "slope":
         return judged[-2:-1]
+    if found.of == "size":
+        return [abs(number) for number in judged]
     known = isinstance(value, list) and len(judged) == len(value)
     if found.at is not None:
         return [evaluate(quantity.key, judged, found.at)] if known else []

@@ -50,14 +50,13 @@ def judged(result: Result, rig: Rig | None) -> Result:
 def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None) -> tuple[Finding, ...]:
     """Return a rejection for each quantity outside what the rig's platform can have, and for what has its inputs."""
     platform = platform_of(rig)
-    faults = {
-        key: implausible(key, plain(found.value), std=plain(found.std), platform=platform)
-        for key, found in quantities.items()
-    }
     advice = f" {_OTHERWISE}" if platform != "other" else ""
-    return tuple(
-        rejection(_FOUND, f"{fault}{advice}", key, *_ALIKE.get(key, ())) for key, fault in faults.items() if fault
-    )
+    found: list[Finding] = []
+    for key, one in quantities.items():
+        fault = implausible(key, plain(one.value), std=plain(one.std), platform=platform)
+        if fault and not any(finding.concerns(key) for finding in found):
+            found.append(rejection(_FOUND, f"{fault}{advice}", key, *_ALIKE.get(key, ())))
+    return tuple(found)
 
 
 def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -> tuple[Finding, ...]:
