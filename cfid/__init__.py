@@ -31,9 +31,9 @@ __all__ = [
 __getattr__, __dir__ = attached(
     __name__,
     {
+        **dict.fromkeys(__all__, ""),
         "open_campaign": "records.campaign",
         "read_run": "records.run",
         "read_table": "records.tables.any_kind",
-        **dict.fromkeys(("drag", "friction", "inertia", "latency", "motors", "swing", "transfer"), ""),
     },
 )

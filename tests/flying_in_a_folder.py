@@ -168,3 +168,4 @@ def bench_in(folder: Path, **truth: Any) -> Iterator[Bench]:
         loop.callFromThread(loop.stop)
         thread.join(5)
     assert not thread.is_alive()
+    loop.close()

@@ -269,6 +269,7 @@ def lab_in(folder: Path) -> Iterator[Lab]:
         reactor.callFromThread(reactor.stop)
         thread.join(5)
     assert not thread.is_alive()
+    reactor.close()
 
 
 def wait_until(there: Callable[[], object], what: str) -> None:

@@ -141,7 +141,7 @@ def drag_quality(found: DragModels) -> dict[str, Any]:
 
 
 def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[str]:
-    """Return how the accepted models compare, and tables of what was asked for."""
+    """Return how the accepted models compare, and tables of the wanted values."""
     gone, runs = rejected(found.findings, quantities), found.experiments
     lines = [f"{len(runs.command)} experiments in {runs.settings} wind settings; squared errors of each model in N^2:"]
     for name, fit in found.fits.items():

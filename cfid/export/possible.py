@@ -1,5 +1,6 @@
 """Check whether a vehicle can have parameters: a possible body, and rising maps that the firmware can invert."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,7 +29,8 @@ def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DE
     """Return the first reason why parameters, by key, belong to no vehicle, "" where there is none.
 
     `commands` is the range in which the maps of the command were measured; the other maps are looked at where these
-    lead. Thrust over motor voltage has to be one that the firmware can invert, see `cubic_fault`.
+    lead. Thrust over motor voltage has to be one that the firmware can invert, see `cubic_fault`; how far rounding lets
+    its motor commands fall is no property of the vehicle, and not judged.
     """
     for key in _POSITIVE:
         if key in values and not values[key] > 0:
@@ -48,7 +50,8 @@ def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
     if len(thrust) and "motor.torque_poly" in values and not _rises(values["motor.torque_poly"], thrust):
         return "motor.torque_poly does not rise"
     cubic = values.get("motor.thrust_voltage_poly")
-    if cubic is not None and cubic_fault(cubic, max_thrust_n=values.get("motor.max_thrust_n")):
+    most_n = values.get("motor.max_thrust_n")
+    if cubic is not None and cubic_fault(cubic, max_thrust_n=most_n, fall=math.inf):
         return "motor.thrust_voltage_poly has no inverse in the firmware"
     square = values.get("motor.thrust_per_speed_squared_n_s2")
     if square is None or not len(thrust):

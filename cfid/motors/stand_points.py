@@ -1,4 +1,4 @@
-"""From settled steps of a stand to points of one motor, when several ran together, or where speed alone is known."""
+"""Settled steps of a stand to points of one motor, when several ran together, or where speed alone is known."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ _STANDING_S = 2.0  # of rotors that stand, put before a record that begins with 
 
 
 def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int = FZ) -> MotorPoints:
-    """Return one motor's points of steps that settled; so many `motors` ran where the steps do not say which.
+    """Return one motor's points of settled steps; `motors` is how many ran where the steps do not state which.
 
     Thrust is divided by how many ran, torque, where there is such a channel, by how many more of them turn one way
     than the other: it is nan where as many do.

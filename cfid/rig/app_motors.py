@@ -98,7 +98,7 @@ class AppMotors:
             # The supervisor's state, which gives the reason, may come a moment later.
             if self._supervisor.seen_s > taken_s or self._vehicle.loop.seconds() - taken_s > _WHY_S:
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}.")
-        unanswered_s = self._vehicle.loop.seconds() - self._answered_s
+        unanswered_s = self._vehicle.silent_s(self._answered_s)
         if self._next is not None and unanswered_s > _UNANSWERED_S:
             raise DeviceError(
                 f"{self._vehicle.uri}: the app answered no keep-alive for {unanswered_s:.1f} s; it stops the motors "
@@ -270,6 +270,8 @@ class AppMotors:
     def _why(self, taken_back: AppState) -> str:
         """Return why the app dropped the commands, from the state that the supervisor has reported since."""
         seen = self._supervisor.state
+        if self._vehicle.stall and not (seen and seen.remedy):
+            return f"it received no keep-alive, since {self._vehicle.stall}"
         if Flags.MOTORS_ALLOWED in taken_back.flags and (seen is None or seen.can_fly):
             return "it received no keep-alive for a while, or its supervisor did not let motors run for a moment"
         if seen is None or seen.can_fly:

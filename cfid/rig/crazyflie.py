@@ -7,6 +7,7 @@ import contextlib
 import io
 import logging
 import queue
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from cflib.crtp.usbdriver import UsbDriver
 from platformdirs import user_cache_path
 
 from cfid.errors import DeviceError
-from cfid.wire.crtp import Packet, Variable
+from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, encode_echo
 
 Answer = TypeVar("Answer")
 Arrived = tuple[Packet, float]
@@ -32,9 +33,12 @@ OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
 _SILENT_S = 2.0  # without any packet
 _STUCK_S = 0.7  # without a further one while the tables are read: one was lost, and nothing repeats it
 _CONNECT_S = 30.0  # tables of a real vehicle come in a second, and in twenty where one packet in ten is lost
-_FOREIGN_TRIES = 3  # connections in which something answered, but never as a Crazyflie does
+_FOREIGN_TRIES = 5  # connections in which something answered, but never as a Crazyflie does
+_ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
+_NAME = Packet(15, 1, b"Bitcraze Crazyflie")  # the beginning of its answer to cflib's first request
 _CLOSE_S = 2.5
 _CHECK_EVERY_S = 0.02
+_ECHO_EVERY_S = 0.1
 _LONGEST_QUEUE = 64  # packets that wait for the driver
 
 
@@ -45,6 +49,18 @@ class RepeatingUdp(UdpDriver):  # type: ignore[misc]
         """Create a driver that is not connected yet."""
         super().__init__()
         self.needs_resending = True
+
+    def close(self) -> None:
+        """Close at once: wake the thread that receives, and the one that takes packets, instead of waiting for both.
+
+        A thread that still ran when the interpreter ends could abort the program.
+        """
+        if self.socket is None:
+            return
+        with contextlib.suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
+        super().close()
+        queue.Queue.put(self.in_queue, None)
 
 
 class QueuedPacket:
@@ -64,6 +80,7 @@ class Link:
         self.uri = uri
         self.fault = ""
         self.received_s = 0.0
+        self._named = False
         self._cf = cf
         self._arrived: queue.SimpleQueue[Arrived] = queue.SimpleQueue()
         self._leaving: queue.Queue[QueuedPacket | None] = queue.Queue(_LONGEST_QUEUE)
@@ -77,15 +94,20 @@ class Link:
         got: no such address, no radio, no answer, not a Crazyflie, too old, a link that loses packets.
         """
         _prepare_cflib()
-        begun_s, answered, foreign = time.monotonic(), False, 0
+        begun_s, answered, named, foreign = time.monotonic(), False, False, 0
         while True:
             link = cls(uri, Crazyflie(rw_cache=str(_table_cache())))
             try:
                 if link._opened(begun_s + _CONNECT_S):
                     return link
                 answered = answered or bool(link.received_s)
-                foreign += bool(link.received_s) and link.firmware_protocol < 0
-                link._give_up(time.monotonic() - begun_s, answered=answered, foreign=foreign >= _FOREIGN_TRIES)
+                named = named or link._named
+                foreign += bool(link.received_s)
+                link._give_up(
+                    time.monotonic() - begun_s,
+                    answered=answered,
+                    foreign=foreign >= _FOREIGN_TRIES and not named,
+                )
             except BaseException:
                 link.close()
                 raise
@@ -154,14 +176,13 @@ class Link:
                 return packets
 
     def close(self) -> None:
-        """Close the link. cflib takes up to two seconds for that; only for a radio or a cable is it awaited."""
+        """Close the link and wait for its threads. cflib takes up to two seconds to release a radio or a cable."""
         self._wake = lambda: None
         with contextlib.suppress(queue.Full):
             self._leaving.put_nowait(None)
         closing = threading.Thread(target=self._close, daemon=True)
         closing.start()
-        if not self.uri.startswith("udp:"):
-            closing.join(_CLOSE_S)
+        closing.join(_CLOSE_S)
 
     def _close(self) -> None:
         """Close the driver first, so that cflib, when it closes its own part, cannot send a last setpoint.
@@ -179,10 +200,10 @@ class Link:
                 f"{self.uri}: no answer within {_SILENT_S:g} s. Is the vehicle on, and does this URI state its "
                 "channel, data rate and address?"
             )
-        if foreign and self.firmware_protocol < 0:
+        if foreign:
             raise DeviceError(
                 f"{self.uri}: the device that answers is no Crazyflie, or its link loses most packets: it answered "
-                f"{_FOREIGN_TRIES} connections and never stated its protocol."
+                f"{_FOREIGN_TRIES} connections and never gave a Crazyflie's name."
             )
         if spent_s > _CONNECT_S:
             raise DeviceError(
@@ -203,8 +224,12 @@ class Link:
         begun_s = time.monotonic()
         threading.Thread(target=cf.open_link, args=(self.uri,), daemon=True).start()
         threading.Thread(target=self._send_all, daemon=True).start()
+        echo_s = begun_s
         while not connected.wait(_CHECK_EVERY_S):
             self._check_answers()
+            if cf.link is not None and not self.received_s and time.monotonic() - echo_s > _ECHO_EVERY_S:
+                echo_s = time.monotonic()
+                self.send(_ECHO)  # cflib sends its first request once, and a lossy link may lose it
             if time.monotonic() > end_s:
                 return False
             if time.monotonic() - max(self.received_s, begun_s) > self._patience_s:
@@ -263,7 +288,9 @@ class Link:
 
     def _received(self, packet: Any) -> None:
         self.received_s = getattr(packet, "arrived_s", None) or time.monotonic()
-        self._arrived.put((Packet(packet.port, packet.channel, bytes(packet.data)), self.received_s))
+        came = Packet(packet.port, packet.channel, bytes(packet.data))
+        self._named = self._named or (came[:2] == _NAME[:2] and came.payload.startswith(_NAME.payload))
+        self._arrived.put((came, self.received_s))
         self._wake()
 
 

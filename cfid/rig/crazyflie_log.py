@@ -127,11 +127,12 @@ class CrazyflieLog:
 
     def _watch(self) -> None:
         """Raise DeviceError when rows stop arriving, the voltage with them: another client may have reset the log."""
-        silent_s = self._loop.seconds() - self._received_s
+        silent_s = self._vehicle.silent_s(self._received_s)
         if self._streaming and silent_s > max(_SILENT_S, _SILENT_PERIODS * self._period_ms / 1000):
+            cause = f"{self._vehicle.stall}." if self._vehicle.stall else "does another program use it?"
             raise DeviceError(
                 f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s, so its battery is not "
-                "monitored: does another program use it?"
+                f"monitored: {cause}"
             )
 
     def _watch_battery(self, now_s: float) -> str:

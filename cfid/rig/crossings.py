@@ -75,7 +75,8 @@ class Crossings:
                 if timer.active():
                     timer.cancel()
         if done.outcome not in (None, AppOutcome.FINISHED):
-            raise DeviceError(f"{self._vehicle.uri}: the sine {_outcome(done)}, after {done.samples} samples.")
+            since = f": {self._vehicle.stall}" if self._vehicle.stall else ""
+            raise DeviceError(f"{self._vehicle.uri}: the sine {_outcome(done)}, after {done.samples} samples{since}.")
         return done
 
     def take(self) -> Block:

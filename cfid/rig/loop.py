@@ -36,6 +36,11 @@ class Loop(SelectReactor):
         """Return the time on the monotonic clock."""
         return time.monotonic()
 
+    def close(self) -> None:
+        """Give back the pipe that wakes the loop; it cannot run again."""
+        waker, self.waker = self.waker, None  # a thread that is late finds none, and no closed one
+        waker.connectionLost(None)
+
 
 class Ending:
     """A request to end: `signal` names what requested it, and is empty until then."""
@@ -121,8 +126,11 @@ def run_until_done(main: Callable[[Loop, Ending], Coroutine[Any, Any, Result]]) 
         Deferred.fromCoroutine(main(loop, ending)).addBoth(done)
 
     loop.callWhenRunning(begin)
-    with _signals_to(loop, ending):
-        loop.run(installSignalHandlers=False)
+    try:
+        with _signals_to(loop, ending):
+            loop.run(installSignalHandlers=False)
+    finally:
+        loop.close()
     result = outcome[0]
     if isinstance(result, Failure):
         result.raiseException()

@@ -1,4 +1,4 @@
-"""Sine runs to the result of `cfid tf identify`: quantities, what speaks against them, and how they are told."""
+"""Sine runs to the result of `cfid tf identify`: quantities, findings and printed lines."""
 
 from cmath import phase
 from collections.abc import Callable, Mapping, Sequence

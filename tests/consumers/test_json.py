@@ -13,7 +13,7 @@ from cfid.export.vehicle import collect
 from cfid.records.rig_file import thesis_rig
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
-from tests.export.thesis_vehicle import sections, vehicle
+from tests.export.thesis_vehicle import section, sections, vehicle
 
 SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_text())
 
@@ -80,3 +80,11 @@ def test_what_is_of_another_form_is_refused_by_the_schema(block: str, broken: di
 
     with pytest.raises(jsonschema.ValidationError):
         judged(json.dumps(found))
+
+
+def test_tables_with_words_and_truths_fit_the_schema() -> None:
+    row = {"series": "motor1", "cmd": 20000, "std_n": None, "accepted": True}
+    known = {**sections(), "rows": section({"tf.frequency_response": [row]})}
+
+    found = judged(export("json", collect(thesis_rig(), known)))["quantities"]
+    assert found["tf.frequency_response"]["value"] == [row]

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.export.possible import impossible
 
 THESIS: dict[str, Any] = {
@@ -40,7 +41,6 @@ def test_the_thesis_vehicle_is_possible() -> None:
         ("motor.thrust_speed_poly", [-1e-8, 2e-5, 0.0]),
         ("motor.thrust_voltage_poly", [0.0, 0.0, 0.02, -0.0035]),  # falls from 3.8 V on
         ("motor.thrust_voltage_poly", [0.0, 0.01, 0.012, 0.002]),  # is flat at -2 V alone: c2^2 > 3 c1 c3
-        ("motor.thrust_voltage_poly", [9.1322e-4, 0.0157323, 0.00557237, 0.000662268]),  # single precision falls
         ("dynamics.rising", [-20.0, 0.002]),
         ("dynamics.falling", [1.0, -0.001]),
     ],
@@ -54,3 +54,11 @@ def test_a_map_is_judged_over_the_commands_that_were_measured() -> None:
 
     assert impossible(falls_early, commands=(1000, 65535)) == "motor.thrust_poly does not rise"
     assert impossible(falls_early, commands=(6000, 65535)) == ""
+
+
+def test_a_motor_command_that_only_rounding_lets_fall_is_no_fault_of_the_vehicle() -> None:
+    """Beside the firmware's limit, c2^2 = 0.993 * 3 c1 c3; half of the draws about a cubic on it are such."""
+    cubic = [9.1322e-4, 0.0157323, 0.00557237, 0.000662268]
+
+    assert "falls by" in cubic_fault(cubic, max_thrust_n=0.16)
+    assert impossible({**THESIS, "motor.thrust_voltage_poly": cubic}) == ""

@@ -52,6 +52,10 @@ Doing = Callable[["Flight"], Coroutine[Any, Any, None]]
 class Turned(Clock):
     """Twisted's clock for tests, in which other threads are the same one."""
 
+    def pause(self, seconds: float) -> None:
+        """Let time pass without a turn of the loop, as for a suspended process."""
+        self.rightNow += seconds
+
     def callFromThread(self, function: Callable[..., Any], *args: Any) -> None:  # noqa: N802 - Twisted's name
         self.callLater(0, function, *args)
 

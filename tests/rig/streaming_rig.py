@@ -93,6 +93,7 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
     finally:
         loop.callFromThread(loop.stop)
         thread.join(5)
+        loop.close()
 
 
 def _in_loop(loop: Loop, act: Callable[[], Any]) -> Any:

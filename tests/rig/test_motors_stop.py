@@ -299,6 +299,18 @@ def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_moto
         assert bench.history[-1][0] == stopped_s
 
 
+def test_a_command_that_was_suspended_names_itself_and_not_the_vehicle(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        suspend(pilot)
+        time.sleep(1.2)
+        assert not any(bench.motors)
+        pilot.send(signal.SIGCONT)
+        assert pilot.end() == 3
+        assert re.search(r"no keep-alive, since cfid itself was suspended or kept waiting for \d+\.\d s", pilot.err)
+
+
 @pytest.mark.parametrize(
     ("kind", "told"), [("app", "another program stopped the motors"), ("stock", "its battery is not monitored")]
 )

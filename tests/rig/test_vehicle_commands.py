@@ -22,6 +22,7 @@ import pytest
 
 from cfid.records.rig_file import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
+from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState
 from cfid.wire.app import AppPorts
@@ -122,6 +123,23 @@ def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: 
         assert pilot.end() == 0, pilot.err
         assert "motors stopped, confirmed in" in pilot.out
         assert not any(bench.motors)
+
+
+def test_a_link_that_loses_most_packets_is_named_as_the_cause(tmp_path: Path) -> None:
+    with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": 0.5}) as bench:
+        told = refused(bench, "motors", "set", 20000, "--yes", within_s=40.0)
+        assert re.search(r"(the|its) link loses (most )?packets", told)
+        assert not any(bench.motors)
+
+
+def test_a_link_that_is_closed_leaves_no_thread(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(bench.folder))
+    before = set(threading.enumerate())
+    link = Link.connect(bench.uri)
+    assert set(threading.enumerate()) > before
+    link.close()
+    left = [thread for thread in set(threading.enumerate()) - before if thread.daemon]
+    assert left == []
 
 
 # What state it is in
@@ -346,7 +364,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
     nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
     assert nothing.end() == 2
-    assert "lacks nothing" in nothing.err
+    assert "is complete" in nothing.err
 
 
 def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: Bench) -> None:

@@ -266,6 +266,30 @@ def test_with_the_app_every_fault_ends_a_sine(tmp_path: Path, fault: CrazyflieFa
     assert flight.stopped_after(1.0 + BEGUN_S) < 0.7 + late_s
 
 
+STALLS = [
+    ("app", 0.35, ""),
+    ("app", 1.5, "it received no keep-alive, since cfid itself was suspended or kept waiting for 1.5 s"),
+    ("stock", 1.5, ""),
+]
+
+
+@pytest.mark.parametrize(("firmware", "stall_s", "told"), STALLS)
+def test_a_stall_of_cfid_itself_is_not_taken_for_the_vehicles_silence(
+    tmp_path: Path, firmware: str, stall_s: float, told: str
+) -> None:
+    flight = Flight(tmp_path, firmware=firmware)
+
+    async def stall(there: Any) -> None:
+        await hold(there["commands"], 30000, (1, 2), for_s=1.0, loop=flight.clock)
+        flight.clock.pause(stall_s)
+        await hold(there["commands"], 30000, (1, 2), for_s=2.5, loop=flight.clock)
+
+    _, failure = flight.record([flight.commands(), flight.log()], stall)
+
+    assert (told in str(failure)) if told else (failure is None)
+    assert not any(flight.motors[-1][1])
+
+
 @pytest.mark.parametrize("firmware", ["stock", "old"])
 @pytest.mark.parametrize("fault", [CrazyflieFaults(silent_after_s=BEGUN_S), CrazyflieFaults(closed_after_s=BEGUN_S)])
 def test_without_the_app_a_lost_link_is_told_in_a_sentence_that_nobody_misses(

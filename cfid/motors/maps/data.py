@@ -34,7 +34,7 @@ Array = npt.NDArray[np.float64]
 def of_file(
     command: int, path: Path, stand: Stand, reading: WrenchReading, *, method: str, rotors: Rotors | None = None
 ) -> Evidence:
-    """Reduce a load cell's file of one command between two pauses, as the thesis has them."""
+    """Reduce a load cell's file of one command between two pauses, as the thesis recorded them."""
     record = read_wrench(path, reading)
     if command == 0:  # motors that stand give nothing, whatever the cell's bias is
         zero = np.zeros(1)
@@ -66,7 +66,7 @@ def _thesis_point(
 
 
 def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evidence:
-    """Return points of a file that needed no reduction, or none."""
+    """Return points of a file that needs no reduction, or none."""
     return Evidence(
         points=points,
         findings=(*recording(record.notes), *findings),
@@ -105,7 +105,7 @@ def _evidence(
     expected: tuple[int, ...] = (),
     rotors: Rotors | None = None,
 ) -> Evidence:
-    """Return the settled points of a reduced record, per motor; speeds from vibration where nobody reported them."""
+    """Return the settled points of a reduced record, per motor; speeds from vibration where none were reported."""
     record, settled = found.record, [point for point in found.reduced.points if point.settled]
     points = MotorPoints(command=np.zeros(0))
     about_speed: tuple[Finding, ...] = ()

@@ -1,4 +1,4 @@
-"""Steady points of one motor and where they come from, with what files cannot say of themselves."""
+"""Steady points of one motor and their sources, with the facts that files do not contain."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _ASSUMED = (
 
 @dataclass(frozen=True, kw_only=True)
 class Stand:
-    """What files cannot say of themselves: motors that ran, markers of a tachometer, a window by hand, Fz downwards."""
+    """Facts that files do not contain: motors that ran, markers of a tachometer, a window by hand, Fz downwards."""
 
     motors: int | None = None
     markers: int | None = None
@@ -37,7 +37,7 @@ class Stand:
         return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz)
 
     def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
-        """Return speeds (n,) of those that a tachometer shows, and a finding where nobody stated its markers."""
+        """Return speeds (n,) in rad/s of a tachometer's readings, and a finding where its markers are not stated."""
         findings = (note("fact-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
         return shown / (self.markers or 1), findings if self.markers is None else ()
 
@@ -91,12 +91,12 @@ def line_of(point: Point, name: str) -> str:
 
 
 def recording(notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return what a reader noted of a recording."""
+    """Return what the file's reader reported of a recording."""
     return tuple(warning("recording", text) for text in notes)
 
 
 def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
-    """Return what is found about the means of a staircase, and how far the load cell drifted."""
+    """Return findings about the means of a staircase, and how far the load cell drifted."""
     return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
 
 

@@ -1,4 +1,4 @@
-"""Motor maps of whatever was measured, with what goes with them: inverse, battery, thrust of speed, scales, figures."""
+"""Points to motor maps as a result: quantities, inverse, voltage form, thrust over speed, scales, figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,7 +36,7 @@ _MOST_PAGES = 4  # of reduced records, each a figure
 
 @dataclass(frozen=True, kw_only=True)
 class _Beside:
-    """What goes with a map: numbers, lines and findings of it, and what its figures need."""
+    """Additions to a map: its numbers, lines and findings, and the input of its figures."""
 
     parameters: Mapping[str, Parameter]
     covariances: tuple[Covariance, ...]
@@ -58,9 +58,9 @@ def fit_thrust(
     scales: Path | None = None,
     method: Method = "default",
 ) -> Result:
-    """Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over that.
+    """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
-    `points` are runs, tables of a thrust stand or their paths, and `stand` what these do not say of themselves;
+    `points` are runs, tables of a thrust stand or their paths, and `stand` the facts that these do not contain;
     `scales` are a run or a table of a second instrument. Raises ConfigError, DataError or FitError, the last where
     nothing can be fitted at all.
     """
@@ -119,8 +119,8 @@ def fit_speed(
 ) -> Result:
     """Fit one rotor's speed over command, and thrust over speed where both were measured; otherwise as `fit_thrust`.
 
-    With `rotors` speeds that nobody reported are estimated from the load cell's vibration. Tables of thrust and speed
-    without a command give thrust over speed alone.
+    With `rotors`, missing speeds are estimated from the load cell's vibration. Tables of thrust and
+    speed without a command give thrust over speed alone.
     """
     found = evidence_of(points, stand, rotors)
     if np.isnan(found.points.command).all():
@@ -190,7 +190,7 @@ def _evidence(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
 
 @contextmanager
 def _with_findings(found: Evidence) -> Iterator[None]:
-    """Add what was found about the points to the reason why nothing can be fitted to them: it may be the cause."""
+    """Add the findings about the points to the error that nothing can be fitted to them: they may be the cause."""
     try:
         yield
     except FitError as error:
@@ -198,7 +198,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
 
 
 def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
-    """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
+    """Compare thrust over motor voltage with thrust over command, where the battery's voltage is known."""
     points = found.points
     if found.vbat_v is None or points.thrust_n is None or not np.isfinite(found.vbat_v).any():
         return None, ()
