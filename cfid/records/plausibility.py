@@ -12,8 +12,7 @@ from cfid.records.parameters import Parameter, plain
 from cfid.records.result import Result
 from cfid.records.rig_file import Rig
 
-_FOUND, _GIVEN = "implausible", "implausible-input"
-_BY_PLATFORM = (_FOUND, _GIVEN, "speed-unusual")  # codes of what a quadrocopter cannot have
+_BY_PLATFORM = ("implausible", "implausible-input", "speed-unusual")  # codes of what a quadrocopter cannot have
 _ALIKE = {  # what rests on the same force, arm or wind
     "motor.thrust_poly": (
         "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_voltage_poly",
@@ -42,7 +41,7 @@ def judged(result: Result, rig: Rig | None) -> Result:
     own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
     if platform_of(rig) == "other":
         return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
-    known = {key for one in result.findings if one.code == _FOUND for key in one.quantities}
+    known = {key for one in result.findings if one.code == "implausible" for key in one.quantities}
     rest = {key: found for key, found in result.quantities.items() if key not in known}
     return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
 
@@ -55,7 +54,7 @@ def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None)
     for key, one in quantities.items():
         fault = implausible(key, plain(one.value), std=plain(one.std), platform=platform)
         if fault and not any(finding.concerns(key) for finding in found):
-            found.append(rejection(_FOUND, f"{fault}{advice}", key, *_ALIKE.get(key, ())))
+            found.append(rejection("implausible", f"{fault}{advice}", key, *_ALIKE.get(key, ())))
     return tuple(found)
 
 
@@ -64,7 +63,7 @@ def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -
     if platform_of(rig) == "other":
         return ()
     faults = (out_of_range(f"the {one.name} is implausible", one.number, one.expected, one.unit) for one in given)
-    return tuple(rejection(_GIVEN, f"{fault} {_OTHERWISE}", *resting) for fault in faults if fault)
+    return tuple(rejection("implausible-input", f"{fault} {_OTHERWISE}", *resting) for fault in faults if fault)
 
 
 def platform_of(rig: Rig | None) -> Platform:

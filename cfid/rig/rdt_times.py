@@ -69,7 +69,7 @@ class RecordTimes:
         at = self._jump(records, arrivals.read_s)
         if at is None:
             return self._counted_s(records, arrivals)
-        parts = [rdt.Records(*(column[part] for column in records)) for part in (slice(at), slice(at, None))]
+        parts = [_part(records, slice(at)), _part(records, slice(at, None))]
         early = arrivals.record < at
         came = [
             TimedArrivals(arrivals.record[early], arrivals.came_s[early], arrivals.read_s),
@@ -103,6 +103,12 @@ class RecordTimes:
             instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
         self._last_s, self._last_ft = float(instants_s[-1]), int(records.ft_sequence[-1])
         return instants_s
+
+
+def _part(records: rdt.Records, part: slice) -> rdt.Records:
+    return rdt.Records(
+        records.rdt_sequence[part], records.ft_sequence[part], records.status[part], records.counts[part]
+    )
 
 
 def ticks_per_s_of(rate_hz: float, step: int) -> float:
