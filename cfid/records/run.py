@@ -4,7 +4,7 @@ run.toml has `state = "recording"` until the run is closed; a run found in that 
 read with a note. `tables` interprets the columns, and `run_writer` writes a run.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -146,18 +146,16 @@ def run_holding(path: Path) -> Run | None:
 def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[str, object]) -> None:
     """Raise ConfigError for the first thing that is given and that a run's own label states otherwise.
 
-    None is not stated; a collection is what any of may be given.
+    None is not stated; of a list any may be given.
     """
     for name, value in given.items():
         stated = own.get(name)
-        if value is None or stated is None or stated == value or (isinstance(stated, Collection) and value in stated):
-            continue
-        several = isinstance(stated, Collection) and not isinstance(stated, str)
-        shown = ", ".join(map(str, stated)) if several else stated  # type: ignore[arg-type]
-        raise ConfigError(
-            f"{where}: {name} {value} contradicts the run's own label, {name} {shown}. Leave it out, or correct the "
-            "label in run.toml."
-        )
+        allowed = stated if isinstance(stated, list | tuple) else [stated]
+        if value is not None and stated is not None and value not in allowed:
+            raise ConfigError(
+                f"{where}: {name} {value} contradicts the run's own label, {name} {', '.join(map(str, allowed))}. Leave it "
+                "out, or correct the label in run.toml."
+            )
 
 
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:
