@@ -152,9 +152,10 @@ def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[s
         stated = own.get(name)
         allowed = stated if isinstance(stated, list | tuple) else [stated]
         if value is not None and stated is not None and value not in allowed:
+            label = f"{name} {', '.join(map(str, allowed))}"
             raise ConfigError(
-                f"{where}: {name} {value} contradicts the run's own label, {name} {', '.join(map(str, allowed))}. Leave it "
-                "out, or correct the label in run.toml."
+                f"{where}: {name} {value} contradicts the run's own label, {label}. Leave it out, or correct the label "
+                "in run.toml."
             )
 
 
