@@ -100,9 +100,9 @@ def exchange_findings(command: Array, value: Array, *, order: int, quantities: S
             best, pair = min((best, pair), (_squares(commands, exchanged, order), (int(low), int(high))))
     if best >= _EXCHANGED * before:
         return ()
-    low, high = pair
+    first, second = pair
     text = (
-        f"command {commands[low]:.0f} has {means[low]:.4g} and command {commands[high]:.0f} only {means[high]:.4g}: "
+        f"command {commands[first]:.0f} has {means[first]:.4g} and command {commands[second]:.0f} only {means[second]:.4g}: "
         "were their files exchanged? The points describe one curve once they are."
     )
     return (rejection("commands-exchanged", text, *quantities),)
