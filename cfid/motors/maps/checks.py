@@ -102,8 +102,8 @@ def exchange_findings(command: Array, value: Array, *, order: int, quantities: S
         return ()
     first, second = pair
     text = (
-        f"command {commands[first]:.0f} has {means[first]:.4g} and command {commands[second]:.0f} only {means[second]:.4g}: "
-        "were their files exchanged? The points describe one curve once they are."
+        f"command {commands[first]:.0f} has {means[first]:.4g} and command {commands[second]:.0f} only "
+        f"{means[second]:.4g}: were their files exchanged? The points describe one curve once they are."
     )
     return (rejection("commands-exchanged", text, *quantities),)
 

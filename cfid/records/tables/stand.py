@@ -133,7 +133,8 @@ def read_stand_table(
     total = thrust is not None and thrust.head.kind.startswith("total")
     time_s, rate, time_notes = _times(table, found, rate_hz)
     cut = [CUT_LINE] if table.cut else []
-    command = found["command"].value[:, 0] if "command" in found else np.full(len(next(iter(found.values())).raw), np.nan)
+    rows = len(next(iter(found.values())).raw)
+    command = found["command"].value[:, 0] if "command" in found else np.full(rows, np.nan)
     speeds_rad_s, dead = (None, ()) if speeds is None else _alive(speeds, command, settled=time_s is None)
     notes = (*_total_note(thrust, gravity_mps2), *time_notes, *dead, *_unused_note(table, found), *cut)
     return StandTable(
