@@ -111,6 +111,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.inertia.command:testbody",
         "Compare the test body's measured inertias with those of its drawing (table 2.5).",
     ),
+    "fit loadcell": (
+        "cfid.loadcell.command:loadcell",
+        "Fit gain, cross-talk and linearity of the load cell to weights hung at known places.",
+    ),
     "fit thrust": (
         "cfid.motors.maps.command:thrust",
         "Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.",

@@ -61,7 +61,7 @@ def _encoder(recording: Recording) -> dict[str, SimulatedDevice]:
 
 def drop_runs(rig: Rig, truth: SimTruth, gravity_mps2: float, rng: np.random.Generator) -> list[SimulatedRun]:
     """Drop each of WEIGHTS_G once."""
-    radius_m = MM * rig.friction.radius_mm if rig.friction else 0.002
+    radius_m = MM * rig.friction.lever_mm if rig.friction else 0.002
     axis, encoder = truth.axis, EncoderModel(eccentricity_rad=truth.swing.eccentricity_rad)
     weights = [
         DroppingWeight(

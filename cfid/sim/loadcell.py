@@ -4,8 +4,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Number, Positive
-from cfid.records.rig_file import Spread
+from cfid.records.facts import Number, Positive, Spread
 from cfid.sim.stepping import Array
 from cfid.sim.wander import Wander
 

@@ -163,7 +163,7 @@ def _weights(
         DroppingWeight(
             setup_inertia_kg_m2=axis.setup_inertia_kg_m2,
             weight_kg=weight_g / 1000,
-            radius_m=MM * (rig.friction.radius_mm if rig.friction else _LINE_RADIUS_MM),
+            radius_m=MM * (rig.friction.lever_mm if rig.friction else _LINE_RADIUS_MM),
             viscous_nms_per_rad=axis.viscous_nms_per_rad,
             coulomb_nm=axis.coulomb_nm * rng.normal(1, _FRICTION_SCATTER),
             gravity_mps2=gravity_mps2,

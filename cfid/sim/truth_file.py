@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.facts import Number, Positive
+from cfid.records.facts import Number, Positive, Spread
 from cfid.records.files import first_fault, read_toml
-from cfid.records.rig_file import Rig, Spread, Vector
+from cfid.records.rig_file import Rig, Vector
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.loadcell import LoadCellTruth

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Number
-from cfid.records.rig_file import Spread, Vector
+from cfid.records.facts import Number, Spread
+from cfid.records.rig_file import Vector
 from cfid.sim.stepping import Array
 
 

@@ -35,7 +35,7 @@ def of_file(
     command: int, path: Path, stand: Stand, reading: WrenchReading, *, method: str, rotors: Rotors | None = None
 ) -> Evidence:
     """Reduce a load cell's file of one command between two pauses, as the thesis recorded them."""
-    record = read_wrench(path, reading)
+    record = read_wrench(path, replace(reading, gain=stand.facts.loadcell.gain))
     if command == 0:  # motors that stand give nothing, whatever the cell's bias is
         zero = np.zeros(1)
         return _plain(record, MotorPoints(command=zero, thrust_n=zero, torque_nm=zero))
@@ -52,7 +52,7 @@ def of_file(
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
     staircase = RunStaircase(record=record, reduced=found, run=None, began_s=math.nan, sources=(record.source,))
-    return _evidence(staircase, stand.motors or 1, flip_fz=bool(stand.flip_fz), rotors=rotors)
+    return _evidence(staircase, stand, motors=stand.motors or 1, rotors=rotors)
 
 
 def _thesis_point(
@@ -94,14 +94,14 @@ def _of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None) -> 
     found = reduce_run(record, flip_fz=bool(stand.flip_fz))
     assert found.run is not None
     expected = tuple(int(step) for step in found.run.header.asked.get("steps", ()) if step)
-    return _evidence(found, None, flip_fz=bool(stand.flip_fz), expected=expected, rotors=rotors)
+    return _evidence(found, stand, motors=None, expected=expected, rotors=rotors)
 
 
 def _evidence(
     found: RunStaircase,
-    motors: int | None,
+    stand: Stand,
     *,
-    flip_fz: bool,
+    motors: int | None,
     expected: tuple[int, ...] = (),
     rotors: Rotors | None = None,
 ) -> Evidence:
@@ -114,7 +114,7 @@ def _evidence(
         if speed is None and rotors is not None:
             speed, std, about_speed = speeds_from_vibration(settled, record, rotors, motors=motors)
         points = replace(points_of(settled, motors=motors), speed_rad_s=speed, speed_std_rad_s=std)
-    thrust_n = channels_of(record, flip_fz=flip_fz)[:, FZ]
+    thrust_n = channels_of(record, flip_fz=bool(stand.flip_fz))[:, FZ]
     return Evidence(
         points=points,
         vbat_v=found.volts(settled),
@@ -124,6 +124,7 @@ def _evidence(
         reduced=(Reduced(name=record.name, time_s=record.time_s, thrust_n=thrust_n, staircase=found.reduced),),
         paths=(record.path,),
         expected=expected,
+        loadcells=(stand.facts,),
     )
 
 
@@ -136,6 +137,7 @@ def _of_readings(run: Run, stand: Stand) -> Evidence:
         findings=findings,
         sources=(rows.source,),
         paths=(run.folder,),
+        tachometers=(stand.facts,),
     )
 
 

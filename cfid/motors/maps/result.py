@@ -9,6 +9,14 @@ from typing import Any
 import numpy as np
 
 from cfid.errors import ConfigError, FitError
+from cfid.estimate.common_causes import (
+    force_scales,
+    power_law,
+    tachometer_scales,
+    thrust_in_torque,
+    torque_scales,
+    with_common_causes,
+)
 from cfid.findings import Finding, rejection, texts, warning
 from cfid.motors.maps import estimation, values
 from cfid.motors.maps.data import of_run
@@ -31,6 +39,11 @@ from cfid.records.tables.wrench import WrenchReading
 One = Evidence | StandTable | Run | Path | str
 Points = One | Sequence[One]
 
+_POWERS = {
+    "motor.max_thrust_n": {"N": 1},
+    "motor.hover_mass_kg": {"N": 1},
+    "motor.thrust_per_speed_squared_n_s2": {"N": 1, "rad/s": -2},
+}
 _MOST_PAGES = 4  # of reduced records, each a figure
 
 
@@ -255,7 +268,7 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
             figures["thrust_of_voltage"] = voltage_figure(beside.voltage)
         return figures
 
-    return Result(
+    result = Result(
         command=f"fit {mapped.quantity}",
         method=mapped.method,
         quantities={**beside.parameters, **values.table_parameter(found.points)},
@@ -268,3 +281,14 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
         drawings=drawings,
         folder=found.paths[0].parent if found.paths else Path(),
     )
+    measured = {
+        "N": force_scales(found.loadcells),
+        "N m": torque_scales(found.loadcells),
+        "rad/s": tachometer_scales(found.tachometers),
+    }
+    talk = (
+        thrust_in_torque(found.loadcells, key="motor.torque_poly", count=mapped.fit.order + 1)
+        if mapped.quantity == "torque"
+        else {}
+    )
+    return with_common_causes(result, power_law(result.quantities, measured, _POWERS), talk)

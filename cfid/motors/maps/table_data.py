@@ -22,8 +22,10 @@ Array = npt.NDArray[np.float64]
 
 def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> Evidence:
     """Take a table's points, or reduce a record over time."""
-    stand = stand.where(facts) if _is_tachometers(table) else replace(stand, markers=stand.markers or 1)
-    return _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
+    tachometer = _is_tachometers(table)
+    stand = stand.where(facts) if tachometer else replace(stand, markers=stand.markers or 1)
+    found = _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
+    return replace(found, tachometers=(stand.facts,)) if tachometer else found
 
 
 def _is_tachometers(table: StandTable) -> bool:
