@@ -11,6 +11,7 @@ from cfid.console.campaign import here
 from cfid.console.messages import note
 
 if TYPE_CHECKING:
+    from cfid.quantities.platforms import Platform
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
 
@@ -66,13 +67,13 @@ def set_by_hand(
         _store_cubic(here(campaign), _numbers(value, name), std)
         return
     number = _number(value, name)
-    _check(name, number, std, force=force)
+    found = here(campaign)
+    _check(name, number, std, platform="other" if force else found.rig.vehicle.platform)
     if unit and unit_of(name) not in ("", unit):
         raise ConfigError(
             f"{name} is in {unit_of(name)}, as its name states, but --unit is {unit}: convert the value, or leave "
             "--unit out. Nothing was changed."
         )
-    found = here(campaign)
     into = _into_rig if name in _IN_RIG else partial(_into_parameters, unit=unit)
     where = into(found, name, number, std)
     typer.echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
@@ -108,7 +109,7 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | N
     typer.echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
 
 
-def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
+def _check(name: str, value: float, std: float | None, *, platform: "Platform") -> None:
     import math
 
     from cfid.errors import ConfigError
@@ -119,7 +120,7 @@ def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
     if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
         raise ConfigError(f"{name}: a value and its standard uncertainty must be finite numbers.")
     senseless = value <= 0 and name in _IN_RIG  # rig.toml's own check names the key
-    if not senseless and not force and (fault := implausible(name, value)):
+    if not senseless and (fault := implausible(name, value, platform=platform)):
         raise ConfigError(f"{fault} Nothing was changed; --force stores it anyway.")
 
 

@@ -147,6 +147,7 @@ def _row(run: "Run") -> dict[str, Any]:
     label = header.label
     weight = None if label.weight_g is None else f"{label.weight_g:g} g"
     excluded = f"excluded: {header.excluded}" if header.excluded else ""
+    slow = [f"{name}: {device.achieved}" for name, device in header.devices.items() if device.achieved]
     known = [device.rows for device in devices if device.rows is not None]
     return {
         "run": run.folder.name,
@@ -155,7 +156,8 @@ def _row(run: "Run") -> dict[str, Any]:
         "state": "cut" if run.cut else header.state,
         "rows": sum(known) if known else "?",
         "lost": sum(device.lost for device in devices),
+        "skipped": sum(device.skipped or 0 for device in devices),
         "simulated": header.simulated,
         "excluded": header.excluded,
-        "note": "; ".join(filter(None, ["simulated" * header.simulated, excluded, label.note, header.reason])),
+        "note": "; ".join(filter(None, ["simulated" * header.simulated, excluded, *slow, label.note, header.reason])),
     }

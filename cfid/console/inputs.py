@@ -26,6 +26,11 @@ class Workplace:
     borrowed: bool
 
     @property
+    def own_rig(self) -> "Rig | None":
+        """The rig, None for a borrowed one, which is not of the vehicle that was measured."""
+        return None if self.borrowed else self.rig
+
+    @property
     def facts(self) -> RigFacts:
         """How devices are mounted, as rig.toml states it; a borrowed rig states nothing."""
         return NONE_STATED if self.borrowed else self.rig.facts

@@ -19,14 +19,18 @@ from cfid.records.result import Result
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import Rig
 
 
-def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None") -> None:
-    """Draw, keep and print a result; rejected quantities only with --force.
+def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig: "Rig | None" = None) -> None:
+    """Draw, keep and print a result; rejected quantities, and those that the `rig` cannot have, only with --force.
 
     Raises FitError when a quantity that the command is for was rejected and --force is not set; parameters.toml is
     then unchanged.
     """
+    from cfid.records.plausibility import judged
+
+    result = judged(result, rig)
     given = result if delivery.force else result.without_rejected()
     drawn = _draw(given, delivery)
     kept = result.accepted or delivery.force

@@ -166,7 +166,10 @@ def _until(plan: "Plan") -> str:
 def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
     """Print a run's rows, losses and files."""
     for name, device in _devices(run).items():
-        typer.echo(f"{name}: {device['rows']} rows, {device['lost']} lost{_counts(device)} -> {device['file']}")
+        skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
+        typer.echo(
+            f"{name}: {device['rows']} rows, {device['lost']} lost{_counts(device)}{skipped} -> {device['file']}"
+        )
     for line in lines:
         typer.echo(line)
     if (stopped_in_s := _stopped_in_s(run)) is not None:
@@ -230,7 +233,15 @@ def _devices(run: "Run") -> dict[str, dict[str, Any]]:
         kinds.pop("lost", None)  # printed before them
         file = run.device_file(name)
         gaps = len(extra.get("gaps", ()))
-        devices[name] = {"rows": record.rows, "lost": record.lost, "kinds": kinds, "gaps": gaps, "file": str(file)}
+        devices[name] = {
+            "rows": record.rows,
+            "lost": record.lost,
+            "skipped": record.skipped or 0,
+            "achieved": record.achieved,
+            "kinds": kinds,
+            "gaps": gaps,
+            "file": str(file),
+        }
     return devices
 
 

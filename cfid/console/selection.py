@@ -22,15 +22,16 @@ def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: M
     """Return the words, with `last` and globs replaced by run names; without words, all runs that match.
 
     Only complete runs that are not excluded are selected so, and a note names the others. Words that are paths, or
-    have the form NAME=FILE, stay as they are. `wanted` describes the expected runs, for messages. Raises ConfigError
-    when a word matches nothing.
+    have the form NAME=FILE, stay as they are. A run that was interrupted and resumed is one with that which completed
+    it. `wanted` describes the expected runs, for messages. Raises ConfigError when a word matches nothing.
     """
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
     there = _readable(campaign) if campaign is not None and finding else []
-    runs = [run for run in there if suits(run)]
+    resumed = {run.header.asked.get("resumes") for run in there if not run.header.excluded}
+    runs = [run for run in there if suits(run) and run.folder.name not in resumed]
     if not words:
-        return _every(runs, campaign, wanted)
+        return _whole(_every(runs, campaign, wanted), campaign)
     found: list[str] = []
     for word in words:
         if not _is_search(word):
@@ -38,7 +39,30 @@ def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: M
             continue
         names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, runs, campaign, wanted)
         found += [name for name in names if name not in found]  # a run that two words name counts once
+    return _whole(found, campaign)
+
+
+def _whole(words: Sequence[str], campaign: "Campaign | None") -> list[str]:
+    """Return the words, each run after the interrupted ones that it completes."""
+    found: list[str] = []
+    for word in words:
+        parts = [word]
+        while before := _resumed_by(parts[0], campaign):
+            parts.insert(0, before)
+        found += [part for part in parts if part not in found]
     return found
+
+
+def _resumed_by(word: str, campaign: "Campaign | None") -> str:
+    """Return the name of the run that a run completes, "" for none, an excluded one, and words that name no run."""
+    from cfid.records.run import read_run
+
+    if campaign is None or not (campaign.runs_folder / word / RUN_FILE).is_file():
+        return ""
+    before = str(read_run(campaign.runs_folder / word).header.asked.get("resumes", ""))
+    if not before or not (campaign.runs_folder / before / RUN_FILE).is_file():
+        return ""
+    return "" if read_run(campaign.runs_folder / before).header.excluded else before
 
 
 def _is_search(word: str) -> bool:

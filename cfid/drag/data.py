@@ -11,10 +11,12 @@ from cfid.drag.wind.index import read_wind_index
 from cfid.drag.wind.reduction import reduce_forces
 from cfid.errors import DataError
 from cfid.findings import Finding
+from cfid.motors.maps.checks import marker_findings
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.schema import Column, TableSchema
 from cfid.records.tables.table import open_table
+from cfid.units import ROTORS
 
 TABLE_COLUMNS = (
     "command", "angle_deg", "vx_mps", "vy_mps", "vz_mps", "speed_sum_rad_s", "fx_n", "fy_n", "fz_n",
@@ -63,7 +65,9 @@ def read_forces(path: Path) -> DragExperiments:
         )
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    findings = tuple(replace(one, text=f"{path.name}: {one.text}") for one in experiments.findings)
+    speed = experiments.speed_sum_rad_s / ROTORS
+    markers = marker_findings(experiments.command, speed, quantities=("drag.*",), single=False)
+    findings = tuple(replace(one, text=f"{path.name}: {one.text}") for one in (*experiments.findings, *markers))
     return replace(experiments, findings=findings, sources=(Source(str(path), table.sha256),))
 
 

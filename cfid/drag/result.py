@@ -22,15 +22,18 @@ from cfid.drag.wind.data import AS_THEY_ARE, WindReading
 from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
 from cfid.findings import Finding, note, rejected
 from cfid.quantities.lookup import unit_of
+from cfid.quantities.quantity import Range
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.parameters import Parameter
+from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading
 
 Array = npt.NDArray[np.float64]
 
+_WIND = Range(0.1, 25, "a fan gives 1 to 10, and no small quadrocopter flies in more")
 _SIMPLE, _CROSS = "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"
 _NORMALISED = note(
     "drag-normalised-as-printed",
@@ -78,7 +81,12 @@ def fit(
     again = partial(fit_each, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     found = fit_models(experiments, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     quantities = drag_quantities(found, grouping)
-    findings = (*found.findings, *([_NORMALISED] if "complex" in found.fits else []))
+    fastest = Given("wind", float(experiments.wind_mps.max()), _WIND, "m/s")
+    findings = (
+        *found.findings,
+        *([_NORMALISED] if "complex" in found.fits else []),
+        *implausible_inputs([fastest], None, "drag.*"),
+    )
     result = Result(
         command="fit drag",
         method=method,

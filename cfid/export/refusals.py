@@ -6,6 +6,7 @@ from dataclasses import replace
 from cfid.errors import DataError
 from cfid.export.target import Target, taken
 from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle, Stale
+from cfid.quantities.platforms import Platform
 from cfid.quantities.plausible import centre_fault, implausible
 from cfid.records.parameters import Section
 
@@ -23,7 +24,11 @@ def objections(
     target: Target, vehicle: ExportVehicle, sections: Mapping[str, Section], *, stale: Stale = lambda _: ()
 ) -> tuple[str, ...]:
     """Return the reasons, as sentences, why a target's quantities should not be exported."""
-    against = [reason for quantity in taken(target, vehicle) for reason in _against(quantity, sections, stale)]
+    against = [
+        reason
+        for quantity in taken(target, vehicle)
+        for reason in _against(quantity, vehicle.platform, sections, stale)
+    ]
     return (*against, *filter(None, (_gravity_fault(vehicle), _centre_fault(vehicle))))
 
 
@@ -32,7 +37,7 @@ def marked(vehicle: ExportVehicle, sections: Mapping[str, Section]) -> ExportVeh
     quantities = {}
     for name, quantity in vehicle.quantities.items():
         marks = [
-            *([f"IMPLAUSIBLE: {fault}"] if (fault := implausible(quantity.key, quantity.value)) else []),
+            *([f"IMPLAUSIBLE: {fault}"] if (fault := _fault(quantity, vehicle.platform)) else []),
             *(f"REJECTED: {reason}" for reason in _rejections(quantity, sections)),
         ]
         caveat = " ".join([*([quantity.caveat] if quantity.caveat else []), *marks])
@@ -57,14 +62,20 @@ def _centre_fault(vehicle: ExportVehicle) -> str:
     return centre_fault(vehicle.centre_m, vehicle["arm"]) if "arm" in vehicle else ""
 
 
-def _against(quantity: ExportQuantity, sections: Mapping[str, Section], stale: Stale) -> Iterator[str]:
+def _against(
+    quantity: ExportQuantity, platform: Platform, sections: Mapping[str, Section], stale: Stale
+) -> Iterator[str]:
     yield from (f"{quantity.key} was rejected: {reason}" for reason in _rejections(quantity, sections))
     holding = [section for section in sections.values() if quantity.key in section.parameters]
     for reason in dict.fromkeys(sentence for section in holding for sentence in stale(section)):
         if reason in quantity.caveat:
             yield f"{quantity.key} is outdated. {reason}"
-    if fault := implausible(quantity.key, quantity.value):
+    if fault := _fault(quantity, platform):
         yield fault
+
+
+def _fault(quantity: ExportQuantity, platform: Platform) -> str:
+    return implausible(quantity.key, quantity.value, std=quantity.std, platform=platform)
 
 
 def _rejections(quantity: ExportQuantity, sections: Mapping[str, Section]) -> Iterator[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cfid.errors import ConfigError
 from cfid.quantities.lookup import registered, unit_of
+from cfid.quantities.platforms import Platform
 from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
@@ -78,7 +79,7 @@ class ExportVehicle:
     `gravity` and `centre` are what rig.toml states, the latter the centre of mass (3,) in m from the vehicle's middle,
     on the table it stands on. `others` are the quantities that no target takes, `further` has by section
     the values of keys that were taken from another section. `covariance` has by section the covariances and common
-    causes of parameters.toml.
+    causes of parameters.toml. `platform` sets what is plausible.
     """
 
     name: str
@@ -89,6 +90,7 @@ class ExportVehicle:
     others: Sequence[ExportQuantity] = ()
     further: Mapping[str, Sequence[ExportQuantity]] = field(default_factory=dict)
     covariance: Mapping[str, Value] = field(default_factory=dict)
+    platform: Platform = "crazyflie"
 
     def __contains__(self, name: str) -> bool:
         """Return whether a quantity is known."""
@@ -157,6 +159,7 @@ def collect(
         others=others,
         further={name: found for name, found in further.items() if found},
         covariance=covariance or {},
+        platform=rig.vehicle.platform,
     )
 
 

@@ -65,7 +65,7 @@ def friction(
         method=method,
     )
     folder = workplace.figures_beside([Path(source.path) for source in found.sources])
-    deliver(replace(found, folder=folder), delivery, workplace.campaign)
+    deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)
 
 
 def _read_weights(words: Sequence[str], reading: ReadingOptions, workplace: Workplace) -> "list[AngleRecord]":

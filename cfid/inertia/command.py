@@ -104,4 +104,4 @@ def _fit_swings(
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
     )
     folder = workplace.figures_beside([Path(source.path) for source in found.sources])
-    deliver(replace(found, folder=folder), delivery, workplace.campaign)
+    deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)

@@ -39,7 +39,7 @@ def latency(
 
     workplace = open_workplace(rig)
     words = chosen(runs, workplace.campaign, suits=labelled("ping"), wanted="runs of pings")
-    deliver(fit([find_recording(word, workplace) for word in words]), delivery, workplace.campaign)
+    deliver(fit([find_recording(word, workplace) for word in words]), delivery, workplace.campaign, workplace.own_rig)
 
 
 @flat

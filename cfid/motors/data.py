@@ -1,7 +1,7 @@
 """Staircases of the load cell: a record and its command log to steady steps, for maps, rotors and wind runs."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cfid.errors import CfidError
 from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_staircase
-from cfid.findings import Finding
+from cfid.findings import Finding, warning
 from cfid.records.parameters import Source
 from cfid.records.run import Run, read_run
 from cfid.records.tables.vehicle import (
@@ -51,14 +51,39 @@ class RunStaircase:
         return None if volts is None else mean_beside(points, rows.time_s - self.began_s, volts)
 
     def reported_speeds(self, points: Sequence[Point]) -> Array | None:
-        """Return the mean speeds (p,) in rad/s that the vehicle reported of the rotors that ran, None without any."""
+        """Return the mean speeds (p,) in rad/s that the vehicle reported of the rotors that ran, None without any.
+
+        A dead sensor's rotor does not count.
+        """
         if self.run is None or not holds(self.run, VEHICLE_LOG):
             return None
         rows = read_rows(self.run, VEHICLE_LOG)
         speeds, time_s = told_speeds_rad_s(rows), rows.time_s - self.began_s
-        if not all(motor in speeds for point in points for motor in point.motors):
+        alive = [without_dead(point.motors, speeds, self.record.name)[0] for point in points]
+        if not all(own and all(motor in speeds for motor in own) for own in alive):
             return None
-        return np.array([np.mean([mean_beside([p], time_s, speeds[motor])[0] for motor in p.motors]) for p in points])
+        pairs = zip(points, alive, strict=True)
+        return np.array([np.mean([mean_beside([p], time_s, speeds[motor])[0] for motor in own]) for p, own in pairs])
+
+    @property
+    def dead(self) -> tuple[Finding, ...]:
+        """A finding for each rotor that ran and whose sensor showed nothing."""
+        if self.run is None or not holds(self.run, VEHICLE_LOG):
+            return ()
+        ran = sorted({motor for point in self.reduced.points for motor in point.motors})
+        return without_dead(ran, told_speeds_rad_s(read_rows(self.run, VEHICLE_LOG)), self.record.name)[1]
+
+
+def without_dead(ran: Sequence[int], speeds: Mapping[int, Array], name: str) -> tuple[list[int], tuple[Finding, ...]]:
+    """Return the motors of those that ran whose sensor is not dead, and a finding for each that is.
+
+    A sensor that shows 0 throughout while another rotor turns is dead.
+    """
+    shown = [motor for motor in ran if motor in speeds and np.any(speeds[motor] > 0)]
+    dead = [motor for motor in ran if shown and motor in speeds and motor not in shown]
+    text = "{name}: the speed of rotor {motor} is 0 throughout while others turn: its sensor is dead, and left out."
+    findings = (warning("rotor-sensor-dead", text.format(name=name, motor=motor)) for motor in dead)
+    return [motor for motor in ran if motor not in dead], tuple(findings)
 
 
 def run_of(record: WrenchRecord) -> Run | None:

@@ -15,12 +15,16 @@ _ENOUGH = 0.98  # of the time that a step is held
 
 @dataclass(frozen=True, kw_only=True)
 class StaircasePlan:
-    """Commands in turn for some of the motors, each held, with a pause (motors off) before, between and after."""
+    """Commands in turn for some of the motors, each held, with a pause (motors off) before, between and after.
+
+    `resumes` is the name of the run that it completes.
+    """
 
     steps: tuple[int, ...]
     motors: tuple[int, ...]
     hold_s: float
     rest_s: float
+    resumes: str = ""
 
     @classmethod
     def of_run(cls, run: Run) -> "StaircasePlan":
@@ -37,7 +41,8 @@ class StaircasePlan:
     @property
     def asked(self) -> dict[str, Any]:
         """Its entry in run.toml."""
-        return {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
+        own = {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
+        return own | ({"resumes": self.resumes} if self.resumes else {})
 
 
 def missing(folder: Path, *, kind: str) -> StaircasePlan:
@@ -58,7 +63,7 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
     left = tuple(step for step in before.steps if not _was_done(step, done))
     if run.header.state == "complete" or not any(left):
         raise ConfigError(f"{folder}: is complete; nothing is left to record.")
-    return replace(before, steps=left)
+    return replace(before, steps=left, resumes=run.folder.resolve().name)
 
 
 def held_steps(run: Run) -> list[int]:

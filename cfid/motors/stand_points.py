@@ -1,17 +1,18 @@
-"""Settled steps of a stand to points of one motor, when several ran together."""
+"""Settled steps of a stand to points of one motor, when several ran together, or where speed alone is known."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.staircase import FZ, Point
+from cfid.estimate.staircase import FZ, Point, Staircase, reduce_staircase
 from cfid.motors.points import MotorPoints
 from cfid.units import ROTOR_TURNS
 
 Array = npt.NDArray[np.float64]
 
 TZ = 5
+_STANDING_S = 2.0  # of rotors that stand, put before a record that begins with turning ones
 
 
 def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int = FZ) -> MotorPoints:
@@ -41,3 +42,24 @@ def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int 
         "torque_shared_nm": shares[:, :, TZ] / alike[:, np.newaxis],
     }
     return MotorPoints(**{**vars(points), **torque})
+
+
+def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, commands: Array) -> Staircase:
+    """Reduce speeds (n, k) at times (n,), nan where missing, by commands (m, 4) that hold from `command_time_s` (m,).
+
+    A rotor that stands has speed 0, so that a pause before the first command need not be recorded. Errors as of
+    `reduce_staircase`.
+    """
+    known = np.isfinite(speeds_rad_s).all(axis=1)
+    time_s, speeds_rad_s = time_s[known], speeds_rad_s[known]
+    begins_running = len(time_s) > 1 and np.any(commands[command_time_s <= time_s[0]][-1:])
+    if begins_running:
+        step_s = float(np.median(np.diff(time_s)))
+        before_s = time_s[0] - step_s * np.arange(round(_STANDING_S / step_s), 0, -1)
+        time_s = np.concatenate([before_s, time_s])
+        speeds_rad_s = np.vstack([np.zeros((len(before_s), speeds_rad_s.shape[1])), speeds_rad_s])
+        command_time_s = np.concatenate([before_s[:1], command_time_s])
+        commands = np.vstack([np.zeros((1, commands.shape[1])), commands])
+    return reduce_staircase(
+        time_s=time_s, channels=speeds_rad_s, command_time_s=command_time_s, commands=commands, thrust=0
+    )

@@ -1,13 +1,15 @@
-"""Check whether a Crazyflie-sized vehicle can have a value.
+"""Check whether a vehicle of a platform can have a value.
 
 A value outside its range is most likely in another unit: the message suggests which.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from cfid.quantities.lookup import find
+from cfid.quantities.platforms import RANGES, Platform
 from cfid.quantities.quantity import Quantity, Range
 from cfid.quantities.values import coefficient_units, evaluate, is_matrix
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
@@ -19,6 +21,7 @@ _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
     "mm": {1e3: "metres", 10: "centimetres", 1e-3: "micrometres"},
     "s": {1e-3: "milliseconds", 1e-6: "microseconds"},
     "N": {1e-3: "millinewtons", 1e-3 * USUAL_GRAVITY_MPS2: "grams of thrust"},
+    "m/s": {1 / 3.6: "km/h", 0.514444: "knots"},
     "rad/s": {RPM: "rpm"},
     "kg m^2": {1e-9: "g mm^2", 1e-7: "g cm^2", 1e-6: "kg mm^2", 1e-3: "g m^2"},
     "N s^2/rad^2": {RPM**-2: "N/rpm^2"},
@@ -29,22 +32,37 @@ _INERTIA = "inertia.matrix_kg_m2"
 _ROUNDING = 1e-9  # of a matrix' trace
 
 
-def implausible(key: str, value: Any) -> str:
+def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "crazyflie") -> str:
     """Return why a quantity's value is implausible as a sentence, with a guess of its unit; "" where it is plausible.
 
-    An inertia matrix must also be that of a possible body. Keys without a range pass, and so do values without
-    numbers.
+    An inertia matrix must also be that of a possible body. Of `other` only that is asked, and gravity. Keys without a
+    range pass, and so do values without numbers. The range of a known vehicle is narrow: a value may lie beyond it by
+    two of its standard uncertainties.
     """
     quantity = find(key)
     if quantity is None or quantity.plausible is None:
         return ""
-    found = quantity.plausible
+    if platform == "other" and key != "gravity_mps2":
+        return _body_fault(key, value) if key == _INERTIA else ""
     unit = judged_unit(quantity)
-    where = " in its slope" if found.of == "slope" else "" if found.at is None else f" at {found.at:g} {quantity.over}"
-    for number in _judged(quantity, found, value):
-        if fault := out_of_range(f"{key} is implausible{where}", number, found, unit):
-            return fault
+    for found in (quantity.plausible, _narrowed(RANGES.get(platform, {}).get(key), quantity, value, std)):
+        if found is None:
+            continue
+        where = (
+            " in its slope" if found.of == "slope" else "" if found.at is None else f" at {found.at:g} {quantity.over}"
+        )
+        for number in _judged(quantity, found, value):
+            if fault := out_of_range(f"{key} is implausible{where}", number, found, unit):
+                return fault
     return _body_fault(key, value) if key == _INERTIA else ""
+
+
+def _narrowed(found: Range | None, quantity: Quantity, value: Any, std: Any) -> Range | None:
+    """Return the range of a platform, wider by two standard uncertainties of a number or of a list's numbers."""
+    if found is None or quantity.over:
+        return found
+    margin = 2 * max(_leaves(std), default=0.0)
+    return replace(found, least=found.least - margin, largest=found.largest + margin)
 
 
 def out_of_range(claim: str, number: float, expected: Range, unit: str) -> str:
@@ -87,6 +105,8 @@ def _judged(quantity: Quantity, found: Range, value: Any) -> list[float]:
     judged = list(_leaves(value))
     if found.of == "slope":
         return judged[-2:-1]
+    if found.of == "size":
+        return [abs(number) for number in judged]
     known = isinstance(value, list) and len(judged) == len(value)
     if found.at is not None:
         return [evaluate(quantity.key, judged, found.at)] if known else []

@@ -19,8 +19,8 @@ class Shape(StrEnum):
 class Range:
     """The least and the largest plausible size, ends included, and why.
 
-    `of` names the checked part of a value: each of its numbers, the diagonal of a matrix, or of a polynomial its slope
-    at zero or its value at `at`.
+    `of` names the checked part of a value: each of its numbers, its size without the sign, the diagonal of a matrix,
+    or of a polynomial its slope at zero or its value at `at`.
     """
 
     least: float

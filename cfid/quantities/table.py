@@ -156,7 +156,7 @@ def _transfer(key: str, symbol: str, of: str) -> tuple[Quantity, ...]:
                  of="1", over="z^-1", lowest_first=True),
         Quantity(f"{key}.time_constant_s", "s", f"τ{symbol}", f"time constant{of}", plausible=_LAG),
         Quantity(f"{key}.static_gain_n", "N", f"K{symbol}", f"static gain{of}, per unit of the command",
-                 plausible=Range(1e-8, 1e-3, "the thesis found 2.4e-6, the slope of its thrust map")),
+                 plausible=Range(1e-8, 1e-3, "the thesis found 2.4e-6, the slope of its thrust map", "size")),
         Quantity(f"{key}.delay_s", "s", f"δ{symbol}", f"delay{of} of the force behind its stamped command",
                  plausible=_LATE),
         Quantity(f"{key}.delay_after_quickest_s", "s", f"δ_q{symbol}", f"the same delay{of} behind the quickest stamps",

@@ -13,6 +13,7 @@ from cfid.errors import ConfigError, FitError
 from cfid.findings import texts
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Section, Source, load_sections, plain, store_section
+from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import RIG_FILE, Rig, load_rig
 from cfid.records.run import Run, list_runs
@@ -95,9 +96,11 @@ class Campaign(BaseModel):
     def keep(self, result: Result, *, figures: Sequence[Path] = (), force: bool = False) -> Path:
         """Keep a result in parameters.toml and fits/, and return the path of the latter.
 
-        Rejected quantities are kept only with `force`, and marked. Raises FitError when a quantity that the analysis is
-        for was rejected and `force` is not set; ConfigError when a file cannot be written.
+        Rejected quantities are kept only with `force`, and marked, and so are those that the rig's platform cannot
+        have. Raises FitError when a quantity that the analysis is for was rejected and `force` is not set; ConfigError
+        when a file cannot be written.
         """
+        result = judged(result, self.rig)
         if not (result.accepted or force):
             raise FitError(
                 f"rejected: {' '.join(texts(result.findings, 'rejection'))} {self.parameters_file} is unchanged."

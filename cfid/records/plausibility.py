@@ -1,14 +1,26 @@
 """Reject what a platform cannot have: quantities that were found, and numbers that were typed or read."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from cfid.findings import Finding, rejection
+from cfid.quantities.platforms import Platform
 from cfid.quantities.plausible import implausible, out_of_range
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter, plain
+from cfid.records.result import Result
 from cfid.records.rig_file import Rig
 
+_BY_PLATFORM = ("implausible", "implausible-input", "speed-unusual")  # codes of what a quadrocopter cannot have
+_ALIKE = {  # what rests on the same force, arm or wind
+    "motor.thrust_poly": (
+        "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_voltage_poly",
+        "motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly",
+    ),
+    "tf.static_gain_n": ("tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response"),
+    "drag.simple_kg_per_rad": ("drag.*",),
+}  # fmt: skip
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml.'
 
 
@@ -21,21 +33,39 @@ class Given(NamedTuple):
     unit: str
 
 
+def judged(result: Result, rig: Rig | None) -> Result:
+    """Return a result with a rejection of each quantity that the rig's platform cannot have.
+
+    A rig of any body takes back the rejections that rest on what a quadrocopter can have.
+    """
+    own = tuple(one for one in result.findings if one.code not in _BY_PLATFORM)
+    if platform_of(rig) == "other":
+        return replace(result, findings=(*own, *implausible_quantities(result.quantities, rig)))
+    known = {key for one in result.findings if one.code == "implausible" for key in one.quantities}
+    rest = {key: found for key, found in result.quantities.items() if key not in known}
+    return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))
+
+
 def implausible_quantities(quantities: Mapping[str, Parameter], rig: Rig | None) -> tuple[Finding, ...]:
-    """Return a rejection for each quantity outside what the rig's platform can have."""
-    if _any_body(rig):
-        return ()
-    faults = {key: implausible(key, plain(found.value)) for key, found in quantities.items()}
-    return tuple(rejection("implausible", f"{fault} {_OTHERWISE}", key) for key, fault in faults.items() if fault)
+    """Return a rejection for each quantity outside what the rig's platform can have, and for what has its inputs."""
+    platform = platform_of(rig)
+    advice = f" {_OTHERWISE}" if platform != "other" else ""
+    found: list[Finding] = []
+    for key, one in quantities.items():
+        fault = implausible(key, plain(one.value), std=plain(one.std), platform=platform)
+        if fault and not any(finding.concerns(key) for finding in found):
+            found.append(rejection("implausible", f"{fault}{advice}", key, *_ALIKE.get(key, ())))
+    return tuple(found)
 
 
 def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -> tuple[Finding, ...]:
     """Return a rejection of the quantities that rest on each number outside what the rig's platform can have."""
-    if _any_body(rig):
+    if platform_of(rig) == "other":
         return ()
     faults = (out_of_range(f"the {one.name} is implausible", one.number, one.expected, one.unit) for one in given)
     return tuple(rejection("implausible-input", f"{fault} {_OTHERWISE}", *resting) for fault in faults if fault)
 
 
-def _any_body(rig: Rig | None) -> bool:
-    return rig is not None and rig.vehicle.platform == "other"
+def platform_of(rig: Rig | None) -> Platform:
+    """Return the platform that a rig states; without a rig any small quadrocopter."""
+    return "crazyflie" if rig is None else rig.vehicle.platform

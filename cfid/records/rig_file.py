@@ -14,6 +14,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
+from cfid.quantities.platforms import Platform
 from cfid.records.facts import (
     LoadCellMount,
     Number,
@@ -113,11 +114,11 @@ class Mount(RigTable):
 class VehicleData(RigTable):
     """The vehicle as weighed and measured: mass, centre of mass and body frame.
 
-    `platform` sets what is plausible: `crazyflie` for quadrocopters of its kind, `other` for any body: physics alone.
+    `platform` sets what is plausible: `crazyflie` is any quadrocopter of its kind, `other` any body: physics alone.
     """
 
     name: str = "vehicle"
-    platform: Literal["crazyflie", "other"] = "crazyflie"
+    platform: Platform = "crazyflie"
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     centre_of_mass_mm: Vector

@@ -4,13 +4,14 @@ run.toml has `state = "recording"` until the run is closed; a run found in that 
 read with a note. `tables` interprets the columns, and `run_writer` writes a run.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import first_fault, locked_folder, read_toml, write_toml
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 RUN_FILE = "run.toml"
 FORMAT = 1
 
+_NOTABLE_SKIPS = 0.01  # of the samples asked for
 State = Literal["recording", "complete", "interrupted", "failed"]
 
 
@@ -52,13 +54,27 @@ class Label(_Section):
 
 
 class DeviceRecord(_Section):
-    """One device's file: its columns in the device's own units, and the scale from counts to SI."""
+    """One device's file: its columns in the device's own units, and the scale from counts to SI.
+
+    `lost` samples were taken and are missing; `skipped` ones, of a device that is asked at `rate_hz`, were never taken.
+    """
 
     file: _FileName
     columns: tuple[_ColumnName, ...] = Field(min_length=1)
     counts_per_turn: _Positive | Literal["rls-13bit-in-22"] | None = None
     rows: _Count | None = None
     lost: _Count = 0
+    skipped: _Count | None = Field(None, validation_alias=AliasChoices("skipped", "grid_places_skipped"))
+    rate_hz: _Positive | None = None
+
+    @property
+    def achieved(self) -> str:
+        """The rate achieved as text, "462 of 1000 Hz", where a sample in a hundred or more was skipped; else ""."""
+        taken, skipped = (self.rows or 0) + self.lost, self.skipped or 0
+        if not skipped or skipped < _NOTABLE_SKIPS * (taken + skipped):
+            return ""
+        share = taken / (taken + skipped)
+        return f"{100 * share:.0f} %" if self.rate_hz is None else f"{share * self.rate_hz:.0f} of {self.rate_hz:g} Hz"
 
 
 class RunHeader(_Section):
@@ -128,6 +144,28 @@ def read_run(folder: Path) -> Run:
     except ValidationError as error:
         raise DataError(f"{path}: {first_fault(error, content)}") from None
     return Run(folder=folder, header=header)
+
+
+def run_holding(path: Path) -> Run | None:
+    """Return the run that a path is, or that a file lies in; None for any other. Raises DataError as `read_run`."""
+    folder = path if path.is_dir() else path.parent
+    return read_run(folder) if (folder / RUN_FILE).is_file() else None
+
+
+def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[str, object]) -> None:
+    """Raise ConfigError for the first thing that is given and that a run's own label states otherwise.
+
+    None is not stated; of a list any may be given.
+    """
+    for name, value in given.items():
+        stated = own.get(name)
+        allowed = stated if isinstance(stated, list | tuple) else [stated]
+        if value is not None and stated is not None and value not in allowed:
+            label = f"{name} {', '.join(map(str, allowed))}"
+            raise ConfigError(
+                f"{where}: {name} {value} contradicts the run's own label, {label}. Leave it out, or correct the label "
+                "in run.toml."
+            )
 
 
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:

@@ -20,8 +20,8 @@ def report(
 ) -> None:
     """Write a campaign's results to one file: the sheet first, then every experiment with its figures.
 
-    The page needs no network. It names missing quantities with the command that gives them, and compares your vehicle
-    with published values.
+    The page needs no network. It names missing quantities with the command that gives them, compares experiments that
+    measure one property with each other, and your vehicle with published values.
 
     Example: [bold]cfid report --format tex[/bold]
     """
@@ -35,6 +35,7 @@ def report(
     path = out or found.folder / f"report.{form}"
     content = gather(found, now=datetime.now(UTC))
     write_report(path, rendered(content, form, found.folder), force=force)
-    for sentence in content.unreadable:
+    disagreements = [finding.text for one in content.agreements for finding in one.findings]
+    for sentence in (*content.unreadable, *disagreements):
         note(sentence)
     typer.echo(path)

@@ -12,6 +12,7 @@ from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import load_sections, plain
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import stale_in
+from cfid.report.agreement import Agreement, agreements_of
 from cfid.report.comparison import PublishedComparison, comparisons, frame_text
 from cfid.report.experiments import Experiment, experiments_of
 from cfid.report.known import Known
@@ -61,6 +62,7 @@ class Report:
     sheet: tuple[SheetGroup, ...]
     experiments: tuple[Experiment, ...]
     repeats: tuple[RepeatedFit, ...]
+    agreements: tuple[Agreement, ...]
     comparisons: tuple[PublishedComparison, ...]
     runs: tuple[RunLine, ...]
     unreadable: tuple[str, ...]
@@ -88,6 +90,7 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
         sheet=sheet_of(known, commands, stale),
         experiments=experiments_of(measured, fits, stale),
         repeats=repeated_fits(measured),
+        agreements=agreements_of(known, latest),
         comparisons=comparisons(known),
         runs=tuple(_line(run) for run in runs),
         unreadable=(*broken_runs, *broken_fits),
@@ -129,7 +132,7 @@ def _line(run: Run) -> RunLine:
         lost=sum(device.lost for device in devices),
         simulated=header.simulated,
         excluded=getattr(header, "excluded", ""),
-        note="; ".join(filter(None, [label.note, header.reason])),
+        note="; ".join(filter(None, [*(device.achieved for device in devices), label.note, header.reason])),
     )
 
 

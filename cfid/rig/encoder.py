@@ -168,7 +168,7 @@ class Encoder:
             line.close()
 
     def facts(self) -> Mapping[str, Any]:
-        """Return polls and losses by kind, and gaps."""
+        """Return polls, skipped ones, losses by kind, and gaps."""
         polls = self._polls
         losses = {
             "missing_in_gaps": self._missing,
@@ -183,7 +183,8 @@ class Encoder:
             "late_replies": polls.late + self._late,
             "unasked": polls.unasked,
         }
-        return {"polls": polls.sent, "grid_places_skipped": polls.skipped, "losses": losses, "gaps": self._gaps}
+        taken = {"polls": polls.sent, "skipped": polls.skipped, "rate_hz": 1 / self._period_s}
+        return {**taken, "losses": losses, "gaps": self._gaps}
 
     def _new_polls(self) -> Polls:
         command = e201.POSITION if self._stamps is None else e201.STAMPED_POSITION

@@ -105,6 +105,7 @@ class LoadCell:
         every = rdt.decode_records(inbox.data)
         ends, came_s = np.array(inbox.ends, np.intp), np.array(inbox.arrivals_s)
         inbox.empty()
+        lost_before, jumped_before = self._order.arrivals.lost, self._times.jumped
         records = self._order.take(every)
         if not len(records.ft_sequence):
             self._watch(now_s)
@@ -114,11 +115,14 @@ class LoadCell:
         arrivals = arrivals_of(records, every.ft_sequence[ends], came_s, read_s=now_s)
         if self._fresh and self._last_ft is not None:
             self._resume(records, arrivals)
+        instants_s = self._times.instants_s(records, arrivals)
+        if self._times.jumped > jumped_before:
+            self._break(now_s, self._order.arrivals.lost - lost_before)
         self._fresh, self._received_s, self._last_ft = False, now_s, int(records.ft_sequence[-1])
         counts = records.counts
         return Block(
             (
-                self._clock.unix_s(self._times.instants_s(records, arrivals)),
+                self._clock.unix_s(instants_s),
                 *(counts[:, axis] for axis in range(6)),
                 records.rdt_sequence,
                 records.ft_sequence,
@@ -247,6 +251,12 @@ class LoadCell:
             self._missing += max(passed // step - int(records.rdt_sequence[0]), 0)
         self._note_gap(now_s, reason)
         self._say(f"{self._where}: {reason}; records again after {now_s - self._received_s:.1f} s")
+
+    def _break(self, now_s: float, counted: int) -> None:
+        """Note a gap where the box' count jumped; how many of the samples `counted` as lost were taken is unknown."""
+        self._missing -= counted
+        self._note_gap(now_s, "the box' count jumped")
+        self._say(f"{self._where}: its count of samples jumped against this computer's clock: a new count begins")
 
     def _note_gap(self, end_s: float, reason: str) -> None:
         begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()

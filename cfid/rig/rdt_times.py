@@ -35,7 +35,9 @@ class RecordTimes:
     def __init__(self, *, rate_hz: float) -> None:
         """Take the rate as the box states it."""
         self.rate_hz = float(rate_hz)
+        self.jumped = 0  # samples by which the count jumped against the host's clock, in all
         self._samples: SampleClock | None = None
+        self._last_ft: int | None = None
         self._last_s = -np.inf
 
     def learn(self, step: int) -> None:
@@ -55,19 +57,58 @@ class RecordTimes:
 
     def restart(self) -> None:
         """Forget the count: the box started a new one."""
+        self._last_ft = None
         if self._samples is not None:
             self._samples.restart()
 
     def instants_s(self, records: rdt.Records, arrivals: TimedArrivals) -> Array:
-        """Return when records in order were sampled. The step has to be known."""
+        """Return when records in order were sampled. The step has to be known.
+
+        Where the count jumps to what is yet to come, or back, a new count begins.
+        """
+        at = self._jump(records, arrivals.read_s)
+        if at is None:
+            return self._counted_s(records, arrivals)
+        parts = [_part(records, slice(at)), _part(records, slice(at, None))]
+        early = arrivals.record < at
+        came = [
+            TimedArrivals(arrivals.record[early], arrivals.came_s[early], arrivals.read_s),
+            TimedArrivals(arrivals.record[~early] - at, arrivals.came_s[~early], arrivals.read_s),
+        ]
+        before_s = self._counted_s(parts[0], came[0]) if at else np.empty(0)
+        self.restart()
+        return np.concatenate([before_s, self._counted_s(parts[1], came[1])])
+
+    def _jump(self, records: rdt.Records, read_s: float) -> int | None:
+        """Return the first record after a jump of the count, None without one; count the samples of the jump."""
+        assert self._samples is not None
+        if self._last_ft is None:
+            return None
+        counts = np.concatenate([np.array([self._last_ft], np.uint32), records.ft_sequence])
+        steps = np.diff(counts).astype(np.int32)
+        at = int(np.argmax(np.abs(steps.astype(np.int64))))
+        early_s = self._samples.predicted_s(int(records.ft_sequence[-1])) - read_s
+        if steps[at] > 0 and early_s < _CONTRADICTION_S:
+            return None
+        self.jumped += abs(int(steps[at])) // max(int(np.median(np.abs(steps))), 1)
+        return at
+
+    def _counted_s(self, records: rdt.Records, arrivals: TimedArrivals) -> Array:
+        """Return the instants of records of one count."""
         assert self._samples is not None
         instants_s = self._samples.instants_s(
             records.ft_sequence, arrived=arrivals.record, arrival_s=arrivals.came_s, read_s=arrivals.read_s
         )
         if instants_s[0] <= self._last_s:  # the anchor after a restart may lie before the end of the gap
             instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
-        self._last_s = float(instants_s[-1])
+        self._last_s, self._last_ft = float(instants_s[-1]), int(records.ft_sequence[-1])
         return instants_s
+
+
+def _part(records: rdt.Records, part: slice) -> rdt.Records:
+    return rdt.Records(
+        records.rdt_sequence[part], records.ft_sequence[part], records.status[part], records.counts[part]
+    )
 
 
 def ticks_per_s_of(rate_hz: float, step: int) -> float:

@@ -58,4 +58,4 @@ def swing(
         to_s=cut.to_s,
         method=method,
     )
-    deliver(found, delivery, workplace.campaign)
+    deliver(found, delivery, workplace.campaign, workplace.own_rig)

@@ -208,7 +208,9 @@ def identify(
         compare=compare,
         method=method,
     )
-    deliver(replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign)
+    deliver(
+        replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign, workplace.own_rig
+    )
 
 
 def _thrust_poly(workplace: Workplace) -> list[float] | None:
@@ -248,7 +250,9 @@ def verify(
         raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
     sines = inputs.read(runs, scale.reading(reading), workplace)
     result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
-    deliver(replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign)
+    deliver(
+        replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign, workplace.own_rig
+    )
 
 
 def _function(options: FunctionOptions, workplace: Workplace) -> "Function":

@@ -77,7 +77,7 @@ def told(run: Path, spent_s: float, peer_s: float) -> None:
     places = round(np.ptp(rows["t"]) * device["rate_hz"]) + 1
     print(f"cfid log encoder:    {len(rows)} rows, {1e6 * each_s:.0f} us of processor time a sample")
     print(f"  of {places} places {places - len(rows)} missed: {1e4 * (1 - len(rows) / places):.1f} in 10 000 (goal: 1)")
-    print(f"    {device['grid_places_skipped']} skipped, {device['lost']} lost; {wrong} words wrong (goal: none)")
+    print(f"    {device['skipped']} skipped, {device['lost']} lost; {wrong} words wrong (goal: none)")
     slow = int(np.sum(steps_s > 2e-3))
     print(f"  rate {1 / steps_s.mean():.2f} Hz, {slow} steps above 2 ms, {1e3 * steps_s.max():.1f} ms at most")
     print(f"  ratio to the peer: processor time a sample {each_s / peer_s:.2f}")

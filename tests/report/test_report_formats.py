@@ -88,7 +88,8 @@ def test_json_is_one_object_of_plain_numbers(campaign: Campaign) -> None:
     content = json.loads(text_of(campaign, "json"))
 
     assert list(content) == [
-        "made_by", "format", "about", "sheet", "experiments", "repeats", "comparisons", "runs", "unreadable"
+        "made_by", "format", "about", "sheet", "experiments", "repeats", "agreements", "comparisons", "runs",
+        "unreadable",
     ]  # fmt: skip
     assert content["format"] == 1
     matrix = next(q for group in content["sheet"] for q in group["quantities"] if "inertia.matrix_kg_m2" in q["keys"])

@@ -8,6 +8,7 @@ import pytest
 
 from cfid.errors import DeviceError
 from cfid.records.run import Run
+from cfid.records.tables.angle import Reading, read_angle
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.rig.virtual import STEP_S, UNIX_S, Session, encoder, rows_of
@@ -193,12 +194,14 @@ def test_places_of_the_grid_that_were_skipped_are_counted(session: Session) -> N
     instrument, _ = encoder(session, EncoderFaults(slow_s=0.022))
 
     run, failure = session.record(instrument, for_s=20)
-    skipped = facts(run)["grid_places_skipped"]
+    skipped = run.header.devices["encoder"].skipped or 0
 
     assert failure is None
     assert run.header.devices["encoder"].lost == 0
     assert skipped == pytest.approx(20 * (100 - 40), rel=0.01)  # an answer takes 25 ms by the test's clock
     assert len(rows_of(run, "encoder")) + skipped == pytest.approx(20 * 100, abs=3)
+    assert run.header.devices["encoder"].achieved == "40 of 100 Hz"
+    assert f"{skipped} samples were never taken" in " ".join(read_angle(run.folder, Reading()).notes)
 
 
 def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(session: Session) -> None:
@@ -211,7 +214,7 @@ def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(session: Session)
     rows = rows_of(run, "encoder")
 
     assert len(rows) == pytest.approx(4000, abs=12)  # the last may be held up too
-    assert facts(run)["grid_places_skipped"] == 0
+    assert run.header.devices["encoder"].skipped == 0
     assert rows["t"].diff().max() > 0.008
     check_angles(rows, late_s=0.01)
 
@@ -222,7 +225,7 @@ def test_polls_keep_their_grid_over_ten_minutes(session: Session) -> None:
     run, _ = session.record(instrument, for_s=600)
     times_s = rows_of(run, "encoder")["t"] - UNIX_S
 
-    assert facts(run)["grid_places_skipped"] == 0
+    assert run.header.devices["encoder"].skipped == 0
     assert np.abs(times_s - np.arange(len(times_s)) / 7).max() < 3 * STEP_S
 
 

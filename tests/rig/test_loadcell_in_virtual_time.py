@@ -59,6 +59,30 @@ def test_what_the_network_drops_is_counted_record_by_record(session: Session) ->
     assert sent - len(rows) == pytest.approx(box.mishaps.dropped_records, abs=14)
 
 
+@pytest.mark.parametrize("numbers", [(0, 1_000_000), (100_000, 1_000_000), (0, -50_000)])
+def test_a_count_that_jumps_is_a_break_and_no_time(session: Session, numbers: tuple[int, int]) -> None:
+    instrument, _, wire = loadcell(session, SOUND)
+    take_in, came = wire.inbox.add, list[float]()
+
+    def jump(data: bytes, source: tuple[str, int], arrival_s: float) -> None:
+        """Add to both numbers of each record from the third second on."""
+        came.append(arrival_s)
+        words = np.frombuffer(data, ">u4").reshape(-1, 9).copy()
+        if len(came) > 150:  # datagrams of 14 records at 700 Hz
+            words[:, :2] = (words[:, :2].astype(np.int64) + numbers) % 2**32
+        take_in(words.tobytes(), source, arrival_s)
+
+    wire.deliver = jump
+    run, failure = session.record(instrument, for_s=5)
+    rows = rows_of(run, "loadcell")
+
+    assert failure is None
+    assert rows["t"].iloc[-1] - rows["t"].iloc[0] == pytest.approx(5, abs=0.2)
+    assert np.all(np.diff(rows["t"]) > 0)
+    assert [gap["reason"] for gap in facts(run)["gaps"]] == ["the box' count jumped"]
+    assert run.header.devices["loadcell"].lost < 50
+
+
 def test_doubled_and_swapped_datagrams_leave_no_trace_but_a_count(session: Session) -> None:
     instrument, box, _ = loadcell(session, LoadCellFaults(duplicate_every=5, reorder_every=9))
 

@@ -14,7 +14,7 @@ from cfid.console.facts import assumed
 from cfid.drag.wind.frames import AZIMUTH_DEG, MARKERS, YAW_DEG, std_turned_about_z
 from cfid.drag.wind.index import IndexedRun
 from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis, of_point
-from cfid.drag.wind.plan import WindSetting, setting_of
+from cfid.drag.wind.plan import KIND, WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
 from cfid.estimate.staircase import Point
@@ -25,6 +25,7 @@ from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.records.facts import NONE_STATED, RigFacts, WindStand
 from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
+from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.tables.times import run_at
 from cfid.records.tables.vehicle import COMMANDS, READINGS, Rows, holds, read_rows
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
@@ -117,6 +118,7 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
 
 def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     """Reduce a recording; what a load cell feels of standing rotors does not matter."""
+    _refuse_other_wind(row)
     facts = how.given.over(how.rig)
     record = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
     findings = [replace(one, text=one.text.removeprefix(f"{record.path.name}: ")) for one in _notes(record)]
@@ -140,6 +142,20 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
 def _with_yaw(facts: RigFacts) -> RigFacts:
     """Return the facts with the yaw that is taken where nobody stated one."""
     return facts if facts.yaw_in_wind_deg is not None else RigFacts(wind=WindStand(yaw_deg=YAW_DEG)).over(facts)
+
+
+def _refuse_other_wind(row: IndexedRun) -> None:
+    """Raise ConfigError for a row of an index that contradicts the wind run that its file lies in."""
+    run = run_holding(row.loadcell)
+    if run is None or run.header.kind != KIND:
+        return
+    given, own = row.setting, setting_of(run)
+    names = ("angle_deg", "min_mps", "max_mps")
+    refuse_contradiction(
+        f"{row.where}: {row.loadcell}",
+        {"command": row.command, **{name: getattr(given, name) for name in names}},
+        {"command": run.header.asked.get("steps"), **{name: getattr(own, name) for name in names}},
+    )
 
 
 def _force(

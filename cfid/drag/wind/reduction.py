@@ -14,6 +14,7 @@ from cfid.drag.wind.plan import FASTEST_MPS, HIGHEST_DEG, WindSetting
 from cfid.drag.wind.swaps import Filed, swap_findings
 from cfid.errors import DataError
 from cfid.findings import Finding, note, warning
+from cfid.motors.maps.checks import marker_findings
 from cfid.units import DEAD_COMMAND, ROTORS
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +74,11 @@ def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
     left_out = [standing_left_out(f"{len(standing)} run(s) in wind with standing rotors")] if standing else []
     thrusts = {command: (reference.name, reference.force_n) for command, reference in references.items()}
     swaps = swap_findings(Filed(experiments=experiments, names=[one.name for one in windy], references=thrusts))
-    return replace(experiments, findings=(*sagged(forces), *spread, *left_out, *swaps))
+    lift_n = np.array([references[one.command].force_n[2] / ROTORS for one in windy])
+    markers = marker_findings(
+        experiments.command, experiments.speed_sum_rad_s / ROTORS, lift_n, quantities=("drag.*",), single=False
+    )
+    return replace(experiments, findings=(*sagged(forces), *spread, *left_out, *swaps, *markers))
 
 
 def sagged(forces: Sequence[WindForce]) -> list[Finding]:

@@ -11,6 +11,7 @@ from cfid.motors.maps.data import of_file, of_run
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.table_data import of_table
 from cfid.motors.vibration.data import Rotors
+from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.tables.stand import read_stand_table
 from cfid.records.tables.times import run_at
 from cfid.units import FULL_COMMAND
@@ -45,6 +46,8 @@ def read_evidence(
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
             at = _command(command, word)
+            if (run := run_holding(Path(file))) is not None:
+                refuse_contradiction(word, {"command": at}, {"command": run.header.asked.get("steps")})
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import fit_power
+from cfid.estimate.polynomials import fit_polynomial, fit_power
 from cfid.findings import Finding, rejection
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND
@@ -18,8 +18,10 @@ USUAL_SQUARE_N_S2 = 2.0e-8  # thrust per speed squared of 45 mm propellers: 1.8e
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
 _STANDING_RAD_S = 10.0
 _TWICE, _HALF = (1.7, 2.3), (0.43, 0.59)  # ratios of speeds that a count too many or too few explains
+_OTHER_MOTORS = 1.33  # ratio of speeds at one command that other motors and propellers explain
 _FEWEST = 5  # points that say what is usual among them
 _FAR = 0.25  # of the largest command, from where speeds lie close to a line
+_EXCHANGED = 0.25  # of the sum of squares that is left once two commands are exchanged
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
 _MARKERS = "check the number of its reflective markers."
@@ -57,18 +59,57 @@ def check_speed(command: Array, speed_rad_s: Array) -> None:
 
 
 def marker_findings(
-    command: Array, speed_rad_s: Array, thrust_n: Array | None = None, *, quantities: Sequence[str]
+    command: Array,
+    speed_rad_s: Array,
+    thrust_n: Array | None = None,
+    *,
+    quantities: Sequence[str],
+    single: bool = True,
 ) -> tuple[Finding, ...]:
     """Reject quantities calculated from speeds (n,) that were counted double, or divided twice.
 
-    Single points show beside the others. All of them show beside the thrust (n,) where it was measured, else
-    beside the thesis' motors.
+    Single points show beside the others, unless `single` is false. All of them show beside the thesis' motors and,
+    where thrust (n,) was measured, beside that too: both must agree, since another propeller differs in one of them. A
+    rig of any other body takes the latter back.
     """
     running = command > DEAD_COMMAND
     thrust = None if thrust_n is None else thrust_n[running]
-    odd = _odd_ones(command[running], speed_rad_s[running])
-    told = (*odd, *_all_wrong(command[running], speed_rad_s[running], thrust))
-    return tuple(rejection("speed-marker-count", text, *quantities) for text in told)
+    odd = _odd_ones(command[running], speed_rad_s[running]) if single else ()
+    wrong = _all_wrong(command[running], speed_rad_s[running], thrust)
+    return (
+        *(rejection("speed-marker-count", text, *quantities) for text in odd),
+        *(rejection("speed-unusual", text, *quantities) for text in wrong),
+    )
+
+
+def exchange_findings(command: Array, value: Array, *, order: int, quantities: Sequence[str]) -> tuple[Finding, ...]:
+    """Reject a map of values (n,) of which two commands seem exchanged: the lower one has the larger value.
+
+    Points must be more than the polynomial's coefficients by three, and describe it much better once exchanged.
+    """
+    commands = np.unique(command)
+    if len(commands) < order + 4:
+        return ()
+    means = np.array([value[command == one].mean() for one in commands])
+    before = _squares(commands, means, order)
+    best, pair = before, (0, 0)
+    for low, high in zip(*np.triu_indices(len(commands), 1), strict=True):
+        if means[low] > means[high]:
+            exchanged = means.copy()
+            exchanged[[low, high]] = means[[high, low]]
+            best, pair = min((best, pair), (_squares(commands, exchanged, order), (int(low), int(high))))
+    if best >= _EXCHANGED * before:
+        return ()
+    first, second = pair
+    text = (
+        f"command {commands[first]:.0f} has {means[first]:.4g} and command {commands[second]:.0f} only "
+        f"{means[second]:.4g}: were their files exchanged? The points describe one curve once they are."
+    )
+    return (rejection("commands-exchanged", text, *quantities),)
+
+
+def _squares(x: Array, y: Array, order: int) -> float:
+    return float(np.sum(fit_polynomial(x, y, order=order).residual ** 2))
 
 
 def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -> tuple[int, ...]:
@@ -94,7 +135,7 @@ def listed(commands: Sequence[float]) -> str:
 
 
 def _running(command: Array) -> npt.NDArray[np.bool_]:
-    running = command > DEAD_COMMAND
+    running = ~(command <= DEAD_COMMAND)  # nan: thrust and speed are known, the command is not
     if not running.any():
         raise FitError(
             f"no command above {DEAD_COMMAND} was measured: up to there a motor stands, nothing can be fitted."
@@ -118,16 +159,20 @@ def _odd_ones(command: Array, speed: Array) -> Iterable[str]:
 
 
 def _all_wrong(command: Array, speed: Array, thrust: Array | None) -> Iterable[str]:
-    """Compare all speeds with the thrust that they make, or with the thesis' motors."""
-    if thrust is None:
-        ratio = float(np.median(speed / np.polyval(THESIS_SPEED, command)))
-        told = f"the speeds are {ratio:.2f} times those of the thesis' motors (eq. 3.4)"
-    else:
+    """Compare all speeds together with the thesis' motors, and with what makes the thrust."""
+    if not len(speed):
+        return
+    ratio = float(np.median(speed / np.polyval(THESIS_SPEED, command)))
+    found = f"the speeds are {ratio:.2f} times those of the thesis' motors (eq. 3.4)"
+    if thrust is not None:
         square = fit_power(speed, thrust, power=2).coefficients[0]
-        ratio = math.sqrt(USUAL_SQUARE_N_S2 / square) if square > 0 else 1.0
-        told = f"thrust over speed squared is {square:.2g} N s^2, and usual propellers have {USUAL_SQUARE_N_S2:.1g}"
+        by_thrust = math.sqrt(USUAL_SQUARE_N_S2 / square) if square > 0 else 1.0
+        if (by_thrust > 1) != (ratio > 1) or 1 / _OTHER_MOTORS < ratio < _OTHER_MOTORS:
+            return
+        ratio = by_thrust
+        found += f", thrust over speed squared is {square:.2g} N s^2 (usual: {USUAL_SQUARE_N_S2:.1g})"
     if _within(ratio, _TWICE) or _within(ratio, _HALF):
-        yield f"{told}: {_MARKERS}"
+        yield f'{found}: {_MARKERS} For other propellers write platform = "other" under [vehicle] in rig.toml.'
 
 
 def _repeated_median_line(x: Array, y: Array) -> tuple[float, float]:

@@ -195,4 +195,4 @@ def torque(
 
 def _deliver(result: "Result", workplace: Workplace, delivery: Delivery) -> None:
     folder = result.folder if workplace.campaign is None else workplace.figures_beside(())
-    deliver(replace(result, folder=folder), delivery, workplace.campaign)
+    deliver(replace(result, folder=folder), delivery, workplace.campaign, workplace.own_rig)

@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import CfidError, DataError
-from cfid.estimate.staircase import FZ, NeverRanError, reduce_single, reduce_staircase
+from cfid.estimate.staircase import FZ, NeverRanError, reduce_single
 from cfid.findings import Finding, warning
-from cfid.motors.data import RunStaircase, channels_of, reduce_run
-from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, staircase_findings
+from cfid.motors.data import RunStaircase, channels_of, reduce_run, without_dead
+from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, speed_findings, staircase_findings
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
-from cfid.motors.stand_points import points_of
+from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
-from cfid.records.run import Run
+from cfid.records.run import Run, refuse_contradiction
 from cfid.records.tables.vehicle import (
     READINGS,
     VEHICLE_LOG,
@@ -77,6 +77,8 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
 
 def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
     """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
+    ran = run.header.asked.get("motors")
+    refuse_contradiction(run.folder.name, {"--motors": stand.motors}, {"--motors": ran and len(ran)})
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)
@@ -117,7 +119,7 @@ def _evidence(
         points=points,
         vbat_v=found.volts(settled),
         lines=tuple(line_of(point, record.name) for point in found.reduced.points),
-        findings=(*recording(record.notes), *staircase_findings(found.reduced, record.name), *about_speed),
+        findings=(*recording(record.notes), *staircase_findings(found.reduced, record.name), *found.dead, *about_speed),
         sources=found.sources,
         reduced=(Reduced(name=record.name, time_s=record.time_s, thrust_n=thrust_n, staircase=found.reduced),),
         paths=(record.path,),
@@ -144,17 +146,12 @@ def _of_speeds(run: Run) -> Evidence:
 
     rows, (log, commands) = read_rows(run, VEHICLE_LOG), read_commands(run)
     speeds = told_speeds_rad_s(rows)
-    ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
+    ran, dead = without_dead([motor for motor in MOTORS if commands[:, motor - 1].any()], speeds, run.folder.name)
     if not ran or not all(motor in speeds for motor in ran):
         raise DataError(f"{run.folder}: the vehicle's log has no speeds: an RPM deck or brushless motors report them.")
     try:
-        found = reduce_staircase(
-            time_s=rows.time_s - rows.time_s[0],
-            channels=np.column_stack([speeds[motor] for motor in ran]),
-            command_time_s=log.time_s - rows.time_s[0],
-            commands=commands,
-            thrust=0,
-        )
+        begin_s, turning = rows.time_s[0], np.column_stack([speeds[motor] for motor in ran])
+        found = reduce_speeds(rows.time_s - begin_s, turning, log.time_s - begin_s, commands)
     except CfidError as error:
         raise type(error)(f"{run.folder}: {error}") from None
     settled = found.steady()
@@ -165,7 +162,7 @@ def _of_speeds(run: Run) -> Evidence:
             speed_std_rad_s=np.array([np.sqrt((point.std_of_mean**2).sum()) / len(ran) for point in settled]),
         ),
         lines=tuple(line_of(point, run.folder.name) for point in found.points),
-        findings=staircase_findings(found, run.folder.name),
+        findings=(*dead, *speed_findings(found, run.folder.name)),
         sources=(rows.source, log.source),
         paths=(run.folder,),
         expected=tuple(int(step) for step in run.header.asked.get("steps", ()) if step),

@@ -9,7 +9,14 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
 from cfid.findings import Finding, note, rejection, warning
-from cfid.motors.maps.checks import check_speed, check_thrust, listed, marker_findings, missing_commands
+from cfid.motors.maps.checks import (
+    check_speed,
+    check_thrust,
+    exchange_findings,
+    listed,
+    marker_findings,
+    missing_commands,
+)
 from cfid.motors.points import Array, Measured, MotorPoints, measured
 from cfid.units import DEAD_COMMAND
 
@@ -26,6 +33,7 @@ GIVEN_BY = {  # the quantities that each map gives
 }
 OVER_SPEED = ("motor.thrust_per_speed_squared_n_s2", "motor.thrust_speed_poly")
 
+_MISCOUNTED = 0.5  # of k w^2: a speed that is twice or half as large puts it 0.75 or 3 apart
 _DROPPED = 2000  # the command that C.2.3 leaves out
 
 
@@ -170,6 +178,8 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     quadratic = fit_polynomial(speed, thrust, order=2, std=std, shared=shared, robust=huber)
     difference = float(np.max(np.abs(square.at(speed) - quadratic.at(speed))))
     suffices = square.aicc <= quadratic.aicc
+    agree = bool(np.all(np.abs(thrust - square.at(speed)) <= _MISCOUNTED * np.abs(square.at(speed))))
+    miscounted = marker_findings(found.command, speed, thrust, quantities=OVER_SPEED, single=not agree)
     text = f"k w^2 differs from the full quadratic by up to {difference:.2g} N, which describes the points better."
     return SpeedThrustMap(
         square=square,
@@ -182,7 +192,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
         findings=(
             *(() if suffices else (warning("thrust-not-square-of-speed", text, OVER_SPEED[0]),)),
             *_misfit(square, thrust, OVER_SPEED),
-            *marker_findings(found.command, speed, thrust, quantities=OVER_SPEED),
+            *miscounted,
         ),
     )
 
@@ -221,6 +231,10 @@ def _map(
         fit, aicc = choice.fit, choice.aicc
     else:
         fit = fit_polynomial(used.x, used.y, order=order, std=std, shared=shared, robust=huber)
+    swaps: tuple[Finding, ...] = ()
+    if quantity != "torque" and method == "default":
+        resting = (*keys, "motor.thrust_voltage_poly") if quantity == "thrust" else keys
+        swaps = exchange_findings(used.command, used.y, order=fit.order, quantities=resting)
     gaps = (warning("commands-missing", f"command {listed(missing)} is missing.", own),) if missing else ()
     return MotorMap(
         quantity=quantity,
@@ -234,6 +248,7 @@ def _map(
         aicc=aicc,
         findings=(
             *findings,
+            *swaps,
             *gaps,
             *left,
             *_scatter(fit, used.command, own),

@@ -107,6 +107,12 @@ def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
     return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
 
 
+def speed_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
+    """Return the same of a staircase of speeds, which need no baseline."""
+    own = (one for one in found.findings if one.code != "no-baseline-after")
+    return tuple(replace(one, text=f"{name}: {one.text}") for one in own)
+
+
 def _drift(found: Staircase) -> list[Finding]:
     if found.tare_after is None:
         return []

@@ -111,6 +111,8 @@ def fit_thrust(
             "better_form": voltage.better if voltage else None,
             "verification_rms_n": verification.rms_n if verification else None,
             "verification_rms_percent": verification.rms_percent if verification else None,
+            "verification_gain": verification.gain if verification else None,
+            "verification_gain_std": verification.gain_std if verification else None,
         },
         over_speed=over_speed,
         voltage=voltage,
@@ -130,9 +132,12 @@ def fit_speed(
 ) -> Result:
     """Fit one rotor's speed over command, and thrust over speed where both were measured; otherwise as `fit_thrust`.
 
-    With `rotors`, missing speeds are estimated from the load cell's vibration.
+    With `rotors`, missing speeds are estimated from the load cell's vibration. Tables of thrust and
+    speed without a command give thrust over speed alone.
     """
     found = evidence_of(points, stand, rotors)
+    if np.isnan(found.points.command).all():
+        return _of_speed_alone(found, method, robust=robust)
     with _with_findings(found):
         mapped = estimation.fit_speed(
             found.points, method=method, order=order, robust=robust, expected=found.expected or None
@@ -145,6 +150,25 @@ def fit_speed(
         over_speed=over_speed,
     )
     return _result(mapped, found, beside)
+
+
+def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
+    """Fit thrust over speed to points whose command nobody stated."""
+    with _with_findings(found):
+        mapped = estimation.fit_thrust_of_speed(found.points, method=method, robust=robust)
+    return Result(
+        command="fit speed",
+        method=method,
+        quantities=values.speed_parameters(mapped),
+        wanted=estimation.OVER_SPEED[:1],
+        covariances=values.covariances(over_speed=mapped),
+        quality={"points": len(mapped.thrust_n), "difference_n": mapped.difference_n},
+        findings=values.merged((*found.findings, *mapped.findings)),
+        sources=found.sources,
+        lines=found.lines,
+        drawings=lambda: {"thrust_of_speed": speed_thrust_figure(mapped)},
+        folder=found.paths[0].parent if found.paths else Path(),
+    )
 
 
 def fit_torque(

@@ -16,7 +16,8 @@ class Verification:
     """Thrusts (n,) of one motor by another instrument, beside the map's; up to command 1000 that is zero.
 
     `difference_n` is instrument less map, `percent` the same of the map's, nan where that is zero. `rms_n` and
-    `rms_percent` are over the points of a running motor.
+    `rms_percent` are over the points of a running motor. `gain` is the instrument's thrust over the map's, by least
+    squares, with the standard uncertainty that the scatter of three points or more gives it, else nan.
     """
 
     command: Array
@@ -26,6 +27,8 @@ class Verification:
     percent: Array
     rms_n: float
     rms_percent: float
+    gain: float
+    gain_std: float
 
 
 def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: float) -> Array:
@@ -58,6 +61,10 @@ def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> V
     difference = thrust_n - expected
     percent = np.full_like(expected, np.nan)
     np.divide(100 * difference, expected, out=percent, where=expected != 0)
+    ours, theirs = expected[running], thrust_n[running]
+    gain = float(ours @ theirs / (ours @ ours))
+    free = len(ours) - 1
+    scatter = float(np.sum((theirs - gain * ours) ** 2)) / free if free > 1 else math.nan
     return Verification(
         command=command,
         thrust_n=thrust_n,
@@ -66,4 +73,6 @@ def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> V
         percent=percent,
         rms_n=float(np.sqrt(np.mean(difference[running] ** 2))),
         rms_percent=float(np.sqrt(np.mean(percent[running] ** 2))),
+        gain=gain,
+        gain_std=math.sqrt(scatter / float(ours @ ours)),
     )

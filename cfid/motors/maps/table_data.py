@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from cfid.errors import CfidError, DataError
 from cfid.estimate.staircase import mean_beside, reduce_staircase
-from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, staircase_findings
+from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
-from cfid.motors.stand_points import points_of
+from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
@@ -62,7 +62,7 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
     """Reduce a thrust stand's record over time: thrust, speed and battery in the steady window of each command."""
     assert table.time_s is not None
     if table.thrust_n is None:
-        raise DataError(f"{table.path}: a record over time without a thrust cannot be reduced.")
+        return _of_speeds(table, stand)
     changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
     try:
         found = reduce_staircase(
@@ -90,6 +90,29 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
         reduced=(
             Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found, thrust=0),
         ),
+        paths=(table.path,),
+    )
+
+
+def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
+    """Reduce a record over time of speeds alone."""
+    shown = table.square_mean_speed_rad_s
+    if table.time_s is None or shown is None:
+        raise DataError(f"{table.path}: a record over time without a thrust or a speed cannot be reduced.")
+    changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
+    try:
+        found = reduce_speeds(
+            table.time_s, shown[:, np.newaxis], table.time_s[changes], np.outer(table.command[changes], (1, 0, 0, 0))
+        )
+        settled = found.steady()
+    except CfidError as error:
+        raise type(error)(f"{table.path}: {error}") from None
+    speed, findings = stand.divided(np.array([point.mean[0] for point in settled]), table.path.name)
+    return Evidence(
+        points=MotorPoints(command=np.array([float(point.command or 0) for point in settled]), speed_rad_s=speed),
+        lines=tuple(line_of(point, table.path.name) for point in found.points),
+        findings=(*recording(table.notes), *findings, *speed_findings(found, table.path.name)),
+        sources=(table.source,),
         paths=(table.path,),
     )
 

@@ -67,7 +67,7 @@ def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Pa
 
 
 def covariances(
-    found: MotorMap,
+    found: MotorMap | None = None,
     *,
     most: MaximumThrust | None = None,
     voltage: VoltageComparison | None = None,
@@ -77,7 +77,7 @@ def covariances(
 
     A rejected voltage cubic is kept apart, so that it can be removed alone.
     """
-    together = [_of_map(found, most), *(_of_speed(over_speed) if over_speed else ())]
+    together = [*([_of_map(found, most)] if found else []), *(_of_speed(over_speed) if over_speed else ())]
     cubic = [_of_voltage(voltage)] if voltage else []
     if voltage is not None and voltage.rejected:
         return (*_joint(together), *_joint(cubic))

@@ -47,4 +47,4 @@ def dynamics(
             raise DataError(f"{path}: no run folder; steps need the commands that a run has.")
         record = of_run(run, scale.reading(reading))
     result = replace(fit(record), folder=workplace.figures_beside([record.path]))
-    deliver(result, delivery, workplace.campaign)
+    deliver(result, delivery, workplace.campaign, workplace.own_rig)

@@ -85,4 +85,6 @@ def rotor(
         from_s=cut.from_s,
         to_s=cut.to_s,
     )
-    deliver(replace(result, folder=workplace.figures_beside([record.path])), delivery, workplace.campaign)
+    deliver(
+        replace(result, folder=workplace.figures_beside([record.path])), delivery, workplace.campaign, workplace.own_rig
+    )

@@ -28,6 +28,7 @@ HEADS = (
 )
 
 _HELD_ROWS = 5  # of one command, on average: from there on a table is a record over time
+_TURNING_RAD_S = 100.0  # faster than any rotor that stands, slower than any that flies
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
 
 
@@ -36,7 +37,8 @@ class StandTable:
     """A table's columns (n,) in SI units, None for absent ones; `columns` has the file's names of each.
 
     `thrust_n` is one motor's where the file has the sum of `motors` motors; where `motors` is None, it is as in the
-    file. `speeds_rad_s` (n, s) are as displayed: a motor's ("motor"), one rotor's in several series ("series"), four
+    file. `command` is nan where the file has thrust and speed alone. `speeds_rad_s` (n, s) are as displayed, nan where
+    a sensor was dead: a motor's ("motor"), one rotor's in several series ("series"), four
     rotors' at once ("rotors") or their mean ("mean"). `grams` is the reading of scales. `time_s` is None for settled
     points and an array for a record over time, whose `rate_hz` is None where a column gave the time.
     """
@@ -59,12 +61,12 @@ class StandTable:
     @property
     def mean_speed_rad_s(self) -> Array | None:
         """The mean over rotors or series (n,)."""
-        return None if self.speeds_rad_s is None else np.asarray(self.speeds_rad_s.mean(axis=1))
+        return None if self.speeds_rad_s is None else _mean_of_known(self.speeds_rad_s)
 
     @property
     def square_mean_speed_rad_s(self) -> Array | None:
         """The speed at which every rotor would give the mean of their thrusts (n,), by k w^2."""
-        return None if self.speeds_rad_s is None else np.asarray(np.sqrt((self.speeds_rad_s**2).mean(axis=1)))
+        return None if self.speeds_rad_s is None else np.sqrt(_mean_of_known(self.speeds_rad_s**2))
 
 
 class _Head(NamedTuple):
@@ -131,18 +133,21 @@ def read_stand_table(
     total = thrust is not None and thrust.head.kind.startswith("total")
     time_s, rate, time_notes = _times(table, found, rate_hz)
     cut = [CUT_LINE] if table.cut else []
-    notes = (*_total_note(thrust, gravity_mps2), *time_notes, *_unused_note(table, found), *cut)
+    rows = len(next(iter(found.values())).raw)
+    command = found["command"].value[:, 0] if "command" in found else np.full(rows, np.nan)
+    speeds_rad_s, dead = (None, ()) if speeds is None else _alive(speeds, command, settled=time_s is None)
+    notes = (*_total_note(thrust, gravity_mps2), *time_notes, *dead, *_unused_note(table, found), *cut)
     return StandTable(
         path=path,
         source=Source(str(path), table.sha256),
         columns={name: column.names for name, column in found.items()},
-        command=found["command"].value[:, 0],
+        command=command,
         thrust_n=None if thrust is None else _one_motors(thrust, gravity_mps2),
         motors=ROTORS if total else None,
         torque_nm=_single(found, "torque_nm"),
         vbat_v=_single(found, "vbat_v"),
         grams=_single(found, "grams"),
-        speeds_rad_s=None if speeds is None else speeds.value,
+        speeds_rad_s=speeds_rad_s,
         speeds=None if speeds is None else cast(Speeds, speeds.head.kind),
         time_s=time_s,
         rate_hz=rate,
@@ -184,20 +189,21 @@ def _check_heads(table: CsvTable, called: Mapping[str, list[tuple[_Head, str]]])
         bare = name.strip().lower()
         if any(bare.startswith(stems) and quantity not in called for quantity, stems in _STEMS.items()):
             raise DataError(f"{table.path}: column '{name}' has no known unit. Known names: {HEADS}.")
-    if "command" not in called or not any(quantity in called for quantity in _MEASURED):
+    without = {"thrust_n", "speeds_rad_s"} <= called.keys()  # thrust over speed needs no command
+    if not ("command" in called or without) or not any(quantity in called for quantity in _MEASURED):
         lacks = "nothing measured" if "command" in called else "no motor command"
         raise DataError(f"{table.path}: {lacks} among {table.listing}. Known names: {HEADS}.")
 
 
 def _check(table: CsvTable, found: Mapping[str, _Column]) -> None:
     """Refuse impossible values of a quantity, naming their line."""
-    command = found["command"]
-    percent = command.head.kind == "percent"
-    _refuse(table, command, command.raw < 0, "a command is zero or more.")
-    most = 100.0 if percent else FULL_COMMAND
-    _refuse(table, command, command.raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
-    if command.head.kind == "pwm" and 0 < command.raw.max() <= 100:
-        raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
+    if command := found.get("command"):
+        percent = command.head.kind == "percent"
+        _refuse(table, command, command.raw < 0, "a command is zero or more.")
+        most = 100.0 if percent else FULL_COMMAND
+        _refuse(table, command, command.raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
+        if command.head.kind == "pwm" and 0 < command.raw.max() <= 100:
+            raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
     if speeds := found.get("speeds_rad_s"):
         _refuse(table, speeds, speeds.raw < 0, "a speed is zero or more.")
     if battery := found.get("vbat_v"):
@@ -220,6 +226,31 @@ def _one_motors(thrust: _Column, gravity_mps2: float) -> Array:
     return value / ROTORS if thrust.head.kind else value
 
 
+def _alive(speeds: _Column, command: Array, *, settled: bool) -> tuple[Array, tuple[str, ...]]:
+    """Return speeds (n, s) with nan for a sensor that shows 0 while rotors turn, and a note.
+
+    They turn where another sensor shows it or, in a table of settled points, where one did at no larger command.
+    """
+    value = speeds.value
+    turning = value.max(axis=1)
+    if settled and np.isfinite(command).all():
+        turning = np.array([value[command <= one].max() for one in command])
+    dead = (value == 0) & (turning > _TURNING_RAD_S)[:, np.newaxis]
+    notes = [
+        f"'{name}' shows 0 in {count} rows in which rotors turn: its sensor is dead there, the values are missing."
+        for name, count in zip(speeds.names, dead.sum(axis=0).tolist(), strict=True)
+        if count
+    ]
+    return np.where(dead, np.nan, value), tuple(notes)
+
+
+def _mean_of_known(values: Array) -> Array:
+    """Return the mean of each row (n,) over what is known in it, nan for nothing."""
+    known = np.isfinite(values)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(known, values, 0.0).sum(axis=1) / known.sum(axis=1))
+
+
 def _single(found: Mapping[str, _Column], quantity: str) -> Array | None:
     return found[quantity].value[:, 0] if quantity in found else None
 
@@ -228,7 +259,9 @@ def _times(
     table: CsvTable, found: Mapping[str, _Column], rate_hz: float | None
 ) -> tuple[Array | None, float | None, tuple[str, ...]]:
     """Return times (n,) and the rate that made them, both None for settled points, and notes."""
-    command, time = found["command"], found.get("time_s")
+    command, time = found.get("command"), found.get("time_s")
+    if command is None:
+        return None, None, ()
     held = len(command.raw) / (1 + np.count_nonzero(np.diff(command.raw[:, 0])))
     if rate_hz is None and (held < _HELD_ROWS or not command.head.kind):
         return None, None, ()

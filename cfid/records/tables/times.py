@@ -79,7 +79,7 @@ def run_at(path: Path) -> Run | None:
 
 
 def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
-    """Return notes on a device's recording: cut or failed, samples lost, rows changed, simulated."""
+    """Return notes on a device's recording: cut or failed, samples lost or never taken, rows changed, simulated."""
     notes = []
     if run.cut:
         notes.append("the run was cut while recording; the rows on disk are used.")
@@ -87,6 +87,10 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
         notes.append(f"the run failed ({run.header.reason or 'no reason given'}); the recorded rows are used.")
     if record.lost:
         notes.append(f"{record.lost} samples were lost while recording.")
+    if record.achieved:
+        notes.append(
+            f"{record.skipped} samples were never taken ({record.achieved}): the device or this computer was slow."
+        )
     if record.rows is not None and record.rows != rows:
         notes.append(f"{record.rows} rows were recorded, but {record.file} has {rows}: the file was changed since.")
     if run.header.simulated:

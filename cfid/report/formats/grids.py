@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from cfid.report.agreement import Agreement
 from cfid.report.comparison import ComparisonRow, PublishedComparison
 from cfid.report.content import RunLine
 from cfid.report.formats.numbers import against, cell_text, plus_minus_in, power_of_ten, printed, with_power
@@ -20,6 +21,10 @@ ABOUT_REPEATS = (
     "quantity in a hundred falls below by chance. What all readings share, such as mass and geometry, is in each "
     "uncertainty but does not scatter: agreement does not prove that part, and the mean's uncertainty keeps it. "
     "Rejected readings are shown and left out of the test."
+)
+ABOUT_AGREEMENT = (
+    "One property by two experiments, with the difference over its joint uncertainty; causes that both share, as an "
+    "arm, count once. Beyond 3 standard uncertainties one of the two is wrong."
 )
 ABOUT_PUBLISHED = (
     "Published values in one unit, with their difference from yours. Vehicles, propellers, batteries and loads "
@@ -103,6 +108,29 @@ def _repeat_row(repeat: Repeat) -> tuple[str, ...]:
     mean = plus_minus_in(repeat.mean, repeat.mean_std, power)
     drift = plus_minus_in(repeat.drift, repeat.drift_std, power)
     return (repeat.quantity, with_power(repeat.unit, power), *readings, mean, drift, test, chance, agrees)
+
+
+def agreement_grid(agreements: tuple[Agreement, ...]) -> Grid:
+    """Return properties by two experiments each, with the difference over its joint uncertainty."""
+    return Grid(
+        ("", "first", "second", "unit", "difference", "over its std", "agree"),
+        tuple(_agreement_row(one) for one in agreements),
+    )
+
+
+def _agreement_row(one: Agreement) -> tuple[str, ...]:
+    power = power_of_ten([one.first_value, one.second_value])
+    first = plus_minus_in(one.first_value, one.first_std, power)
+    second = plus_minus_in(one.second_value, one.second_std, power)
+    return (
+        one.title,
+        f"{first} ({one.first})",
+        f"{second} ({one.second})",
+        with_power(one.unit, power),
+        plus_minus_in(one.difference, one.difference_std, power),
+        f"{one.in_std:+.1f}",
+        "yes" if one.agrees else "no",
+    )
 
 
 def comparison_grid(comparison: PublishedComparison, sources: dict[str, int]) -> Grid:

@@ -35,6 +35,11 @@ def _parts(report: Report) -> Iterator[str]:
     for experiment in report.experiments:
         yield from _experiment(experiment)
     yield from _repeats(report)
+    if report.agreements:
+        yield f"## Across experiments\n\n{grids.ABOUT_AGREEMENT}\n"
+        yield _table(grids.agreement_grid(report.agreements))
+        yield from (f"- {_plain(finding.text)}" for one in report.agreements for finding in one.findings)
+        yield ""
     yield from _published(report)
     if report.runs:
         yield "## Recordings\n"

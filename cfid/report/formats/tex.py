@@ -81,6 +81,10 @@ def _parts(report: Report) -> Iterator[str]:
         yield r"\footnotesize"
         yield from _longtable(grid, "l" * len(grid.head))
         yield r"\normalsize"
+    if report.agreements:
+        yield r"\subsection*{Across experiments}" + "\n" + r"\footnotesize"
+        yield from _longtable(grids.agreement_grid(report.agreements), "lp{5cm}p{5cm}llll")
+        yield _tex(" ".join(finding.text for one in report.agreements for finding in one.findings)) + r"\normalsize"
     yield from _published(report)
 
 

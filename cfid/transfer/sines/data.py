@@ -8,21 +8,26 @@ from pathlib import Path
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, warning
+from cfid.quantities.quantity import Range
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
-from cfid.records.run import Run
+from cfid.records.plausibility import Given, implausible_inputs
+from cfid.records.run import Run, refuse_contradiction, run_holding
 from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings, read_run_crossings
 from cfid.records.tables.index import IndexRow, read_index
 from cfid.records.tables.times import losses, run_at
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
-from cfid.transfer.sines.plan import Sine
+from cfid.transfer.sines.checks import mount_findings, torque_moments
+from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports
 from cfid.units import MM
 from cfid.wire.app import MIDDLE
 
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _MOST_SAMPLES = 2**32 - 1
+_ARM = Range(0.015, 0.3, "a Crazyflie has 0.046")
+_GAINS = ("tf.static_gain_n", "tf.numerator", "tf.series.*", "tf.frequency_response")
 _ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), where nobody states others
 
 
@@ -102,6 +107,7 @@ class _Reader:
     _names: dict[str, str] = field(default_factory=dict)  # of the run that has crossings of a hash
     _noted: dict[str, list[str]] = field(default_factory=dict)  # the names of files by the note on them
     _findings: list[Finding] = field(default_factory=list)
+    _moments: dict[float, Array] = field(default_factory=dict)  # of the torque, by yaw
     _rigs: list[RigFacts] = field(default_factory=list)
 
     def add_notes(self, path: Path, notes: Iterable[str]) -> None:
@@ -123,6 +129,9 @@ class _Reader:
             series=row.fields.get("series"),
         )
         name = f"l = {row.fields['l']} ({crossings.path.name})"
+        for path in (crossings.path, row.file("loadcell")):
+            if (run := run_holding(path)) is not None and run.header.kind == "sine":
+                _refuse_other_sine(f"{name}: {path}", sine, _sine(run))
         self._add(name, sine, crossings, row.file("loadcell"), facts)
 
     def add_run(self, run: Run, sine: Sine) -> None:
@@ -152,7 +161,11 @@ class _Reader:
             findings.append(note("thrust-of-all-motors", text, "tf.*"))
         return SineSet(
             series=self.series,
-            findings=(*findings, *dict.fromkeys(self._findings)),
+            findings=(
+                *findings,
+                *dict.fromkeys(self._findings),
+                *(one for yaw_deg, own in self._moments.items() for one in mount_findings(own, yaw_deg=yaw_deg)),
+            ),
             sources=tuple(dict.fromkeys(self.sources)),
             channel=self.channel,
             rigs=tuple(dict.fromkeys(self._rigs)),
@@ -163,11 +176,26 @@ class _Reader:
             raise DataError(f"{name}: its crossings are those of {known} too: name each run once.")
         self._names[crossings.source.sha256] = name
         time_s, force_n = self._thrust(loadcell, sine.motor, facts)
+        self._add_moments(self._cells[loadcell], sine, facts)
         reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
         recorded = RecordedSine(name=name, sine=sine, reports=reports, time_s=time_s, force_n=force_n)
         self.series.setdefault(sine.series or f"motor{sine.motor}", []).append(recorded)
         self.add_notes(crossings.path, crossings.notes)
         self.sources.append(crossings.source)
+
+    def _add_moments(self, cell: WrenchRecord, sine: Sine, facts: RigFacts) -> None:
+        """Add the torque at a sine's frequency, where it is projected on the arm."""
+        if self.channel != "arm" or sine.motor == 0 or not sine.periods or len(cell.time_s) < 2:
+            return
+        yaw_deg = self._mount(facts)[1]
+        own = torque_moments(
+            cell.time_s,
+            cell.torque_nm,
+            frequency_hz=sine.periods / (sine.samples * SAMPLE_S),
+            motor=sine.motor,
+            yaw_deg=yaw_deg,
+        )
+        self._moments[yaw_deg] = self._moments.get(yaw_deg, 0) + own
 
     def _thrust(self, path: Path, motor: int, facts: RigFacts) -> tuple[Array, Array]:
         """Return host's times (n,) in s and thrust (n,) in N, with its bias, of a load cell's file or run."""
@@ -191,7 +219,15 @@ class _Reader:
         if yaw_deg is None and self.channel == "arm":
             text = assumed(f"a yaw of {_YAW_DEG:g} degrees on the load cell is", "yaw_deg")
             self._findings.append(note("fact-assumed", text, "tf.*"))
+        self._findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
         return arm_m, _YAW_DEG if yaw_deg is None else yaw_deg
+
+
+def _refuse_other_sine(where: str, given: Sine, own: Sine) -> None:
+    """Raise ConfigError for a row of an index that contradicts the run that its file lies in."""
+    names = {"l": "periods", "n": "samples", "amplitude": "amplitude", "motor": "motor"}
+    stated = [{name: getattr(sine, of) for name, of in names.items()} for sine in (given, own)]
+    refuse_contradiction(where, *stated)
 
 
 def _run(run: Run | Path | str) -> Run:

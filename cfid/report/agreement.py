@@ -1,0 +1,203 @@
+"""Compare what different experiments say about one property of the vehicle, over the joint uncertainty.
+
+Causes that both fits share, such as an arm, count once: they move both alike.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cfid.estimate.differences import Compared, Difference, difference, number_of
+from cfid.findings import Finding, warning
+from cfid.quantities.lookup import unit_of
+from cfid.records.fits import Fit
+from cfid.records.parameters import Section, plain
+from cfid.records.rig_file import Rig
+from cfid.report.known import Known
+from cfid.wire.app import MIDDLE
+
+LARGEST_IN_STD = 3.0  # standard uncertainties of the difference, beyond which the two disagree
+_PARALLEL = 1e-3  # rad, between the directions of two mounts
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Two values of one property with their standard uncertainties, their difference, and whether they agree.
+
+    `at_least` is true where the first may exceed the second. `in_std` is the difference over its standard uncertainty.
+    """
+
+    title: str
+    first: str
+    second: str
+    unit: str
+    first_value: float
+    first_std: float
+    second_value: float
+    second_std: float
+    difference: float
+    difference_std: float
+    in_std: float
+    at_least: bool = False
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the two agree."""
+        return self.in_std >= -LARGEST_IN_STD and (self.at_least or self.in_std <= LARGEST_IN_STD)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A warning where they do not agree."""
+        if self.agrees:
+            return ()
+        text = (
+            f"{self.title}: {self.first} gives {self.first_value:.4g} {self.unit}, {self.second} "
+            f"{self.second_value:.4g} {self.unit}: {abs(self.in_std):.1f} standard uncertainties of the difference "
+            f"apart (limit {LARGEST_IN_STD:g}). One of the two is wrong: check scales, mounts and battery of both."
+        )
+        return (warning("experiments-disagree", text),)
+
+
+def agreements_of(known: Known, latest: Mapping[str, Fit]) -> tuple[Agreement, ...]:
+    """Return the comparisons that a campaign's parameters allow; `latest` has the last fit of each section.
+
+    Rejected quantities are not compared, nor those without a standard uncertainty.
+    """
+    return (
+        *_gains(known),
+        *_hovering(known),
+        *_scales(latest),
+        *_time_constants(known),
+        *_clocks(known, latest),
+        *_distances(known),
+    )
+
+
+def _gains(known: Known) -> Iterator[Agreement]:
+    """Compare each static gain of the transfer function with the slope of the thrust map at the sines' middle."""
+    slope = _sound(known, "motor.thrust_poly")
+    if slope is None:
+        return
+    section, key = slope
+    powers = range(len(section.parameters[key].value) - 1, -1, -1)
+    map_slope = _number(slope, [power * MIDDLE ** max(power - 1, 0) for power in powers])
+    series = sorted(key for section in known.sections.values() for key in section.parameters if _is_series_gain(key))
+    for key in ("tf.static_gain_n", *dict.fromkeys(series)):
+        if (gain := _sound(known, key)) is not None:
+            name = key.removeprefix("tf.").removesuffix("static_gain_n").removeprefix("series.").rstrip(".")
+            first = f"cfid tf identify{f', {name}' if name else ''}"
+            title = f"Thrust per command about {MIDDLE:.0f}"
+            yield from _compared(title, (first, _number(gain)), ("cfid fit thrust", map_slope), unit_of(key))
+
+
+def _is_series_gain(key: str) -> bool:
+    return key.startswith("tf.series.") and key.endswith(".static_gain_n")
+
+
+def _hovering(known: Known) -> Iterator[Agreement]:
+    """Compare the mass that four motors hold at full command with the weighed one: it flies."""
+    held = _sound(known, "motor.hover_mass_kg")
+    if held is None:
+        return
+    vehicle = known.rig.vehicle
+    weighed = Compared(vehicle.mass_kg, vehicle.mass_std_kg, {})
+    first = ("cfid fit thrust, four motors at full command", _number(held))
+    yield from _compared("Mass held, at least that weighed", first, ("rig.toml", weighed), "kg", at_least=True)
+
+
+def _scales(latest: Mapping[str, Fit]) -> Iterator[Agreement]:
+    """Compare the thrust map with scales, as the ratio of the two."""
+    quality = latest["thrust"].quality if "thrust" in latest else {}
+    gain, std = quality.get("verification_gain"), quality.get("verification_gain_std")
+    if gain is None or not std:
+        return
+    sides = ("scales over map", Compared(gain, std, {})), ("agreement", Compared(1.0, 0.0, {}))
+    yield from _compared("Thrust by scales over the thrust map", *sides, "1")
+
+
+def _time_constants(known: Known) -> Iterator[Agreement]:
+    """Compare the time constant of steps with that of the transfer function.
+
+    A sine sees a mean of spinning up and down: the scatter of the steps, not that of their mean, is the uncertainty.
+    """
+    steps, lag = known.find("dynamics.time_constant_s"), _sound(known, "tf.time_constant_s")
+    if steps is None or steps.rejected or lag is None:
+        return
+    rows: Sequence[Mapping[str, Any]] = [row for row in plain(steps.parameter.value) if row.get("accepted")]
+    if len(rows) < 2:
+        return
+    values = np.array([row["time_constant_s"] for row in rows], dtype=np.float64)
+    stds = np.array([row["std_s"] or 0.0 for row in rows], dtype=np.float64)
+    of_steps = Compared(float(values.mean()), math.hypot(values.std(ddof=1), float(np.sqrt(np.mean(stds**2)))), {})
+    sides = ("cfid fit dynamics, mean of steps", of_steps), ("cfid tf identify", _number(lag))
+    yield from _compared("Time constant of motor and rotor", *sides, "s")
+
+
+def _clocks(known: Known, latest: Mapping[str, Fit]) -> Iterator[Agreement]:
+    """Compare the rate of the vehicle's clock by pings with that by crossings, which scatters from run to run."""
+    pings = _sound(known, "latency.clock_skew")
+    runs = latest["tf"].quality.get("series", {}) if "tf" in latest else {}
+    skews = [skew for one in runs.values() for skew in one.get("clock_skew", ())]
+    if pings is None or len(skews) < 2:
+        return
+    of_runs = Compared(float(np.mean(skews)), float(np.std(skews, ddof=1)), {})
+    sides = ("cfid tf latency", _number(pings)), ("cfid tf identify, crossings", of_runs)
+    yield from _compared("Rate of the vehicle's clock, less one", *sides, "1")
+
+
+def _distances(known: Known) -> Iterator[Agreement]:
+    """Compare the inertias about the centre of mass by two mounts along one axis."""
+    key = "inertia.centre_kg_m2"
+    for first, second in _parallel_mounts(known.rig):
+        one, other = _sound(known, f"{key}.{first}"), _sound(known, f"{key}.{second}")
+        if one is not None and other is not None:
+            sides = (f"mount {first}", _number(one)), (f"mount {second}", _number(other))
+            yield from _compared("Inertia about one axis by two distances", *sides, unit_of(f"{key}.{first}"))
+
+
+def _parallel_mounts(rig: Rig) -> Iterator[tuple[str, str]]:
+    directions = {name: np.array(mount.direction) / math.hypot(*mount.direction) for name, mount in rig.mounts.items()}
+    names = list(directions)
+    for place, first in enumerate(names):
+        for second in names[place + 1 :]:
+            if np.linalg.norm(np.cross(directions[first], directions[second])) < _PARALLEL:
+                yield first, second
+
+
+def _sound(known: Known, key: str) -> tuple[Section, str] | None:
+    """Return the section of an accepted parameter with a standard uncertainty, and its key."""
+    found = known.find(key)
+    if found is None or found.rejected or found.parameter.std is None:
+        return None
+    return found.section, key
+
+
+def _number(found: tuple[Section, str], weights: Sequence[float] = (1.0,)) -> Compared:
+    return number_of(*found, weights)
+
+
+def _compared(
+    title: str, first: tuple[str, Compared], second: tuple[str, Compared], unit: str, *, at_least: bool = False
+) -> Iterator[Agreement]:
+    """Yield a comparison, unless its joint uncertainty is unknown."""
+    (first_name, one), (second_name, other) = first, second
+    apart: Difference = difference(one, other)
+    if not (math.isfinite(apart.value) and math.isfinite(apart.std) and apart.std > 0):
+        return
+    yield Agreement(
+        title=title,
+        first=first_name,
+        second=second_name,
+        unit=unit,
+        first_value=one.value,
+        first_std=one.std,
+        second_value=other.value,
+        second_std=other.std,
+        difference=apart.value,
+        difference_std=apart.std,
+        in_std=apart.in_std,
+        at_least=at_least,
+    )

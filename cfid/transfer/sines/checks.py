@@ -1,0 +1,48 @@
+"""Whether the torque of sines lies where the arm of their motor is: it tells a wrong yaw of the load cell."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.findings import Finding, rejection
+from cfid.records.frames import turn_about_z
+from cfid.units import MOTOR_AZIMUTH_DEG
+
+Array = npt.NDArray[np.float64]
+
+_FARTHEST_DEG = 20.0  # from the arm, beyond cross-talk and a mount by eye; a gain is then 6 % too small
+_CLEAR = 9.0  # of the power along the torque's direction over that across, from where it has one
+_RESTING = (
+    "tf.static_gain_n", "tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response",
+)  # fmt: skip
+
+
+def torque_moments(time_s: Array, torque_nm: Array, *, frequency_hz: float, motor: int, yaw_deg: float) -> Array:
+    """Return the second moments (2, 2) of torque (n, 3) at a frequency, about the motor's arm and along it.
+
+    Torque about the arm's normal is that of thrust. `yaw_deg` turns the cell's vectors into the vehicle's frame.
+    """
+    angle, turned = math.radians(MOTOR_AZIMUTH_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
+    about = math.sin(angle) * turned[:, 0] - math.cos(angle) * turned[:, 1]
+    along = math.cos(angle) * turned[:, 0] + math.sin(angle) * turned[:, 1]
+    both = np.stack([about, along])
+    both -= both.mean(axis=1, keepdims=True)
+    wave = np.hanning(len(time_s)) * np.exp(-2j * math.pi * frequency_hz * (time_s - time_s[0]))
+    at = both @ wave / len(time_s)
+    return np.asarray(np.outer(at, at.conj()).real)
+
+
+def mount_findings(moments: Array, *, yaw_deg: float) -> tuple[Finding, ...]:
+    """Reject gains where the torque, of moments (2, 2) summed over all sines, does not lie at the motor's arm."""
+    across, along = np.linalg.eigvalsh(moments)
+    off_deg = math.degrees(0.5 * math.atan2(2 * moments[0, 1], moments[0, 0] - moments[1, 1]))
+    if along < _CLEAR * across or abs(off_deg) <= _FARTHEST_DEG:
+        return ()
+    lost = 100 * (1 - math.cos(math.radians(off_deg)))
+    text = (
+        f"the torque of the sines lies {abs(off_deg):.0f} degrees off that of the motor's arm (limit "
+        f"{_FARTHEST_DEG:g}), and the gain would be {lost:.0f} % too small: is the load cell's yaw "
+        f"{yaw_deg - off_deg:.0f} degrees, not {yaw_deg:g}, or did another motor run?"
+    )
+    return (rejection("sine-torque-off-arm", text, *_RESTING),)

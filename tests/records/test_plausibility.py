@@ -1,0 +1,66 @@
+"""What the rig's platform cannot have is rejected where a result is kept; physics alone judges another body."""
+
+from pathlib import Path
+
+import pytest
+
+from cfid.errors import FitError
+from cfid.quantities.plausible import implausible
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Parameter
+from cfid.records.plausibility import judged
+from cfid.records.result import Result
+from cfid.records.rig_file import RIG_FILE, Rig, load_rig, new_rig_text, thesis_rig
+
+
+def of(platform: str) -> Rig:
+    rig = thesis_rig()
+    return rig.model_copy(update={"vehicle": rig.vehicle.model_copy(update={"platform": platform})})
+
+
+def result(key: str, value: object, std: object = None) -> Result:
+    return Result(command="fit x", section="x", method="default", quantities={key: Parameter(value=value, std=std)})
+
+
+def test_a_pendulum_of_a_kilogram_passes_as_another_body_only() -> None:
+    swing = result("swing.axis_inertia_kg_m2", 0.5)
+    assert judged(swing, of("other")).accepted
+    assert not judged(swing, of("cf2")).accepted
+    assert "kg" in judged(swing, None).rejected["swing.axis_inertia_kg_m2"]
+
+
+def test_a_static_gain_over_an_arm_of_46_metres_is_never_accepted() -> None:
+    found = judged(result("tf.static_gain_n", 2.4e-9, 1e-11), of("cf2"))
+    assert not found.accepted
+    assert found.findings[0].concerns("tf.numerator")
+    assert not found.findings[0].concerns("tf.time_constant_s")
+    assert judged(result("tf.static_gain_n", -2.4e-6, 1e-8), of("cf2")).accepted  # the sign is another matter
+
+
+def test_a_known_vehicle_has_narrow_ranges_that_an_uncertain_number_may_leave() -> None:
+    key = "drag.simple_kg_per_rad"
+    assert judged(result(key, [-9e-7, -9e-7, -1e-6], [1e-8] * 3), of("cf2")).accepted
+    assert not judged(result(key, [-4.7e-7, -4.7e-7, -5e-7], [1e-8] * 3), of("cf2")).accepted
+    assert judged(result(key, [-4.7e-7, -9e-7, -1e-6], [2e-7, 1e-8, 1e-8]), of("cf2")).accepted
+    assert judged(result(key, [-4.7e-7, -4.7e-7, -5e-7], [1e-8] * 3), of("crazyflie")).accepted
+    assert implausible("mass_kg", 0.5, platform="cf2").startswith("mass_kg is implausible")
+    assert not implausible("mass_kg", 0.5)
+
+
+def test_physics_holds_for_another_body_too() -> None:
+    matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0]]
+    assert "is not that of a body" in implausible("inertia.matrix_kg_m2", matrix, platform="other")
+    assert implausible("gravity_mps2", 981.0, platform="other")
+
+
+def test_a_campaign_keeps_what_is_implausible_by_force_alone_and_marks_it(tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    campaign = Campaign(folder=tmp_path, rig=load_rig(tmp_path / RIG_FILE))
+    most = result("motor.max_thrust_n", 15.0)
+    with pytest.raises(FitError, match=r"15\.0 N: "):
+        campaign.keep(most)
+    assert campaign.sections() == {}
+    campaign.keep(most, force=True)
+    section = campaign.sections()["x"]
+    assert not section.accepted
+    assert "motor.max_thrust_n" in section.rejected

@@ -1,0 +1,147 @@
+"""Experiments that measure one property are compared over the joint uncertainty of their difference."""
+
+from pathlib import Path
+
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Parameter, Section, store_section
+from cfid.records.rig_file import load_rig
+from cfid.report.agreement import Agreement
+from cfid.report.formats.render import rendered
+from tests.report.fits_by_hand import new_campaign, put, report_of
+
+SLOPE = 2 * 2.13e-11 * 30000 + 1.0326e-6  # N per command, about the middle of the sines
+
+
+def thrust(campaign: Campaign, *, gain: float = 1.0, held_kg: float = 0.06, **quality: float) -> None:
+    values = [2.13e-11 * gain, 1.0326e-6 * gain, 5.48e-4]
+    put(
+        campaign,
+        "thrust",
+        {
+            "motor.thrust_poly": Parameter(value=values, std=[0.0, 0.01e-6, 0.0], unit="N(cmd)"),
+            "motor.hover_mass_kg": Parameter(value=held_kg, std=0.001, unit="kg"),
+        },
+        quality=quality,
+    )
+
+
+def tf(campaign: Campaign, *, gain: float = SLOPE, lag_s: float = 0.065) -> None:
+    put(
+        campaign,
+        "tf",
+        {
+            "tf.static_gain_n": Parameter(value=gain, std=0.02e-6, unit="N"),
+            "tf.series.motor1.static_gain_n": Parameter(value=gain, std=0.02e-6, unit="N"),
+            "tf.time_constant_s": Parameter(value=lag_s, std=0.001, unit="s"),
+        },
+        quality={"series": {"motor1": {"clock_skew": [1e-5, 1.2e-5, 0.8e-5]}}},
+    )
+
+
+def found(campaign: Campaign, title: str) -> Agreement:
+    (one, *_) = (one for one in report_of(campaign).agreements if one.title.startswith(title))
+    return one
+
+
+def test_the_static_gain_is_compared_with_the_slope_of_the_thrust_map(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign)
+    tf(campaign)
+    assert found(campaign, "Thrust per command").agrees
+    tf(campaign, gain=0.707 * SLOPE)
+    apart = found(campaign, "Thrust per command")
+    assert not apart.agrees
+    assert apart.in_std < -20
+    assert "standard uncertainties of the difference apart (limit 3)" in apart.findings[0].text
+    assert sum(one.title.startswith("Thrust per command") for one in report_of(campaign).agreements) == 2
+
+
+def test_a_cause_that_both_share_counts_once(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign)
+    tf(campaign)
+    before = found(campaign, "Thrust per command").difference_std
+    for name, keys in (("thrust", ["motor.thrust_poly"]), ("tf", ["tf.static_gain_n"])):
+        section = campaign.sections()[name]
+        effects = {key: [0.01 * value for value in _numbers(section, key)] for key in keys}
+        parameters = dict(section.parameters)
+        for key in keys:
+            own = section.parameters[key]
+            stds = own.std if isinstance(own.std, list) else [own.std]
+            total = [(std**2 + effect**2) ** 0.5 for std, effect in zip(stds, effects[key], strict=True)]
+            parameters[key] = Parameter(value=own.value, std=total if isinstance(own.std, list) else total[0])
+        fields = {**vars(section), "parameters": parameters, "common": {"loadcell gain": effects}}
+        store_section(campaign.parameters_file, name, Section(**fields))
+    assert abs(found(campaign, "Thrust per command").difference_std / before - 1) < 0.01
+
+
+def _numbers(section: Section, key: str) -> list[float]:
+    value = section.parameters[key].value
+    return value if isinstance(value, list) else [value]
+
+
+def test_four_motors_hold_at_least_the_weighed_mass(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign, held_kg=0.06)
+    assert found(campaign, "Mass held").agrees
+    thrust(campaign, held_kg=0.015)
+    assert not found(campaign, "Mass held").agrees
+
+
+def test_scales_that_read_half_the_thrust_disagree(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign, verification_gain=1.003, verification_gain_std=0.004)
+    assert found(campaign, "Thrust by scales").agrees
+    thrust(campaign, verification_gain=0.5, verification_gain_std=0.004)
+    assert not found(campaign, "Thrust by scales").agrees
+
+
+def test_time_constants_and_clocks_are_compared(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    tf(campaign)
+    rows = [{"time_constant_s": 0.06 + 0.002 * i, "std_s": 0.001, "accepted": True} for i in range(4)]
+    put(campaign, "dynamics", {"dynamics.time_constant_s": Parameter(value=rows)})
+    put(campaign, "latency", {"latency.clock_skew": Parameter(value=1.1e-5, std=1e-6, unit="1")})
+    assert found(campaign, "Time constant").agrees
+    assert found(campaign, "Rate of the vehicle's clock").agrees
+    tf(campaign, lag_s=0.1)
+    put(campaign, "latency", {"latency.clock_skew": Parameter(value=5e-5, std=1e-6, unit="1")})
+    assert not found(campaign, "Time constant").agrees
+    assert not found(campaign, "Rate of the vehicle's clock").agrees
+
+
+def test_two_distances_of_one_axis_are_compared(tmp_path: Path) -> None:
+    text = "\n[mounts.x-far]\npoint_mm = [0.0, 42.0, 18.95]\ndirection = [-2, 0, 0]\n"
+    campaign = new_campaign(tmp_path)
+    with (tmp_path / "rig.toml").open("a") as file:
+        file.write(text)
+    campaign = Campaign(folder=tmp_path, rig=load_rig(tmp_path / "rig.toml"))
+    for far, agrees in ((16.6e-6, True), (19.0e-6, False)):
+        put(
+            campaign,
+            "inertia",
+            {
+                "inertia.centre_kg_m2.x": Parameter(value=16.5e-6, std=2e-7, unit="kg m^2"),
+                "inertia.centre_kg_m2.x-far": Parameter(value=far, std=2e-7, unit="kg m^2"),
+            },
+        )
+        assert found(campaign, "Inertia about one axis").agrees is agrees
+
+
+def test_rejected_quantities_are_not_compared(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign)
+    put(campaign, "tf", {"tf.static_gain_n": Parameter(value=1e-7, std=1e-9, unit="N")}, rejected="noise")
+    assert not any(one.title.startswith("Thrust per") for one in report_of(campaign).agreements)
+
+
+def test_every_format_has_the_table_and_the_disagreement(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    thrust(campaign)
+    tf(campaign, gain=0.707 * SLOPE)
+    report = report_of(campaign)
+    for form in ("html", "md", "tex"):
+        text = rendered(report, form, tmp_path)
+        assert "Across experiments" in text, form
+        assert "of the difference apart" in text, form
+    assert report.as_json()["agreements"][0]["in_std"] < -3
