@@ -4,6 +4,7 @@ The vehicle reports its first sample, each crossing of the middle, and with the 
 (C.2.4). cfid's app adds sample and time on board; the module of 2015 does not, and its omega is a float32.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -144,12 +145,15 @@ def _by_order(sine: Sine, place: Array, expected: Rows) -> tuple[Rows, Rows]:
     missing = len(expected) - len(place)
     if missing == 0:
         return np.arange(len(place)), expected
-    if sine.half_period_s < _DENSE_S:
+    if sine.half_period_s < _UNRESOLVED_S:
         return np.array([0]), expected[:1]  # the others might be taken for their neighbours
     skipped = _skipped(place, expected, missing, half_period=sine.half_period_s / SAMPLE_S)
-    # Beside a gap it is uncertain by which report it is.
-    certain = (np.diff(skipped, prepend=0) == 0) & (np.diff(skipped, append=skipped[-1]) == 0)
-    rows = np.flatnonzero(certain)
+    # Beside a gap it is uncertain by which report it is, the more so the denser they are.
+    beside = max(1, math.ceil(_DENSE_S / sine.half_period_s))
+    gaps = np.flatnonzero(np.diff(skipped, prepend=0))
+    near = np.abs(np.arange(len(place))[:, None] - gaps + 0.5).min(axis=1, initial=math.inf) < beside
+    rows = np.flatnonzero(~near)
+    rows = rows if len(rows) else np.array([0])
     return rows, expected[rows + skipped[rows]]
 
 
