@@ -28,7 +28,7 @@ COUNTER_S = 2**32 / 1e6  # after which 32 bits of microseconds wrap
 _RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
 _FEW = 3.0  # over n - 2: the part by which standard uncertainties are widened, as few points give a poor mean
 _FEWEST = 3
-_PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 24  # stamps of a part of a record, of which the least is taken, and parts
+_PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 12  # stamps of a part of a record, of which the least is taken, and parts
 _WANDERS = 1.5  # times the scatter of the least of exponentials, from where they are not exponentials'
 
 

@@ -21,6 +21,7 @@ _SLACK_S = 0.3  # that the radio may add to the length of a run
 _DENSE_S = 0.1  # between crossings that may be taken for each other
 _UNRESOLVED_S = 0.03  # between crossings whose times do not separate them, and of which the radio may lose most
 _SAME, _AS_GOOD = 0.4, 0.7  # of a period; of the largest coherence
+_EARLY = 10.0  # times as unlikely as a report that is late is one that comes as much before the others
 _LOST, _LOST_DENSE = 0.5, 0.9  # share of reports that may be missing
 
 
@@ -163,15 +164,24 @@ def _skipped(place: Array, expected: Rows, missing: int, *, half_period: float) 
     By how much is tried too; for each it is the cheapest path through reports and numbers lost, which only grow.
     """
     late = place[:, None] - np.lib.stride_tricks.sliding_window_view(expected, missing + 1)
-    tried = half_period * np.arange(-1, missing + 1.1, 0.2)
-    best = np.zeros((1, len(tried), missing + 1))
-    for row in late:
-        cheapest = np.minimum.accumulate(best[-1], axis=1) + np.abs(row - tried[:, None])
-        best = np.concatenate([best, cheapest[None]])
-    path = best[1:, int(best[-1].min(axis=1).argmin())]
+    coarse = half_period * np.arange(-1, missing + 1.1, 0.2)
+    best = _cheapest(late, coarse)[-1].min(axis=1).argmin()
+    fine = coarse[best] + half_period * np.arange(-0.2, 0.21, 0.02)
+    costs = _cheapest(late, fine)
+    path = costs[1:, int(costs[-1].min(axis=1).argmin())]
     skipped = np.empty(len(place), dtype=np.intp)
     most = missing
     for at in range(len(place) - 1, -1, -1):
         most = int(path[at, : most + 1].argmin())
         skipped[at] = most
     return skipped
+
+
+def _cheapest(late: Array, tried: Array) -> Array:
+    """Return the costs (reports + 1, tried, lost + 1) of the cheapest paths up to each report and number lost."""
+    costs = np.zeros((1 + len(late), len(tried), late.shape[1]))
+    for place, row in enumerate(late):
+        over = row - tried[:, None]
+        away = np.where(over > 0, over, -_EARLY * over)
+        costs[place + 1] = np.minimum.accumulate(costs[place], axis=1) + away
+    return costs
