@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cfid.lazy import attached
 
 if TYPE_CHECKING:
-    from cfid import drag, friction, inertia, latency, motors, swing, transfer
+    from cfid import drag, friction, inertia, latency, loadcell, motors, swing, transfer
     from cfid.records.campaign import open_campaign
     from cfid.records.run import read_run
     from cfid.records.tables.any_kind import read_table
@@ -20,6 +20,7 @@ __all__ = [
     "friction",
     "inertia",
     "latency",
+    "loadcell",
     "motors",
     "open_campaign",
     "read_run",
@@ -31,9 +32,9 @@ __all__ = [
 __getattr__, __dir__ = attached(
     __name__,
     {
+        **dict.fromkeys(__all__, ""),
         "open_campaign": "records.campaign",
         "read_run": "records.run",
         "read_table": "records.tables.any_kind",
-        **dict.fromkeys(("drag", "friction", "inertia", "latency", "motors", "swing", "transfer"), ""),
     },
 )

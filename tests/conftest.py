@@ -19,6 +19,11 @@ settings.register_profile("cfid", deadline=None, derandomize=True)
 settings.load_profile("cfid")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tutorial: it takes longer than any other test, and nothing else should wait for its end."""
+    items.sort(key=lambda item: item.path.name != "test_tutorial.py")
+
+
 @pytest.fixture(autouse=True, scope="session")
 def locks_of_the_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep the locks that tests take apart from those of the computer's users."""

@@ -13,11 +13,13 @@ import json
 import os
 import pkgutil
 import select
+import shutil
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -26,6 +28,21 @@ from tests.places import ROOT
 
 _ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # what commands that reach devices have in common
 _NUMBER = 8  # characters of a number that is reported
+_AT_THE_DOOR = """#!{python} -IS
+import json, os, signal, socket, sys
+words = sys.argv[3:] if sys.argv[1:3] == ["-m", "cfid.cli.main"] else sys.argv[1:]
+wanted = json.dumps([words, os.getcwd(), dict(os.environ)]).encode()
+reports, report = os.pipe()
+with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
+    asking.connect({door!r})
+    socket.send_fds(asking, [wanted], [0, 1, 2, report])
+os.close(report)
+child = int(os.read(reports, {length}))
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, lambda number, _: os.kill(child, number))
+code = os.waitstatus_to_exitcode(int(os.read(reports, {length})))
+sys.exit(code if code >= 0 else 128 - code)
+"""
 
 
 def started(
@@ -104,37 +121,58 @@ class Forked:
         return int(os.read(self._reports, _NUMBER))
 
 
+@contextlib.contextmanager
+def cfid_in_a_shell() -> Iterator[Path]:
+    """Make a folder for a shell's PATH whose program `cfid` forks what it runs, and so does cfid that runs cfid."""
+    with (
+        tempfile.TemporaryDirectory(prefix="cfid") as folder,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as door,
+    ):
+        program, place = Path(folder) / "cfid", f"{folder}/door"
+        door.bind(place)
+        program.write_text(_AT_THE_DOOR.format(python=sys.executable, door=place, length=_NUMBER))
+        program.chmod(0o755)
+        with _nursery_of(door):
+            yield program.parent
+
+
 @functools.cache
 def _nursery() -> socket.socket:
     """Start the process that others are forked from; it ends with this one."""
+    opened = contextlib.ExitStack()
+    atexit.register(opened.close)
+    return opened.enter_context(_nursery_of())
+
+
+@contextlib.contextmanager
+def _nursery_of(*doors: socket.socket) -> Iterator[socket.socket]:
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with its:
+        handles = [handle.fileno() for handle in (its, *doors)]
         # `motors stop` signals a process of this user whose command line has the word cfid, and no other.
-        command = [sys.executable, "-W", "error", "-m", "tests.processes", "cfid", str(its.fileno())]
-        process = subprocess.Popen(command, pass_fds=[its.fileno()], cwd=ROOT)
-
-    def end() -> None:
+        command = [sys.executable, "-W", "error", "-m", "tests.processes", "cfid", *map(str, handles)]
+        process = subprocess.Popen(command, pass_fds=handles, cwd=ROOT)
+    try:
+        yield ours
+    finally:
         ours.close()
         process.wait()
 
-    atexit.register(end)
-    return ours
 
-
-def _import_all() -> None:
-    for room in map(importlib.import_module, _ROOMS):
+def _import_all(rooms: Iterable[str]) -> None:
+    for room in map(importlib.import_module, rooms):
         for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
             importlib.import_module(module.name)
     load_library()  # compiled once for all
     gc.freeze()  # a child that leaves does not look through all this
 
 
-def _born(asking: socket.socket) -> list[str]:
-    """Fork a process for everything that is asked and return its words in it; end here when nobody asks any more."""
+def _born(asking: Sequence[socket.socket]) -> list[str]:
+    """Fork a process for everything that is asked and return its words in it; end here when the first is closed."""
     while True:
-        wanted, handles, _, _ = socket.recv_fds(asking, 1 << 20, 4)
+        asked = select.select(asking, [], [])[0][0]
+        wanted, handles, _, _ = socket.recv_fds(asked, 1 << 20, 4)
         if not wanted:
-            asking.close()
             sys.exit()
         if os.fork() == 0:
             break
@@ -143,7 +181,8 @@ def _born(asking: socket.socket) -> list[str]:
         with contextlib.suppress(ChildProcessError):
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
-    asking.close()
+    for each in asking:
+        each.close()
     *files, report = handles
     _keep(report)
     os.close(report)
@@ -154,6 +193,8 @@ def _born(asking: socket.socket) -> list[str]:
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
+    if asked is not asking[0]:  # what it starts with its own Python comes to the same door
+        sys.executable = str(shutil.which("cfid"))
     sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)  # noqa: SIM115 - as Python opens them
     sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
     return [str(word) for word in words]
@@ -170,7 +211,8 @@ def _keep(report: int) -> None:
 
 
 if __name__ == "__main__":
-    _import_all()
+    sockets = [socket.socket(fileno=int(number)) for number in sys.argv[2:]]
+    _import_all(_ROOMS if len(sockets) == 1 else ["cfid"])
     from cfid.cli.main import main
 
-    main(_born(socket.socket(fileno=int(sys.argv[2]))))
+    main(_born(sockets))

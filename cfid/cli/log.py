@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
@@ -32,6 +33,33 @@ class LabelOptions:
         typer.Option(help="What swings; default with --axis: crazyflie.", rich_help_panel=_LABEL),
     ] = None
     note: Annotated[str | None, typer.Option(help="A note, kept with the run.", rich_help_panel=_LABEL)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadOptions:
+    """A known load on the load cell, for `cfid fit loadcell`."""
+
+    pull: Annotated[
+        Literal["x", "-x", "y", "-y", "z", "-z"] | None,
+        typer.Option(help="Axis of the cell along which gravity points, to calibrate it.", rich_help_panel=_LABEL),
+    ] = None
+    at_mm: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Where the weight hangs, from the cell's origin.", rich_help_panel=_LABEL),
+    ] = None
+
+    def on(self, label: "Label") -> "Label":
+        """Return the label with the load. Raises ConfigError for a place or a weight that lacks the other options."""
+        from cfid.errors import ConfigError
+
+        if self.pull is None and (self.at_mm or label.weight_g):
+            raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
+        if self.at_mm and not label.weight_g:
+            raise ConfigError("--at-mm: is where a weight hangs: give --weight too.")
+        place = None if self.at_mm is None else comma_list(self.at_mm, "--at-mm", float, example="46,0,0")
+        if place is not None and len(place) != 3:
+            raise ConfigError(f"--at-mm {self.at_mm}: should be three numbers, as in 46,0,0.")
+        return label.model_copy(update={"pull": self.pull, "at_mm": place})
 
 
 @flat
@@ -81,6 +109,7 @@ def encoder(
 def loadcell(
     *,
     label: LabelOptions,
+    load: LoadOptions,
     lasting: Lasting,
     keep: KeepOptions,
     address: Annotated[str | None, typer.Option(help="Address of the box; default: rig.toml's.")] = None,
@@ -103,7 +132,7 @@ def loadcell(
         setting = setting.model_copy(update={"address": address})
     if rate_hz is not None:
         setting = setting.model_copy(update={"rate_hz": rate_hz})
-    kept = _label(label, campaign)
+    kept = load.on(_label(label, campaign))
     plan = Plan(
         runs_folder=campaign.runs_folder,
         kind="loadcell",

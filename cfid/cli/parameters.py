@@ -124,28 +124,12 @@ def _check(name: str, value: float, std: float | None, *, force: bool) -> None:
 
 
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
-    import tomlkit
-
-    from cfid.errors import ConfigError
-    from cfid.records.files import locked_folder, write_whole
-    from cfid.records.rig_file import RIG_FILE, check_rig
+    from cfid.records.rig_file import change_rig
 
     table, key, std_key = _IN_RIG[name]
-    path = campaign.folder / RIG_FILE
-    try:
-        with locked_folder(campaign.folder):
-            document = tomlkit.parse(path.read_text("utf-8-sig"))
-            section = document.setdefault(table, tomlkit.table())
-            section[key] = value
-            if std is not None:
-                section[std_key] = std
-            elif std_key in section:
-                note(f"the standard uncertainty in rig.toml stays {section[std_key]:g}: give --std to change it.")
-            text = tomlkit.dumps(document)
-            check_rig(text, name=str(path))
-            write_whole(path, text.encode())
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
+    path = change_rig(campaign.folder, table, {key: value} | ({} if std is None else {std_key: std}))
+    if std is None and (kept := getattr(getattr(campaign.rig, table), std_key)):
+        note(f"the standard uncertainty in rig.toml stays {kept:g}: give --std to change it.")
     return f"{path}, {table}.{key}. Earlier fits used the old number: fit again."
 
 

@@ -60,15 +60,15 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "log loadcell": ("cfid.cli.log:loadcell", "Record the load cell until Ctrl-C."),
     "log thrust": (
         "cfid.motors.command:thrust",
-        "Record load cell, commands and battery while the motors climb a staircase; Ctrl-C stops them.",
+        "Record load cell, commands and battery while the motors run a staircase; Ctrl-C stops them.",
     ),
     "log speed": (
         "cfid.motors.command:speed",
-        "Record rotor speeds while motors climb a staircase; Ctrl-C stops them. Typed: Enter alone leaves one out.",
+        "Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone leaves a reading out.",
     ),
     "log scales": (
         "cfid.motors.command:scales",
-        "Record what scales show while motors climb a staircase (figure 3.9); Ctrl-C stops them.",
+        "Record what scales show while motors run a staircase (figure 3.9); Ctrl-C stops them.",
     ),
     "log sine": (
         "cfid.transfer.sines.command:sine",
@@ -111,10 +111,13 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.inertia.command:testbody",
         "Compare the test body's measured inertias with those of its drawing (table 2.5).",
     ),
+    "fit loadcell": (
+        "cfid.loadcell.command:loadcell",
+        "Fit gain, cross-talk and linearity of the load cell to weights hung at known places.",
+    ),
     "fit thrust": (
         "cfid.motors.maps.command:thrust",
-        "Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over "
-        "that.",
+        "Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.",
     ),
     "fit speed": (
         "cfid.motors.maps.command:speed",

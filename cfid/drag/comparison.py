@@ -91,16 +91,8 @@ def fit_models(
             "intercepts and a parasitic term are both constant throughout a wind setting and cannot be distinguished: "
             "ask for one."
         )
-    weighted = method != "thesis"
-    gain = None if weighted or intercepts or parasitic else means_gain(experiments)
-    simple = fit_drag(experiments, SIMPLE, weighted=weighted, gain=gain, intercepts=intercepts, parasitic=parasitic)
-    fits, findings = {"simple": simple}, [*experiments.findings, *force_findings(experiments)]
-    for name, model in (("cross", CROSS_MENDED if mended else CROSS), ("complex", COMPLEX)):
-        constant = intercepts and model is not COMPLEX
-        try:
-            fits[name] = fit_drag(experiments, model, weighted=weighted, intercepts=constant, parasitic=parasitic)
-        except FitError as error:
-            findings.append(rejection("drag-not-determined", str(error), *quantities_of(name)))
+    fits, undetermined = fit_each(experiments, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
+    findings = [*experiments.findings, *force_findings(experiments), *undetermined]
     if intercepts and "complex" in fits:
         findings.append(note("drag-complex-no-intercepts", _NO_INTERCEPTS, *quantities_of("complex")))
     try:
@@ -115,6 +107,26 @@ def fit_models(
     return DragModels(
         experiments=experiments, fits=fits, comparison=comparison, chosen=chosen, findings=tuple(findings)
     )
+
+
+def fit_each(
+    experiments: DragExperiments, *, method: Method, mended: bool, intercepts: bool, parasitic: bool
+) -> tuple[dict[str, DragFit], list[Finding]]:
+    """Return the fits of `fit_models` by name, and a rejection for each model that is not determined.
+
+    Raises FitError when not even the simple model is determined.
+    """
+    weighted = method != "thesis"
+    gain = None if weighted or intercepts or parasitic else means_gain(experiments)
+    simple = fit_drag(experiments, SIMPLE, weighted=weighted, gain=gain, intercepts=intercepts, parasitic=parasitic)
+    fits, findings = {"simple": simple}, list[Finding]()
+    for name, model in (("cross", CROSS_MENDED if mended else CROSS), ("complex", COMPLEX)):
+        constant = intercepts and model is not COMPLEX
+        try:
+            fits[name] = fit_drag(experiments, model, weighted=weighted, intercepts=constant, parasitic=parasitic)
+        except FitError as error:
+            findings.append(rejection("drag-not-determined", str(error), *quantities_of(name)))
+    return fits, findings
 
 
 _NO_INTERCEPTS = (

@@ -39,6 +39,8 @@ def read_runs(
         experiments,
         findings=(*notes, *_counted(parts), *experiments.findings),
         sources=tuple(files if source is None else [source, *files]),
+        rigs=tuple(dict.fromkeys(part.rig for part in parts)),
+        tachometers=tuple(dict.fromkeys(part.rig for part in parts if part.by_tachometer)),
     )
 
 

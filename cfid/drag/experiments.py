@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.findings import Finding, note
+from cfid.records.facts import RigFacts
 from cfid.records.parameters import Source
 
 Array = npt.NDArray[np.float64]
@@ -26,7 +27,8 @@ class DragExperiments:
     experiments of one share the error of its wind speed, of relative standard uncertainty `wind_relative_std`.
     `force_std_n` is the standard uncertainty of each force's own noise, `reference_std_n` that of the reference
     subtracted from it, which all experiments at its command share. Where `noise_known` is false both are relative
-    weights only. `sources` are the files they come from.
+    weights only. `sources` are the files they come from, `rigs` the facts they were recorded with, of which those in
+    `tachometers` measured the rotors' speeds; a table of forces has none.
     """
 
     command: Array
@@ -41,6 +43,8 @@ class DragExperiments:
     wind_relative_std: Array
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
+    rigs: tuple[RigFacts, ...] = ()
+    tachometers: tuple[RigFacts, ...] = ()
 
     @property
     def wind_mps(self) -> Array:

@@ -1,11 +1,17 @@
 """Drag coefficients as a result: quantities, findings, how the models compare, and figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from cfid.drag.causes import distorted
 from cfid.drag.checks import quantities_of, resolves_kappa_4
-from cfid.drag.comparison import DragModels, Method, fit_models
+from cfid.drag.comparison import DragModels, Method, fit_each, fit_models
 from cfid.drag.data import read_runs
 from cfid.drag.estimation import DragFit, Uncertain
 from cfid.drag.experiments import DragExperiments
@@ -13,7 +19,8 @@ from cfid.drag.figures import drag_figures  # matplotlib takes longer to load th
 from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import AS_THEY_ARE, WindReading
-from cfid.findings import note, rejected
+from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
+from cfid.findings import Finding, note, rejected
 from cfid.quantities.lookup import unit_of
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
@@ -21,6 +28,8 @@ from cfid.records.parameters import Parameter
 from cfid.records.result import Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading
+
+Array = npt.NDArray[np.float64]
 
 _SIMPLE, _CROSS = "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"
 _NORMALISED = note(
@@ -66,10 +75,11 @@ def fit(
             wind=WindStand(azimuth_deg=azimuth_deg, yaw_deg=yaw_deg),
         )
         experiments = read_runs(measured, index=index, how=WindReading(wrench, method, given, rig))
+    again = partial(fit_each, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     found = fit_models(experiments, method=method, mended=mended, intercepts=intercepts, parasitic=parasitic)
     quantities = drag_quantities(found, grouping)
     findings = (*found.findings, *([_NORMALISED] if "complex" in found.fits else []))
-    return Result(
+    result = Result(
         command="fit drag",
         method=method,
         quantities=quantities,
@@ -81,6 +91,20 @@ def fit(
         lines=tuple(drag_lines(found, quantities)),
         drawings=lambda: _drawings(found),
     )
+    return with_common_causes(result, _effects(found, again))
+
+
+_Again = Callable[[DragExperiments], tuple[dict[str, DragFit], list[Finding]]]
+
+
+def _effects(found: DragModels, again: _Again) -> Effects:
+    """Return what each scale and angle of the rig does to the quantities: the difference of a fit `again` with it."""
+    quantities = drag_quantities(found)
+
+    def effect(runs: DragExperiments) -> dict[str, Array]:
+        return moved_by(quantities, drag_quantities(replace(found, experiments=runs, fits=again(runs)[0])))
+
+    return {cause: effect(runs) if cause.std else {} for cause, runs in distorted(found.experiments).items()}
 
 
 def _drawings(found: DragModels) -> Figures:
@@ -133,7 +157,7 @@ def drag_quality(found: DragModels) -> dict[str, Any]:
 
 
 def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[str]:
-    """Return how the accepted models compare, and tables of what was asked for."""
+    """Return how the accepted models compare, and tables of the wanted values."""
     gone, runs = rejected(found.findings, quantities), found.experiments
     lines = [f"{len(runs.command)} experiments in {runs.settings} wind settings; squared errors of each model in N^2:"]
     for name, fit in found.fits.items():

@@ -30,7 +30,8 @@ class Drop:
     `speed_rad_per_s` is the mean in the window; `coefficient_nms_per_rad` = m g r / speed (eq. 2.14 at rest).
     Without a settled speed both are the values of the best window there is, and are not to be used.
     `terminal_rad_per_s` and `time_constant_s` are those of eq. 2.13 fitted from before the release to the
-    window's end, `model_rad` (m,) that fit at `model_time_s` (m,).
+    window's end, `model_rad` (m,) that fit at `model_time_s` (m,). `speed_per_turn` is by how much the speed that it
+    tends to changes in a turn of the axis, over that speed, and `turns` how many the fit covers.
     """
 
     weight_kg: float
@@ -48,6 +49,8 @@ class Drop:
     time_constant_s: float
     model_time_s: Array
     model_rad: Array
+    speed_per_turn: float = 0.0
+    turns: float = 0.0
 
 
 def measure_drop(
@@ -81,6 +84,7 @@ def measure_drop(
     if mean <= 0:
         raise DataError("the axis stands still in the window: choose another.")
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
+    fall = slice(moving.start, window.stop)  # behind it the weight may be on the floor
     return Drop(
         weight_kg=weight_kg,
         time_s=grid,
@@ -97,6 +101,8 @@ def measure_drop(
         time_constant_s=tau,
         model_time_s=grid[begin : window.stop],
         model_rad=model,
+        speed_per_turn=_speed_per_turn(grid[fall], angle[fall], speed[fall], tau),
+        turns=float(angle[window.stop] - angle[moving.start]) / (2 * math.pi),
     )
 
 
@@ -183,3 +189,12 @@ def _fit_fall(grid: Array, angle: Array, start: int, stop: int, speed: float) ->
     scale = np.array([1.0, speed, 0.05, 0.05])
     found = least_squares(lambda p: model(p) - turned, first, x_scale=scale, max_nfev=200)
     return begin, (float(found.x[1]), float(found.x[2])), model(found.x)
+
+
+def _speed_per_turn(time: Array, angle: Array, speed: Array, tau: float) -> float:
+    """Return by how much a fall's speed (n,) changes in a turn, over its mean, besides its exponential start."""
+    turned = (angle - angle[0]) / (2 * math.pi)
+    start = np.exp(-(time - time[0]) / max(tau, GRID_S))
+    rows = np.stack([np.ones(len(time)), turned - turned.mean(), start], axis=1)
+    level, slope, _ = np.linalg.lstsq(rows, speed, rcond=None)[0]
+    return float(slope / level) if level > 0 else 0.0

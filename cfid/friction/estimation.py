@@ -18,6 +18,11 @@ Array = npt.NDArray[np.float64]
 VISCOUS, COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
 SETUP_INERTIA = "friction.setup_inertia_kg_m2"
 
+_HEAVIER = 1.1  # drops of more similar weights may change places by their friction
+_FEWEST_LAYERED = 3
+_LAYERED_STD = 4.0  # widened for the few drops there are
+_LAYERED = 0.02  # of the radius, over a fall
+
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionEstimate:
@@ -51,6 +56,7 @@ def fit_friction(
     torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in settled])
     speed = np.array([drop.terminal_rad_per_s for drop in settled])
     coulomb, viscous, findings = _line(speed, torque)
+    findings += (*_order_finding(settled), *_layers_finding(settled, viscous.value, radius_m, gravity_mps2))
     # The radius is common to all runs: its error does not average out.
     common = radius_std_m / radius_m
     inertia = _setup_inertia(settled, viscous, radius_m, common) if viscous.value > 0 else _Estimate(None, None)
@@ -77,6 +83,7 @@ def thesis_friction(drops: Sequence[Drop]) -> FrictionEstimate:
         viscous_std=_mean_std(coefficients),
         setup_inertia_kg_m2=float(inertias.mean()),
         setup_inertia_std=_mean_std(inertias),
+        findings=_order_finding(settled),
     )
 
 
@@ -141,6 +148,49 @@ def _least_squares(columns: list[Array], torque: Array) -> list[_Known]:
         _Known(float(value), widened(float(std), freedom) if freedom else None)
         for value, std in zip(found.values, found.std, strict=True)
     ]
+
+
+def _order_finding(drops: Sequence[Drop]) -> tuple[Finding, ...]:
+    """Reject drops of which a clearly heavier weight turns the axis more slowly than a lighter one."""
+    pairs = [
+        (light, heavy)
+        for light in drops
+        for heavy in drops
+        if heavy.weight_kg > _HEAVIER * light.weight_kg and heavy.terminal_rad_per_s < light.terminal_rad_per_s
+    ]
+    if not pairs:
+        return ()
+    light, heavy = max(pairs, key=lambda pair: pair[0].terminal_rad_per_s - pair[1].terminal_rad_per_s)
+    text = (
+        f"{1000 * heavy.weight_kg:g} g turn the axis at {heavy.terminal_rad_per_s:.0f} rad/s, more slowly than "
+        f"{1000 * light.weight_kg:g} g at {light.terminal_rad_per_s:.0f}. Check whether the weights of two runs were "
+        "exchanged."
+    )
+    return (rejection("friction-weights-out-of-order", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+
+
+def _layers_finding(drops: Sequence[Drop], viscous: float, radius_m: float, gravity_mps2: float) -> tuple[Finding, ...]:
+    """Reject drops in all of which the speed changes from turn to turn as a growing or shrinking radius has it.
+
+    A torque that changes by a share per turn changes the speed by that share of m g r / c. Friction that wanders within
+    a fall scatters about no change: the mean over the drops is judged by their scatter.
+    """
+    if viscous <= 0 or len(drops) < _FEWEST_LAYERED:
+        return ()
+    torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in drops])
+    speed, share, turns = (
+        np.array([getattr(drop, name) for drop in drops]) for name in ("terminal_rad_per_s", "speed_per_turn", "turns")
+    )
+    radius_per_turn = share * viscous * speed / torque
+    mean, std = float(radius_per_turn.mean()), _mean_std(radius_per_turn) or 0.0
+    change = mean * float(turns.mean())
+    if abs(mean) <= _LAYERED_STD * std or abs(change) <= _LAYERED:
+        return ()
+    text = (
+        f"a radius that changes by {100 * mean:+.2g} % a turn, {100 * change:+.1f} % over a fall (limit "
+        f"{100 * _LAYERED:g} %), explains the speeds better: the line was wound in layers. Wind it side by side."
+    )
+    return (rejection("friction-radius-changes", text, VISCOUS, COULOMB, SETUP_INERTIA),)
 
 
 def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, common: float) -> _Estimate:

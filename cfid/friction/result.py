@@ -5,16 +5,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cfid.errors import ConfigError, DataError, check_positive
-from cfid.findings import warning
+from cfid.findings import Finding, warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.figures import drops_figure, friction_figure
+from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
+from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities
 from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.data import rig_or_thesis
 from cfid.units import MM
+
+_RADIUS_MM = Range(0.2, 20, "an axis in a ball bearing")
+_WEIGHT_G = Range(1, 1000, "what a fishing line carries and an axis turns against")
 
 
 def fit(
@@ -30,9 +35,9 @@ def fit(
 ) -> Result:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it; their labels have the grams.
 
-    The radius of the axis and gravity are those of the rig where they are not given: the rig given, else that of the
-    campaign which the recordings lie in, else the thesis'. The window of steady speed is found; `from_s` and `to_s`,
-    since the first sample, set it by hand.
+    The radius, that of the line's middle, and gravity are those of the rig where they are not given: the rig given,
+    else that of the campaign which the recordings lie in, else the thesis'. The window of steady speed is found;
+    `from_s` and `to_s`, since the first sample, set it by hand.
 
     Raises ConfigError for a radius that is not known, or that is zero or less, DataError for a recording without a
     weight, or in which nothing turns.
@@ -42,7 +47,8 @@ def fit(
     rig, notes = rig_or_thesis(records, rig)
     gravity_mps2 = gravity_mps2 or rig.site.gravity_mps2
     if radius_m is None:
-        radius_m, radius_std_m = _radius_m(rig)
+        radius_m, radius_std_m, line = _lever_m(rig, thesis=method == "thesis")
+        notes += line
     else:
         notes = ()
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
@@ -51,6 +57,7 @@ def fit(
         found = thesis_friction(measured)
     else:
         found = fit_friction(measured, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity_mps2)
+    quantities = _quantities(found, measured)
     unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]
 
     def drawings() -> Figures:
@@ -63,13 +70,15 @@ def fit(
     return Result(
         command="fit friction",
         method=method,
-        quantities=_quantities(found, measured),
+        quantities=quantities,
         wanted=(VISCOUS, COULOMB),
         quality={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
         findings=(
             *notes,
             *(warning("recording", text) for record in records for text in record.notes),
             *found.findings,
+            *implausible_inputs(_given_numbers(radius_m, measured), rig, "friction.*"),
+            *implausible_quantities(quantities, rig),
             *(
                 warning("friction-drop-left-out", f"{record.name}: the speed never settles; it is left out.")
                 for record in unsettled
@@ -82,11 +91,34 @@ def fit(
     )
 
 
-def _radius_m(rig: Rig) -> tuple[float, float]:
-    """Return the radius of the axis and its standard uncertainty."""
-    if rig.friction is None:
+def _lever_m(rig: Rig, *, thesis: bool) -> tuple[float, float, tuple[Finding, ...]]:
+    """Return the radius at which the line pulls and its standard uncertainty; ask for the line's thickness.
+
+    The thesis takes the radius of the axis.
+    """
+    axis = rig.friction
+    if axis is None:
         raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or give the radius.")
-    return MM * rig.friction.radius_mm, MM * rig.friction.radius_std_mm
+    if thesis:
+        return MM * axis.radius_mm, MM * axis.radius_std_mm, ()
+    found: tuple[Finding, ...] = ()
+    if axis.line_mm is None:
+        text = (
+            "rig.toml states no thickness of the line, and none is added to the radius: a line of 0.2 mm makes "
+            f"friction {100 * 0.1 / axis.radius_mm:.0f} % larger. Add line_mm and line_std_mm to [friction]; 0 where "
+            "radius_mm is that of the line's middle."
+        )
+        found = (warning("friction-line-unknown", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+    return MM * axis.lever_mm, MM * axis.lever_std_mm, found
+
+
+def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:
+    """Return the radius and the weights with their plausible ranges."""
+    weights = dict.fromkeys(1000 * drop.weight_kg for drop in drops)
+    return [
+        Given("radius", radius_m / MM, _RADIUS_MM, "mm"),
+        *(Given("weight", one, _WEIGHT_G, "g") for one in weights),
+    ]
 
 
 def _measured(record: AngleRecord, **setup: Any) -> Drop:

@@ -13,7 +13,9 @@ from cfid.estimate.linear import gain_of
 from cfid.estimate.propagation import budget, contributions
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.consistency import as_matrix, is_consistent, nearest_consistent
+from cfid.inertia.directions import matrix_rows
 from cfid.swing.axis_inertias import AxisInertias
+from cfid.swing.plausibility import BEYOND_STD
 
 Array = npt.NDArray[np.float64]
 
@@ -45,14 +47,17 @@ class MeasuredAxes:
 class InertiaFit:
     """The inertia matrix about the centre of mass, entries of the matrix itself, in the body frame.
 
+    `moved` has what each input does to the swings.
     `residual` (n,) is that of each swing's inertia over its expected standard uncertainty (None for six swings, which
     leave none). `budget` has what each group of inputs contributes to the matrix' standard uncertainty, (3, 3) each.
     `covariance` (6, 6) is that of the entries xx, yy, zz, xy, xz, yz; `common` has what one standard uncertainty of
     each input that other fits may share does to them (6,): mass, gravity, the centre of mass in x, y and z.
-    `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None.
+    `raw_matrix_kg_m2` is the unconstrained answer where that was no possible body, else None, and `projection_std` how
+    many standard uncertainties lie between the two.
     """
 
     axes: MeasuredAxes
+    moved: "Moved"
     matrix_kg_m2: Array
     std_kg_m2: Array
     covariance: Array
@@ -62,13 +67,24 @@ class InertiaFit:
     degrees_of_freedom: int
     budget: dict[str, Array]
     raw_matrix_kg_m2: Array | None
+    projection_std: float
     condition: float
     findings: tuple[Finding, ...]
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether the swings contradict each other, or every possible body."""
+        return contradictory(self.chi_squared, self.degrees_of_freedom) or self.projection_std > BEYOND_STD
+
+
+def contradictory(chi_squared: float, degrees_of_freedom: int) -> bool:
+    """Return whether swings scatter more than their uncertainties allow, but once in a thousand times."""
+    return degrees_of_freedom > 0 and bool(chdtrc(degrees_of_freedom, chi_squared) < UNLIKELY)
 
 
 def measure_axes(axis_inertias: AxisInertias) -> MeasuredAxes:
     """Return the inertias about each swing's axis, with everything that is uncertain."""
-    return _measured(axis_inertias, _moved_by_inputs(axis_inertias))
+    return _measured(axis_inertias, moved_by_inputs(axis_inertias))
 
 
 def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
@@ -81,80 +97,67 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
     evaluated = axis_inertias.evaluate(axis_inertias.values)
     rows = matrix_rows(evaluated.direction)
     condition = _check_axes(rows)
-    measured = evaluated.about_centre_kg_m2
-    moved = _moved_by_inputs(axis_inertias)
-    entries = np.linalg.lstsq(rows, measured, rcond=None)[0].astype(np.float64)
-    # A tilt moves an axis' row too, by an amount that depends on the matrix: hence twice.
-    for _ in range(2):
-        columns = moved.about_centre - np.einsum("nei,e->ni", moved.rows, entries)
-        gain, covariance = _gain(rows, columns)
-        entries = np.asarray(gain @ measured)
-    residual = measured - rows @ entries
-    chi_squared, degrees_of_freedom = _chi_squared(residual, columns), len(measured) - UNKNOWNS
-    inflation, findings = _scatter(chi_squared, degrees_of_freedom)
-    raw = as_matrix(entries)
-    consistent = is_consistent(raw)
-    if not consistent:
-        entries = nearest_consistent(entries, covariance)
-        text = (
-            "the six entries belong to no possible body (triangle inequality): the nearest possible one within the "
-            "uncertainties is given; quality.raw_matrix_kg_m2 has the raw entries. Check mounts and distances."
-        )
-        findings += (warning("inertia-not-a-body", text, MATRIX),)
+    moved = moved_by_inputs(axis_inertias)
+    solved = solve(rows, evaluated.about_centre_kg_m2, moved)
+    gain, columns, covariance = solved.gain, solved.columns, solved.covariance
+    degrees_of_freedom = len(rows) - UNKNOWNS
+    inflation, findings = _scatter(solved.chi_squared, degrees_of_freedom)
+    raw, entries = as_matrix(solved.entries), solved.possible
+    projection_std = deviation(entries - solved.entries, covariance)
+    findings += (*_projection_finding(raw, projection_std), *_moment_findings(as_matrix(entries), covariance))
     spread = inflation * np.sqrt(np.diag(covariance))
     shares = budget(gain @ columns, axis_inertias.inputs)
     if inflation > 1:
         shares["scatter between swings"] = math.sqrt(1 - inflation**-2) * spread
     return InertiaFit(
         axes=_measured(axis_inertias, moved),
+        moved=moved,
         matrix_kg_m2=as_matrix(entries),
         std_kg_m2=as_matrix(spread),
         covariance=inflation**2 * covariance,
         common=_common(gain @ columns, axis_inertias),
-        residual=None if degrees_of_freedom == 0 else residual / _residual_std(rows, gain, columns),
-        chi_squared=chi_squared,
+        residual=None if degrees_of_freedom == 0 else solved.residual / _residual_std(rows, gain, columns),
+        chi_squared=solved.chi_squared,
         degrees_of_freedom=degrees_of_freedom,
         budget={name: as_matrix(share) for name, share in shares.items()},
-        raw_matrix_kg_m2=None if consistent else raw,
+        raw_matrix_kg_m2=None if is_consistent(raw) else raw,
+        projection_std=projection_std,
         condition=condition,
         findings=findings,
     )
 
 
-def matrix_rows(direction: Array) -> Array:
-    """Return the rows (n, 6) that take the entries xx, yy, zz, xy, xz, yz to u' I u, for unit vectors (n, 3)."""
-    x, y, z = direction.T
-    return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z], axis=1)
+class Solved(NamedTuple):
+    """Six entries with what led to them: the raw ones, those of the nearest possible body, and the residual (n,)."""
+
+    entries: Array
+    possible: Array
+    gain: Array
+    columns: Array
+    covariance: Array
+    residual: Array
+    chi_squared: float
 
 
-def icosahedron_axes() -> Array:
-    """Return the six diagonals of an icosahedron as unit vectors (6, 3).
-
-    They lie evenly, so that six swings determine all six entries equally well.
-    """
-    golden = (1 + math.sqrt(5)) / 2
-    corners = [
-        (0, 1, golden),
-        (0, 1, -golden),
-        (1, golden, 0),
-        (1, -golden, 0),
-        (golden, 0, 1),
-        (-golden, 0, 1),
-    ]
-    return np.array(corners) / math.hypot(1, golden)
+def solve(rows: Array, about_centre_kg_m2: Array, moved: "Moved") -> Solved:
+    """Solve for the entries by generalised least squares; rows (n, 6), inertias (n,)."""
+    entries = np.linalg.lstsq(rows, about_centre_kg_m2, rcond=None)[0].astype(np.float64)
+    # A tilt moves an axis' row too, by an amount that depends on the matrix: hence twice.
+    for _ in range(2):
+        columns = moved.about_centre - np.einsum("nei,e->ni", moved.rows, entries)
+        gain, covariance = _gain(rows, columns)
+        entries = np.asarray(gain @ about_centre_kg_m2)
+    possible = entries if is_consistent(as_matrix(entries)) else nearest_consistent(entries, covariance)
+    residual = about_centre_kg_m2 - rows @ entries
+    return Solved(entries, possible, gain, columns, covariance, residual, _chi_squared(residual, columns))
 
 
-def off_diagonal_gain(direction: Array) -> float:
-    """Return how much smaller the icosahedron's off-diagonal standard uncertainties are than those of axes (n, 3).
-
-    For swings of equal quality and the same number of them; 0.35 means 35 % smaller.
-    """
-    count = len(direction)
-    present, even = (
-        np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))[3:].mean() * len(rows) / count)
-        for rows in (matrix_rows(direction), matrix_rows(icosahedron_axes()))
-    )
-    return float(1 - even / present)
+def deviation(difference: Array, covariance: Array) -> float:
+    """Return how many standard uncertainties a difference (6,) between entries is."""
+    if not difference.any():
+        return 0.0
+    floor = (1e-6 * float(np.trace(covariance)) or 1.0) * np.eye(len(difference))
+    return float(np.sqrt(difference @ np.linalg.solve(covariance + floor, difference)))
 
 
 def _check_axes(rows: Array) -> float:
@@ -169,7 +172,7 @@ def _check_axes(rows: Array) -> float:
     return float(singular[0] / singular[-1])
 
 
-class _Moved(NamedTuple):
+class Moved(NamedTuple):
     """By how much each input's standard uncertainty moves what is measured: (n, i), (n, i) and (n, 6, i)."""
 
     about_axis: Array
@@ -177,7 +180,9 @@ class _Moved(NamedTuple):
     rows: Array
 
 
-def _moved_by_inputs(axis_inertias: AxisInertias) -> _Moved:
+def moved_by_inputs(axis_inertias: AxisInertias) -> Moved:
+    """Return by how much each input's standard uncertainty moves the inertias and the rows of the swings."""
+
     def outputs(values: Array) -> Array:
         found = axis_inertias.evaluate(values)
         rows = matrix_rows(found.direction)
@@ -185,10 +190,10 @@ def _moved_by_inputs(axis_inertias: AxisInertias) -> _Moved:
 
     count = len(axis_inertias.swings)
     columns = contributions(outputs, axis_inertias.inputs)
-    return _Moved(columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1))
+    return Moved(columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1))
 
 
-def _measured(axis_inertias: AxisInertias, moved: _Moved) -> MeasuredAxes:
+def _measured(axis_inertias: AxisInertias, moved: Moved) -> MeasuredAxes:
     found, mass = axis_inertias.evaluate(axis_inertias.values), axis_inertias.body.mass_kg
     return MeasuredAxes(
         about_axis_kg_m2=found.about_axis_kg_m2,
@@ -236,6 +241,36 @@ def _chi_squared(residual: Array, columns: Array) -> float:
     return float(residual @ np.linalg.pinv(columns @ columns.T, hermitian=True) @ residual)
 
 
+def _projection_finding(raw: Array, projection_std: float) -> tuple[Finding, ...]:
+    """Return what it means that the nearest possible body lies so many standard uncertainties away."""
+    if is_consistent(raw):
+        return ()
+    text = (
+        "the six entries belong to no possible body (triangle inequality); the nearest one lies "
+        f"{projection_std:.1f} standard uncertainties away"
+    )
+    if projection_std > BEYOND_STD:
+        text += f" (limit {BEYOND_STD:g}). Two swings may be exchanged, or a mount, a distance or the mass is wrong."
+        return (rejection("inertia-not-a-body", text, MATRIX),)
+    text += " and is given; quality.raw_matrix_kg_m2 has the raw entries. Check mounts and distances."
+    return (warning("inertia-not-a-body", text, MATRIX),)
+
+
+def _moment_findings(matrix: Array, covariance: Array) -> tuple[Finding, ...]:
+    """Reject a principal moment that is smaller than its standard uncertainty."""
+    values, vectors = np.linalg.eigh(matrix)
+    rows = matrix_rows(vectors.T)
+    std = np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows))
+    if np.all(values >= std):
+        return ()
+    worst = int(np.argmin(values - std))
+    text = (
+        f"a principal moment, {values[worst]:.3g} kg m^2, is smaller than its standard uncertainty, {std[worst]:.3g}. "
+        "Swing nearer to the centre of mass; check mass and distances."
+    )
+    return (rejection("inertia-below-uncertainty", text, MATRIX),)
+
+
 def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[Finding, ...]]:
     """Return the factor by which repeated swings scatter beyond their uncertainties, and what that means."""
     if degrees_of_freedom == 0 or chi_squared <= chdtri(degrees_of_freedom, 0.05):
@@ -245,7 +280,7 @@ def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[
         f"the swings scatter {inflation:.1f} times as far as their uncertainties allow "
         f"(chi-squared {chi_squared:.1f} for {degrees_of_freedom} degrees of freedom): "
     )
-    if chdtrc(degrees_of_freedom, chi_squared) < UNLIKELY:
+    if contradictory(chi_squared, degrees_of_freedom):
         text += "they contradict each other. Repeat the swing with the largest residual."
         return inflation, (rejection("inertia-swings-contradict", text, "inertia.*"),)
     text += "the standard uncertainties are widened by that."

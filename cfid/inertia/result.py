@@ -8,31 +8,28 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.linear import weighted_mean
-from cfid.findings import Finding, rejected, rejection, warning
+from cfid.findings import Finding, note, rejected, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
-from cfid.inertia.estimation import (
-    MATRIX,
-    InertiaFit,
-    MeasuredAxes,
-    fit_inertia,
-    icosahedron_axes,
-    measure_axes,
-    off_diagonal_gain,
-)
+from cfid.inertia.directions import icosahedron_axes, off_diagonal_gain
+from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes, moved_by_inputs
 from cfid.inertia.figures import budget_figure
+from cfid.inertia.redundancy import distance_findings, redundancy_findings
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
+from cfid.records.plausibility import implausible_inputs, implausible_quantities
 from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
-from cfid.swing.axis_inertias import AxisInertias
+from cfid.swing.axis_inertias import AxisInertias, SwungBody
 from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, vehicle
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD
+from cfid.swing.plausibility import given_numbers, moment_fault
 from cfid.swing.result import Method
 
 Array = npt.NDArray[np.float64]
 
 _UNIT = "kg m^2"
+_GRAM_KG, _FIXTURE_M = 1e-3, 2e-3
 
 
 def fit(
@@ -61,16 +58,24 @@ def fit(
     body = vehicle(rig, mass_kg)
     measured = measure(given, body="crazyflie", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
-    axis_inertias = AxisInertias(measured.mounted, body, surroundings(rig, gravity_mps2, measured.fixture))
+    around = surroundings(rig, gravity_mps2, measured.fixture)
+    axis_inertias = AxisInertias(measured.mounted, body, around)
     findings = [*notes, *measured.findings(_resting_on), *_two_directions(axis_inertias)]
     matrix: InertiaFit | None = None
     try:
         matrix = fit_inertia(axis_inertias)
-        findings += matrix.findings
+        findings += [*matrix.findings, *redundancy_findings(axis_inertias, matrix)]
     except FitError as error:
-        findings.append(rejection("inertia-axes-dependent", str(error), MATRIX))
+        apart = distance_findings(axis_inertias, moved_by_inputs(axis_inertias))
+        findings += [rejection("inertia-axes-dependent", str(error), MATRIX), *apart]
     about = measure_axes(axis_inertias) if matrix is None else matrix.axes
     axes = [swing.axis for swing in measured.mounted]
+    quantities = _quantities(axes, about, matrix)
+    findings += [
+        *_neglected_fixture(axis_inertias, about),
+        *_body_findings(body, axes, about, rig),
+        *implausible_quantities(quantities, rig),
+    ]
     lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
     def drawings() -> Figures:
@@ -79,7 +84,7 @@ def fit(
     return Result(
         command="fit inertia",
         method=method,
-        quantities=_quantities(axes, about, matrix),
+        quantities=quantities,
         wanted=(MATRIX,),
         covariances=()
         if matrix is None
@@ -96,6 +101,35 @@ def fit(
         drawings=drawings,
         folder=measured.folder,
     )
+
+
+def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list[Finding]:
+    """Note what a fixture that rig.toml does not describe would be worth."""
+    swung = [i for i, swing in enumerate(axis_inertias.swings) if not swing.known]
+    if axis_inertias.surroundings.fixture is not None or not swung:
+        return []
+    frequency = np.array([axis_inertias.swings[i].value for i in swung])
+    moment = _GRAM_KG * axis_inertias.surroundings.gravity_mps2 * _FIXTURE_M
+    low = float(np.mean(moment / frequency / np.abs(about.about_centre_kg_m2[swung])))
+    text = (
+        "rig.toml describes no fixture, so that cube and axis are neglected: each gram of them, 2 mm from the axis on "
+        f"the body's side, makes the inertias about {100 * low:.1f} % too low. Add [fixture], and swing it alone "
+        "(fixture=FILE)."
+    )
+    return [note("inertia-fixture-neglected", text, "inertia.*")]
+
+
+def _body_findings(body: SwungBody, axes: list[str], about: MeasuredAxes, rig: Rig) -> list[Finding]:
+    """Reject what no body and no vehicle of the platform can have."""
+    moments = zip(axes, about.about_axis_kg_m2, about.about_centre_kg_m2, about.about_centre_std_kg_m2, strict=True)
+    return [
+        *implausible_inputs(given_numbers(body, map(float, about.distance_m)), rig, "inertia.*"),
+        *(
+            finding
+            for axis, around, centre, std in moments
+            for finding in moment_fault(axis, float(around), float(centre), float(std), *_resting_on(axis))
+        ),
+    ]
 
 
 def _resting_on(mount: str) -> tuple[str, ...]:

@@ -25,26 +25,28 @@ _SCALES_STEP, _SCALES_HOLD_S, _SCALES_REST_S = 4000, 5.0, 3.0  # as in figure 3.
 
 @dataclass(frozen=True, kw_only=True)
 class StairOptions:
-    """Which commands, and how long each."""
+    """The commands, and how long each is held."""
 
     from_: Annotated[
         int, typer.Option("--from", min=0, max=FULL_COMMAND, help="First command.", rich_help_panel=_STAIRS)
     ] = 0
     to: Annotated[int, typer.Option(min=0, max=FULL_COMMAND, help="Last command.", rich_help_panel=_STAIRS)] = 64000
     step: Annotated[
-        int | None, typer.Option(min=1, help="From one to the next; default: the thesis'.", rich_help_panel=_STAIRS)
+        int | None,
+        typer.Option(min=1, help="Difference between commands; default: the thesis'.", rich_help_panel=_STAIRS),
     ] = None
     down: Annotated[
-        bool, typer.Option("--down", help="Climb down again too: tells a battery's sag.", rich_help_panel=_STAIRS)
+        bool, typer.Option("--down", help="Also go down again; separates the battery's sag.", rich_help_panel=_STAIRS)
     ] = False
     hold: Annotated[
         float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRS)
     ] = None
     rest: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds of rest before, between, after.", rich_help_panel=_STAIRS)
+        float | None,
+        typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_STAIRS),
     ] = None
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_STAIRS)
+        bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_STAIRS)
     ] = False
 
     def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
@@ -75,7 +77,7 @@ def thrust(
     note: Note = None,
     rate_hz: Annotated[int | None, typer.Option(min=1, help="Load cell's rate; default: rig.toml's.")] = None,
 ) -> None:
-    """Record load cell, commands and battery while the motors climb a staircase; Ctrl-C stops them.
+    """Record load cell, commands and battery while the motors run a staircase; Ctrl-C stops them.
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
@@ -96,10 +98,13 @@ def speed(
     stairs: StairOptions,
     tachometer: Annotated[
         Literal["typed", "ut372", "deck", "brushless"],
-        typer.Option(help="What reads the speed: you, a UT372, the RPM deck, the motors.", rich_help_panel=_INSTRUMENT),
+        typer.Option(
+            help="Source of the speed: typed by you, a UT372, the RPM deck, brushless motors.",
+            rich_help_panel=_INSTRUMENT,
+        ),
     ] = "typed",
     port: Annotated[
-        str | None, typer.Option(help="Port of the UT372; default: looked for.", rich_help_panel=_INSTRUMENT)
+        str | None, typer.Option(help="Port of the UT372; default: search for it.", rich_help_panel=_INSTRUMENT)
     ] = None,
     motor: Motor = None,
     vehicle: VehicleOptions,
@@ -108,7 +113,7 @@ def speed(
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
-    """Record rotor speeds while motors climb a staircase; Ctrl-C stops them. Typed: Enter alone leaves one out.
+    """Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone leaves a reading out.
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
@@ -143,7 +148,7 @@ def scales(
     keep: KeepOptions,
     note: Note = None,
 ) -> None:
-    """Record what scales show while motors climb a staircase (figure 3.9); Ctrl-C stops them.
+    """Record what scales show while motors run a staircase (figure 3.9); Ctrl-C stops them.
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
@@ -159,7 +164,7 @@ def scales(
 
 
 def announce(stairs: "StaircasePlan") -> None:
-    """Say what a staircase would do."""
+    """Print what a staircase would do."""
     motors = ", ".join(map(str, stairs.motors))
     typer.echo(
         f"{len(stairs.steps)} commands from {min(stairs.steps)} to {max(stairs.steps)} on motors {motors}, "

@@ -1,4 +1,4 @@
-"""Staircases of the load cell: a record and its command log to steady steps, once for maps, rotors and winds."""
+"""Staircases of the load cell: a record and its command log to steady steps, for maps, rotors and wind runs."""
 
 import math
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class RunStaircase:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is found about the steps, each with the record's name."""
+        """Findings about the steps, each with the record's name."""
         return tuple(replace(one, text=f"{self.record.name}: {one.text}") for one in self.reduced.findings)
 
     def volts(self, points: Sequence[Point]) -> Array | None:
@@ -67,7 +67,7 @@ def run_of(record: WrenchRecord) -> Run | None:
 
 
 def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
-    """Return forces and torques (n, 6), with the z axes turned round where they count downwards."""
+    """Return forces and torques (n, 6) in N and N m, with the z axes reversed where they count downwards."""
     sign = np.array([1, 1, -1, 1, 1, -1]) if flip_fz else 1
     return np.column_stack([record.force_n, record.torque_nm]) * sign
 

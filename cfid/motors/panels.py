@@ -1,4 +1,4 @@
-"""The panels of motors' records: a thrust staircase with its steps and their means."""
+"""Panels for the motors' records: a thrust staircase with its steps and their means."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -37,7 +37,7 @@ _UNUSED: dict[str, Any] = {"fc": to_rgba(ALERT, 0.15), "ec": ALERT, "hatch": "//
 
 
 def scientific(value: float, std: float, *, unit: str = "") -> str:
-    """Return a value with its deviation and one power of ten for both, where it is far from one."""
+    """Return a value with its standard uncertainty and one power of ten for both, where it is far from one."""
     exponent = int(np.floor(np.log10(abs(value)))) if value else 0
     if -2 <= exponent <= 3:
         return plus_minus(value, std, unit=unit)
@@ -51,16 +51,16 @@ def power(name: str, exponent: int) -> str:
 
 
 def coefficients(fit: PolynomialFit, x: str, units: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the coefficients of the powers of x as rows of words, highest first."""
+    """Return the coefficients of the powers of x as rows of text, highest first."""
     names = [power(x, n) if n else "constant" for n in range(fit.order, -1, -1)]
     values = zip(names, fit.coefficients.tolist(), fit.std.tolist(), units, strict=True)
     return [(name, scientific(value, std, unit=unit)) for name, value, std, unit in values]
 
 
 class Bins(NamedTuple):
-    """Mean, lowest and highest sample (n,) of stretches of equal length about times (n,).
+    """Mean, lowest and highest sample (n,) of segments of equal length about times (n,).
 
-    Where there are samples enough the mean is without these two, so that a single wild one does not move it.
+    With enough samples the mean excludes these two, so that a single wild one does not move it.
     """
 
     time_s: Array
@@ -70,7 +70,7 @@ class Bins(NamedTuple):
 
 
 def binned(time_s: Array, value: Array, *, length_s: float) -> Bins:
-    """Gather samples (n,) at times (n,) that do not fall; a stretch without a sample is left out."""
+    """Gather samples (n,) at times (n,) that do not fall; a segment without a sample is left out."""
     edges = np.arange(time_s[0], time_s[-1] + length_s, length_s)
     first = np.unique(np.searchsorted(time_s, edges[edges <= time_s[-1]]))
     count = np.diff(np.append(first, len(time_s)))
@@ -83,7 +83,7 @@ def binned(time_s: Array, value: Array, *, length_s: float) -> Bins:
 
 
 def unused_steps(steps: Sequence[Point]) -> list[str]:
-    """Return a sentence on each step that is not used, with its reason; of many the first few."""
+    """Return a sentence for each step that is not used, with its reason; of many only the first few."""
     said = [
         f"Not used: {_name(i, step)}, {step.begin_s:.4g} to {step.end_s:.4g} s: {step.reason}"
         for i, step in enumerate(steps)
@@ -106,7 +106,7 @@ def staircase_key(steps: Sequence[Point]) -> list[Artist]:
 
 
 def draw_thrust(axes: Axes, time_s: Array, thrust_n: Array, staircase: Staircase, *, thrust: int) -> None:
-    """Draw thrust as it came over time, and on it the steps, their means and the tare below them.
+    """Draw thrust over time with the steps, their means and the tare below them.
 
     The band is the samples' range. Where it is much wider than the means, or a spike stands out, it leaves the panel.
     """
@@ -123,7 +123,7 @@ def draw_thrust(axes: Axes, time_s: Array, thrust_n: Array, staircase: Staircase
 
 
 def draw_means(value: Axes, deviation: Axes, steps: Sequence[Point], *, thrust: int) -> None:
-    """Draw the means of the steps less tare over their commands, and beside them their deviations.
+    """Draw the means of the steps less tare over their commands, and their standard uncertainties.
 
     Without a command log steps are counted instead.
     """
@@ -132,8 +132,8 @@ def draw_means(value: Axes, deviation: Axes, steps: Sequence[Point], *, thrust: 
     x = COMMAND if known else "step (-)"
     mean, std = (np.array([getattr(step, name)[thrust] for step in steps]) for name in ("mean", "std_of_mean"))
     settled = np.array([step.settled for step in steps])
-    name_panel(value, "(b) mean less tare, ± one deviation", x=x, y=_THRUST)
-    name_panel(deviation, "(c) deviation of each mean", x=x, y="deviation (mN)")
+    name_panel(value, "(b) mean less tare, ± standard uncertainty", x=x, y=_THRUST)
+    name_panel(deviation, "(c) uncertainty of each mean", x=x, y="uncertainty (mN)")
     value.errorbar(place[settled], mean[settled], std[settled], fmt="o", ms=3, lw=1.0, capsize=1.5, color=RECORDED)
     deviation.plot(place[settled], 1e3 * std[settled], "o", ms=3, color=RECORDED)
     for axes, shown in ((value, mean[settled]), (deviation, 1e3 * std[settled])):
@@ -147,7 +147,7 @@ def draw_means(value: Axes, deviation: Axes, steps: Sequence[Point], *, thrust: 
 
 
 def staircase_counts(staircase: Staircase) -> list[tuple[str, str]]:
-    """Return what was counted, as rows of words."""
+    """Return the counts as rows of text."""
     steps = staircase.points
     settled = sum(step.settled for step in steps)
     motors = sorted({step.motors for step in steps if step.motors})
@@ -162,12 +162,12 @@ def staircase_counts(staircase: Staircase) -> list[tuple[str, str]]:
 
 
 def staircase_levels(staircase: Staircase, *, thrust: int) -> list[tuple[str, str]]:
-    """Return the load cell at rest and how thrust followed, as rows of words."""
+    """Return the load cell's baseline and how thrust followed, as rows of text."""
     lag_s = np.median([step.lag_s for step in staircase.points])
     drift, after = staircase.drift, staircase.tare_after
     return [
         ("tare before", _tare_told(staircase.tare_before, thrust)),
-        ("tare after", "no rest: not known" if after is None else _tare_told(after, thrust)),
+        ("tare after", "no pause: not known" if after is None else _tare_told(after, thrust)),
         ("drift", "not known" if drift is None else f"{60e3 * drift[thrust]:.2g} mN/min".replace("-", "−")),
         ("time constant", f"{1e3 * lag_s:.0f} ms (median)"),
     ]
@@ -182,7 +182,7 @@ def _name(place: int, step: Point) -> str:
 
 
 def _limit(axes: Axes, mean: Array, band: Bins, *, named: bool) -> None:
-    """Show the means with as much of the band as leaves them readable, and room for names above that."""
+    """Set the range to the means, as much of the band as leaves them readable, and space for names above."""
     low, high = float(mean.min()), float(mean.max())
     room = _BESIDE * ((high - low) or 1.0)
     usual = np.quantile(band.low, 1 - _USUAL), np.quantile(band.high, _USUAL)
@@ -193,7 +193,7 @@ def _limit(axes: Axes, mean: Array, band: Bins, *, named: bool) -> None:
 
 
 def _tares(staircase: Staircase, thrust: int) -> tuple[list[float], list[float]]:
-    """Return the tare over time: the line that was taken off, from the first rest to the last."""
+    """Return the tare over time: the line that was subtracted, from the first pause to the last."""
     places = [(staircase.tare_before.time_s, staircase.tare_before.mean[thrust])]
     places += [((step.begin_s + step.end_s) / 2, step.tare[thrust]) for step in staircase.points]
     if staircase.tare_after is not None:
@@ -214,7 +214,7 @@ def _draw_step(axes: Axes, step: Point, thrust: int) -> None:
 
 
 def _name_unused(axes: Axes, steps: Sequence[Point]) -> None:
-    """Write its command above each step that is not used, as far as there is room."""
+    """Write its command above each step that is not used, as far as there is space."""
     begin, end = axes.get_xlim()
     free = begin
     for i, step in enumerate(steps):

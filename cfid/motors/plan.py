@@ -1,4 +1,4 @@
-"""What a staircase of motor commands asks of the rig, and what an interrupted run of one still lacks."""
+"""The request of a staircase of motor commands, and the missing steps of an interrupted one."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -43,8 +43,8 @@ class StaircasePlan:
 def missing(folder: Path, *, kind: str) -> StaircasePlan:
     """Return the staircase of a run without the steps that it has a typed reading of, or held to their end.
 
-    The latter counts where no reading was asked for. Raises ConfigError when the run is no staircase
-    of this kind, or lacks nothing.
+    The latter counts where no reading was requested. Raises ConfigError when the run is no staircase
+    of this kind, or is complete.
     """
     run = read_run(folder)
     if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.asked):
@@ -57,7 +57,7 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
         done = Counter(held_steps(run))
     left = tuple(step for step in before.steps if not _was_done(step, done))
     if run.header.state == "complete" or not any(left):
-        raise ConfigError(f"{folder}: lacks nothing.")
+        raise ConfigError(f"{folder}: is complete; nothing is left to record.")
     return replace(before, steps=left)
 
 

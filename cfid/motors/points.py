@@ -1,4 +1,4 @@
-"""Steady points of one motor, whatever measured them: divided by motors and markers, joined, as a table, in pairs."""
+"""Steady points of one motor from any instrument: divided by motors and markers, joined, as a table, in pairs."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,10 +21,10 @@ _LEAST_STD = 0.1  # of the median
 
 @dataclass(frozen=True, kw_only=True)
 class MotorPoints:
-    """What one motor gave at commands (n,), a point a steady window, each column (n,) with one deviation.
+    """One motor's values at commands (n,), a point for each steady window, each column (n,) with its uncertainty.
 
-    A column that nobody measured is None, a value that is missing within a column is nan. `thrust_shared_n` and
-    `torque_shared_nm` (n, m) are parts of the deviations that points have in common, a column a cause.
+    A column that was not measured is None, a value that is missing within a column is nan. `thrust_shared_n` and
+    `torque_shared_nm` (n, m) are parts of the uncertainties that points have in common, a column for each cause.
     """
 
     command: Array
@@ -49,16 +49,16 @@ class TableRow(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """One deviation of each point (n,), and the parts that they have in common (n, m); None where not known."""
+    """Standard uncertainty of each point (n,), and the parts that they have in common (n, m); None where not known."""
 
     std: Array | None
     shared: Array | None
 
 
 class Measured(NamedTuple):
-    """Points (n,) that have both values, y over x, with one deviation of each and what they share, where known.
+    """Points (n,) that have both values, y over x, with standard uncertainties and their shared parts, where known.
 
-    `windows` (n, N) are the parts of all N windows in each point, in units of their deviations; its rows have length
+    `windows` (n, N) are the parts of all N windows in each point, in units of their uncertainties; its rows have length
     one over those windows that measured either quantity.
     """
 
@@ -75,7 +75,7 @@ class Measured(NamedTuple):
         return Measured(self.command[rows], self.x[rows], self.y[rows], self.windows[rows], x_errors, y_errors)
 
     def total_errors(self, *, order: int) -> Errors:
-        """Return the errors of y with what those of x amount to on the slope; none where y's are unknown."""
+        """Return the errors of y, with those of x times the slope added; none where y's are unknown."""
         y_std, x_std = weighable(self.y_errors.std), weighable(self.x_errors.std)
         if y_std is None or x_std is None:
             return Errors(y_std, None if y_std is None else self.y_errors.shared)
@@ -91,7 +91,7 @@ def rotor_speed_rad_s(shown_rpm: npt.ArrayLike, *, markers: npt.ArrayLike) -> Ar
 
 
 def per_motor(points: MotorPoints, *, motors: int) -> MotorPoints:
-    """Divide thrust and torque, with their deviations, by how many motors ran together (section 3.3.1: two)."""
+    """Divide thrust and torque, with their uncertainties, by the number of motors that ran (section 3.3.1: two)."""
     divided = (*_SHARED_OF, "thrust_std_n", "torque_std_nm", *_SHARED_OF.values())
     there = {name: value for name in divided if (value := getattr(points, name)) is not None}
     return replace(points, **{name: value / motors for name, value in there.items()})
@@ -112,7 +112,7 @@ def joined(*sets: MotorPoints) -> MotorPoints:
 
 
 def command_means(points: MotorPoints) -> MotorPoints:
-    """Return one point a command, in rising order: the mean over its windows, and that mean's deviation."""
+    """Return one point a command, in rising order: the mean over its windows, and that mean's standard uncertainty."""
     commands = np.unique(points.command)
     at_command = commands[:, np.newaxis] == points.command
     columns = {}
@@ -170,10 +170,10 @@ def _windows_of_commands(points: MotorPoints, *names: str) -> Array:
 
 
 def weighable(std: Array | None) -> Array | None:
-    """Return deviations (n,) that weights can be made of; None where none is known, the usual one where it is nan.
+    """Return standard uncertainties (n,) for weights; None where none is known, the usual one where it is nan.
 
-    A window without any scatter (the motor stands, a display does not flicker) is not certain without end: a tenth
-    of the usual deviation is the least.
+    A window without any scatter (the motor stands, a display does not flicker) does not get an infinite weight: the
+    least is a tenth of the usual standard uncertainty.
     """
     if std is None or not np.any(std > 0):
         return None

@@ -1,4 +1,4 @@
-"""From settled steps of a stand to points of one motor, when several ran together."""
+"""Settled steps of a stand to points of one motor, when several ran together."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ TZ = 5
 
 
 def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int = FZ) -> MotorPoints:
-    """Return one motor's points of steps that settled; so many `motors` ran where the steps do not say which.
+    """Return one motor's points of settled steps; `motors` is how many ran where the steps do not state which.
 
     Thrust is divided by how many ran, torque, where there is such a channel, by how many more of them turn one way
     than the other: it is nan where as many do.

@@ -15,6 +15,8 @@ from cfid.units import RPM, USUAL_GRAVITY_MPS2
 _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
     "kg": {1e-3: "grams"},
     "m": {1e-3: "millimetres", 1e-2: "centimetres"},
+    "g": {1e3: "kilograms", 1e-3: "milligrams"},
+    "mm": {1e3: "metres", 10: "centimetres", 1e-3: "micrometres"},
     "s": {1e-3: "milliseconds", 1e-6: "microseconds"},
     "N": {1e-3: "millinewtons", 1e-3 * USUAL_GRAVITY_MPS2: "grams of thrust"},
     "rad/s": {RPM: "rpm"},
@@ -40,13 +42,20 @@ def implausible(key: str, value: Any) -> str:
     unit = judged_unit(quantity)
     where = " in its slope" if found.of == "slope" else "" if found.at is None else f" at {found.at:g} {quantity.over}"
     for number in _judged(quantity, found, value):
-        if not found.least <= number <= found.largest:
-            guess = _guess(number, found, unit)
-            return (
-                f"{key} is implausible{where}, {_shown(number)} {unit}{f': {guess}?' if guess else '.'} "
-                f"Expected {found.least:g} to {found.largest:g} {unit}."
-            )
+        if fault := out_of_range(f"{key} is implausible{where}", number, found, unit):
+            return fault
     return _body_fault(key, value) if key == _INERTIA else ""
+
+
+def out_of_range(claim: str, number: float, expected: Range, unit: str) -> str:
+    """Return a claim about a number outside its range as a sentence that guesses the unit; "" for one inside."""
+    if expected.least <= number <= expected.largest:
+        return ""
+    guess = _guess(number, expected, unit)
+    return (
+        f"{claim}, {_shown(number)} {unit}{f': {guess}?' if guess else '.'} "
+        f"Expected {expected.least:g} to {expected.largest:g} {unit}."
+    )
 
 
 def judged_unit(quantity: Quantity) -> str:

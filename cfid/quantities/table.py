@@ -16,6 +16,7 @@ EXPERIMENTS = {
         "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
     ),
     "testbody": FitKind("Test body"),
+    "loadcell": FitKind("Load cell"),
     "thrust": FitKind("Command to thrust", "`cfid log thrust`, then `cfid fit thrust RUN`"),
     "speed": FitKind("Command to rotor speed", "`cfid log speed`, then `cfid fit speed RUN`"),
     "torque": FitKind("Thrust to torque", "`cfid log thrust`, then `cfid fit torque RUN`"),
@@ -30,6 +31,7 @@ _INERTIA = Range(1e-6, 2e-2, "10 g on an axis 10 mm away to 1 kg on one 140 mm a
 _BODY = Range(1e-7, 1e-2, "blocks of a few grams to a few hundred; the thesis' has 1.6e-5")
 _VISCOUS = Range(0, 1e-3, "the thesis found 1e-6; far above it nothing swings or turns on")
 _COULOMB = Range(0, 1e-2, "40 g on a radius of 2 mm turn against less than 8e-4")
+_TALK = Range(-0.2, 0.2, "data sheets state 0.02 at most")
 _SPINNING = Range(0, 1000, "time constants above 1 ms, at any speed")
 _LATE = Range(-0.5, 0.5, "a radio takes 3 to 20 ms; stamps may be late themselves")
 _LAG = Range(1e-3, 1, "the thesis found 0.065 to 0.078")
@@ -83,6 +85,21 @@ _MATRICES = _given(
     Quantity("testbody.measured_kg_m2.<axis>", "kg m^2", "I_G", "inertia from the swings", plausible=_BODY),
     Quantity("testbody.error.<axis>", "1", "e", "how far they lie apart, over the calculated one",
              plausible=Range(-1, 1, "beyond, another body swung")),
+)  # fmt: skip
+
+_LOADCELL = _given(
+    "loadcell", "`cfid fit loadcell`",
+    Quantity("loadcell.gain.<axis>", "1", "g", "reading of an axis over its load, for small loads",
+             plausible=Range(0.8, 1.2, "beyond, a weight or the active calibration is wrong")),
+    Quantity("loadcell.linearity.<axis>", "1", "q", "change of the gain up to the largest load",
+             plausible=Range(-0.2, 0.2, "beyond, something touches")),
+    Quantity("loadcell.cross_talk_force.<pair>", "1", "c", "part of a force that another axis shows",
+             plausible=_TALK),
+    Quantity("loadcell.cross_talk_nm_per_n.<pair>", "N m/N", "c", "torque that the cell shows of a force",
+             plausible=Range(-0.02, 0.02, "20 mm: the place of the weight is wrong")),
+    Quantity("loadcell.cross_talk_n_per_nm.<pair>", "N/(N m)", "c", "force that the cell shows of a torque"),
+    Quantity("loadcell.cross_talk_torque.<pair>", "1", "c", "part of a torque that another axis shows",
+             plausible=_TALK),
 )  # fmt: skip
 
 _OF_SPEEDS = "`cfid fit thrust` of runs with rotor speeds"
@@ -233,4 +250,6 @@ _SHOWN = _given(
              of_the_run=True),
 )  # fmt: skip
 
-QUANTITIES = (*_SWING, *_FRICTION, *_MATRICES, *_MAPS, *_ROTORS, *_TRANSFER, *_LATENCY, *_DRAGS, *_STATED, *_SHOWN)
+QUANTITIES = (
+    *_SWING, *_FRICTION, *_MATRICES, *_LOADCELL, *_MAPS, *_ROTORS, *_TRANSFER, *_LATENCY, *_DRAGS, *_STATED, *_SHOWN,
+)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Facts of a rig that stay the same from run to run: how devices are mounted.
+"""Facts of a rig that stay the same from run to run: how devices are mounted, and how exact their scales are.
 
 rig.toml states them and each run stores them. An unstated fact is None; the fit that needs it then assumes the value
 of version 0.1 and adds a note.
@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Positive = Annotated[Number, Field(gt=0)]
+Spread = Annotated[Number, Field(ge=0)]
 
 
 class RigTable(BaseModel):
@@ -25,27 +26,48 @@ class LoadCellMount(RigTable):
     in the vehicle's frame (x to the nose, y left) is Rz(+yaw) times the one in the cell's. It is how far the cell's x
     axis lies left of the nose. `arm_mm` is from the cell's z axis to a motor's axis. With `flip_fz` Fz and Tz count
     downwards.
+
+    `gain` has the readings of Fx, Fy, Fz, Tx, Ty, Tz over their loads, by which readings are divided. `..._std` are
+    standard uncertainties: `gain_std` of these, `linearity_std` relative to the load, `cross_talk_std` of the part of
+    a force that another axis shows, and `cross_talk_std_nm_per_n` of the torque that the cell shows of a force.
     """
 
     yaw_deg: Number | None = None
+    yaw_std_deg: Spread | None = None
     arm_mm: Positive | None = None
+    arm_std_mm: Spread | None = None
     flip_fz: Annotated[bool, Field(strict=True)] | None = None
+    gain: tuple[Positive, Positive, Positive, Positive, Positive, Positive] | None = None
+    gain_std: tuple[Spread, Spread, Spread, Spread, Spread, Spread] | None = None
+    linearity_std: Spread | None = None
+    cross_talk_std: Spread | None = None
+    cross_talk_std_nm_per_n: Spread | None = None
 
 
 class Tachometer(RigTable):
-    """How many reflective markers a tachometer counts in one turn of a rotor."""
+    """How many reflective markers a tachometer counts in one turn, and its relative standard uncertainty."""
 
     markers: Annotated[int, Field(strict=True, ge=1)] | None = None
+    scale_std: Spread | None = None
+
+
+class Scales(RigTable):
+    """The relative standard uncertainty of the scales that weigh thrust and weights."""
+
+    linearity_std: Spread | None = None
 
 
 class WindStand(RigTable):
     """Where the wind generator stands: its azimuth about z, counted to the right of the nose.
 
-    `yaw_deg` replaces that of the load cell where the vehicle is mounted otherwise in wind.
+    `yaw_deg` replaces that of the load cell where the vehicle is mounted otherwise in wind. `speed_scale_std` is the
+    relative standard uncertainty of the anemometer.
     """
 
     azimuth_deg: Number | None = None
+    azimuth_std_deg: Spread | None = None
     yaw_deg: Number | None = None
+    speed_scale_std: Spread | None = None
 
 
 class RigFacts(RigTable):
@@ -53,6 +75,7 @@ class RigFacts(RigTable):
 
     loadcell: LoadCellMount = LoadCellMount()
     tachometer: Tachometer = Tachometer()
+    scales: Scales = Scales()
     wind: WindStand = WindStand()
 
     @property

@@ -14,8 +14,18 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.facts import LoadCellMount, Number, Positive, RigFacts, RigTable, Tachometer, WindStand
-from cfid.records.files import first_fault, read_toml
+from cfid.records.facts import (
+    LoadCellMount,
+    Number,
+    Positive,
+    RigFacts,
+    RigTable,
+    Scales,
+    Spread,
+    Tachometer,
+    WindStand,
+)
+from cfid.records.files import first_fault, locked_folder, read_toml, write_whole
 from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2
 
 RIG_FILE = "rig.toml"
@@ -34,9 +44,6 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-
-
-Spread = Annotated[Number, Field(ge=0)]
 
 
 SpreadVector = tuple[Spread, Spread, Spread]
@@ -104,9 +111,13 @@ class Mount(RigTable):
 
 
 class VehicleData(RigTable):
-    """The vehicle as weighed and measured: mass, centre of mass and body frame."""
+    """The vehicle as weighed and measured: mass, centre of mass and body frame.
+
+    `platform` sets what is plausible: `crazyflie` for quadrocopters of its kind, `other` for any body: physics alone.
+    """
 
     name: str = "vehicle"
+    platform: Literal["crazyflie", "other"] = "crazyflie"
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     centre_of_mass_mm: Vector
@@ -157,10 +168,25 @@ class EncoderScale(RigTable):
 
 
 class FrictionRig(RigTable):
-    """The axis around which the fishing line of the dropping weights is wound."""
+    """The axis around which the fishing line of the dropping weights is wound, and the line's thickness.
+
+    The weight pulls at the middle of the line: half its thickness adds to the radius of the axis.
+    """
 
     radius_mm: Positive
     radius_std_mm: Spread = 0.0
+    line_mm: Spread | None = None
+    line_std_mm: Spread = 0.0
+
+    @property
+    def lever_mm(self) -> float:
+        """The radius at which the weight pulls, without the line where its thickness is not stated."""
+        return self.radius_mm + (self.line_mm or 0.0) / 2
+
+    @property
+    def lever_std_mm(self) -> float:
+        """The standard uncertainty of that radius."""
+        return math.hypot(self.radius_std_mm, self.line_std_mm / 2)
 
 
 class EncoderPort(RigTable):
@@ -213,6 +239,7 @@ class Rig(RigTable):
     encoder: EncoderScale = EncoderScale()
     loadcell: LoadCellMount = LoadCellMount()
     tachometer: Tachometer = Tachometer()
+    scales: Scales = Scales()
     wind: WindStand = WindStand()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
@@ -222,8 +249,8 @@ class Rig(RigTable):
 
     @property
     def facts(self) -> RigFacts:
-        """How devices are mounted, as each run stores it."""
-        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, wind=self.wind)
+        """How devices are mounted and how exact they are, as each run stores it."""
+        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, scales=self.scales, wind=self.wind)
 
 
 def load_rig(path: Path) -> Rig:
@@ -244,15 +271,38 @@ def new_rig_text() -> str:
 
 
 def thesis_rig() -> Rig:
-    """Return the rig of the thesis' calculation (C.1.4, C.1.5, C.1.7), with the two directions of its xy mount."""
-    content = tomllib.loads(_preset("rig.toml"))
-    for name, differing in tomllib.loads(_preset("thesis.toml"))["mounts"].items():
-        content["mounts"][name] |= differing
+    """Return the rig of the thesis' calculation (C.1.2 to C.1.7), with the two directions of its xy mount."""
+    content, differing = tomllib.loads(_preset("rig.toml")), tomllib.loads(_preset("thesis.toml"))
+    for name, mount in differing["mounts"].items():
+        content["mounts"][name] |= mount
+    content["friction"] |= differing["friction"]
     return _checked(content, name="the thesis' rig")
 
 
 def _preset(name: str) -> str:
     return (resources.files("cfid.records.presets") / name).read_text(encoding="utf-8")
+
+
+def change_rig(folder: Path, table: str, keys: Mapping[str, object]) -> Path:
+    """Set keys of a table of a campaign's rig.toml, atomically; comments stay. Returns the file's path.
+
+    Raises ConfigError that names the key, or the reason why the file cannot be written; it is then unchanged.
+    """
+    import tomlkit  # slow to load, for those who read alone
+
+    path = folder / RIG_FILE
+    try:
+        with locked_folder(folder):
+            document = tomlkit.parse(path.read_text("utf-8-sig"))
+            section = document.setdefault(table, tomlkit.table())
+            for key, value in keys.items():
+                section[key] = value
+            text = tomlkit.dumps(document)
+            check_rig(text, name=str(path))
+            write_whole(path, text.encode())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
+    return path
 
 
 def check_rig(text: str, *, name: str) -> None:

@@ -29,39 +29,43 @@ class Axis:
     as smoothly as by hand: the pendulum is steadied, or the line wound up.
     """
 
-    def __init__(self, motion: Motion, *, return_s: float, offset_rad: float) -> None:
-        """Take k motions (n, k) in equal steps; the encoder's zero lies at -`offset_rad`."""
+    def __init__(self, motion: Motion, *, return_s: float, offset_rad: float, eccentricity_rad: float = 0.0) -> None:
+        """Take k motions (n, k) in equal steps; encoder's zero and eccentricity are those of EncoderModel."""
         self._angles = motion.angle_rad.T.tolist()  # lists: reading single numbers from them is faster
         self._speeds = motion.speed_rad_per_s.T.tolist()
         self._step_s = float(motion.time_s[1] - motion.time_s[0])
         self._return_s = return_s
         self._offset_rad = offset_rad
+        self._eccentricity_rad = eccentricity_rad
 
     def angle_at(self, time_s: float) -> float:
-        """Return the angle in rad, the cubic through angles and speeds of the two nearest steps."""
+        """Return the angle in rad that the encoder sees: the cubic through the two nearest steps, with its error."""
         turn, into_s = divmod(max(time_s, 0.0), PERIOD_S)
         which = int(turn) % len(self._angles)
         angle_rad = _between(self._angles[which], self._speeds[which], into_s / self._step_s, self._step_s)
         if turn and into_s < self._return_s:
             left_rad = self._angles[which - 1][-1]  # of the last one, if this is the first again
             angle_rad += left_rad * _smooth(1 - into_s / self._return_s)
-        return self._offset_rad + angle_rad
+        angle_rad += self._offset_rad
+        return angle_rad + self._eccentricity_rad * math.sin(angle_rad)
 
 
-def swinging(pendulum: Pendulum, *, rng: np.random.Generator) -> Axis:
+def swinging(pendulum: Pendulum, *, rng: np.random.Generator, eccentricity_rad: float = 0.0) -> Axis:
     """Return the axis of a pendulum that a hand deflects and releases every PERIOD_S, each time differently.
 
     After RELEASES of them, some five minutes, they repeat.
     """
     releases: Sequence[HandRelease] = [draw_release(rng) for _ in range(RELEASES)]
     motion = swing([pendulum] * RELEASES, releases, duration_s=PERIOD_S, step_s=_STEP_S, store_every=1)
-    return Axis(motion, return_s=_STEADIED_S, offset_rad=rng.uniform(0, 2 * math.pi))
+    offset_rad = rng.uniform(0, 2 * math.pi)
+    return Axis(motion, return_s=_STEADIED_S, offset_rad=offset_rad, eccentricity_rad=eccentricity_rad)
 
 
-def dropping(weights: Sequence[DroppingWeight], *, rng: np.random.Generator) -> Axis:
+def dropping(weights: Sequence[DroppingWeight], *, rng: np.random.Generator, eccentricity_rad: float = 0.0) -> Axis:
     """Return the axis that falling weights turn, one after the other; the line is wound up again before each."""
     motion = drop(weights, duration_s=PERIOD_S, wait_s=_FALLS_AFTER_S, step_s=_STEP_S)
-    return Axis(motion, return_s=_WOUND_UP_S, offset_rad=rng.uniform(0, 2 * math.pi))
+    offset_rad = rng.uniform(0, 2 * math.pi)
+    return Axis(motion, return_s=_WOUND_UP_S, offset_rad=offset_rad, eccentricity_rad=eccentricity_rad)
 
 
 def resting(*, offset_rad: float) -> Axis:

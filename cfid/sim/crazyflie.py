@@ -6,8 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.facts import Number
-from cfid.records.rig_file import Spread
+from cfid.records.facts import Number, Spread
 from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT, Commander
 from cfid.sim.crazyflie_glue import IDLE, Glue
 from cfid.sim.crazyflie_log import Log

@@ -54,7 +54,7 @@ def true_motors(truth: SimTruth) -> dict[str, float]:
         "tf.time_constant_s": rotors.time_constant_s,
         "tf.static_gain_n": 2 * k * slope * (idle + slope * MIDDLE),
         "tf.delay_s": bench.delay_s,
-        "latency.rtt_mean_s": 2 * radio.latency_s,
+        "latency.rtt_mean_s": 2 * radio.mean_s,
     }
 
 

@@ -23,7 +23,6 @@ SAMPLES, AMPLITUDE = 4000, 20000
 PINGS = 300
 
 _HOLD_S, _REST_S = 2.5, 1.0
-_TACHOMETER = 4e-4  # relative error, as the UT372's maker states it
 _PING_EVERY_S = 0.1
 _TIMES_A_LOG = 10  # ticks of the stand in 100 ms: the battery is logged ten times a second
 
@@ -33,9 +32,9 @@ def record_chapter_3(truth: SimTruth, rng: np.random.Generator) -> list[Simulate
     return [
         record_staircase(truth, rng, steps=STEPS, motors=MOTORS, hold_s=_HOLD_S, rest_s=_REST_S),
         record_staircase(truth, rng, steps=QUICK_STEPS, motors=(1,), hold_s=1.5, rest_s=1.5, rate_hz=FULL_RATE_HZ),
-        _speeds(truth, rng),
-        *_sines(truth, rng),
-        _pings(truth, rng),
+        speed_run(truth, rng),
+        *sine_runs(truth, rng),
+        ping_run(truth, rng),
     ]
 
 
@@ -98,10 +97,11 @@ def _of_stand(stand: StandRecord, truth: SimTruth, rate_hz: float) -> dict[str, 
 def shown_rpm(commands: Array, truth: SimTruth, rng: np.random.Generator) -> Array:
     """Return a tachometer's readings of rotors at commands (n,) in rpm; it counts every marker."""
     speed = truth.rotors.steady_rad_per_s(commands, volts=truth.rotors.nominal_v)
-    return np.round(truth.rotors.markers * speed * 60 / math.tau * (1 + _TACHOMETER * rng.standard_normal(len(speed))))
+    shown = truth.rotors.markers * speed * 60 / math.tau * (1 + truth.rotors.tachometer_gain)
+    return np.round(shown * (1 + truth.rotors.tachometer_std * rng.standard_normal(len(speed))))
 
 
-def _speeds(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
+def speed_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
     """Simulate an operator who types a tachometer's readings."""
     commands = np.array([step for step in STEPS if step > truth.rotors.dead_below_command], dtype=np.float64)
     shown = shown_rpm(commands, truth, rng)
@@ -130,7 +130,8 @@ def _speeds(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
     )
 
 
-def _sines(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
+def sine_runs(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
+    """Play a series of sines, up and down."""
     bench = Bench(rate_hz=RATE_HZ, radio=truth.radio, loadcell=truth.loadcell)
     found = simulate_sines(truth.rotors, periods=PERIODS, samples=SAMPLES, amplitude=AMPLITUDE, rng=rng, bench=bench)
     begin_s = [float(sine.time_s[0]) for sine in found]
@@ -163,7 +164,8 @@ def _sine(sine: SimulatedSine, truth: SimTruth, next_after_s: float) -> Simulate
     )
 
 
-def _pings(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
+def ping_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
+    """Send PINGS to the vehicle, and keep what is answered."""
     up, down = Direction(truth.radio, rng), Direction(truth.radio, rng)
     sent_s = _PING_EVERY_S * np.arange(PINGS)
     there_s: Array = np.array([_came(up, at_s) for at_s in sent_s])

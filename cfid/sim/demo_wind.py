@@ -21,15 +21,15 @@ _HOLD_S, _REST_S = 2.5, 1.0
 def record_chapter_4(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
     """Record a wind run for each setting (angle in degrees, fan voltage in V, speed in m/s), and one without wind."""
     still = _record(truth, STILL_AIR, {"fan_v": 0.0, "wind_min_mps": 0.0, "wind_max_mps": 0.0}, rng)
-    return [still, *(_in_wind(truth, *wind, rng) for wind in WINDS)]
+    return [still, *(wind_run(truth, *wind, rng) for wind in WINDS)]
 
 
-def _in_wind(
+def wind_run(
     truth: SimTruth, angle_deg: float, fan_v: float, read_mps: float, rng: np.random.Generator
 ) -> SimulatedRun:
     """Record at a wind speed that lies anywhere between the operator's two readings."""
     low, high = read_mps * (1 - np.sqrt(3) * READ_STD), read_mps * (1 + np.sqrt(3) * READ_STD)
-    acts = {"speed_mps": float(rng.uniform(low, high)), "angle_deg": angle_deg}
+    acts = {"speed_mps": float(rng.uniform(low, high)) / (1 + truth.wind.anemometer_gain), "angle_deg": angle_deg}
     asked = {
         "angle_deg": angle_deg,
         "fan_v": fan_v,

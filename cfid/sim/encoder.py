@@ -24,9 +24,10 @@ class EncoderModel:
     """An encoder and the loop that polls it.
 
     `word` is the counts per turn or the name of a word format, as in rig.toml. The count is zero where the
-    axis stands at -`offset_rad`. Intervals between samples are uniform within `poll_s` +- `poll_jitter_s`;
-    a stamp misses its sample's instant by a normal error of standard deviation `stamp_error_s`. Raises
-    ValueError when the jitter would make an interval negative.
+    axis stands at -`offset_rad`; an eccentric ring adds `eccentricity_rad` sin(angle from there). Intervals
+    between samples are uniform within `poll_s` +- `poll_jitter_s`; a stamp misses its sample's instant by a
+    normal error of standard deviation `stamp_error_s`. Raises ValueError when the jitter would make an
+    interval negative.
     """
 
     word: float | Literal["rls-13bit-in-22"] = "rls-13bit-in-22"
@@ -34,6 +35,7 @@ class EncoderModel:
     poll_s: float = 1e-3
     poll_jitter_s: float = 1e-4
     stamp_error_s: float = 5e-5
+    eccentricity_rad: float = 0.0
 
     def __post_init__(self) -> None:
         """Reject a loop that would poll backwards."""
@@ -58,7 +60,9 @@ def record(
     sampled_s = _sampling_instants(float(time_s[0]), float(time_s[-1]), encoder=encoder, rng=rng)
     sampled_rad = CubicHermiteSpline(time_s, angle_rad, speed_rad_per_s)(sampled_s)
     stamps_s = np.sort(sampled_s + encoder.stamp_error_s * rng.standard_normal(sampled_s.size))
-    return Recording(stamps_s, _counts(sampled_rad + encoder.offset_rad, word=encoder.word))
+    seen_rad = sampled_rad + encoder.offset_rad
+    seen_rad += encoder.eccentricity_rad * np.sin(seen_rad)
+    return Recording(stamps_s, _counts(seen_rad, word=encoder.word))
 
 
 def _sampling_instants(begin_s: float, end_s: float, *, encoder: EncoderModel, rng: np.random.Generator) -> Array:

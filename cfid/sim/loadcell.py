@@ -4,15 +4,18 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Number, Positive
-from cfid.records.rig_file import Spread
+from cfid.records.facts import Number, Positive, Spread
 from cfid.sim.stepping import Array
+from cfid.sim.wander import Wander
 
+WARM_UP_S = 60.0
+BIAS_WANDER_S = 60.0
 SATURATED = 0x80020000  # bit 31, any error, and bit 17
 
 Six = tuple[Number, Number, Number, Number, Number, Number]
 SixSpreads = tuple[Spread, Spread, Spread, Spread, Spread, Spread]
 SixPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+SixSixes = tuple[Six, Six, Six, Six, Six, Six]
 Counts = npt.NDArray[np.int32]
 
 
@@ -22,6 +25,11 @@ class LoadCellTruth(BaseModel):
     `bias` is its reading unloaded, `drift_per_s` the bias' growth, `noise_std` the standard deviation of a sample. Its
     x axis lies `yaw_deg` left of the vehicle's, and the rotors' wrenches are turned by that angle. With `flip_fz` Fz
     and Tz count downwards.
+
+    Calibration errors: each axis reads too much by its `gain_error`; axis i also shows `crosstalk` [i][j] of axis j,
+    as shares of their ranges (its diagonal has no effect). While it warms up, over WARM_UP_S after the first reading,
+    it reads too little by up to `warm_up`. Its bias wanders with the standard deviation `bias_wander`, a share of the
+    ranges, correlated over BIAS_WANDER_S.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -34,11 +42,22 @@ class LoadCellTruth(BaseModel):
     counts_per_nm: Positive = 1e6
     yaw_deg: Number = -45.0
     flip_fz: bool = False
+    gain_error: Six = (0.0,) * 6
+    crosstalk: SixSixes = ((0.0,) * 6,) * 6
+    warm_up: Number = 0.0
+    bias_wander: Spread = 0.0
 
     @property
     def counts_per_unit(self) -> Array:
         """Counts of one N or Nm on each axis (6,)."""
         return np.repeat([self.counts_per_n, self.counts_per_nm], 3)
+
+    @property
+    def response(self) -> Array:
+        """What the cell shows (6, row) of each component of a wrench (6, column), 1 of itself without errors."""
+        ranges = np.array(self.ranges)
+        others = (1 - np.eye(6)) * np.array(self.crosstalk) * np.outer(ranges, 1 / ranges)
+        return np.asarray(np.diag(1 + np.array(self.gain_error)) + others)
 
 
 class SimulatedLoadCell:
@@ -55,6 +74,11 @@ class SimulatedLoadCell:
             np.array, (truth.drift_per_s, truth.noise_std, truth.ranges)
         )
         self._first_s: float | None = None
+        self._response = truth.response
+        self._wander: Wander | None = None
+        if truth.bias_wander:
+            std = truth.bias_wander * self._ranges
+            self._wander = Wander(std, correlation_s=BIAS_WANDER_S, rng=rng.spawn(1)[0])
 
     def read(self, time_s: Array, wrench: Array) -> tuple[Counts, npt.NDArray[np.uint32]]:
         """Return counts (n, 6) and status words (n,) of a wrench (n, 6) in N and Nm at times (n,)."""
@@ -62,7 +86,10 @@ class SimulatedLoadCell:
             self._first_s = float(time_s[0])
         elapsed_s = (time_s - self._first_s)[:, np.newaxis]
         noise = self._noise_std * self._rng.standard_normal(wrench.shape)
-        felt = wrench + self._unloaded + self._drift_per_s * elapsed_s + noise
+        warm = 1 - self.truth.warm_up * np.exp(-elapsed_s / WARM_UP_S)
+        felt = wrench @ self._response.T * warm + self._unloaded + self._drift_per_s * elapsed_s + noise
+        if self._wander is not None:
+            felt += self._wander.at(elapsed_s[:, 0])
         beyond = (np.abs(felt) >= self._ranges).any(axis=1)
         shown = np.clip(felt, -self._ranges, self._ranges)
         counts = np.rint(shown * self._scale).astype(np.int64) - self.software_bias

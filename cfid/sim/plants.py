@@ -3,13 +3,17 @@
 Each integrates its own equation of motion; nothing here knows how a parameter is estimated from it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.sim.hand import HandRelease, Hands
 from cfid.sim.stepping import Array, Indices, Motion, PlantState, Time, integrate
+
+STRIBECK_RAD_PER_S = 0.5  # the speed at which a bearing's static friction has fallen to a third
 
 __all__ = ["DroppingWeight", "HandRelease", "Motion", "Pendulum", "drop", "swing"]
 
@@ -18,7 +22,9 @@ __all__ = ["DroppingWeight", "HandRelease", "Motion", "Pendulum", "drop", "swing
 class Pendulum:
     """A body on the swing's axis (thesis eq. 2.8, its friction in three parts).
 
-    I phi'' = -M_g sin(phi - rest) - c phi' - M_c sgn(phi') - k phi'|phi'| + hand, M_g = m g r.
+    I phi'' = -M_g sin(phi - rest) - s (phi - rest) - c phi' - M_c sgn(phi') - k phi'|phi'| + hand, M_g = m g r.
+    `spring_nm_per_rad`, s, is that of a cable. Dry friction is M_c + ripple cos(phi) + stribeck exp(-(phi'/w)^2), with
+    w = STRIBECK_RAD_PER_S, and not below zero.
     """
 
     axis_inertia_kg_m2: float
@@ -26,6 +32,9 @@ class Pendulum:
     viscous_nms_per_rad: float = 0.0
     coulomb_nm: float = 0.0
     quadratic_nms2_per_rad2: float = 0.0
+    spring_nm_per_rad: float = 0.0
+    stribeck_nm: float = 0.0
+    ripple_nm: float = 0.0
     rest_rad: float = 0.0
 
 
@@ -36,6 +45,9 @@ class DroppingWeight:
     (I + m r^2) phi'' = m g r - c phi' - M_c(phi) sgn(phi'), M_c(phi) = coulomb + ripple cos(phi), not below
     zero. A ripple makes the speed vary within each turn, as the thesis' 10 g did (figure 2.9). After
     `drop_m` the line is slack and the axis coasts.
+
+    A line of `line_diameter_m` pulls at half of that beyond the axis' radius. With `turns_per_layer` it was wound in
+    layers of so many turns, each a diameter further out, and the outermost unwinds first.
     """
 
     setup_inertia_kg_m2: float
@@ -46,6 +58,8 @@ class DroppingWeight:
     ripple_nm: float = 0.0
     gravity_mps2: float = 9.81
     drop_m: float = 1.0
+    line_diameter_m: float = 0.0
+    turns_per_layer: float = 0.0
 
 
 def swing(
@@ -90,12 +104,17 @@ class _Swings:
     _viscous: Array
     _coulomb: Array
     _quadratic: Array
+    _spring: Array
+    _stribeck: Array
+    _ripple: Array
     _rest: Array
 
     def __init__(self, columns: Array, hands: Hands | None) -> None:
         self._columns = columns
         self._hands = hands
-        self._inertia, self._moment, self._viscous, self._coulomb, self._quadratic, self._rest = columns
+        self._inertia, self._moment, self._viscous, self._coulomb, self._quadratic, *others = columns
+        self._spring, self._stribeck, self._ripple, self._rest = others
+        self._even = not (self._stribeck.any() or self._ripple.any())
 
     @property
     def start_rad(self) -> Array:
@@ -112,17 +131,24 @@ class _Swings:
         return _Swings(self._columns[:, which], self._hands.select(which) if self._hands else None)
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        gravity = -self._moment * np.sin(angle_rad - self._rest)
+        deflection = angle_rad - self._rest
+        back = -self._moment * np.sin(deflection) - self._spring * deflection
         if self._hands is None:
-            return gravity
-        return gravity + self._hands.torque_nm(time_s, angle_rad, speed_rad_per_s)
+            return back
+        return back + self._hands.torque_nm(time_s, angle_rad, speed_rad_per_s)
 
     def dry_nm(self, angle_rad: Array) -> Array:
-        return self._coulomb
+        return self._dry_nm(angle_rad, 0.0)
+
+    def _dry_nm(self, angle_rad: Array, speed_rad_per_s: Array | float) -> Array:
+        if self._even:  # half of the integration's time
+            return self._coulomb
+        stribeck = self._stribeck * np.exp(-((speed_rad_per_s / STRIBECK_RAD_PER_S) ** 2))
+        return np.asarray(np.maximum(self._coulomb + self._ripple * np.cos(angle_rad) + stribeck, 0))
 
     def acceleration(self, time_s: Time, state: PlantState) -> Array:
         angle, speed, direction = state
-        brake = self._viscous * speed + direction * (self._coulomb + self._quadratic * speed * speed)
+        brake = self._viscous * speed + direction * (self._dry_nm(angle, speed) + self._quadratic * speed * speed)
         torque = self.drive_nm(time_s, angle, speed) - brake
         return np.abs(direction) * torque / self._inertia
 
@@ -134,14 +160,15 @@ class _Drops:
     _viscous: Array
     _coulomb: Array
     _ripple: Array
+    _weight: Array
+    _gravity: Array
 
     def __init__(self, columns: Array, start_s: float) -> None:
         self._columns = columns
         self._start_s = start_s
-        self._setup, weight, radius, self._viscous, self._coulomb, self._ripple, gravity, fall = columns
-        self._pull: Array = weight * gravity * radius
-        self._weight_inertia: Array = weight * radius**2
-        self._slack_rad: Array = fall / radius
+        self._setup, weight, radius, self._viscous, self._coulomb, self._ripple, gravity, fall, line, turns = columns
+        self._winding = _Winding(radius + line / 2, line, 2 * math.pi * turns, fall)
+        self._weight, self._gravity = weight, gravity
 
     @property
     def start_rad(self) -> Array:
@@ -158,13 +185,39 @@ class _Drops:
         return _Drops(self._columns[:, which], self._start_s)
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        return self._pull * (angle_rad < self._slack_rad) * (time_s >= self._start_s)
+        radius, taut = self._winding.at(angle_rad)
+        return np.asarray(self._weight * self._gravity * radius * taut * (time_s >= self._start_s))
 
     def dry_nm(self, angle_rad: Array) -> Array:
         return np.maximum(self._coulomb + self._ripple * np.cos(angle_rad), 0)
 
     def acceleration(self, time_s: Time, state: PlantState) -> Array:
         angle, speed, direction = state
-        inertia = self._setup + self._weight_inertia * (angle < self._slack_rad)
+        radius, taut = self._winding.at(angle)
+        inertia = self._setup + self._weight * radius**2 * taut
         brake = self._viscous * speed + direction * self.dry_nm(angle)
         return np.abs(direction) * (self.drive_nm(time_s, angle, speed) - brake) / inertia
+
+
+class _Winding:
+    """Lines of a length wound around k axes, in layers of `layer_rad` or, where that is zero, in one; each (k,)."""
+
+    def __init__(self, radius_m: Array, line_m: Array, layer_rad: Array, length_m: Array) -> None:
+        self._radius_m, self._line_m, self._layer_rad = radius_m, line_m, layer_rad
+        self._layered = bool((line_m * layer_rad).any())
+        # n full layers hold layer_rad (n r + d n (n - 1) / 2); the outermost layer begins within the length.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            lever = radius_m / line_m - 0.5
+            full = np.floor(-lever + np.sqrt(lever**2 + 2 * length_m / (layer_rad * line_m)))
+        full = np.where(line_m * layer_rad > 0, full, 0.0)
+        wound_m = layer_rad * (full * radius_m + line_m * full * (full - 1) / 2)
+        self._slack_rad = full * layer_rad + (length_m - wound_m) / (radius_m + full * line_m)
+
+    def at(self, angle_rad: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Return the radius in m at which each line pulls, and whether it is still taut."""
+        taut = angle_rad < self._slack_rad
+        if not self._layered:
+            return self._radius_m, taut
+        left = np.maximum(self._slack_rad - angle_rad, 0.0)
+        below = np.divide(left, self._layer_rad, out=np.zeros_like(left), where=self._layer_rad > 0)
+        return self._radius_m + self._line_m * np.floor(below), taut

@@ -73,7 +73,8 @@ class Propulsion:
     def speed_rad_per_s(self, time_s: float) -> Array:
         """Return the rotors' speeds (4,) at a time; before the last change, those at that change."""
         steady = self._truth.steady_rad_per_s(self._acting.command, volts=self._acting.volts)
-        return np.asarray(steady + (self._speed - steady) * self._truth.lag(np.array(max(time_s - self._since_s, 0.0))))
+        ahead = self._speed - steady
+        return np.asarray(steady + ahead * np.exp(-max(time_s - self._since_s, 0.0) / self._truth.lag_s(ahead)))
 
     def wrench_at(self, time_s: Array) -> Array:
         """Return the wrench (n, 6) in N and Nm at times (n,) that do not decrease, none after the last `advance`."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from cfid.sim.encoder import EncoderModel, Recording, record
 from cfid.sim.plants import HandRelease, Pendulum, swing
-from cfid.sim.truth import TrueFriction, Truth, draw_testbody, draw_truth
+from cfid.sim.truth import CUBE_ARM_M, CUBE_M, TrueFriction, Truth, draw_testbody, draw_truth
 
 __all__ = [
     "TrueFriction",
@@ -33,12 +33,17 @@ def pendulum(truth: Truth, mount_name: str) -> Pendulum:
     mount = truth.mounts[mount_name]
     distance_m = np.linalg.norm(np.cross(truth.centre_of_mass_m - mount.point_m, mount.direction))
     about_centre = mount.direction @ truth.inertia_kg_m2 @ mount.direction
+    of_cube = truth.fixture_kg * (CUBE_M**2 / 6 + CUBE_ARM_M**2)
+    below_kg_m = truth.mass_kg * distance_m + truth.fixture_kg * CUBE_ARM_M
     return Pendulum(
-        axis_inertia_kg_m2=float(about_centre + truth.mass_kg * distance_m**2),
-        gravity_moment_nm=float(truth.mass_kg * truth.gravity_mps2 * distance_m),
+        axis_inertia_kg_m2=float(about_centre + truth.mass_kg * distance_m**2 + of_cube),
+        gravity_moment_nm=float(truth.gravity_mps2 * below_kg_m),
         viscous_nms_per_rad=mount.friction.viscous_nms_per_rad,
         coulomb_nm=mount.friction.coulomb_nm,
         quadratic_nms2_per_rad2=mount.friction.quadratic_nms2_per_rad2,
+        spring_nm_per_rad=mount.friction.spring_nm_per_rad,
+        stribeck_nm=mount.friction.stribeck_nm,
+        ripple_nm=mount.friction.ripple_nm,
     )
 
 

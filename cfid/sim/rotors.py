@@ -10,18 +10,20 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from cfid.records.facts import Number, Positive
-from cfid.records.rig_file import Spread
+from cfid.records.facts import Number, Positive, Spread
 from cfid.sim.stepping import Array
+from cfid.sim.wander import Wander
 
 Six = tuple[Number, Number, Number, Number, Number, Number]
 
 LARGEST_COMMAND = 65535
+WANDER_S = 0.1
 NOMINAL_V = 3.7  # of a lithium cell that is half empty
 # Crazyflie 2.0, motor 1 to 4, x forward and y left: front right, back right, back left, front left.
 _ARMS = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]) / math.sqrt(2)
 _TURNS_LEFT = np.array([1, -1, 1, -1])  # seen from above
 _STANDSTILL_RAD_PER_S = 1e-3
+_HELD_S = 0.3  # longer than a sine holds a command, shorter than a staircase does
 
 
 class RotorTruth(BaseModel):
@@ -32,6 +34,11 @@ class RotorTruth(BaseModel):
     so half the voltage acts like half the command. A rotor's thrust is `thrust_ns2_per_rad2` w^2, its
     torque `torque_m` times the thrust. Lines at rotor frequency (`unbalance`, a bent or dirty rotor) and at twice
     that (`blade_pass`) act on Fx to Tz with so many N or Nm per newton of thrust. A tachometer counts `markers` a turn.
+
+    A rotor that slows down takes `slower_fall` longer, relatively. The arm is longer than rig.toml's by `arm_error`.
+    `thrust_scatter` and `speed_wander` are relative standard deviations: of a rotor's thrust from one command that is
+    held to the next, and of its speed in time, correlated over WANDER_S. The tachometer reads too much by
+    `tachometer_gain`, with a relative noise of `tachometer_std`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -45,6 +52,12 @@ class RotorTruth(BaseModel):
     time_constant_s: Positive = 0.06
     arm_m: Positive = 0.046
     markers: Annotated[int, Field(ge=1)] = 2
+    slower_fall: Number = 0.0
+    arm_error: Number = 0.0
+    thrust_scatter: Spread = 0.0
+    speed_wander: Spread = 0.0
+    tachometer_gain: Number = 0.0
+    tachometer_std: Spread = 4e-4  # as the UT372's maker states it
     unbalance: Six = Field(default=(0.6, 0.6, 0.3, 0.006, 0.006, 0.002))
     blade_pass: Six = Field(default=(0.2, 0.2, 1.2, 0.004, 0.004, 0.003))
 
@@ -53,9 +66,11 @@ class RotorTruth(BaseModel):
         felt = np.minimum(command, LARGEST_COMMAND) * (volts / self.nominal_v)
         return np.where(felt < self.dead_below_command, 0.0, self.idle_rad_per_s + self.rad_per_s_per_command * felt)
 
-    def lag(self, elapsed_s: Array) -> Array:
-        """Return the part of a change of speed that remains after times of any shape."""
-        return np.exp(-elapsed_s / self.time_constant_s)
+    def lag_s(self, ahead: Array) -> Array | float:
+        """Return the time constants of rotors whose speeds are ahead of (+) or behind (-) the steady ones."""
+        if not self.slower_fall:
+            return self.time_constant_s
+        return self.time_constant_s * np.where(ahead > 0, 1 + self.slower_fall, 1.0)
 
     def power_w(self, speed_rad_per_s: Array) -> Array:
         """Return the mechanical power that turns rotors of such speeds in air."""
@@ -93,6 +108,12 @@ class Rotors:
         self._speed = np.zeros(4)
         self._angle = np.zeros(4)
         self._last_s: float | None = None
+        self._rng = rng.spawn(1)[0] if truth.thrust_scatter or truth.speed_wander else None
+        self._factor = np.ones(4)
+        self._command, self._since_s = np.zeros(4), -math.inf
+        self._wander: Wander | None = None
+        if truth.speed_wander and self._rng is not None:
+            self._wander = Wander([truth.speed_wander] * 4, correlation_s=WANDER_S, rng=self._rng)
 
     @property
     def speed_rad_per_s(self) -> Array:
@@ -112,16 +133,31 @@ class Rotors:
             self._speed[:] = 0
             return np.zeros((len(time_s), 6))
         elapsed_s = (time_s - begin_s)[:, np.newaxis]
-        lag = self._truth.lag(elapsed_s)
-        behind = self._speed - steady
-        speed = steady + behind * lag
-        angle = self._angle + steady * elapsed_s + behind * self._truth.time_constant_s * (1 - lag)
+        ahead = self._speed - steady
+        lag_s = self._truth.lag_s(ahead)
+        lag = np.exp(-elapsed_s / lag_s)
+        speed = steady + ahead * lag
+        angle = self._angle + steady * elapsed_s + ahead * lag_s * (1 - lag)
         self._speed = speed[-1]
+        if self._wander is not None:
+            wandered = self._wander.integral(np.append(begin_s, time_s))
+            angle = angle + steady * (wandered[1:] - wandered[0])
+            speed = speed * (1 + self._wander.at(time_s))
         self._angle = angle[-1] % (2 * math.pi)
-        thrust = self._truth.thrust_ns2_per_rad2 * speed**2
+        self._scatter(command, begin_s)
+        thrust = self._factor * self._truth.thrust_ns2_per_rad2 * speed**2
         cos, sin = np.cos(angle), np.sin(angle)
         waves = (thrust, thrust * cos, thrust * sin, thrust * (cos**2 - sin**2), thrust * (2 * sin * cos))
         return np.asarray(np.hstack(waves) @ self._mixer + speed.sum(axis=1, keepdims=True) * self._drag)
+
+    def _scatter(self, command: Array, begin_s: float) -> None:
+        """Draw the thrust factor anew of rotors whose command changes after it was held."""
+        changed = command != self._command
+        if not (self._truth.thrust_scatter and self._rng is not None and changed.any()):
+            return
+        if begin_s - self._since_s > _HELD_S:
+            self._factor[changed] = 1 + self._truth.thrust_scatter * self._rng.standard_normal(int(changed.sum()))
+        self._command, self._since_s = command.copy(), begin_s
 
 
 def _into_the_cell(yaw_deg: float) -> Array:
@@ -135,7 +171,7 @@ def _into_the_cell(yaw_deg: float) -> Array:
 
 def _mixer(truth: RotorTruth, rng: np.random.Generator) -> Array:
     """Return the wrench of one newton of each rotor (20, 6): steady, then cosine and sine of its angle and twice it."""
-    x_m, y_m = truth.arm_m * _ARMS.T
+    x_m, y_m = truth.arm_m * (1 + truth.arm_error) * _ARMS.T
     steady = np.zeros((4, 6))
     steady[:, 2] = 1
     steady[:, 3] = y_m

@@ -32,9 +32,9 @@ from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.pty import PtyPort
 from cfid.sim.radio import Radio
-from cfid.sim.rig import draw_truth, pendulum
+from cfid.sim.rig import pendulum
 from cfid.sim.stepping import Array
-from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted
+from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted, draw_vehicle
 from cfid.units import MM
 from cfid.wire.app import AppPorts
 
@@ -142,13 +142,17 @@ class SimulatedRig:
 
 
 def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator) -> Axis:
-    vehicle = draw_truth(rig, inertia_kg_m2=truth.vehicle.inertia_kg_m2, rng=rng)
+    vehicle = draw_vehicle(rig, truth, rng=rng)
+    off_rad = truth.swing.eccentricity_rad
     if weight_g is not None:
-        return dropping(_weights(rig, truth.axis, weight_g, gravity_mps2=vehicle.gravity_mps2, rng=rng), rng=rng)
+        weights = _weights(rig, truth.axis, weight_g, gravity_mps2=vehicle.gravity_mps2, rng=rng)
+        return dropping(weights, rng=rng, eccentricity_rad=off_rad)
     if name is not None and name not in vehicle.mounts:
         raise ConfigError(f"rig.toml: mounts: there is no '{name}'. There are: {', '.join(vehicle.mounts) or 'none'}.")
     mount = name or next(iter(vehicle.mounts), None)
-    return resting(offset_rad=0.0) if mount is None else swinging(pendulum(vehicle, mount), rng=rng)
+    if mount is None:
+        return resting(offset_rad=0.0)
+    return swinging(pendulum(vehicle, mount), rng=rng, eccentricity_rad=off_rad)
 
 
 def _weights(
@@ -159,10 +163,12 @@ def _weights(
         DroppingWeight(
             setup_inertia_kg_m2=axis.setup_inertia_kg_m2,
             weight_kg=weight_g / 1000,
-            radius_m=MM * (rig.friction.radius_mm if rig.friction else _LINE_RADIUS_MM),
+            radius_m=MM * (rig.friction.lever_mm if rig.friction else _LINE_RADIUS_MM),
             viscous_nms_per_rad=axis.viscous_nms_per_rad,
             coulomb_nm=axis.coulomb_nm * rng.normal(1, _FRICTION_SCATTER),
             gravity_mps2=gravity_mps2,
+            line_diameter_m=MM * axis.line_diameter_mm,
+            turns_per_layer=axis.turns_per_layer,
         )
         for _ in range(DROPS)
     ]

@@ -66,7 +66,7 @@ class Bench:
     @property
     def delay_s(self) -> float:
         """The mean delay of the force's stamps after those of the commands."""
-        return self.loadcell_latency_s - self.radio.latency_s
+        return self.loadcell_latency_s - self.radio.mean_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ from cfid.records.rig_file import Cuboid, Mount, Rig
 from cfid.sim.stepping import Array
 from cfid.units import MM
 
+CUBE_M, CUBE_ARM_M = 0.019, 0.002
 FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary so (table 2.3)
 
 
@@ -20,12 +21,15 @@ class TrueFriction:
     """The friction of a swing.
 
     With these defaults, a Crazyflie released at 50 degrees about x has fallen below 10 degrees after eight periods
-    and shows 14 peaks above 1 degree, like the thesis' (section 2.4.4, table 2.3).
+    and shows 14 peaks above 1 degree, like the thesis' (section 2.4.4, table 2.3). The last three are as in Pendulum.
     """
 
     viscous_nms_per_rad: float = 1.5e-5
     coulomb_nm: float = 4e-5
     quadratic_nms2_per_rad2: float = 2e-8
+    spring_nm_per_rad: float = 0.0
+    stribeck_nm: float = 0.0
+    ripple_nm: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,13 +43,17 @@ class TrueMount:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """A true body: centre of mass (3,), inertia matrix about it (3, 3), mounts by name."""
+    """A true body: centre of mass (3,), inertia matrix about it (3, 3), mounts by name.
+
+    On each axis swings, too, a cube of `fixture_kg`, of edges CUBE_M and CUBE_ARM_M below the axis (C.1.7).
+    """
 
     mass_kg: float
     gravity_mps2: float
     centre_of_mass_m: Array
     inertia_kg_m2: Array
     mounts: Mapping[str, TrueMount]
+    fixture_kg: float = 0.0
 
 
 def draw_truth(
@@ -97,6 +105,35 @@ def draw_testbody(
     )
 
 
+def with_errors(
+    truth: Truth,
+    *,
+    mass_kg: float,
+    centre_of_mass_m: npt.ArrayLike,
+    fixture_kg: float,
+    tilt_deg: float,
+    rng: np.random.Generator,
+) -> Truth:
+    """Return the body with a mass and a centre of mass that are off by so much, and with a fixture.
+
+    Each axis tilts by two normal angles of standard deviation `tilt_deg`, about the directions across it.
+    """
+    mounts = truth.mounts
+    if tilt_deg:
+        mounts = {
+            name: replace(mount, direction=_tilted(mount.direction, tilt_deg, rng=rng))
+            for name, mount in mounts.items()
+        }
+    centre_m = truth.centre_of_mass_m + np.asarray(centre_of_mass_m)
+    return replace(
+        truth,
+        mass_kg=truth.mass_kg + mass_kg,
+        centre_of_mass_m=centre_m,
+        fixture_kg=fixture_kg,
+        mounts=mounts,
+    )
+
+
 def _draw_gravity(rig: Rig, *, rng: np.random.Generator) -> float:
     return rng.normal(rig.site.gravity_mps2, rig.site.gravity_std_mps2)
 
@@ -116,16 +153,20 @@ def _draw_mounts(
 
 def _draw_direction(mount: Mount, *, rng: np.random.Generator) -> Array:
     """Tilt the nominal direction about two axes perpendicular to it."""
-    nominal = np.array(mount.direction) / np.linalg.norm(mount.direction)
+    return _tilted(np.array(mount.direction) / np.linalg.norm(mount.direction), mount.direction_std_deg, rng=rng)
+
+
+def _tilted(nominal: Array, std_deg: float, *, rng: np.random.Generator) -> Array:
     across = np.linalg.svd(nominal[np.newaxis])[2][1:]  # (2, 3): spans the plane perpendicular to it
-    tilt_rad = math.radians(mount.direction_std_deg) * rng.standard_normal(2)
+    tilt_rad = math.radians(std_deg) * rng.standard_normal(2)
     angle_rad = np.linalg.norm(tilt_rad)
     return np.asarray(np.cos(angle_rad) * nominal + np.sinc(angle_rad / np.pi) * (tilt_rad @ across))
 
 
 def _draw_friction(typical: TrueFriction, *, rng: np.random.Generator) -> TrueFriction:
     viscous, coulomb, quadratic = rng.lognormal(0, FRICTION_SPREAD, 3)
-    return TrueFriction(
+    return replace(
+        typical,
         viscous_nms_per_rad=typical.viscous_nms_per_rad * viscous,
         coulomb_nm=typical.coulomb_nm * coulomb,
         quadratic_nms2_per_rad2=typical.quadratic_nms2_per_rad2 * quadratic,

@@ -1,5 +1,6 @@
 """Reads the true parameters of a simulated rig from a TOML file, in which every key has a default."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -7,14 +8,15 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.facts import Positive
+from cfid.records.facts import Number, Positive, Spread
 from cfid.records.files import first_fault, read_toml
-from cfid.records.rig_file import Rig, Spread, Vector
+from cfid.records.rig_file import Rig, Vector
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.truth import TrueFriction, Truth, draw_truth, with_errors
 from cfid.sim.wind import WindTruth
 from cfid.units import MM
 
@@ -30,9 +32,16 @@ class _TruthTable(BaseModel):
 
 
 class VehicleTruth(_TruthTable):
-    """The vehicle's inertia matrix about its centre of mass."""
+    """The vehicle's inertia matrix about its centre of mass.
+
+    Its mass and centre of mass differ from rig.toml's by the errors, beyond what rig.toml states. A cube of
+    `fixture_kg` swings with it that nobody mentioned.
+    """
 
     inertia_kg_m2: Matrix = (tuple(_X), tuple(_Y), tuple(_Z))
+    mass_error_kg: Number = 0.0
+    centre_of_mass_error_mm: Vector = (0.0, 0.0, 0.0)
+    fixture_kg: Spread = 0.0
 
     @field_validator("inertia_kg_m2")
     @classmethod
@@ -45,21 +54,50 @@ class VehicleTruth(_TruthTable):
         return matrix
 
 
+class SwingTruth(_TruthTable):
+    """What disturbs every swing: axes that tilt (standard deviation), a cable's spring, uneven dry friction.
+
+    The encoder's ring is mounted off centre: it adds a sine of `eccentricity_deg` to the angle.
+    """
+
+    tilt_deg: Spread = 0.0
+    spring_nm_per_rad: Spread = 0.0
+    stribeck_nm: Spread = 0.0
+    ripple_nm: Number = 0.0
+    eccentricity_deg: Number = 0.0
+
+    @property
+    def friction(self) -> TrueFriction:
+        """The usual friction with these disturbances."""
+        return TrueFriction(
+            spring_nm_per_rad=self.spring_nm_per_rad, stribeck_nm=self.stribeck_nm, ripple_nm=self.ripple_nm
+        )
+
+    @property
+    def eccentricity_rad(self) -> float:
+        """The encoder's error."""
+        return math.radians(self.eccentricity_deg)
+
+
 class AxisTruth(_TruthTable):
     """The axis that the dropping weights turn: its own inertia and its friction.
 
-    The friction is near that of the thesis' axis in table 2.1, taken as Coulomb and viscous friction.
+    The friction is near that of the thesis' axis in table 2.1, taken as Coulomb and viscous friction. The line has a
+    diameter, and lies in layers of `turns_per_layer` where that is not zero.
     """
 
     setup_inertia_kg_m2: Positive = 1.5e-7
     coulomb_nm: Spread = 3.2e-4
     viscous_nms_per_rad: Spread = 1.1e-6
+    line_diameter_mm: Spread = 0.0
+    turns_per_layer: Spread = 0.0
 
 
 class SimTruth(_TruthTable):
     """All true parameters. A Brushless has its own rotors by default."""
 
     vehicle: VehicleTruth = VehicleTruth()
+    swing: SwingTruth = SwingTruth()
     axis: AxisTruth = AxisTruth()
     rotors: RotorTruth = RotorTruth()
     loadcell: LoadCellTruth = LoadCellTruth()
@@ -84,6 +122,19 @@ USUAL_TRUTH = SimTruth()
 def usual_truth(platform: Platform) -> SimTruth:
     """Return the default truth of a rig with a vehicle of this platform."""
     return SimTruth.model_validate({"crazyflie": {"platform": platform}})
+
+
+def draw_vehicle(rig: Rig, truth: SimTruth, *, rng: np.random.Generator) -> Truth:
+    """Draw a vehicle and its mounts around rig.toml's values, with the truth's own errors in addition."""
+    vehicle = draw_truth(rig, inertia_kg_m2=truth.vehicle.inertia_kg_m2, friction=truth.swing.friction, rng=rng)
+    return with_errors(
+        vehicle,
+        mass_kg=truth.vehicle.mass_error_kg,
+        centre_of_mass_m=MM * np.array(truth.vehicle.centre_of_mass_error_mm),
+        fixture_kg=truth.vehicle.fixture_kg,
+        tilt_deg=truth.swing.tilt_deg,
+        rng=rng,
+    )
 
 
 def as_mounted(truth: SimTruth, rig: Rig) -> SimTruth:

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from cfid.records.facts import Number
-from cfid.records.rig_file import Spread, Vector
+from cfid.records.facts import Number, Spread
+from cfid.records.rig_file import Vector
 from cfid.sim.stepping import Array
 
 
@@ -15,7 +15,7 @@ class WindTruth(BaseModel):
 
     Rotors feel `kg_per_rad`, for the body's x, y and z, times their speeds' sum times the velocity relative to the air
     (thesis eq. 4.2, its coefficients of eq. 4.8), the body `body_kg_per_m` times that velocity and its size. The load
-    cell's x axis lies `yaw_deg` left of the vehicle's.
+    cell's x axis lies `yaw_deg` left of the vehicle's. The anemometer reads too much by `anemometer_gain`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -26,6 +26,7 @@ class WindTruth(BaseModel):
     yaw_deg: Number = 45.0
     kg_per_rad: Vector = (-9.1785e-7, -9.1785e-7, -10.311e-7)
     body_kg_per_m: Number = -3e-4
+    anemometer_gain: Number = 0.0
 
     @property
     def drag_ns_per_rad(self) -> Array:

@@ -4,8 +4,10 @@ The path of section 2.5: I_a = m g r / W, then I_G = I_a - m r^2. Mass, gravity,
 enter as uncertain inputs; those that several swings share stay shared, and so correlate the results.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,11 @@ from cfid.records.rig_file import Cuboid, Fixture, Mount, TestBody, Vector
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
+
+
+# The axis inertia of a compact fixture that was not swung, over its mass times its distance squared: 1 is a point's, 3
+# a cube's beside the axis.
+_SHAPE, _SHAPE_STD = 2.0, 1 / math.sqrt(3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +50,7 @@ class SwungBody:
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """Gravity, and the empty fixture if it was swung: its own natural frequency squared or axis inertia."""
+    """Gravity, and the empty fixture; if it was swung, its own natural frequency squared or axis inertia."""
 
     gravity_mps2: float
     gravity_std_mps2: float
@@ -69,10 +76,12 @@ class AxisInertias:
     body: SwungBody
     surroundings: Surroundings
     inputs: tuple[Input, ...] = field(init=False)
+    _mounts: "_Mounts" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Collect the inputs once; their order is the order of the vectors that `evaluate` takes."""
         object.__setattr__(self, "inputs", tuple(_inputs(self.swings, self.body, self.surroundings)))
+        object.__setattr__(self, "_mounts", _Mounts.of(self.swings, self.body, self.inputs))
 
     @property
     def values(self) -> Array:
@@ -85,32 +94,77 @@ class AxisInertias:
         mass, gravity = given["mass"], given["gravity"]
         centre = np.array([given[f"centre {c}"] for c in "xyz"])
         fixture_moment, fixture_inertia = self._fixture(given)
-        about_axis, distances, directions = [], [], []
-        for i, swing in enumerate(self.swings):
-            mount = self.body.mounts[swing.axis]
-            point, direction, along = _placed(mount, swing.axis, given)
-            distance = axis_distance(centre, point, along)
-            moment = mass * gravity * distance + fixture_moment
-            measured = given[f"swing {i}"]
-            total = measured if swing.known else moment / measured
-            about_axis.append(total if swing.known else total - fixture_inertia)
-            distances.append(distance)
-            directions.append(direction)
-        r, inertia = np.array(distances), np.array(about_axis)
+        distance, direction = self._mounts.placed(values, centre)
+        measured = values[self._mounts.swing]
+        known = np.array([swing.known for swing in self.swings])
+        moment = mass * gravity * distance + fixture_moment
+        inertia = np.where(known, measured, moment / measured - fixture_inertia)
         return Evaluated(
             about_axis_kg_m2=inertia,
-            about_centre_kg_m2=inertia - mass * r**2,
-            distance_m=r,
-            direction=np.array(directions),
+            about_centre_kg_m2=inertia - mass * distance**2,
+            distance_m=distance,
+            direction=direction,
         )
 
     def _fixture(self, given: Mapping[str, float]) -> tuple[float, float]:
         """Return gravity moment and axis inertia of the empty fixture, which every swing carries along."""
-        if self.surroundings.fixture is None or self.surroundings.fixture_swing is None:
+        swung = self.surroundings.fixture_swing
+        if self.surroundings.fixture is None:
             return 0.0, 0.0
-        moment = given["fixture mass"] * given["gravity"] * given["fixture distance"]
-        measured = given["fixture swing"]
-        return moment, measured if self.surroundings.fixture_swing.known else moment / measured
+        mass, distance = given["fixture mass"], given["fixture distance"]
+        moment = mass * given["gravity"] * distance
+        if swung is None:
+            return moment, given["fixture shape"] * mass * distance**2
+        return moment, given["fixture swing"] if swung.known else moment / given["fixture swing"]
+
+
+class _Mounts(NamedTuple):
+    """The mount of each swing: point (n, 3), the axes of its numbers (n, 3, 3), unit vectors of its directions.
+
+    `directions` (2, n, 3) are those of the matrix and of the distance, `asides` (2, 2, n, 3) the two vectors across
+    each along which it tilts; `points`, `tilts` and `swing` are the places (n, 3), (n, 2) and (n,) of the inputs.
+    """
+
+    point_m: Array
+    axes: Array
+    directions: Array
+    asides: Array
+    points: npt.NDArray[np.intp]
+    tilts: npt.NDArray[np.intp]
+    swing: npt.NDArray[np.intp]
+
+    @classmethod
+    def of(cls, swings: Sequence[MountedSwing], body: SwungBody, inputs: Sequence[Input]) -> "_Mounts":
+        """Collect the mounts of swings."""
+        mounts = [body.mounts[swing.axis] for swing in swings]
+        place = {given.name: i for i, given in enumerate(inputs)}
+        pairs = [(mount.direction, mount.distance_direction or mount.direction) for mount in mounts]
+        directions = np.array([[_unit(pair[k]) for pair in pairs] for k in range(2)]).reshape(2, -1, 3)
+        asides = np.array([[_across(one) for one in row] for row in directions]).reshape(2, -1, 2, 3)
+        return cls(
+            point_m=np.array([mount.point_m for mount in mounts]).reshape(-1, 3),
+            axes=np.array([mount.point_axes for mount in mounts]).reshape(-1, 3, 3),
+            directions=directions,
+            asides=asides.swapaxes(1, 2),
+            points=_places(place, [[f"{swing.axis} point {j}" for j in range(3)] for swing in swings]).reshape(-1, 3),
+            tilts=_places(place, [[f"{swing.axis} tilt {j}" for j in range(2)] for swing in swings]).reshape(-1, 2),
+            swing=_places(place, [f"swing {i}" for i in range(len(swings))]),
+        )
+
+    def placed(self, values: Array, centre_m: Array) -> tuple[Array, Array]:
+        """Return distances (n,) from the centre of mass and directions (n, 3), moved by their errors."""
+        point = self.point_m + np.einsum("nj,njk->nk", values[self.points], self.axes)
+        tilt = values[self.tilts]
+        moved = self.directions + tilt[:, 0, None] * self.asides[:, 0] + tilt[:, 1, None] * self.asides[:, 1]
+        direction, along = moved / np.sqrt(np.einsum("knj,knj->kn", moved, moved))[..., None]
+        offset = centre_m - point
+        across = offset - np.einsum("nj,nj->n", offset, along)[:, None] * along
+        return np.sqrt(np.einsum("nj,nj->n", across, across)), direction
+
+
+def _places(place: Mapping[str, int], names: Sequence[object]) -> npt.NDArray[np.intp]:
+    found = np.vectorize(place.__getitem__, otypes=[np.intp])(names) if names else []
+    return np.asarray(found, dtype=np.intp)
 
 
 def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surroundings) -> list[Input]:
@@ -129,7 +183,7 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
             inputs.append(Input(name=f"{axis} tilt {j}", group="axis directions", value=0.0, std=tilt))
     for i, swing in enumerate(swings):
         inputs.append(Input(name=f"swing {i}", group="swing fits", value=swing.value, std=swing.std))
-    if around.fixture is not None and around.fixture_swing is not None:
+    if around.fixture is not None:
         hanging, swung = around.fixture, around.fixture_swing
         inputs += [
             Input(name="fixture mass", group="fixture", value=hanging.mass_kg, std=hanging.mass_std_kg),
@@ -139,29 +193,22 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
                 value=MM * hanging.distance_mm,
                 std=MM * hanging.distance_std_mm,
             ),
-            Input(name="fixture swing", group="fixture", value=swung.value, std=swung.std),
+            Input(name="fixture shape", group="fixture", value=_SHAPE, std=_SHAPE_STD)
+            if swung is None
+            else Input(name="fixture swing", group="fixture", value=swung.value, std=swung.std),
         ]
     return inputs
 
 
-def _placed(mount: Mount, axis: str, given: Mapping[str, float]) -> tuple[Array, Array, Array]:
-    """Return the mount's point, direction and distance direction, moved by their errors."""
-    shift = np.array([given[f"{axis} point {j}"] for j in range(3)])
-    point = np.array(mount.point_m) + shift @ np.array(mount.point_axes)
-    tilts = given[f"{axis} tilt 0"], given[f"{axis} tilt 1"]
-    direction = _tilted(np.array(mount.direction, dtype=float), tilts)
-    if mount.distance_direction is None:
-        return point, direction, direction
-    return point, direction, _tilted(np.array(mount.distance_direction, dtype=float), tilts)
+def _unit(vector: Vector) -> Array:
+    return np.asarray(np.array(vector, dtype=float) / np.linalg.norm(vector))
 
 
-def _tilted(direction: Array, tilts: tuple[float, float]) -> Array:
-    """Return the unit vector turned by two small angles about two axes across it."""
-    unit = direction / np.linalg.norm(direction)
+def _across(unit: Array) -> Array:
+    """Return two unit vectors (2, 3) across a unit vector and each other."""
     aside = np.cross(unit, np.eye(3)[np.argmin(np.abs(unit))])
     aside /= np.linalg.norm(aside)
-    moved = unit + tilts[0] * aside + tilts[1] * np.cross(unit, aside)
-    return np.asarray(moved / np.linalg.norm(moved))
+    return np.stack([aside, np.cross(unit, aside)])
 
 
 def swung_test_body(body: TestBody) -> SwungBody:

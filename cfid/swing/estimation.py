@@ -4,6 +4,7 @@ It finds the natural frequency and the damping per inertia; `result` makes kg m^
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,12 +12,26 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.linear import sandwich, std_of
-from cfid.estimate.signals import GRID_S, correlation_inflation
-from cfid.findings import Finding, note
+from cfid.estimate.signals import GRID_S
+from cfid.findings import Finding, note, warning
 from cfid.swing.checks import FitQuality, judge
 from cfid.swing.free_swing import FreeSwing
-from cfid.swing.model import TERMS, Coefficients, OutputError, first_guess, fit_output_error
+from cfid.swing.model import (
+    ECCENTRICITY,
+    TERMS,
+    Coefficients,
+    OutputError,
+    first_guess,
+    fit_output_error,
+)
+from cfid.swing.uncertainty import (
+    chosen_terms,
+    drift_of_halves,
+    inflation,
+    scatter_of_windows,
+    standard_uncertainties,
+    step_error,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -24,7 +39,9 @@ PHASE_STEP = 0.08  # rad of the natural oscillation a grid step may span: phase 
 _SUBSETS = [subset for size in (1, 2) for subset in combinations(TERMS, size) if subset != ("viscous",)]
 _HOPELESS_BIC = 100.0
 _DAMPING = Coefficients._fields[1:4]
-_FINER_STEPS = (0.5, 0.7)
+_ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
+_TRIED_ECCENTRIC = 2  # of the choices of damping, the best
+_CLEARLY_BETTER = 0.95  # of the sum of squares
 _LED_BY_HAND = 0.15  # of the release angle
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 
@@ -34,7 +51,7 @@ class SwingFit:
     """A swing's natural frequency squared and damping, each damping term divided by the axis inertia.
 
     `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is
-    the distance in BIC to the next best choice of damping terms.
+    the distance in BIC to the next best choice of terms, `budget_s2` has the parts of W's standard uncertainty.
     """
 
     output_error: OutputError
@@ -44,6 +61,7 @@ class SwingFit:
     start_std: tuple[float, float]
     residual_rms_rad: float
     split_bic: float
+    budget_s2: Mapping[str, float]
     quality: FitQuality
     findings: tuple[Finding, ...]
 
@@ -74,7 +92,10 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         physical = [fit for fit in [_refit(base, time, angle, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
-    return _judged(swing, _ranked(physical))
+    likeliest = [fit for _, fit in _ranked(physical)[:_TRIED_ECCENTRIC]]
+    eccentric = [_refit(fit, time, angle, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
+    ranked = _ranked([*physical, *(fit for fit in eccentric if _acceptable(fit))])
+    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates))
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -83,9 +104,16 @@ def grid_step(swing: FreeSwing) -> float:
 
 
 def _refit(fit: OutputError, time: Array, angle: Array, terms: tuple[str, ...]) -> OutputError:
+    """Fit other terms from where a fit ended; one that did not converge is taken up again where it stopped."""
     dropped = {field: 0.0 for field, term in zip(_DAMPING, TERMS, strict=True) if term not in terms}
     start = fit.coefficients._replace(**dropped)
-    return fit_output_error(time, angle, coefficients=start, trajectory=fit.trajectory, terms=terms)
+    found = fit_output_error(time, angle, coefficients=start, trajectory=fit.trajectory, terms=terms)
+    if found.converged or not np.all(np.isfinite(found.residual_rad)):
+        return found
+    return fit_output_error(
+        time, angle, coefficients=found.coefficients, trajectory=found.trajectory, terms=terms,
+        eccentricity=found.eccentricity,
+    )  # fmt: skip
 
 
 def _hopeless(full: OutputError, terms: tuple[str, ...]) -> bool:
@@ -99,40 +127,44 @@ def _hopeless(full: OutputError, terms: tuple[str, ...]) -> bool:
     inverse = np.linalg.pinv(full.jacobian.T @ full.jacobian, hermitian=True, rcond=1e-14)
     values = np.array(full.coefficients)[dropped]
     rise = float(values @ np.linalg.solve(inverse[np.ix_(dropped, dropped)], values))
-    effective = len(full.residual_rad) / _inflation(full.residual_rad, full)
+    effective = len(full.residual_rad) / inflation(full.residual_rad, full)
     return effective * math.log1p(rise / full.sum_of_squares_rad2) > _HOPELESS_BIC
 
 
 def _acceptable(fit: OutputError) -> bool:
+    return fit.converged and _physical(fit)
+
+
+def _physical(fit: OutputError) -> bool:
     frequency, *damping, _ = fit.coefficients
-    return fit.converged and frequency > 0 and min(damping) >= 0
+    return frequency > 0 and min(damping) >= 0 and math.hypot(*fit.eccentricity) < _ECCENTRIC_RAD
 
 
 def _ranked(fits: list[OutputError]) -> list[tuple[float, OutputError]]:
     """Sort by BIC. The effective number of samples is that of the best-fitting model's residual."""
     closest = min(fits, key=lambda fit: fit.sum_of_squares_rad2)
     count = len(closest.residual_rad)
-    effective = max(count / _inflation(closest.residual_rad, closest), len(TERMS) + 5)
+    effective = max(count / inflation(closest.residual_rad, closest), len(TERMS) + 5)
     scored = [
-        (effective * math.log(fit.sum_of_squares_rad2 / count) + sum(fit.free) * math.log(effective), i)
+        (effective * math.log(fit.sum_of_squares_rad2 / count) + _count(fit) * math.log(effective), i)
         for i, fit in enumerate(fits)
     ]
     return [(score, fits[i]) for score, i in sorted(scored)]
 
 
-def _samples_a_period(fit: OutputError) -> int:
-    period = 2 * math.pi / math.sqrt(fit.coefficients.natural_frequency_squared_s2)
-    span = (len(fit.trajectory.angle_rad) - 1) * fit.trajectory.step_s
-    return max(int(len(fit.residual_rad) * period / span), 8)
+def _count(fit: OutputError) -> int:
+    return sum(fit.free) + 2 * fit.eccentric
 
 
-def _inflation(series: Array, fit: OutputError) -> float:
-    return correlation_inflation(series, longest=_samples_a_period(fit))
-
-
-def _standard_uncertainties(fit: OutputError) -> Array:
-    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's correlation."""
-    return std_of(sandwich(fit.jacobian, fit.residual_rad, longest=_samples_a_period(fit)))
+def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError | None:
+    """Return a model that describes the record better than the best that converged, but did not converge itself."""
+    open_ones = [fit for fit in candidates if not fit.converged and np.all(np.isfinite(fit.residual_rad))]
+    better = [
+        fit
+        for fit in open_ones
+        if _physical(fit) and fit.sum_of_squares_rad2 < _CLEARLY_BETTER * best.sum_of_squares_rad2
+    ]
+    return min(better, key=lambda fit: fit.sum_of_squares_rad2, default=None)
 
 
 def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
@@ -142,42 +174,26 @@ def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
     return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))
 
 
-def _step_error(swing: FreeSwing, fit: OutputError) -> float:
-    """Return by how much the grid's step moves W where dry friction jumps: twice the change on two finer grids.
-
-    How a turning point falls between two nodes is a matter of luck, hence two. Without dry friction the grid's
-    error is of fourth order and far below anything else.
-    """
-    if fit.coefficients.coulomb_per_s2 == 0:
-        return 0.0
-    time, angle = swing.hands_off
-    changes = [0.0]
-    for share in _FINER_STEPS:
-        step = share * fit.trajectory.step_s
-        _, trajectory = first_guess(time, angle, start_s=fit.trajectory.start_s, step_s=step)
-        finer = fit_output_error(time, angle, coefficients=fit.coefficients, trajectory=trajectory, terms=_terms(fit))
-        if finer.converged:
-            changes.append(abs(finer.coefficients[0] - fit.coefficients[0]))
-    return 2 * max(changes)
-
-
-def _terms(fit: OutputError) -> tuple[str, ...]:
-    return tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
-
-
-def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingFit:
+def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinished: OutputError | None) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
-    std = _standard_uncertainties(fit)
-    std[0] = math.hypot(std[0], _spread_of_choices(ranked), _step_error(swing, fit))
+    std = standard_uncertainties(fit)
+    frequency = fit.coefficients.natural_frequency_squared_s2
+    drift, drift_std = drift_of_halves(swing, fit)
+    shares = {
+        "noise": float(std[0]),
+        "choice of terms": _spread_of_choices(ranked),
+        "grid": step_error(swing, fit),
+        # Halves that disagree by more than noise: the truth lies between them as likely as anywhere else.
+        "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
+        "scatter between windows": scatter_of_windows(swing, fit),
+    }
+    if unfinished is not None:
+        shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
+    std[0] = math.hypot(*shares.values())
     per_coefficient = np.zeros(len(fit.free))
-    per_coefficient[np.flatnonzero(fit.free)] = std[:-2]
-    drift, drift_std = _drift(swing, fit)
-    frequency, frequency_std = fit.coefficients.natural_frequency_squared_s2, per_coefficient[0]
-    if abs(drift) > 3 * drift_std:
-        # The halves disagree by more than noise: the truth lies between them as likely as anywhere else.
-        per_coefficient[0] = math.hypot(frequency_std, frequency * abs(drift) / math.sqrt(12))
-    terms = _terms(fit)
+    per_coefficient[np.flatnonzero(fit.free)] = std[: sum(fit.free)]
+    terms = chosen_terms(fit)
     quality = judge(fit, swing.hands_off[0], resolution_rad=swing.resolution_rad, drift=drift, drift_std=drift_std)
     return SwingFit(
         output_error=fit,
@@ -187,24 +203,40 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]]) -> SwingF
         start_std=(float(std[-2]), float(std[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
         split_bic=split_bic,
+        budget_s2={name: share for name, share in shares.items() if share > 0},
         quality=quality,
-        findings=(*swing.findings, *quality.findings, *_split_finding(terms, split_bic), *_hand_finding(swing, fit)),
+        findings=(
+            *swing.findings,
+            *quality.findings,
+            *_split_finding(terms, split_bic),
+            *_hand_finding(swing, fit),
+            *_eccentricity_finding(fit),
+            *_unfinished_finding(unfinished, shares),
+        ),
     )
 
 
-def _drift(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
-    """Fit both halves of the window with the damping held, and compare their W."""
-    time, angle = swing.hands_off
-    halves = np.searchsorted(time, (time[0] + time[-1]) / 2)
-    values, variances = [], []
-    for part in (slice(None, halves), slice(halves, None)):
-        start, step = float(time[part][0]), fit.trajectory.step_s
-        _, trajectory = first_guess(time[part], angle[part], start_s=start, step_s=step)
-        half = fit_output_error(time[part], angle[part], coefficients=fit.coefficients, trajectory=trajectory, terms=())
-        values.append(half.coefficients.natural_frequency_squared_s2)
-        variances.append(_standard_uncertainties(half)[0] ** 2)
-    frequency = fit.coefficients.natural_frequency_squared_s2
-    return float((values[1] - values[0]) / frequency), float(math.sqrt(sum(variances)) / frequency)
+def _eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
+    if not fit.eccentric:
+        return ()
+    degrees = math.degrees(math.hypot(*fit.eccentricity))
+    text = (
+        f"the encoder's disc reads {degrees:.2g} degrees off within a turn, as an eccentric one: its first harmonic is "
+        "taken out. Centre the disc on the axis."
+    )
+    return (note("swing-encoder-eccentric", text),)
+
+
+def _unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
+    if unfinished is None:
+        return ()
+    terms = ", ".join(chosen_terms(unfinished)) or "none"
+    text = (
+        f"a model with other terms ({terms}) follows the record better, but its fit did not converge: its natural "
+        f"frequency squared differs by {shares['model that did not converge']:.2g} 1/s^2, which is added to the "
+        "uncertainty. Use another window."
+    )
+    return (warning("swing-better-model-open", text, "swing.*"),)
 
 
 def _split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:

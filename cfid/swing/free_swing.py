@@ -25,6 +25,7 @@ _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
 _STANDING_STILL = 0.05  # of the first fall's highest speed
 _HAND_GONE = 0.8  # of the release angle: by then the fingers are open
 _UPPERMOST = 0.95  # of a peak: an eighth of a period around it
+_OFF_A_COSINE = 0.3  # of the amplitude: a swing of 90 degrees is off by less
 _GROWTH = 1.05  # a free swing's peaks only shrink
 
 
@@ -80,7 +81,8 @@ def find_swing(
     """Find the free swing in a record (n,) of increasing times and a continuous angle.
 
     `peaks` ends the window at that peak, the release being the first; otherwise the last peak of at least
-    `smallest_peak_rad` does. `from_s` and `to_s` (since the first sample) bound it by hand.
+    `smallest_peak_rad` does. `from_s` and `to_s` (since the first sample) bound it by hand; a body
+    that still rests or is held at `from_s` swings from its release on.
 
     Raises DataError when the angle never moves, goes over the top, or shows fewer than four peaks.
     """
@@ -96,9 +98,11 @@ def find_swing(
     _check_motion(angle[kept])
     halves = half_swings(angle[kept], threshold_rad=_THRESHOLD_RAD)
     halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
+    halves = _completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
     if not halves:
         raise DataError("the angle never leaves rest by half a degree to stay: no swing.")
-    begin = _let_go(time, angle, halves) if from_s is None else _by_hand(time, angle, halves, first)
+    by_hand = first > 0 and _falls_freely(time, angle, halves, first)
+    begin = _by_hand(time, angle, halves, first) if by_hand else _let_go(time, angle, halves)
     peak_time, peak_angle, grows = _peaks(time, angle, begin.peak, begin.later)
     used, fewer = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
     return FreeSwing(
@@ -136,10 +140,37 @@ def _let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> _Begin:
     return _Begin(release, hand_gone, peak, _same_side(halves, start))
 
 
+def _completed(angle: Array, halves: list[HalfSwing], *, last: int) -> list[HalfSwing]:
+    """Return the half-swings without one that the window's last sample cuts before its peak is passed."""
+    if not halves:
+        return []
+    final = halves[-1]
+    passed = np.abs(angle[final.extreme : last + 1]) < _UPPERMOST * abs(angle[final.extreme])
+    return halves if passed.any() else halves[:-1]
+
+
+def _falls_freely(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> bool:
+    """Return whether the body swings by itself at the window's first sample, instead of hanging at rest or in a hand.
+
+    A free one is where a cosine about the first standstill has it.
+    """
+    still = _release(time, angle, halves[0])
+    if still <= first or len(halves) < 2:
+        return True
+    half_period_s = float(np.median(np.diff(time[[half.extreme for half in halves]])))
+    phase = math.pi * float(time[still] - time[first]) / half_period_s
+    return bool(abs(angle[first] - angle[still] * math.cos(min(phase, math.pi))) < _OFF_A_COSINE * abs(angle[still]))
+
+
 def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:
     """Begin at the sample requested; the first peak is the first that the window does not cut."""
-    start = next((i for i, half in enumerate(halves) if half.extreme > first), 0)
+    start = next((i for i, half in enumerate(halves) if _rises_to(angle, half, first)), 0)
     return _Begin(first, first, _peak(time, angle, halves[start]), _same_side(halves, start))
+
+
+def _rises_to(angle: Array, half: HalfSwing, first: int) -> bool:
+    """Return whether the way up to a half-swing's peak lies in the window too."""
+    return bool(np.any(np.abs(angle[first : half.extreme]) < _UPPERMOST * abs(angle[half.extreme])))
 
 
 def _same_side(halves: list[HalfSwing], start: int) -> list[HalfSwing]:

@@ -4,12 +4,15 @@ The model is eq. 2.9 of the thesis with its sine kept and two damping terms adde
 
     phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|,
 
-W = m g r / I_a and c, s, q the damping divided by I_a. The trajectory itself is an unknown: Hermite-Simpson
-collocation [HS] on a uniform grid makes the equation of motion a banded system, whose single factorisation
-gives both the Newton correction of the trajectory and its sensitivity to every parameter ("lifted" Newton
-[AD]). Started on the measured angle, it cannot slip by a period as shooting from a guess can.
+W = m g r / I_a and c, s, q the damping divided by I_a. An encoder whose disc is eccentric reads
+phi + a sin phi + b (cos phi - 1), the first harmonic of its error about rest. The trajectory itself is an
+unknown: Hermite-Simpson collocation [HS] on a uniform grid makes the equation of motion a banded system,
+whose single factorisation gives both the Newton correction of the trajectory and its sensitivity to every
+parameter ("lifted" Newton [AD]). Started on the measured angle, it cannot slip by a period as shooting from
+a guess can.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,10 +26,12 @@ from cfid.estimate.signals import smooth
 Array = npt.NDArray[np.float64]
 
 TERMS = ("viscous", "coulomb", "quadratic")
+ECCENTRICITY = "eccentricity"
 
 _MAX_ITERATIONS = 20
-_CONVERGED_RAD = 1e-8  # step of the predicted angle, rms; an encoder's step is 1e-3
+_CONVERGED_RAD = 1e-8  # step of the predicted angle, rms
 _ON_THE_EQUATION_RAD = 1e-7
+_CONVERGED = 0.05  # of the uncertainty that white noise leaves the predicted angle
 _HELD = 0.95  # Coulomb friction over gravity's pull from which on the pendulum hardly returns
 _RUNAWAY_RAD = 10.0  # a step that throws the pendulum over the top will not come back
 
@@ -39,6 +44,16 @@ class Coefficients(NamedTuple):
     coulomb_per_s2: float
     quadratic_per_rad: float
     zero_rad: float
+
+
+class Eccentricity(NamedTuple):
+    """The first harmonic of an encoder's error: amplitudes of sin phi and of cos phi - 1."""
+
+    sine_rad: float
+    cosine_rad: float
+
+
+CENTRED = Eccentricity(0.0, 0.0)
 
 
 class Trajectory(NamedTuple):
@@ -55,11 +70,13 @@ class OutputError:
     """A fitted pendulum.
 
     `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) are the derivatives of the predicted
-    angle with respect to the free coefficients, the start angle and the start speed, in this order; `free`
-    has which coefficients were free.
+    angle with respect to the free coefficients, the encoder's eccentricity if that was free too (`eccentric`), the
+    start angle and the start speed, in this order; `free` has which coefficients were free.
     """
 
     coefficients: Coefficients
+    eccentricity: Eccentricity
+    eccentric: bool
     start_angle_rad: float
     start_speed_rad_per_s: float
     trajectory: Trajectory
@@ -97,50 +114,73 @@ def fit_output_error(
     coefficients: Coefficients,
     trajectory: Trajectory,
     terms: tuple[str, ...],
+    eccentricity: Eccentricity = CENTRED,
 ) -> OutputError:
     """Fit the pendulum to samples (n,) at any increasing times within the trajectory's grid.
 
-    Free are W, zero, the start state and the damping `terms` named; other damping stays at its given value.
-    The start need not be a solution: measured angles will do.
+    Free are W, zero, the start state and the `terms` named, of damping and the encoder's eccentricity; the others stay
+    at their given values. The start need not be a solution: measured angles will do. It has converged when a step moves
+    the prediction by far less than noise leaves it uncertain.
     """
     free = (True, *(term in terms for term in TERMS), True)
-    n_free = sum(free)
-    values = np.array(coefficients, dtype=float)
+    chosen, eccentric = np.flatnonzero(free), ECCENTRICITY in terms
+    values, harmonic = np.array(coefficients, dtype=float), np.array(eccentricity, dtype=float)
     start, step = trajectory.start_s, trajectory.step_s
     state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
     begin = state[:2].copy()
     sampler = _hermite_sampler(time_s, start_s=start, step_s=step, nodes=len(state) // 2)
-    sampled = np.zeros((len(time_s), 1 + n_free + 2))
+    jacobian = np.zeros((len(time_s), len(chosen) + 2 * eccentric + 2))
     converged = False
     iteration = 0
     while not converged and iteration < _MAX_ITERATIONS:
         iteration += 1
         try:
-            columns = _linearised(state, begin, step, Coefficients(*values), np.flatnonzero(free))
+            columns = _linearised(state, begin, step, Coefficients(*values), chosen)
         except np.linalg.LinAlgError:
             break
-        sampled = sampler @ columns
-        error = angle_rad - sampler @ state
-        change, moved_rad = _gauss_newton(sampled[:, 1:], error - sampled[:, 0])
-        moved = columns[:, 0] + columns[:, 1:] @ change
+        error = angle_rad - _read(sampler @ state, harmonic)
+        sampled = _read_derivatives(sampler @ state, sampler @ columns, harmonic, eccentric=eccentric)
+        jacobian = sampled[:, 1:]
+        change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0])
+        moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(chosen)], change[-2:]])
         if not np.max(np.abs(moved[::2])) < _RUNAWAY_RAD:
             break
         state = state + moved
-        values[np.flatnonzero(free)] += change[:n_free]
-        begin += change[n_free:]
+        values[chosen] += change[: len(chosen)]
+        harmonic += change[len(chosen) : -2] if eccentric else 0.0
+        begin += change[-2:]
         off_equation_rad = float(np.max(np.abs(columns[::2, 0])))
-        converged = moved_rad < _CONVERGED_RAD and off_equation_rad < _ON_THE_EQUATION_RAD
+        uncertain_rad = math.sqrt(float(error @ error) * len(change)) / len(error)
+        converged = moved_rad < max(_CONVERGED_RAD, _CONVERGED * uncertain_rad) and off_equation_rad < max(
+            _ON_THE_EQUATION_RAD, _CONVERGED * uncertain_rad
+        )
     return OutputError(
         coefficients=Coefficients(*map(float, values)),
+        eccentricity=Eccentricity(*map(float, harmonic)),
+        eccentric=eccentric,
         start_angle_rad=float(begin[0]),
         start_speed_rad_per_s=float(begin[1]),
         trajectory=Trajectory(start, step, state[::2], state[1::2]),
-        residual_rad=angle_rad - sampler @ state,
-        jacobian=sampled[:, 1:],
+        residual_rad=angle_rad - _read(sampler @ state, harmonic),
+        jacobian=jacobian,
         free=free,
         iterations=iteration,
         converged=converged,
     )
+
+
+def _read(angle: Array, harmonic: Array) -> Array:
+    """Return what an encoder reads at angles (n,)."""
+    return np.asarray(angle + harmonic[0] * np.sin(angle) + harmonic[1] * (np.cos(angle) - 1))
+
+
+def _read_derivatives(angle: Array, columns: Array, harmonic: Array, *, eccentric: bool) -> Array:
+    """Return what the columns (n, 1 + p + 2) of an angle are in its readings, with those of a free eccentricity."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    read = (1 + harmonic[0] * cosine - harmonic[1] * sine)[:, None] * columns
+    if not eccentric:
+        return np.asarray(read)
+    return np.concatenate([read[:, :-2], np.stack([sine, cosine - 1], axis=1), read[:, -2:]], axis=1)
 
 
 def sample(trajectory: Trajectory, time_s: Array) -> Array:

@@ -6,20 +6,23 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import contributions
-from cfid.findings import Finding, rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.records.parameters import Parameter
+from cfid.records.plausibility import implausible_inputs, implausible_quantities
 from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
-from cfid.records.tables.angle import AngleRecord, Recording, angle_record
+from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.data import body_of_swing, check_peaks, peaks_on, rig_around, surroundings, swing_in
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
 from cfid.swing.model import Coefficients
+from cfid.swing.plausibility import given_numbers, moment_fault
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
 
 Method = Literal["default", "thesis"]
@@ -30,6 +33,10 @@ _DAMPING = {
     "swing.coulomb_nm": ("coulomb_per_s2", "N m"),
     "swing.quadratic_nms2_per_rad2": ("quadratic_per_rad", "N m s^2/rad^2"),
 }
+_STIFFNESS = (
+    "one swing does not tell a stiff cable or bearing from gravity: 1 % of it makes the inertia 1 % too low. Swing "
+    "about the same axis at a second distance."
+)
 _THESIS_BIAS = (
     "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; its standard "
     "uncertainty counts noise alone."
@@ -60,21 +67,30 @@ def fit(
     when no pendulum follows it.
     """
     record = angle_record(recording)
-    axis = axis or record.label.axis
+    if axis is not None:
+        record = labelled(record, axis=axis)
+    axis = record.label.axis
     rig = rig_around([record], rig)
     body = body_of_swing(rig, axis=axis, body=record.label.body, mass_kg=mass_kg, distance_m=distance_m)
     around = surroundings(rig or thesis_rig(), gravity_mps2)
     check_peaks(peaks, [axis] if axis else [])
     swing = swing_in(record, peaks=peaks_on(axis, peaks), smallest_peak_rad=smallest_peak_rad, from_s=from_s, to_s=to_s)
     found = _by_thesis(record, swing) if method == "thesis" else _by_default(record, swing)
+    inertia = None if body is None else _inertia(found, *body, around)
+    quantities = _quantities(swing, found, inertia)
     return Result(
         command="fit swing",
         section=f"swing {axis or record.name}",
         method=method,
-        quantities=_quantities(swing, found, body, around),
+        quantities=quantities,
         wanted=(_FREQUENCY, _INERTIA),
         quality=found.quality,
-        findings=(*(warning("recording", text) for text in record.notes), *found.findings),
+        findings=(
+            *(warning("recording", text) for text in record.notes),
+            *found.findings,
+            *implausible_quantities(quantities, rig),
+            *(() if body is None or inertia is None else _body_findings(body[0], inertia, rig)),
+        ),
         sources=(record.source,),
         lines=(_window_line(swing), *found.lines),
         drawings=found.drawings,
@@ -185,14 +201,23 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
     )
 
 
-def _quantities(
-    swing: FreeSwing, found: _Found, body: tuple[SwungBody, str] | None, around: Surroundings
-) -> dict[str, Parameter]:
+@dataclass(frozen=True, kw_only=True)
+class _Inertia:
+    """The inertia about the mounting axis and about the parallel one through the centre of mass, and their distance."""
+
+    about_axis_kg_m2: float
+    about_centre_kg_m2: float
+    about_centre_std: float
+    distance_m: float
+    quantities: Mapping[str, Parameter]
+
+
+def _quantities(swing: FreeSwing, found: _Found, inertia: _Inertia | None) -> dict[str, Parameter]:
     values, std = found.coefficients, found.std
     frequency = Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2, unit="1/s^2")
     return {
         _FREQUENCY: frequency,
-        **({} if body is None else _with_inertia(values, std, *body, around)),
+        **({} if inertia is None else inertia.quantities),
         "swing.start_angle_rad": Parameter(value=found.start[0], std=found.start_std[0], unit="rad"),
         "swing.start_speed_rad_per_s": Parameter(value=found.start[1], std=found.start_std[1], unit="rad/s"),
         "swing.zero_rad": Parameter(value=swing.rest_rad + values.zero_rad, std=std.zero_rad or None, unit="rad"),
@@ -200,20 +225,40 @@ def _quantities(
     }
 
 
-def _with_inertia(
-    values: Coefficients, std: Coefficients, body: SwungBody, mount: str, around: Surroundings
-) -> dict[str, Parameter]:
+def _inertia(found: _Found, body: SwungBody, mount: str, around: Surroundings) -> _Inertia:
+    values, std = found.coefficients, found.std
     measured = MountedSwing(axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
     axis_inertias = AxisInertias([measured], body, around)
-    inertia = float(axis_inertias.evaluate(axis_inertias.values).about_axis_kg_m2[0])
-    moved = contributions(lambda v: axis_inertias.evaluate(v).about_axis_kg_m2, axis_inertias.inputs)
-    inertia_std = float(np.linalg.norm(moved))
-    found = {_INERTIA: Parameter(value=inertia, std=inertia_std or None, unit="kg m^2")}
+
+    def both(inputs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        one = axis_inertias.evaluate(inputs)
+        return np.concatenate([one.about_axis_kg_m2, one.about_centre_kg_m2])
+
+    inertia, about_centre = map(float, both(axis_inertias.values))
+    inertia_std, centre_std = map(float, np.linalg.norm(contributions(both, axis_inertias.inputs), axis=1))
+    quantities = {_INERTIA: Parameter(value=inertia, std=inertia_std or None, unit="kg m^2")}
     for key, (name, unit) in _DAMPING.items():
         ratio, ratio_std = getattr(values, name), getattr(std, name)
         torque_std = math.hypot(ratio_std * inertia, ratio * inertia_std)
-        found[key] = Parameter(value=ratio * inertia, std=torque_std or None, unit=unit)
-    return found
+        quantities[key] = Parameter(value=ratio * inertia, std=torque_std or None, unit=unit)
+    return _Inertia(
+        about_axis_kg_m2=inertia,
+        about_centre_kg_m2=about_centre,
+        about_centre_std=centre_std,
+        distance_m=float(axis_inertias.evaluate(axis_inertias.values).distance_m[0]),
+        quantities=quantities,
+    )
+
+
+def _body_findings(body: SwungBody, inertia: _Inertia, rig: Rig | None) -> tuple[Finding, ...]:
+    resting = tuple(inertia.quantities)
+    return (
+        *implausible_inputs(given_numbers(body, [inertia.distance_m]), rig, *resting),
+        *moment_fault(
+            "this swing", inertia.about_axis_kg_m2, inertia.about_centre_kg_m2, inertia.about_centre_std, *resting
+        ),
+        note("swing-stiffness-unseen", _STIFFNESS, _INERTIA),
+    )
 
 
 def _window_quality(swing: FreeSwing) -> dict[str, Any]:

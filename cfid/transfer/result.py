@@ -1,4 +1,4 @@
-"""Sine runs to the result of `cfid tf identify`: quantities, what speaks against them, and how they are told."""
+"""Sine runs to the result of `cfid tf identify`: quantities, findings and printed lines."""
 
 from cmath import phase
 from collections.abc import Callable, Mapping, Sequence
@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cfid.errors import CfidError
+from cfid.estimate.common_causes import arm_scales, force_scales, power_law, with_common_causes
 from cfid.findings import Finding, rejection, warning
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
@@ -68,7 +69,9 @@ def fit(
         thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
     except CfidError as error:
         thesis = str(error)
-    return _of_fit(found, thesis, sines, beside, settle_s=settle_s)
+    result = _of_fit(found, thesis, sines, beside, settle_s=settle_s)
+    scales = (force_scales if sines.channel == "Fz" else arm_scales)(sines.rigs)
+    return with_common_causes(result, power_law(result.quantities, {"N": scales}, {"tf*.static_gain_n": {"N": 1}}))
 
 
 def _of_fit(

@@ -1,4 +1,4 @@
-"""What a person is told about a transfer function besides the table of its quantities."""
+"""The printed lines about a transfer function besides the table of its quantities."""
 
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.identification import Identified

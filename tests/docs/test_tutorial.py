@@ -3,7 +3,6 @@
 import os
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from cfid.quantities.lookup import find, unit_of
 from cfid.quantities.plausible import implausible
 from cfid.records.parameters import load_sections
 from tests.places import ROOT
+from tests.processes import cfid_in_a_shell
 
 PAGE = ROOT / "docs" / "tutorial" / "first-campaign.md"
 BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -85,18 +85,17 @@ def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
     script = "set -e\n" + f"\necho '{MARK}'\n".join(block for block, _ in page)
     environment = {
         **os.environ,
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "CFID_LOCKS": str(folder / "locks"),
         "COLUMNS": "80",
         "NO_COLOR": "1",
     }
     # A file rather than a pipe: nothing that stays in the background can keep this waiting.
-    with (folder / "said.txt").open("w+", encoding="utf-8") as said:
+    with (folder / "said.txt").open("w+", encoding="utf-8") as said, cfid_in_a_shell() as programs:
         code = subprocess.run(
             ["bash", "-c", script],
             check=False,
             cwd=folder,
-            env=environment,
+            env={**environment, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"},
             stdout=said,
             stderr=subprocess.STDOUT,
             timeout=900,

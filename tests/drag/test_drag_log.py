@@ -54,14 +54,14 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({}, "say --wind MIN,MAX"),
+        ({}, "give --wind MIN,MAX"),
         ({"wind": "3,2"}, "--wind 3,2: should be the lowest and the highest speed"),
         ({"wind": "-1,2"}, "--wind -1,2: should be"),
         ({"wind": "calm"}, "--wind calm: should be"),
         ({"wind": "1,2,3"}, "--wind 1,2,3: should be"),
         ({"wind": "nan"}, "--wind nan: should be"),
         ({"wind": "2000,3700"}, "--wind 2000,3700: should be"),
-        ({"wind": "2,3"}, "--wind 2,3: say --angle DEG too"),
+        ({"wind": "2,3"}, "--wind 2,3: give --angle DEG too"),
         ({"wind": "2,3", "angle": 200.0}, "--angle 200: from 0, straight above"),
         ({"wind": "2,3", "angle": 10.0, "azimuth_rad": float("nan")}, "--azimuth-rad nan: has to be a number"),
         ({"wind": "2,3", "angle": 10.0, "fan_voltage": -5.0}, "--fan-voltage -5: has to be above zero"),

@@ -8,7 +8,8 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.inertia.consistency import is_consistent, nearest_consistent
-from cfid.inertia.estimation import fit_inertia, icosahedron_axes, matrix_rows, off_diagonal_gain
+from cfid.inertia.directions import icosahedron_axes, matrix_rows, off_diagonal_gain
+from cfid.inertia.estimation import fit_inertia
 from cfid.records.rig_file import Fixture, Mount, thesis_rig
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody, axis_distance, axis_inertia
 from cfid.units import MM

@@ -176,7 +176,7 @@ def test_a_record_in_which_nothing_settled_and_that_ends_without_a_rest_says_so(
     )
     page = look(staircase_figure(time, fz, lost, title="a"))
     assert page.red().count("it was too short") == 4
-    assert "no rest: not known" in page.red()
+    assert "no pause: not known" in page.red()
     assert "Note: no steady baseline after the last command" in _written(page)
     assert page.overlapping() == []
 
@@ -255,8 +255,8 @@ def test_a_maps_points_curve_and_residuals_are_its_own(look: Look) -> None:
     mapped = fit_thrust(_points())
     page = look(map_figure(mapped))
     curve, left = page.panel("(a)"), page.panel("(b)")
-    assert np.array(_line(curve, "points ± one deviation")) == pytest.approx(np.array([mapped.x, mapped.y]))
-    assert _line(left, "points ± one deviation")[1] == pytest.approx(mapped.fit.residual)
+    assert np.array(_line(curve, "points ± standard uncertainty")) == pytest.approx(np.array([mapped.x, mapped.y]))
+    assert _line(left, "points ± standard uncertainty")[1] == pytest.approx(mapped.fit.residual)
     x, y = _line(curve, "polynomial")
     assert (x[0], x[-1]) == (mapped.x.min(), mapped.x.max())
     assert y == pytest.approx(mapped.fit.at(x))
@@ -292,7 +292,7 @@ def test_axes_have_units_and_the_torque_is_in_millinewton_metres(look: Look) -> 
         "thrust (N)",
     ]
     mapped = fit_torque(_points())
-    assert _line(torque.panel("(a)"), "points ± one deviation")[1] == pytest.approx(1e3 * mapped.y)
+    assert _line(torque.panel("(a)"), "points ± standard uncertainty")[1] == pytest.approx(1e3 * mapped.y)
     assert all(page.overlapping() == [] for page in (thrust, speed, torque))
 
 
@@ -321,7 +321,7 @@ def test_a_point_that_counts_little_is_hollow(look: Look) -> None:
     mapped = fit_thrust(_points(wild=(32000,)))
     page = look(map_figure(mapped))
     assert _line(page.panel("(a)"), "counts little")[0] == pytest.approx([32000])
-    assert len(_line(page.panel("(a)"), "points ± one deviation")[0]) == len(mapped.x) - 1
+    assert len(_line(page.panel("(a)"), "points ± standard uncertainty")[0]) == len(mapped.x) - 1
     assert page.overlapping() == []
 
 
@@ -374,7 +374,7 @@ def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> Non
     speed, square = _line(page.panel("(a)"), "k w²")
     assert square == pytest.approx(found.k_n_s2 * speed**2)
     assert _line(page.panel("(a)"), "full quadratic")[1] == pytest.approx(found.quadratic.at(speed))
-    assert np.array(_line(page.panel("(a)"), "points ± one deviation")) == pytest.approx(
+    assert np.array(_line(page.panel("(a)"), "points ± standard uncertainty")) == pytest.approx(
         np.array([found.speed_rad_s, found.thrust_n])
     )
     assert _line(page.panel("(b)"), "left by k w²")[1] == pytest.approx(found.square.residual)

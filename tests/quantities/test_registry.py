@@ -135,7 +135,7 @@ def test_every_key_and_unit_that_a_result_writes_is_the_registrys() -> None:
 
 def _written() -> Iterator[tuple[str, str | None, str]]:
     """Yield a pattern of each key that the code gives to a parameter, with its unit where that is a word."""
-    prefix = re.compile(r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|drag|wind)\\\.")
+    prefix = re.compile(r"(swing|friction|inertia|testbody|motor|rotor|dynamics|tf|latency|loadcell|drag|wind)\\\.")
     for path in sorted((ROOT / "cfid").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             for key, value in _pairs(node):

@@ -364,7 +364,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
     nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
     assert nothing.end() == 2
-    assert "lacks nothing" in nothing.err
+    assert "is complete" in nothing.err
 
 
 def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: Bench) -> None:

@@ -1,6 +1,7 @@
 """The collocation fit against plants that share no code with it."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -10,30 +11,49 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 from cfid.estimate.signals import correlation_inflation, smooth
-from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
 from cfid.swing.model import TERMS, Coefficients, OutputError, first_guess, fit_output_error, sample
 
 Array = npt.NDArray[np.float64]
+Friction = tuple[float, float, float]
 
 INERTIA, MOMENT = 4e-5, 0.028 * 9.81 * 0.0229
 FREQUENCY = MOMENT / INERTIA
+SMOOTH: list[Friction] = [(1.5e-5, 0.0, 0.0), (0.0, 0.0, 2e-6), (1.5e-5, 0.0, 2e-6)]
+DRY: Friction = (1.5e-5, 4e-5, 0.0)
+ALL_THREE: Friction = (1.5e-5, 4e-5, 2e-8)
+
+
+SWINGS = [  # degrees at the release, then viscous, Coulomb and quadratic friction
+    *itertools.product((10.0, 40.0, 70.0), SMOOTH),
+    *itertools.product((10.0, 40.0, 70.0), [DRY]),
+    (40.0, ALL_THREE),
+    (60.0, (1.5e-5, 0.0, 2e-6)),
+]
 
 
 @functools.cache
-def free_swing(degrees: float, *, viscous: float, coulomb: float, quadratic: float) -> tuple[Array, Array]:
+def swung() -> Motion:
+    """Return all swings at once, which take no longer than one."""
+    pendulums = [
+        Pendulum(
+            axis_inertia_kg_m2=INERTIA,
+            gravity_moment_nm=MOMENT,
+            viscous_nms_per_rad=viscous,
+            coulomb_nm=coulomb,
+            quadratic_nms2_per_rad2=quadratic,
+        )
+        for _, (viscous, coulomb, quadratic) in SWINGS
+    ]
+    releases = [HandRelease(angle_rad=math.radians(degrees)) for degrees, _ in SWINGS]
+    return swing(pendulums, releases, duration_s=12.0, step_s=1e-3, store_every=1)
+
+
+def free_swing(degrees: float, friction: Friction) -> tuple[Array, Array]:
     """Return a noiseless record from well after the release down to one degree."""
-    pendulum = Pendulum(
-        axis_inertia_kg_m2=INERTIA,
-        gravity_moment_nm=MOMENT,
-        viscous_nms_per_rad=viscous,
-        coulomb_nm=coulomb,
-        quadratic_nms2_per_rad2=quadratic,
-    )
-    release = HandRelease(angle_rad=math.radians(degrees))
-    motion = swing([pendulum], [release], duration_s=12.0, step_s=1e-3, store_every=1)
-    time_s, angle = motion.time_s, motion.angle_rad[:, 0]
+    time_s, angle = swung().time_s, swung().angle_rad[:, SWINGS.index((degrees, friction))]
     last = time_s[np.abs(angle) > math.radians(1.0)][-1]
-    chosen = (time_s > release.free_s + 0.1) & (time_s < last)
+    chosen = (time_s > HandRelease(angle_rad=math.radians(degrees)).free_s + 0.1) & (time_s < last)
     return time_s[chosen], angle[chosen]
 
 
@@ -47,17 +67,10 @@ def fitted(time_s: Array, angle: Array, terms: tuple[str, ...], step_s: float = 
 @pytest.mark.parametrize("degrees", [10, 40, 70])
 @pytest.mark.parametrize(
     ("damping", "terms"),
-    [
-        ((1.5e-5, 0.0, 0.0), ("viscous",)),
-        ((0.0, 0.0, 2e-6), ("quadratic",)),
-        ((1.5e-5, 0.0, 2e-6), ("viscous", "quadratic")),
-    ],
+    list(zip(SMOOTH, [("viscous",), ("quadratic",), ("viscous", "quadratic")], strict=True)),
 )
-def test_smooth_damping_comes_back_to_a_millionth(
-    degrees: float, damping: tuple[float, float, float], terms: tuple[str, ...]
-) -> None:
-    viscous, coulomb, quadratic = damping
-    fit = fitted(*free_swing(degrees, viscous=viscous, coulomb=coulomb, quadratic=quadratic), terms)
+def test_smooth_damping_comes_back_to_a_millionth(degrees: float, damping: Friction, terms: tuple[str, ...]) -> None:
+    fit = fitted(*free_swing(degrees, damping), terms)
 
     assert fit.converged
     assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(FREQUENCY, rel=1e-6)
@@ -66,7 +79,7 @@ def test_smooth_damping_comes_back_to_a_millionth(
 
 @pytest.mark.parametrize(("degrees", "limit"), [(10, 2e-5), (40, 4e-6), (70, 4e-6)])
 def test_coulomb_friction_jumps_at_every_turn_and_still_comes_back(degrees: float, limit: float) -> None:
-    fit = fitted(*free_swing(degrees, viscous=1.5e-5, coulomb=4e-5, quadratic=0.0), ("viscous", "coulomb"))
+    fit = fitted(*free_swing(degrees, DRY), ("viscous", "coulomb"))
 
     assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(FREQUENCY, rel=limit)
     assert INERTIA * fit.coefficients.viscous_per_s == pytest.approx(1.5e-5, rel=2e-3)
@@ -74,14 +87,14 @@ def test_coulomb_friction_jumps_at_every_turn_and_still_comes_back(degrees: floa
 
 
 def test_a_finer_grid_changes_nothing_that_matters() -> None:
-    record = free_swing(40, viscous=1.5e-5, coulomb=4e-5, quadratic=2e-8)
+    record = free_swing(40, ALL_THREE)
     coarse, fine = (fitted(*record, TERMS, step_s).coefficients[0] for step_s in (0.004, 0.001))
 
     assert coarse == pytest.approx(fine, rel=2e-6)
 
 
 def test_the_trajectory_solves_the_equation_of_motion() -> None:
-    fit = fitted(*free_swing(60, viscous=1.5e-5, coulomb=0.0, quadratic=2e-6), ("viscous", "quadratic"))
+    fit = fitted(*free_swing(60, (1.5e-5, 0.0, 2e-6)), ("viscous", "quadratic"))
     frequency, viscous, _, quadratic, zero = fit.coefficients
 
     def motion(_: float, y: Array) -> list[float]:
@@ -97,7 +110,7 @@ def test_the_trajectory_solves_the_equation_of_motion() -> None:
 
 
 def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
-    time_s, angle = free_swing(40, viscous=1.5e-5, coulomb=4e-5, quadratic=2e-8)
+    time_s, angle = free_swing(40, ALL_THREE)
     fit = fitted(time_s, angle, TERMS)
     held = fit_output_error(time_s, angle, coefficients=fit.coefficients, trajectory=fit.trajectory, terms=TERMS)
     disturbed = angle + 1e-6 * held.jacobian @ np.array([3.0, 0.05, 0.2, 0.01, 0.001, 0.002, 0.02])

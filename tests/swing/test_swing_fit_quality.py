@@ -1,12 +1,13 @@
 """How the default fit of a swing judges itself: damping, rejections, standard uncertainties."""
 
+import functools
 import math
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
 from cfid.swing.checks import FitQuality
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
@@ -16,11 +17,16 @@ Array = npt.NDArray[np.float64]
 INERTIA, MOMENT = 3.1e-5, 6.28e-3
 
 
+@functools.cache
+def swung(degrees: float, **damping: float) -> Motion:
+    pendulum = Pendulum(axis_inertia_kg_m2=INERTIA, gravity_moment_nm=MOMENT, **damping)
+    return swing([pendulum], [HandRelease(angle_rad=math.radians(degrees))], duration_s=9.0, step_s=1e-3)
+
+
 def recorded(
     *, noise_rad: float = 5e-4, extra: Array | float = 0.0, degrees: float = 50, **damping: float
 ) -> tuple[Array, Array]:
-    pendulum = Pendulum(axis_inertia_kg_m2=INERTIA, gravity_moment_nm=MOMENT, **damping)
-    motion = swing([pendulum], [HandRelease(angle_rad=math.radians(degrees))], duration_s=9.0, step_s=1e-3)
+    motion = swung(degrees, **damping)
     noise = np.random.default_rng(4).normal(0, noise_rad, len(motion.time_s))
     return motion.time_s, motion.angle_rad[:, 0] + noise + extra
 

@@ -63,12 +63,12 @@ class WindOptions:
         from cfid.drag.wind.plan import HIGHEST_DEG, WindSetting
 
         if self.wind is None:
-            raise ConfigError("say --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
+            raise ConfigError("give --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
         low, high = _speeds(self.wind)
         if high == 0:
             return WindSetting()
         if self.angle is None:
-            raise ConfigError(f"--wind {self.wind}: say --angle DEG too, the wind generator's to the vertical.")
+            raise ConfigError(f"--wind {self.wind}: give --angle DEG too, the wind generator's to the vertical.")
         if not 0 <= self.angle <= HIGHEST_DEG:
             raise ConfigError(f"--angle {self.angle:g}: from 0, straight above, to {HIGHEST_DEG:g} degrees.")
         from_deg = azimuth(self.azimuth_deg, self.azimuth_rad)
@@ -80,7 +80,7 @@ class WindOptions:
 
         given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg, self.azimuth_rad)
         if any(value is not None for value in given):
-            raise ConfigError(f"--resume {resume} goes on in the wind that it was recorded in: leave its options out.")
+            raise ConfigError(f"--resume {resume} keeps the wind setting of its run: leave out its options.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +97,7 @@ class SweepOptions:
     tachometer: Annotated[
         Literal["typed", "none"],
         typer.Option(
-            help="You type what it shows in wind; none: the fit estimates the speed from vibration.",
+            help="You type what it shows; none: the fit estimates the speed from vibration.",
             rich_help_panel=_COMMANDS,
         ),
     ] = "typed"
@@ -176,7 +176,7 @@ def _speeds(text: str) -> tuple[float, float]:
 
 
 def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
-    """Return wind setting and staircase: by the options, or those that an interrupted run has left."""
+    """Return wind setting and staircase: by the options, or those that are missing in an interrupted run."""
     from cfid.drag.wind.plan import KIND, setting_of
     from cfid.motors.plan import missing
     from cfid.records.run import read_run
@@ -199,7 +199,7 @@ def _announce(setting: "WindSetting", stairs: "StaircasePlan", done: "Sequence[P
 
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return what of the thesis' plan the campaign still lacks, as --json has it and in words."""
+    """Return what is missing from the thesis' plan in the campaign, as --json has it and as lines."""
     from cfid.drag.wind.plan import missing_lines, missing_runs
 
     left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}

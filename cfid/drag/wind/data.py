@@ -22,7 +22,7 @@ from cfid.findings import Finding, note, texts, warning
 from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.facts import NONE_STATED, RigFacts, WindStand
 from cfid.records.frames import turn_about_z
 from cfid.records.parameters import Source
 from cfid.records.tables.times import run_at
@@ -57,11 +57,16 @@ AS_THEY_ARE = WindReading(WrenchReading())
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedRecording:
-    """The mean forces of one recording, its files, the load cell's first, and findings about it."""
+    """The mean forces of one recording, its files, the load cell's first, and findings about it.
+
+    `rig` has the facts that it was read with; `by_tachometer` whether readings of one give the rotors' speed.
+    """
 
     forces: tuple[WindForce, ...]
     findings: tuple[Finding, ...]
     sources: tuple[Source, ...]
+    rig: RigFacts
+    by_tachometer: bool
 
 
 def reduce_index(rows: Sequence[IndexedRun], how: WindReading) -> list[ReducedRecording]:
@@ -105,12 +110,15 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
         forces=tuple(forces),
         findings=(*_notes(record), *findings),
         sources=(*staircase.sources, *([readings.source] if readings else [])),
+        rig=_with_yaw(facts),
+        by_tachometer=readings is not None,
     )
 
 
 def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     """Reduce a recording; what a load cell feels of standing rotors does not matter."""
-    record, facts = read_wrench(row.loadcell, how.wrench), how.given.over(how.rig)
+    facts = how.given.over(how.rig)
+    record = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
     findings = [replace(one, text=one.text.removeprefix(f"{record.path.name}: ")) for one in _notes(record)]
     if row.command > DEAD_COMMAND:
         mean = _averaged(row, record, how)
@@ -120,7 +128,18 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
         still = np.zeros(3)
         made = WindForce(name=row.name, command=row.command, setting=row.setting, force_n=still, force_std_n=still)
     findings += _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
-    return ReducedRecording(forces=(made,), findings=tuple(findings), sources=(record.source,))
+    return ReducedRecording(
+        forces=(made,),
+        findings=tuple(findings),
+        sources=(record.source,),
+        rig=_with_yaw(facts),
+        by_tachometer=bool(row.tach_rpm),
+    )
+
+
+def _with_yaw(facts: RigFacts) -> RigFacts:
+    """Return the facts with the yaw that is taken where nobody stated one."""
+    return facts if facts.yaw_in_wind_deg is not None else RigFacts(wind=WindStand(yaw_deg=YAW_DEG)).over(facts)
 
 
 def _force(

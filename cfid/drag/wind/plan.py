@@ -1,4 +1,4 @@
-"""What a wind run asks of the operator: its wind setting; and the thesis' campaign of 112 runs (section 4.4.2)."""
+"""The wind setting of a run, which the operator states; and the thesis' campaign of 112 runs (section 4.4.2)."""
 
 import math
 from collections import Counter
@@ -97,7 +97,7 @@ def thesis_plan() -> tuple[PlannedRun, ...]:
 
 
 def missing_runs(done: Iterable[PlannedRun], plan: Iterable[PlannedRun] = thesis_plan()) -> tuple[PlannedRun, ...]:
-    """Return what of a plan, in its order, has not been recorded; runs that are not in the plan do not count."""
+    """Return the runs of a plan, in its order, that have not been recorded; runs outside the plan do not count."""
     left = Counter(done)
     missing = []
     for run in plan:

@@ -180,9 +180,9 @@ def _check(one: WindForce) -> None:
 
 
 def _check_angles(forces: Sequence[WindForce]) -> None:
-    """Refuse an angle that has no wind at all: wind that was not typed would make references of its runs.
+    """Refuse an angle that has no wind at all: a wind that was left out would turn its runs into references.
 
-    Angle 0 is what an empty field may have been filled with.
+    An empty field may have been filled with angle 0.
     """
     for angle in sorted({angle for one in forces if (angle := one.setting.angle_deg) and math.isfinite(angle)}):
         there = [one for one in forces if one.setting.angle_deg == angle]

@@ -32,7 +32,7 @@ class Filed:
 
 
 def swap_findings(filed: Filed) -> tuple[Finding, ...]:
-    """Reject each file that seems to belong elsewhere; none of a sound campaign."""
+    """Reject each file that seems to belong elsewhere; none of a valid campaign."""
     experiments = filed.experiments
     speed = experiments.speed_sum_rad_s[:, np.newaxis]
     common = _common(experiments)

@@ -1,4 +1,4 @@
-"""What the words of `cfid fit thrust`, `speed` and `torque` stand for: files, runs and tables of motors."""
+"""Arguments of `cfid fit thrust`, `speed` and `torque` to files, runs and tables of motors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,8 +28,8 @@ def read_evidence(
     method: str,
     rotors: Rotors | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and a table, and put all their points together; `rotors` are looked for in
-    vibration where nobody reported their speeds.
+    """Read COMMAND=FILE, RUN and a table, and put all their points together; missing speeds of
+    `rotors` are estimated from vibration.
 
     Without any of them the campaign's complete runs of a `kind` are taken.
 

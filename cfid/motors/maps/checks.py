@@ -1,4 +1,4 @@
-"""What is wrong with a motor's points before anything is fitted: sign, motors that stand, markers, gaps."""
+"""Check a motor's points before anything is fitted: sign, motors that stand, markers, gaps."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ _MARKERS = "check the number of its reflective markers."
 
 
 def check_thrust(command: Array, thrust_n: Array) -> None:
-    """Look at thrusts (n,), per motor, of commands above the dead zone.
+    """Check thrusts (n,) in N, per motor, of commands above the dead zone.
 
     Raises FitError when there are none, when no motor ran, or when thrust points down throughout.
     """
@@ -39,12 +39,12 @@ def check_thrust(command: Array, thrust_n: Array) -> None:
     if running.max() < _STANDING_N:
         raise FitError(
             f"the motors never ran: above command {DEAD_COMMAND} the largest thrust is {running.max():.2g} N, and a "
-            f"motor that turns gives {_STANDING_N:g} N. Look at battery, arming and propellers."
+            f"motor that turns gives {_STANDING_N:g} N. Check battery, arming and propellers."
         )
 
 
 def check_speed(command: Array, speed_rad_s: Array) -> None:
-    """Look at speeds (n,) of commands above the dead zone.
+    """Check speeds (n,) in rad/s of commands above the dead zone.
 
     Raises FitError when there are none, or when no motor ran.
     """
@@ -59,7 +59,7 @@ def check_speed(command: Array, speed_rad_s: Array) -> None:
 def marker_findings(
     command: Array, speed_rad_s: Array, thrust_n: Array | None = None, *, quantities: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Reject quantities that rest on speeds (n,) that were counted double, or divided twice.
+    """Reject quantities calculated from speeds (n,) that were counted double, or divided twice.
 
     Single points show beside the others. All of them show beside the thrust (n,) where it was measured, else
     beside the thesis' motors.
@@ -72,7 +72,7 @@ def marker_findings(
 
 
 def missing_commands(command: Array, *, expected: Iterable[int] | None = None) -> tuple[int, ...]:
-    """Return the commands that were asked for, or that an even staircase has, and that no point has."""
+    """Return the commands that were requested, or that an even staircase has, and that no point has."""
     there = np.unique(command)
     if expected is not None:
         return tuple(sorted(set(expected) - set(there.tolist())))
@@ -103,13 +103,13 @@ def _running(command: Array) -> npt.NDArray[np.bool_]:
 
 
 def _odd_ones(command: Array, speed: Array) -> Iterable[str]:
-    """Compare points with the line through most of them; half of them may be wrong before it is."""
+    """Compare points with the line through most of them, which tolerates up to half of them being wrong."""
     if len(np.unique(command)) < _FEWEST:
         return
     slope, level = _repeated_median_line(command, speed)
     usual = np.maximum(slope * command + level, _STANDING_RAD_S)
     ratio = speed / usual
-    # At small commands a motor's speed falls off the line by itself.
+    # At small commands a motor's speed departs from the line anyway.
     far = command > _FAR * command.max()
     for odd, word in ((_within(ratio, _TWICE), "twice"), (_within(ratio, _HALF) & far, "half")):
         if odd.any():
@@ -118,7 +118,7 @@ def _odd_ones(command: Array, speed: Array) -> Iterable[str]:
 
 
 def _all_wrong(command: Array, speed: Array, thrust: Array | None) -> Iterable[str]:
-    """Compare all speeds together with what makes the thrust, or with the thesis' motors."""
+    """Compare all speeds with the thrust that they make, or with the thesis' motors."""
     if thrust is None:
         ratio = float(np.median(speed / np.polyval(THESIS_SPEED, command)))
         told = f"the speeds are {ratio:.2f} times those of the thesis' motors (eq. 3.4)"

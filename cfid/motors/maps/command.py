@@ -41,7 +41,7 @@ Words = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class StandOptions:
-    """What files cannot say of themselves."""
+    """Facts that files do not contain."""
 
     table: Annotated[
         Path | None,
@@ -49,7 +49,7 @@ class StandOptions:
     ] = None
     motors: Annotated[
         int | None,
-        typer.Option(min=1, max=4, help="How many motors ran in files; a run knows it.", rich_help_panel=_INPUT),
+        typer.Option(min=1, max=4, help="How many motors ran in files; runs state it.", rich_help_panel=_INPUT),
     ] = None
     markers: Markers = None
     window: Annotated[
@@ -59,7 +59,7 @@ class StandOptions:
     flip_fz: FlipFz = None
 
     def known(self) -> "Stand":
-        """Return them as the fits take them. Raises ConfigError for a window that makes no sense."""
+        """Return them as the fits take them. Raises ConfigError for an invalid window."""
         from cfid.motors.maps.evidence import Stand
 
         window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4:8")
@@ -71,12 +71,12 @@ class MapOptions:
     """How a map is fitted."""
 
     order: Annotated[
-        str | None, typer.Option(metavar="N|auto", help="Order; default: the thesis', auto: by corrected AIC.")
+        str | None, typer.Option(metavar="N|auto", help="Order; default: the thesis'; auto: by corrected AIC.")
     ] = None
-    robust: Annotated[bool, typer.Option(help="Let single points that stand apart count little.")] = True
+    robust: Annotated[bool, typer.Option(help="Reduce the weight of outliers.")] = True
 
     def chosen(self, usual: int) -> "Order":
-        """Return the order. Raises ConfigError for what is none."""
+        """Return the order. Raises ConfigError for an invalid one."""
         if self.order is None:
             return usual
         if self.order == "auto":
@@ -102,7 +102,7 @@ def thrust(
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
-    """Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over that.
+    """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """

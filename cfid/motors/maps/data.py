@@ -34,8 +34,8 @@ Array = npt.NDArray[np.float64]
 def of_file(
     command: int, path: Path, stand: Stand, reading: WrenchReading, *, method: str, rotors: Rotors | None = None
 ) -> Evidence:
-    """Reduce a load cell's file of one command between two pauses, as the thesis has them."""
-    record = read_wrench(path, reading)
+    """Reduce a load cell's file of one command between two pauses, as the thesis recorded them."""
+    record = read_wrench(path, replace(reading, gain=stand.facts.loadcell.gain))
     if command == 0:  # motors that stand give nothing, whatever the cell's bias is
         zero = np.zeros(1)
         return _plain(record, MotorPoints(command=zero, thrust_n=zero, torque_nm=zero))
@@ -52,7 +52,7 @@ def of_file(
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
     staircase = RunStaircase(record=record, reduced=found, run=None, began_s=math.nan, sources=(record.source,))
-    return _evidence(staircase, stand.motors or 1, flip_fz=bool(stand.flip_fz), rotors=rotors)
+    return _evidence(staircase, stand, motors=stand.motors or 1, rotors=rotors)
 
 
 def _thesis_point(
@@ -66,7 +66,7 @@ def _thesis_point(
 
 
 def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evidence:
-    """Return points of a file that needed no reduction, or none."""
+    """Return points of a file that needs no reduction, or none."""
     return Evidence(
         points=points,
         findings=(*recording(record.notes), *findings),
@@ -92,18 +92,18 @@ def _of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None) -> 
     found = reduce_run(record, flip_fz=bool(stand.flip_fz))
     assert found.run is not None
     expected = tuple(int(step) for step in found.run.header.asked.get("steps", ()) if step)
-    return _evidence(found, None, flip_fz=bool(stand.flip_fz), expected=expected, rotors=rotors)
+    return _evidence(found, stand, motors=None, expected=expected, rotors=rotors)
 
 
 def _evidence(
     found: RunStaircase,
-    motors: int | None,
+    stand: Stand,
     *,
-    flip_fz: bool,
+    motors: int | None,
     expected: tuple[int, ...] = (),
     rotors: Rotors | None = None,
 ) -> Evidence:
-    """Return the settled points of a reduced record, per motor; speeds from vibration where nobody reported them."""
+    """Return the settled points of a reduced record, per motor; speeds from vibration where none were reported."""
     record, settled = found.record, [point for point in found.reduced.points if point.settled]
     points = MotorPoints(command=np.zeros(0))
     about_speed: tuple[Finding, ...] = ()
@@ -112,7 +112,7 @@ def _evidence(
         if speed is None and rotors is not None:
             speed, std, about_speed = speeds_from_vibration(settled, record, rotors, motors=motors)
         points = replace(points_of(settled, motors=motors), speed_rad_s=speed, speed_std_rad_s=std)
-    thrust_n = channels_of(record, flip_fz=flip_fz)[:, FZ]
+    thrust_n = channels_of(record, flip_fz=bool(stand.flip_fz))[:, FZ]
     return Evidence(
         points=points,
         vbat_v=found.volts(settled),
@@ -122,6 +122,7 @@ def _evidence(
         reduced=(Reduced(name=record.name, time_s=record.time_s, thrust_n=thrust_n, staircase=found.reduced),),
         paths=(record.path,),
         expected=expected,
+        loadcells=(stand.facts,),
     )
 
 
@@ -134,6 +135,7 @@ def _of_readings(run: Run, stand: Stand) -> Evidence:
         findings=findings,
         sources=(rows.source,),
         paths=(run.folder,),
+        tachometers=(stand.facts,),
     )
 
 

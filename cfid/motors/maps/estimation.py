@@ -56,7 +56,7 @@ class SpeedThrustMap:
     """Thrust of speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
 
     `windows` (n, N) are those of `Measured`. `difference_n` is the largest between the two at the speeds measured.
-    `square_suffices` says that the corrected AIC does not ask for more than k.
+    `square_suffices` says that the corrected AIC prefers k alone.
     """
 
     square: PolynomialFit
@@ -75,7 +75,7 @@ class SpeedThrustMap:
 
     @property
     def k_std_n_s2(self) -> float:
-        """One standard deviation of it; nan where no point is left over."""
+        """Its standard uncertainty; nan without degrees of freedom."""
         return float(self.square.std[0])
 
 
@@ -89,9 +89,9 @@ def fit_thrust(
 ) -> MotorMap:
     """Fit thrust in N over command (eq. 3.3); `expected` are the commands that should be there.
 
-    By default the dead zone is left out, as the motor stands there, points are weighted with their uncertainties where
-    these are known, and Huber's loss is taken. "thesis" is C.2.3: MATLAB's polyfit of all commands but 2000, with
-    zero at command 0. Order "auto" takes the one with the smallest corrected AIC.
+    By default the dead zone is left out, since the motor stands there, points are weighted by their uncertainties where
+    these are known, and Huber's loss limits outliers. "thesis" is C.2.3: MATLAB's polyfit of all commands but 2000,
+    with zero at command 0. Order "auto" takes the one with the smallest corrected AIC.
 
     Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
     """
@@ -149,7 +149,7 @@ def fit_torque(
     findings: tuple[Finding, ...] = ()
     if float(found.x @ found.y) < 0:
         found = found._replace(y=-found.y)
-        text = "the torque points down: these rotors turn left, seen from above. Its magnitude is fitted."
+        text = "the torque is negative: these rotors turn counter-clockwise, seen from above. Its magnitude is fitted."
         findings = (note("torque-sign-turned", text, *GIVEN_BY["torque"]),)
     return _map("torque", found, method, order, robust=robust, expected=expected, findings=findings)
 
@@ -158,7 +158,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     """Fit thrust over speed as k w^2 and as full quadratic; "thesis" without weights and loss.
 
     Points without both are joined by their command first, as the thesis has thrust and speed from different runs.
-    (C.2.3 minimises f - k w where it says w^2; k is that of w^2 here.)
+    (C.2.3 minimises f - k w although it states w^2; here k is that of w^2.)
 
     Raises FitError when the motors never ran or too few commands have both.
     """
@@ -270,9 +270,9 @@ def _thesis_points(measured: Measured, key: str) -> tuple[Measured, tuple[Findin
 
 
 def _scatter(fit: PolynomialFit, command: Array, key: str) -> Iterable[Finding]:
-    """Report how well the points agree with each other, and which stand apart."""
+    """Report how well the points agree with each other, and which are outliers."""
     if fit.degrees_of_freedom == 0:
-        text = f"{len(command)} points fix all coefficients and leave nothing to judge them by."
+        text = f"{len(command)} points determine all coefficients and leave nothing to judge them by."
         yield warning("map-without-freedom", text, key)
     if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:
         yield warning(
@@ -283,7 +283,7 @@ def _scatter(fit: PolynomialFit, command: Array, key: str) -> Iterable[Finding]:
         )
     apart = np.unique(command[fit.weight < OUTLIER_WEIGHT])
     if len(apart):
-        text = f"command {listed(apart.tolist())} stands apart by more than four standard uncertainties, counts little."
+        text = f"command {listed(apart.tolist())} is off by more than four standard uncertainties: it counts less."
         yield warning("map-outlier", text, key)
 
 

@@ -1,4 +1,4 @@
-"""Steady points of one motor and where they come from, with what files cannot say of themselves."""
+"""Steady points of one motor and their sources, with the facts that files do not contain."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -10,11 +10,12 @@ import numpy.typing as npt
 from cfid.estimate.staircase import Point, Staircase
 from cfid.findings import Finding, note, warning
 from cfid.motors.points import MotorPoints, joined
-from cfid.records.facts import LoadCellMount, RigFacts, Tachometer
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import Source
 
 Array = npt.NDArray[np.float64]
 
+_GATHERED = ("lines", "findings", "sources", "reduced", "paths", "expected", "loadcells", "tachometers")
 _ASSUMED = (
     "1 marker of the tachometer is assumed, as in version 0.1: no rig.toml stated it when this was recorded, and it "
     "was not given."
@@ -23,21 +24,25 @@ _ASSUMED = (
 
 @dataclass(frozen=True, kw_only=True)
 class Stand:
-    """What files cannot say of themselves: motors that ran, markers of a tachometer, a window by hand, Fz downwards."""
+    """Facts that files do not contain: motors that ran, markers of a tachometer, a window by hand, Fz downwards.
+
+    `facts` are those of the rig with which they were recorded.
+    """
 
     motors: int | None = None
     markers: int | None = None
     window_s: tuple[float, float] | None = None
     flip_fz: bool | None = None
+    facts: RigFacts = NONE_STATED
 
     def where(self, facts: RigFacts) -> "Stand":
         """Return it with the facts of a rig that it does not state."""
         given = RigFacts(loadcell=LoadCellMount(flip_fz=self.flip_fz), tachometer=Tachometer(markers=self.markers))
         known = given.over(facts)
-        return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz)
+        return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz, facts=facts)
 
     def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
-        """Return speeds (n,) of those that a tachometer shows, and a finding where nobody stated its markers."""
+        """Return speeds (n,) in rad/s of a tachometer's readings, and a finding where its markers are not stated."""
         findings = (note("fact-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
         return shown / (self.markers or 1), findings if self.markers is None else ()
 
@@ -55,7 +60,10 @@ class Reduced:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Steady points of one motor, their battery voltages where known, and where they come from."""
+    """Steady points of one motor, their battery voltages where known, and where they come from.
+
+    `loadcells` and `tachometers` are the facts of the rigs whose load cell felt them and whose tachometer showed them.
+    """
 
     points: MotorPoints
     vbat_v: Array | None = None
@@ -65,6 +73,8 @@ class Evidence:
     reduced: tuple[Reduced, ...] = ()
     paths: tuple[Path, ...] = ()
     expected: tuple[int, ...] = ()
+    loadcells: tuple[RigFacts, ...] = ()
+    tachometers: tuple[RigFacts, ...] = ()
 
 
 def together(parts: Sequence[Evidence]) -> Evidence:
@@ -76,10 +86,7 @@ def together(parts: Sequence[Evidence]) -> Evidence:
     return Evidence(
         points=parts[0].points if len(parts) == 1 else joined(*(part.points for part in parts)),
         vbat_v=volts,
-        **{
-            name: tuple(item for part in parts for item in getattr(part, name))
-            for name in ("lines", "findings", "sources", "reduced", "paths", "expected")
-        },
+        **{name: tuple(item for part in parts for item in getattr(part, name)) for name in _GATHERED},
     )
 
 
@@ -91,12 +98,12 @@ def line_of(point: Point, name: str) -> str:
 
 
 def recording(notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return what a reader noted of a recording."""
+    """Return what the file's reader reported of a recording."""
     return tuple(warning("recording", text) for text in notes)
 
 
 def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
-    """Return what is found about the means of a staircase, and how far the load cell drifted."""
+    """Return findings about the means of a staircase, and how far the load cell drifted."""
     return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
 
 

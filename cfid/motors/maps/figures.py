@@ -1,4 +1,4 @@
-"""Motors drawn: a thrust staircase, the maps (figures 3.7 to 3.11), the battery's part in them, rotors' lines."""
+"""Figures of motor maps: a thrust staircase, the maps (figures 3.7 to 3.11), thrust over voltage."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -70,9 +70,9 @@ _LEFT_OUT: dict[str, Any] = {"ls": "", "marker": "x", "ms": 5.0, "mew": 1.2, "co
 
 @styled
 def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, title: str, thrust: int = FZ) -> Figure:
-    """Return a record of the load cell with what each of its steps gave; `thrust` is that channel's place there.
+    """Draw a record of the load cell with the mean of each of its steps; `thrust` is that channel's index.
 
-    Thrust (n,) is that of all motors that ran, with the load cell's bias. Steps that are not used say why in red.
+    Thrust (n,) is that of all motors that ran, with the load cell's bias. Unused steps state the reason in red.
     """
     steps = staircase.points
     unsettled = unused_steps(steps)
@@ -91,10 +91,10 @@ def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, ti
 
 @styled
 def map_figure(mapped: MotorMap, *, verification: Verification | None = None) -> Figure:
-    """Return a map with its points and what they leave over; beside a thrust map what another instrument showed.
+    """Draw a map with its points and residuals; with a thrust map also the readings of a second instrument.
 
-    Bars are one deviation of a point about the curve. Bands hold the curve, and another point, in 95 of 100 cases.
-    Of commands left out only the place is known, at the foot of both panels.
+    Bars are one standard uncertainty of a point about the curve. Bands are the 95 % bands of the curve and of a point.
+    Commands that were left out are marked at the foot of both panels.
     """
     unit, scale = _AXES[mapped.quantity][1:3]
     found, told = _map_coefficients(mapped), _map_told(mapped, verification, unit=unit, scale=scale)
@@ -117,7 +117,7 @@ def map_figure(mapped: MotorMap, *, verification: Verification | None = None) ->
 
 @styled
 def speed_thrust_figure(found: SpeedThrustMap) -> Figure:
-    """Return thrust over speed with k w^2 (eq. 3.1) and with the full quadratic, and what both leave over."""
+    """Draw thrust over speed with k w^2 (eq. 3.1) and with the full quadratic, and the residuals of both."""
     form = _square_told(found)
     full = [*coefficients(found.quadratic, "w", ("N s²", "N s", "N")), _norm(found.quadratic, "N")]
     page, grid = _page((2.9, 1.7, _table_in(form, full)), "Speed to thrust of one rotor", found.findings)
@@ -130,7 +130,7 @@ def speed_thrust_figure(found: SpeedThrustMap) -> Figure:
 
 @styled
 def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "speed"] = "thrust") -> Figure:
-    """Return thrust, or speed, over motor voltage and over the command alone, and how well either predicts.
+    """Draw thrust, or speed, over motor voltage and over the command alone, and how well each predicts.
 
     Dashed lines stand at the error of prediction of points at commands that the fit had not seen.
     """
@@ -162,7 +162,7 @@ def _page(heights_in: Sequence[float], title: str, findings: Sequence[Finding]) 
 
 
 def _table_in(*tables: Sequence[Any]) -> float:
-    """Return the height of the longest of several tables of words."""
+    """Return the height of the longest of several tables."""
     return 0.42 + 0.165 * max(len(table) for table in tables)
 
 
@@ -250,7 +250,7 @@ def _draw_form(curve: Axes, left: Axes, x: Array, value: Array, fit: PolynomialF
 
 
 def _draw_bands(axes: Axes, at: Array, level: Array, fit: PolynomialFit, *, scale: float) -> None:
-    """Shade where 95 of 100 curves and points lie, the wider band edged for a grey print."""
+    """Shade the 95 % bands of the curve and of a point, the wider one with an edge for a grey print."""
     if not np.isfinite(fit.quantile):
         return
     curve, point = scale * fit.confidence(at), scale * fit.prediction(at)
@@ -260,7 +260,7 @@ def _draw_bands(axes: Axes, at: Array, level: Array, fit: PolynomialFit, *, scal
 
 def _draw_points(axes: Axes, x: Array, y: Array, std: Array, *, apart: npt.NDArray[np.bool_]) -> None:
     axes.errorbar(x, y, std, **_EARS, **{**_DOTS, "marker": ""})
-    axes.plot(x[~apart], y[~apart], **_DOTS, label="points ± one deviation")
+    axes.plot(x[~apart], y[~apart], **_DOTS, label="points ± standard uncertainty")
     if apart.any():
         axes.plot(x[apart], y[apart], **_HOLLOW, label="counts little")
 

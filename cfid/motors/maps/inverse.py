@@ -1,4 +1,4 @@
-"""What a controller takes from the thrust map: the command for a thrust, and how much thrust there is at most."""
+"""The inverse of a thrust map for a controller: the command for a thrust, and the largest thrust."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ class InverseMap:
 
     Valid within `command_range` and `thrust_range_n`, both ends included. `round_trip_command` is how far a command
     may come back from thrust and inverse in the single precision of the firmware, `round_trip_n` how far the thrust of
-    the rounded command is from the one asked for.
+    the rounded command is from the wanted thrust.
     """
 
     coefficients: Array
@@ -54,7 +54,7 @@ class MaximumThrust:
 
 
 def invert(thrust_map: MotorMap) -> InverseMap:
-    """Solve a thrust map of order 1 or 2 for the command, from above the dead zone to full, as far as it rises.
+    """Solve a thrust map of order 1 or 2 for the command, from above the dead zone to full, while it rises.
 
     Raises FitError for another order, which has no such root, and for a map that nowhere rises above zero.
     """
@@ -119,7 +119,7 @@ def _rising(fit: PolynomialFit) -> tuple[float, float]:
 def _root(coefficients: npt.NDArray[np.floating], thrust: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     """Return where a c^2 + b c + d is the thrust and rises, in the precision of the arguments.
 
-    Of the two forms of the root, the one that subtracts nothing alike.
+    Of the two forms of the root, the one that does not subtract nearly equal numbers.
     """
     a, b, d = coefficients
     root = np.sqrt(np.maximum(b * b + 4 * a * (thrust - d), 0))

@@ -1,4 +1,4 @@
-"""Motor maps of whatever was measured, with what goes with them: inverse, battery, thrust of speed, scales, figures."""
+"""Points to motor maps as a result: quantities, inverse, voltage form, thrust over speed, scales, figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,6 +9,14 @@ from typing import Any
 import numpy as np
 
 from cfid.errors import ConfigError, FitError
+from cfid.estimate.common_causes import (
+    force_scales,
+    power_law,
+    tachometer_scales,
+    thrust_in_torque,
+    torque_scales,
+    with_common_causes,
+)
 from cfid.findings import Finding, rejection, texts, warning
 from cfid.motors.maps import estimation, values
 from cfid.motors.maps.data import of_run
@@ -31,12 +39,17 @@ from cfid.records.tables.wrench import WrenchReading
 One = Evidence | StandTable | Run | Path | str
 Points = One | Sequence[One]
 
+_POWERS = {
+    "motor.max_thrust_n": {"N": 1},
+    "motor.hover_mass_kg": {"N": 1},
+    "motor.thrust_per_speed_squared_n_s2": {"N": 1, "rad/s": -2},
+}
 _MOST_PAGES = 4  # of reduced records, each a figure
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Beside:
-    """What goes with a map: numbers, lines and findings of it, and what its figures need."""
+    """Additions to a map: its numbers, lines and findings, and the input of its figures."""
 
     parameters: Mapping[str, Parameter]
     covariances: tuple[Covariance, ...]
@@ -58,9 +71,9 @@ def fit_thrust(
     scales: Path | None = None,
     method: Method = "default",
 ) -> Result:
-    """Fit one motor's thrust over command, its inverse, the most it gives, and, with a battery's voltage, over that.
+    """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
-    `points` are runs, tables of a thrust stand or their paths, and `stand` what these do not say of themselves;
+    `points` are runs, tables of a thrust stand or their paths, and `stand` the facts that these do not contain;
     `scales` are a run or a table of a second instrument. Raises ConfigError, DataError or FitError, the last where
     nothing can be fitted at all.
     """
@@ -117,7 +130,7 @@ def fit_speed(
 ) -> Result:
     """Fit one rotor's speed over command, and thrust over speed where both were measured; otherwise as `fit_thrust`.
 
-    With `rotors` speeds that nobody reported are estimated from the load cell's vibration.
+    With `rotors`, missing speeds are estimated from the load cell's vibration.
     """
     found = evidence_of(points, stand, rotors)
     with _with_findings(found):
@@ -166,7 +179,7 @@ def _evidence(one: One, stand: Stand, rotors: Rotors | None) -> Evidence:
 
 @contextmanager
 def _with_findings(found: Evidence) -> Iterator[None]:
-    """Add what was found about the points to the reason why nothing can be fitted to them: it may be the cause."""
+    """Add the findings about the points to the error that nothing can be fitted to them: they may be the cause."""
     try:
         yield
     except FitError as error:
@@ -174,7 +187,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
 
 
 def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
-    """Judge thrust of motor voltage against thrust of command, where the battery's voltage is known."""
+    """Compare thrust over motor voltage with thrust over command, where the battery's voltage is known."""
     points = found.points
     if found.vbat_v is None or points.thrust_n is None or not np.isfinite(found.vbat_v).any():
         return None, ()
@@ -231,7 +244,7 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
             figures["thrust_of_voltage"] = voltage_figure(beside.voltage)
         return figures
 
-    return Result(
+    result = Result(
         command=f"fit {mapped.quantity}",
         method=mapped.method,
         quantities={**beside.parameters, **values.table_parameter(found.points)},
@@ -244,3 +257,14 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
         drawings=drawings,
         folder=found.paths[0].parent if found.paths else Path(),
     )
+    measured = {
+        "N": force_scales(found.loadcells),
+        "N m": torque_scales(found.loadcells),
+        "rad/s": tachometer_scales(found.tachometers),
+    }
+    talk = (
+        thrust_in_torque(found.loadcells, key="motor.torque_poly", count=mapped.fit.order + 1)
+        if mapped.quantity == "torque"
+        else {}
+    )
+    return with_common_causes(result, power_law(result.quantities, measured, _POWERS), talk)

@@ -1,4 +1,4 @@
-"""A second opinion on the thrust map: what scales under the vehicle show (section 3.3.1, figure 3.9)."""
+"""Verify the thrust map with scales under the vehicle (section 3.3.1, figure 3.9)."""
 
 import math
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ class Verification:
 
 
 def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: float) -> Array:
-    """Return one motor's thrusts (n,) from what scales show (n,), as the change from motors that stand.
+    """Return one motor's thrusts (n,) in N from readings of scales (n,), as the change from motors that stand.
 
-    Thrust takes weight off; a display that grows with the command counts the other way, and is taken as such.
+    Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign.
 
     Raises FitError without a reading of motors that stand.
     """

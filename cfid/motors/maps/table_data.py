@@ -1,4 +1,4 @@
-"""Steady points from tables: settled points as they are, a thrust stand's record reduced; and scales' readings."""
+"""Steady points from tables: settled points, a thrust stand's record over time, readings of scales."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,13 +21,15 @@ Array = npt.NDArray[np.float64]
 
 
 def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> Evidence:
-    """Take a table's points, or reduce it where it is a record over time."""
-    stand = stand.where(facts) if _is_tachometers(table) else replace(stand, markers=stand.markers or 1)
-    return _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
+    """Take a table's points, or reduce a record over time."""
+    tachometer = _is_tachometers(table)
+    stand = stand.where(facts) if tachometer else replace(stand, markers=stand.markers or 1)
+    found = _of_record(table, stand) if table.time_s is not None else _of_points(table, stand)
+    return replace(found, tachometers=(stand.facts,)) if tachometer else found
 
 
 def _is_tachometers(table: StandTable) -> bool:
-    """Return whether speeds were read off a tachometer, which counts markers; a thrust stand knows its rotors."""
+    """Return whether speeds are a tachometer's, which counts markers; a thrust stand reports speeds of rotors."""
     return table.speeds == "series"
 
 
@@ -67,7 +69,7 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
             time_s=table.time_s,
             channels=table.thrust_n[:, np.newaxis],
             command_time_s=table.time_s[changes],
-            commands=np.outer(table.command[changes], (1, 0, 0, 0)),  # whoever ran: the table knows how many
+            commands=np.outer(table.command[changes], (1, 0, 0, 0)),  # the table states how many motors ran
             thrust=0,
         )
         settled = found.steady()

@@ -48,7 +48,7 @@ def table_parameter(points: MotorPoints) -> dict[str, Parameter]:
 
 
 def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Parameter]:
-    """Return what a controller takes from the thrust map, and section 3.3.1's check of it."""
+    """Return the inverse of the thrust map, and section 3.3.1's check of the map."""
 
     root = {
         "coefficients": inverse.coefficients.tolist(),
@@ -73,9 +73,9 @@ def covariances(
     voltage: VoltageComparison | None = None,
     over_speed: SpeedThrustMap | None = None,
 ) -> tuple[Covariance, ...]:
-    """Return the covariance of maps that came from the same points, and of what is calculated from them.
+    """Return the covariance of maps fitted to the same points, and of the numbers calculated from them.
 
-    A voltage cubic that was rejected stands alone, so that it can go without the others.
+    A rejected voltage cubic is kept apart, so that it can be removed alone.
     """
     together = [_of_map(found, most), *(_of_speed(over_speed) if over_speed else ())]
     cubic = [_of_voltage(voltage)] if voltage else []
@@ -85,7 +85,7 @@ def covariances(
 
 
 def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
-    """Return the covariance of what several fits give, of those whose own is known."""
+    """Return the joint covariance of several fits, for those whose own is known."""
     known = [part for part in parts if np.isfinite(part.fit.fit.covariance).all()]
     if not known:
         return ()
@@ -144,7 +144,7 @@ def is_rejected(found: MotorMap) -> bool:
 
 
 def map_lines(found: MotorMap) -> list[str]:
-    """Return a map as the thesis writes it and how its order was chosen; nothing of one that was rejected."""
+    """Return a map as the thesis writes it and how its order was chosen; nothing for a rejected one."""
     return [] if is_rejected(found) else [_polynomial_line(found), *_aicc_line(found)]
 
 
@@ -203,7 +203,7 @@ def figures_of_merit(found: MotorMap, **more: Any) -> dict[str, Any]:
 
 
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings, each once, in their order; what is the same of several files, for all of them at once."""
+    """Return findings, each once, in their order; one that is the same for several files names all of them."""
     files: dict[Finding, list[str]] = {}
     for finding in dict.fromkeys(findings):
         name, colon, text = finding.text.partition(": ")

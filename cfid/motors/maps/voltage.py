@@ -1,6 +1,6 @@
-"""Thrust or speed of the voltage a motor gets, command / 65535 * battery, against that of the command alone.
+"""Thrust or speed over motor voltage, command / 65535 * battery, compared with the same over the command alone.
 
-Steady points go in: a rotor on its way to another speed belongs to neither.
+Takes steady points: a rotor that changes its speed follows neither.
 """
 
 from dataclasses import dataclass, replace
@@ -25,14 +25,14 @@ _TELLING = 1.05  # ratio of prediction errors from which one form is the better 
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageComparison:
-    """Polynomials of equal order over motor voltage and over command, judged on commands they have not seen.
+    """Polynomials of equal order over motor voltage and over command, judged on commands left out of the fit.
 
     `command`, `motor_volts` and `value` (n,) are the points that `used` (N,) marks of all. `voltage_rms` and
     `command_rms` are the errors of prediction, in the value's unit, of the points at `judged` commands, each form by
     plain least squares.
 
     Thrust over voltage is the cubic that rises over all voltages, as the firmware needs it; where the points
-    contradict every such cubic, a rejection says why, and `by_voltage` is the plain one then.
+    contradict every such cubic, a rejection states why, and `by_voltage` is the plain one.
     """
 
     by_voltage: PolynomialFit
@@ -53,7 +53,7 @@ class VoltageComparison:
 
     @property
     def ratio(self) -> float:
-        """How many times better the voltage predicts."""
+        """Ratio of the command's prediction error to the voltage's."""
         return self.command_rms / self.voltage_rms if self.voltage_rms > 0 else np.inf
 
     @property
@@ -143,9 +143,9 @@ def compare(
 ) -> VoltageComparison:
     """Fit both forms to points (n,) above the dead zone, and let each predict the commands left out of it.
 
-    A command is left out with all its points, else a point would be predicted from its twin at the same voltage:
+    A command is left out with all its points, else a point would be predicted from another one at the same voltage:
     one command after another, or `folds` groups of them in turn. The lowest and the highest stay in, as a cubic
-    is not made to be prolonged. `std` (n,) weighs the points, and `shared` (n, m) are the parts
+    must not be extrapolated. `std` (n,) weighs the points, and `shared` (n, m) are the parts
     of it that points have in common, as in `fit_polynomial`; the errors of prediction are not weighted.
 
     Raises FitError when there are too few commands.
@@ -158,7 +158,7 @@ def compare(
     if len(inner) <= order:
         raise FitError(
             f"{len(np.unique(command))} commands above {DEAD_COMMAND} are too few to judge forms of order {order} on "
-            f"commands they have not seen: {order + 3} are needed. Steps that never settled do not "
+            f"commands left out of the fit: {order + 3} are needed. Steps that never settled do not "
             "count: hold each longer."
         )
     groups = [inner[i :: folds or len(inner)] for i in range(min(folds or len(inner), len(inner)))]
@@ -182,7 +182,7 @@ def compare(
 
 
 def _used(used: npt.NDArray[np.bool_], std: Array | None, shared: Array | None) -> tuple[Array | None, Array | None]:
-    """Return deviations of the points used, made fit for weights, and what they share; None where none are known."""
+    """Return standard uncertainties of the points used, for weights, and their shared parts; None where unknown."""
     return None if std is None else weighable(std[used]), None if shared is None else shared[used]
 
 
@@ -193,7 +193,7 @@ def _unseen(x: Array, value: Array, left_out: npt.NDArray[np.bool_], order: int,
 
 
 def _visited_once(command: Array) -> tuple[Finding, ...]:
-    """Warn when no command was held at two voltages: both forms then follow one and the same path."""
+    """Warn when no command was held at two voltages: the run cannot distinguish both forms."""
     if len(np.unique(command)) < len(command):
         return ()
     text = (

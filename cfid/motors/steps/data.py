@@ -52,7 +52,7 @@ def of_table(table: StandTable) -> SpeedRecord:
     """Take a thrust stand's record over time. Raises DataError for a table of settled points."""
     speed = table.square_mean_speed_rad_s
     if table.time_s is None or speed is None:
-        raise DataError(f"{table.path}: no speeds over time: steps cannot be followed.")
+        raise DataError(f"{table.path}: no speeds over time: there is no step to fit.")
     return SpeedRecord(
         name=table.path.stem,
         path=table.path,
@@ -92,7 +92,7 @@ def _of_vibration(
     channels = quiet_channels(record)
     ridge = speed_ridge(time_s=record.time_s, wrench=channels, window_s=_BLUR_S, step_s=_STEP_S)
     sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
-    text = "this vehicle reports no speed: it is estimated from the load cell's vibration, and not of standing rotors."
+    text = "this vehicle reports no speed: it is estimated from the load cell's vibration, absent at standstill."
     return SpeedRecord(
         name=run.folder.name,
         path=run.folder,

@@ -1,4 +1,4 @@
-"""Rotors that follow steps of their command, drawn: speeds with the lag of each step, and the time constants."""
+"""Figure of rotors that follow steps of their command: speeds with the lag of each step, and the time constants."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,7 +25,7 @@ _EARS: dict[str, Any] = {"ls": "", "ms": 5.0, "lw": 0.9, "capsize": 2.0}
 def dynamics_figure(
     time_s: Array, speed_rad_s: Array, lags: Sequence[StepFit], model: RotorModel, *, title: str
 ) -> Figure:
-    """Return speeds (n,) over times (n,) with the lag fitted to each step, and its time constant over where it led.
+    """Return speeds (n,) over times (n,) with the lag fitted to each step, and its time constant over the final speed.
 
     Lags that are rejected are drawn in red in the upper panel and left out of the lower one. Curves there are
     the rotor model's.

@@ -25,7 +25,7 @@ _NO_LAG = "no step is described by a first-order lag."
 def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     """Return a first-order lag for each step of the command, and the rotor model of four coefficients for all.
 
-    A run has speeds that the vehicle reported, or a load cell that felt the rotors; a table of a thrust stand has
+    A run has speeds that the vehicle reported, or a load cell's vibration; a table of a thrust stand has
     speeds over time. Raises DataError for a recording that cannot be read, FitError where no step can be followed.
     """
     record = _record(recording)
@@ -77,13 +77,13 @@ def _record(recording: SpeedRecord | StandTable | Run | Path | str) -> SpeedReco
 
 
 def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding, ...]]:
-    """Return the steps that the speeds show, and a finding on the others."""
+    """Return the steps that the speeds show, and a finding about the others."""
     steps = command_steps(time_s=record.time_s, command=record.held)
     seen = followed(steps, time_s=record.time_s, value=record.speed_rad_s)
     if steps and not seen:
-        raise FitError(f"of {len(steps)} steps none shows speeds enough to follow it: hold each command longer.")
+        raise FitError(f"of {len(steps)} steps none has enough speeds for a fit: hold each command longer.")
     missed = len(steps) - len(seen)
-    text = f"{missed} of {len(steps)} steps show too few speeds to be followed."
+    text = f"{missed} of {len(steps)} steps have too few speeds for a fit."
     return seen, (warning("steps-left-out", text, "dynamics.*"),) if missed else ()
 
 

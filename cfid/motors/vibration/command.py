@@ -20,18 +20,20 @@ class RotorOptions:
     """What vibrates."""
 
     rotors: Annotated[
-        int | None, typer.Option(min=1, max=4, help="Rotors that ran; a run knows it.", rich_help_panel=_ROTOR)
+        int | None, typer.Option(min=1, max=4, help="Rotors that ran; runs state it.", rich_help_panel=_ROTOR)
     ] = None
     blades: Annotated[int, typer.Option(min=1, max=6, help="Blades of a propeller.", rich_help_panel=_ROTOR)] = 2
-    mains_hz: Annotated[float | None, typer.Option(help="Hum to leave out, 50 or 60.", rich_help_panel=_ROTOR)] = None
+    mains_hz: Annotated[
+        float | None, typer.Option(help="Mains hum to ignore, 50 or 60 Hz.", rich_help_panel=_ROTOR)
+    ] = None
     expect: Annotated[
         str | None,
-        typer.Option(metavar="FROM:TO", help="Speeds to look for, in rad/s.", rich_help_panel=_ROTOR),
+        typer.Option(metavar="FROM:TO", help="Range of speeds to search, in rad/s.", rich_help_panel=_ROTOR),
     ] = None
 
     @property
     def expected_rad_s(self) -> tuple[float, float] | None:
-        """The speeds to look for. Raises ConfigError for what is no range."""
+        """The range of speeds to search. Raises ConfigError for an invalid one."""
         from cfid.errors import ConfigError
 
         if self.expect is None:
@@ -45,7 +47,7 @@ class RotorOptions:
         return low, high
 
     def rotors_known(self) -> "Rotors":
-        """Return them as the fits take them. Raises ConfigError for what is no range."""
+        """Return them as the fits take them. Raises ConfigError for an invalid range."""
         from cfid.motors.vibration.data import Rotors
 
         return Rotors(

@@ -22,7 +22,7 @@ _SCREENED_S, _FEWEST = 0.2, 16  # for spikes, at once
 
 @dataclass(frozen=True, kw_only=True)
 class Rotors:
-    """What is known of what vibrates: rotors that ran (None: as the run says), blades, hum, and speeds to look for."""
+    """Facts about the vibration: rotors that ran (None: as the run states), blades, hum, and the range of speeds."""
 
     number: int | None = None
     blades: int = 2
@@ -31,7 +31,7 @@ class Rotors:
 
 
 def quiet_channels(record: WrenchRecord) -> Array:
-    """Return the channels (n, 6) of a record without spikes: one drowns a rotor's lines.
+    """Return the channels (n, 6) of a record without spikes: a single one hides a rotor's lines.
 
     Raises DataError for a record too short to have a rate.
     """
@@ -46,7 +46,7 @@ class VibrationRecord:
     """A record of the load cell in which rotors vibrate."""
 
     def __init__(self, record: WrenchRecord, rotors: Rotors) -> None:
-        """Take the spikes off."""
+        """Remove the spikes."""
         self._time_s, self._rotors = record.time_s, rotors
         self._channels = quiet_channels(record)
 
@@ -65,8 +65,8 @@ class VibrationRecord:
     def speed_of_step(self, point: Point, *, rotors: int = 1) -> RotorSpeed:
         """Return the speed in a step's window, from twice as many time constants on as its mean of thrust takes.
 
-        Phases show what is left of the step longer than a mean does: it would pass for a second rotor. So many rotors
-        ran where the step does not say which.
+        The end of the step affects phases longer than a mean: it would pass for a second rotor. `rotors` is how many
+        ran where the step does not state which.
         """
         begin_s = min(point.begin_s + LAGS * point.lag_s, (point.begin_s + point.end_s) / 2)
         return self.speed_in(begin_s, point.end_s, rotors=len(point.motors) or rotors)
@@ -77,7 +77,7 @@ def speeds_from_vibration(
 ) -> tuple[Array, Array, tuple[Finding, ...]]:
     """Return speeds and standard uncertainties (p,) from vibration in the windows, NaN where one is rejected.
 
-    So many `motors` ran where the points do not say which.
+    `motors` is how many ran where the points do not state which.
     """
     vibration = VibrationRecord(record, rotors)
     found = [vibration.speed_of_step(point, rotors=motors or 1) for point in points]

@@ -88,12 +88,12 @@ def rotor_speed(
     """Return the speed of the rotors that shake a load cell in one steady window.
 
     `time_s` (n,), `wrench` (n, 6) in any unit per channel. `expected_rad_per_s` bounds the search. Where several
-    `rotors` run within 40 % of one speed they are told apart as far as the window allows. Lines at multiples of
+    `rotors` run within 40 % of one speed they are separated as far as the window allows. Lines at multiples of
     `mains_hz` and those in `rest_wrench` (k, 6), sampled alike with the rotors at rest, are not taken for a rotor's.
 
     The evidence for each speed is summed over its lines in an averaged spectrum; the best is refined by least squares
-    over ever longer parts of the window. The deviation is Cramer and Rao's bound in the noise found around the lines
-    or, where the speed wanders by more, its scatter between parts of the window; the samples' clock counts as true.
+    over ever longer parts of the window. The uncertainty is Cramer and Rao's bound in the noise around the lines
+    or, where the speed wanders by more, its scatter between parts of the window; the samples' clock is taken as exact.
     A speed is rejected where one that is expected as well would have its blade pass above half the sampling rate.
 
     Raises FitError when the window is too short, or sampled too slowly for any rotor.
@@ -108,7 +108,7 @@ def rotor_speed(
     own_hz = {h: h * found.family.rad_per_s / (2 * math.pi) for h in found.family.harmonics}
     apart = tuple(h for h in own_hz if all(abs(own_hz[h] - hz) * (time[-1] - time[0]) > _BESIDE for hz in hum_hz))
     if hum_hz and (found.rejections or not apart):
-        text = "lines on hum, or there at rest too, were taken off: the rotor's may be among them."
+        text = "lines at the mains hum, or present at rest too, were removed: the rotor's may be among them."
         found.rejections.append(rejection("vibration-lines-on-hum", text, KEY))
     family = found.family._replace(harmonics=apart or found.family.harmonics)
     fit = fit_lines(time_s=time, signal=clean, families=[family], first_s=FRAME_S)
@@ -136,12 +136,12 @@ class _Found(NamedTuple):
 
 
 def rotor_comb(blades: int) -> Comb:
-    """Return what a rotor shows: its line and blade pass for certain, up to twice blade pass others perhaps."""
+    """Return a rotor's lines: expected are its own and blade pass, possible are others up to twice blade pass."""
     return Comb(tuple(range(1, 2 * blades + 1)), (1, blades))
 
 
 def _without_hum(time: Array, wrench: Array, mains_hz: float | None, rest: Array | None) -> tuple[Array, list[float]]:
-    """Take off the lines of a window that stand where the mains or the window at rest has some."""
+    """Remove the lines of a window at the frequencies of the mains or of the window at rest."""
     interval_s = float(np.median(np.diff(time)))
     seen = spectrum(signal=wrench, interval_s=interval_s)
     known = [] if mains_hz is None else list(np.arange(mains_hz, seen.frequency_hz[-1], mains_hz))
@@ -187,7 +187,7 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
 
 
 def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
-    """Add rotors up to the number asked for, while the residual falls by more than noise would let it."""
+    """Add rotors up to the wanted number, while the residual falls by more than noise would let it."""
     freedom = 1 + 2 * len(fit.families[0].harmonics) * wrench.shape[1]
     for _ in range(1, rotors):
         starts = _more(time, fit)
@@ -233,8 +233,8 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, expected: i
         findings.append(warning("vibration-rotors-unresolved", text, KEY))
     elif count == 1 and parts >= _FEWEST_PARTS:
         departure, parts_std, evidence = fit_parts(time_s=time, signal=wrench, fit=fit, parts=parts)
-        # What would pass for a change of speed: noise less flat than a part can tell, which shows in the whole window;
-        # and a part that locks onto noise, as it is too short to be heard in, or one in many.
+        # What would pass for a change of speed: noise less flat than a part shows, which appears in the whole window;
+        # and a part that locks onto noise, because it is too short for an estimate, or by chance.
         parts_std = np.maximum(parts_std, std * parts**1.5)
         apart = np.sort((departure / parts_std) ** 2)[:-1].sum()
         if evidence.min() > EVIDENCE_LIMIT and chdtrc(parts - 3, apart) < _CHANCE:

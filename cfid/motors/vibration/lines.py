@@ -1,6 +1,6 @@
 """Lines in a vibration: a spectrum that shows them, evidence for combs of them, and their frequencies by least squares.
 
-Knows no rotors: what turns at these frequencies, and which lines it makes, is the business of `rotor_speed`.
+Independent of rotors: `rotor_speed` knows what turns at these frequencies and which lines it makes.
 """
 
 import math
@@ -27,10 +27,10 @@ _CANDIDATES = 8  # per resolution of the lowest line
 _LIKELY, _MAYBE = 0.999, 0.5  # that an expected line shows, and any other
 _QUARTER = 1 / 16  # in power
 _PLENTY = 30.0  # evidence from which on more of it counts less: no line is as pure as its model
-_NOISE_BINS, _LOST_BINS = 20, 1.5  # to either side of a line that tell its noise; what a line's fit takes of them
+_NOISE_BINS, _LOST_BINS = 20, 1.5  # to either side of a line, for its noise; those that a line's fit uses up
 _IRREGULAR = 0.05  # of the sampling interval
 _NEAR = 0.02  # of its frequency, within which a line is looked for again
-_MAX_STEPS, _CONVERGED = 40, 1e-6  # the latter the squared length of a step in standard deviations
+_MAX_STEPS, _CONVERGED = 40, 1e-6  # the latter the squared length of a step in standard uncertainties
 _ROUNDING, _TINY = 1e-24, np.finfo(float).tiny  # of a power
 
 
@@ -113,7 +113,7 @@ class Comb(NamedTuple):
     expected: tuple[int, ...]
 
     def candidates(self, seen: Spectrum, between_rad_per_s: tuple[float, float]) -> Array:
-        """Return angular frequencies (g,) that sampling can tell, dense enough to miss no line in a spectrum."""
+        """Return angular frequencies (g,) that sampling can distinguish, dense enough to miss no line in a spectrum."""
         low, high = between_rad_per_s
         highest = 4 * math.pi * _HIGHEST * seen.frequency_hz[-1]
         if low >= min(high, highest):
@@ -210,7 +210,7 @@ def fit_lines(
 
 
 def fit_parts(*, time_s: Array, signal: Array, fit: LineFit, parts: int) -> tuple[Array, Array, Array]:
-    """Return by how much the frequency departs from a fit's in parts of the record, its deviation and the evidence."""
+    """Return the frequency's departure from a fit's in parts of the record, its uncertainty and the evidence."""
     first, found = fit.families[0], []
     comb = Comb(first.harmonics, first.harmonics)
     for part in np.array_split(np.arange(len(time_s)), parts):

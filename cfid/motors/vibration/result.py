@@ -34,12 +34,12 @@ class RotorWindow:
 
     @property
     def place(self) -> str:
-        """What to call it."""
+        """Its name."""
         return f"{self.begin_s:.2f} to {self.end_s:.2f} s" if self.command is None else f"command {self.command}"
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is found about it; a rejection is that of this window alone, and a warning for the others."""
+        """Findings about it; a rejection concerns this window alone, and is a warning for the others."""
         found = [replace(one, severity=_beside(one), text=f"{self.place}: {one.text}") for one in self.speed.findings]
         if self.reported_rad_s and self.speed.accepted:
             off = self.speed.speed_rad_per_s / self.reported_rad_s - 1
@@ -60,7 +60,7 @@ def fit(
 ) -> Result:
     """Return the rotors' speeds in each steady window of a recording, or from `from_s` to `to_s`.
 
-    Without `rotors` as many are looked for as the run says, else one; `mains_hz` is a hum to leave out. Raises
+    Without `rotors` the run's number is used, else one; `mains_hz` is a hum to leave out. Raises
     DataError for a recording that cannot be read or has no window, FitError where no step settles.
     """
     record = _record(recording)
@@ -107,13 +107,13 @@ def _record(recording: WrenchRecord | Run | Path | str) -> WrenchRecord:
 def _between(record: WrenchRecord, vibration: VibrationRecord, from_s: float | None, to_s: float | None) -> RotorWindow:
     begin_s, end_s = from_s or 0.0, float(record.time_s[-1]) if to_s is None else to_s
     if begin_s >= end_s:
-        raise DataError(f"the window from {begin_s:g} to {end_s:g} s holds nothing.")
+        raise DataError(f"the window from {begin_s:g} to {end_s:g} s contains no samples.")
     speed = vibration.speed_in(begin_s, end_s, rotors=1)
     return RotorWindow(command=None, begin_s=begin_s, end_s=end_s, speed=speed)
 
 
 def _steps(staircase: RunStaircase, vibration: VibrationRecord) -> list[RotorWindow]:
-    """Return what is found in the steady window of each step."""
+    """Return the speed found in the steady window of each step."""
     points = staircase.reduced.steady()
     reported = staircase.reported_speeds(points)
     speeds = [math.nan] * len(points) if reported is None else reported.tolist()

@@ -25,7 +25,7 @@ _BENT = 0.1  # of a change of speed within a window, by which a straight line ma
 
 
 class SpeedRidge(NamedTuple):
-    """A rotor's speed at times (f,), the middles of windows; NaN where none is heard, that is without evidence."""
+    """A rotor's speed at times (f,), the middles of windows; NaN where the evidence shows none."""
 
     time_s: Array
     speed_rad_per_s: Array

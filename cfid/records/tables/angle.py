@@ -101,8 +101,22 @@ def angle_record(recording: Recording) -> AngleRecord:
 
 
 def labelled(record: AngleRecord, **label: object) -> AngleRecord:
-    """Return a record with another `axis`, `weight_g` or `body` in its label."""
+    """Return a record with an `axis`, `weight_g` or `body` in its label.
+
+    Raises ConfigError where the record's own label has another one.
+    """
+    own = record.label.model_dump()
+    for key, value in label.items():
+        if value is not None and own[key] not in (None, value):
+            raise ConfigError(
+                f"{record.name}: {key} {_shown(value)} contradicts the run's own label, {key} {_shown(own[key])}. "
+                "Leave it out, or correct the label in run.toml."
+            )
     return replace(record, label=record.label.model_copy(update=label))
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else f"'{value}'"
 
 
 def counts_per_turn(text: str) -> CountsPerTurn:

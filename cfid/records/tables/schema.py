@@ -87,12 +87,6 @@ class TableSchema:
 
     def _check(self, table: CsvTable, there: dict[Column, list[str]]) -> None:
         option = self._option(list(there))
-        missing = [one for one, names in there.items() if not names]
-        if missing:
-            what = ", ".join(one.label for one in missing)
-            rate = ", or --rate-hz" if self.words and [one.key for one in missing] == [TIME] else ""
-            hint = f" {self.hint}" if self.hint else ""
-            raise DataError(f"{table.path}: no column {what} among {table.listing}: give {option}{rate}.{hint}")
         several = [one for one, names in there.items() if len(names) > 1]
         if several:
             found = (f"{name} ({i})" for i, name in enumerate(table.names, start=1) if name in there[several[0]])
@@ -100,6 +94,12 @@ class TableSchema:
                 f"{table.path}: more than one column {several[0].label}: {', '.join(found)}. Give {option}, by name or "
                 "number."
             )
+        missing = [one for one, names in there.items() if not names]
+        if missing:
+            what = ", ".join(one.label for one in missing)
+            rate = ", or --rate-hz" if self.words and [one.key for one in missing] == [TIME] else ""
+            hint = f" {self.hint}" if self.hint else ""
+            raise DataError(f"{table.path}: no column {what} among {table.listing}: give {option}{rate}.{hint}")
 
     def _option(self, needed: Sequence[Column]) -> str:
         if not self.words:

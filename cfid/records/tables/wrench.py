@@ -61,11 +61,15 @@ _Scale = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 
 @dataclass(frozen=True, kw_only=True)
 class WrenchReading(Foreign):
-    """How to read forces and torques from a CSV file outside a run. The scales apply to a run too."""
+    """How to read forces and torques from a CSV file outside a run. The scales apply to a run too.
+
+    `gain` (6,) are readings over loads, by calibration; a run has its own.
+    """
 
     units: Units | None = None
     counts_per_n: float | None = None
     counts_per_nm: float | None = None
+    gain: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +125,7 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
         units="counts",
         counts_per_n=_scale(run, "counts_per_n", reading.counts_per_n, facts.counts_per_n),
         counts_per_nm=_scale(run, "counts_per_nm", reading.counts_per_nm, facts.counts_per_nm),
+        gain=run.header.rig.loadcell.gain,
     )
     found = _read(file, own, run.header.label, family=facts.family, own=True)
     notes = [*losses(run, record, len(found.time_s)), *gaps(facts)]
@@ -157,6 +162,7 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     wrench = values[:, time_name is not None :][:, : len(AXES)]
     scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
+    scale = scale * np.array(reading.gain or np.ones(len(AXES)))
     words = _words(table, values[:, -1]) if _STATUS in places else None
     notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
     notes += (CUT_LINE,) if table.cut else ()

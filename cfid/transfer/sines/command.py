@@ -72,7 +72,7 @@ class SineOptions:
         False
     )
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be done and how long it takes.", rich_help_panel=_SINE)
+        bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_SINE)
     ] = False
 
     def chosen(self, resumed: Mapping[str, Any]) -> "SineSweep":
@@ -143,7 +143,7 @@ def sine(
 ) -> None:
     """Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.
 
-    How long that takes is said before the first motor turns.
+    The time that it takes is printed before the first motor turns.
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, warning
-from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings, read_run_crossings
@@ -28,11 +28,16 @@ _ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), where nobody states ot
 
 @dataclass(frozen=True, kw_only=True)
 class SineSet:
-    """Recorded sines by the name of their series, in order, and what was found about their files."""
+    """Recorded sines by the name of their series, in order, and what was found about their files.
+
+    `rigs` are the facts they were recorded with, the arm being the one that was taken.
+    """
 
     series: dict[str, list[RecordedSine]]
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
+    channel: Channel = "arm"
+    rigs: tuple[RigFacts, ...] = ()
 
     @property
     def runs(self) -> list[RecordedSine]:
@@ -64,7 +69,8 @@ def read_sines(
     """
     if index is None and not runs:
         raise ConfigError("no sine to read: name runs or an index.")
-    reader = _Reader(channel, arm_m, yaw_deg, middle, reading or WrenchReading())
+    cells = replace(reading or WrenchReading(), gain=facts.loadcell.gain)
+    reader = _Reader(channel, arm_m, yaw_deg, middle, cells)
     if index is not None:
         listed = read_index(index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(listed.source)
@@ -96,6 +102,7 @@ class _Reader:
     _names: dict[str, str] = field(default_factory=dict)  # of the run that has crossings of a hash
     _noted: dict[str, list[str]] = field(default_factory=dict)  # the names of files by the note on them
     _findings: list[Finding] = field(default_factory=list)
+    _rigs: list[RigFacts] = field(default_factory=list)
 
     def add_notes(self, path: Path, notes: Iterable[str]) -> None:
         """Gather the notes on a file, which begin with its name."""
@@ -147,6 +154,8 @@ class _Reader:
             series=self.series,
             findings=(*findings, *dict.fromkeys(self._findings)),
             sources=tuple(dict.fromkeys(self.sources)),
+            channel=self.channel,
+            rigs=tuple(dict.fromkeys(self._rigs)),
         )
 
     def _add(self, name: str, sine: Sine, crossings: CrossingRecord, loadcell: Path, facts: RigFacts) -> None:
@@ -168,6 +177,7 @@ class _Reader:
                 raise ConfigError(f"{path}: has no times, which tie a load cell to the vehicle's reports.")
             arm_m, yaw_deg = self._mount(facts)
             thrust = thrust_of(self.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
+            self._rigs.append(RigFacts(loadcell=LoadCellMount(arm_mm=arm_m / MM)).over(facts))
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
         return self._thrusts[path, motor]
 

@@ -1,0 +1,254 @@
+"""Causes of error that all numbers of a fit share: the scales of instruments, carried into a result.
+
+An error e of a scale, of relative standard uncertainty s, multiplies what the instrument measured by 1 + e, the same
+in every fit on this rig. A quantity that goes with the n-th power of the instrument's unit changes by n s times its
+value per standard uncertainty: its effect. Standard uncertainties grow by the effects, covariances by their outer
+product, and `common` keeps them by the name of the cause, so that the covariance of two fits is known.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from itertools import permutations
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.findings import Finding, note
+from cfid.quantities.lookup import find
+from cfid.quantities.quantity import Shape
+from cfid.records.covariances import Covariance, numbers_of, shaped_as
+from cfid.records.facts import LoadCellMount, RigFacts
+from cfid.records.parameters import Parameter, plain
+from cfid.records.result import Result
+
+Array = npt.NDArray[np.float64]
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+
+
+class Cause(NamedTuple):
+    """A cause of error: the name by which fits share it, and its standard uncertainty, None where nobody stated it."""
+
+    name: str
+    std: float | None
+
+
+Effects = Mapping[Cause, Mapping[str, Array]]  # of one standard uncertainty, on each number of a key
+Measured = Mapping[str, Mapping[Cause, float]]  # by unit: the powers with which its readings go with causes
+Powers = Mapping[str, Mapping[str, float]]  # by key or pattern: the powers of the units that it goes with
+
+
+def force_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a thrust on the load cells of rigs goes with."""
+    return _powers({gain(rigs, "Fz"): 1, linearity(rigs): 1}, rigs)
+
+
+def torque_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a torque about z on the load cells of rigs goes with."""
+    return _powers({gain(rigs, "Tz"): 1, linearity(rigs): 1}, rigs)
+
+
+def gain(rigs: Sequence[RigFacts], *axes: str) -> Cause:
+    """Return the gain of axes of the load cells of rigs as a cause, of axes that err together."""
+    places = [AXES.index(axis) for axis in axes]
+    stds = [None if (each := rig.loadcell.gain_std) is None else max(each[place] for place in places) for rig in rigs]
+    return _widest(f"gain of {' and '.join(axes)}", stds)
+
+
+def arm_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a force goes with that is a torque over an arm, to which the force itself adds by cross-talk.
+
+    Each rig states its arm.
+    """
+    cells = [rig.loadcell for rig in rigs]
+    arm = _widest("arm", [_over_arm(cell, cell.arm_std_mm) for cell in cells])
+    talks = [None if (each := cell.cross_talk_std_nm_per_n) is None else 1e3 * each for cell in cells]
+    talk = _widest("cross-talk of Fz into Tx and Ty", [_over_arm(*one) for one in zip(cells, talks, strict=True)])
+    return _powers({gain(rigs, "Tx", "Ty"): 1, linearity(rigs): 1, arm: -1, talk: 1}, rigs)
+
+
+def thrust_in_torque(rigs: Sequence[RigFacts], *, key: str, count: int) -> Effects:
+    """Return the effect on a polynomial (count,) of torque over thrust of a torque that the cell shows of thrust alone.
+
+    It adds to the slope, in N m per N; the highest power comes first.
+    """
+    talk = _widest("cross-talk of Fz into Tz", [rig.loadcell.cross_talk_std_nm_per_n for rig in rigs])
+    return {talk: {key: (talk.std or 0.0) * np.eye(count)[-2]}} if rigs else {}
+
+
+def tachometer_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a speed goes with that was read off the tachometers of rigs."""
+    return _powers({_widest("tachometer", [rig.tachometer.scale_std for rig in rigs]): 1}, rigs)
+
+
+def anemometer_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a wind speed goes with that was read off the anemometers of rigs."""
+    return _powers({_widest("anemometer", [rig.wind.speed_scale_std for rig in rigs]): 1}, rigs)
+
+
+def linearity(rigs: Sequence[RigFacts]) -> Cause:
+    """Return the linearity of the load cells of rigs as a cause."""
+    return _widest("linearity of the load cell", [rig.loadcell.linearity_std for rig in rigs])
+
+
+def scales_of_weights(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return what a mass goes with that was read off the scales of rigs."""
+    return _powers({_widest("scales", [rig.scales.linearity_std for rig in rigs]): 1}, rigs)
+
+
+def force_cross_talk(rigs: Sequence[RigFacts]) -> list[tuple[Cause, tuple[int, int]]]:
+    """Return the causes that one axis' force shows part of another's, with both axes: the one that shows it first."""
+    stds = [rig.loadcell.cross_talk_std for rig in rigs]
+    return [
+        (_widest(f"cross-talk of F{'xyz'[acting]} into F{'xyz'[shown]}", stds), (shown, acting))
+        for shown, acting in permutations(range(3), 2)
+    ]
+
+
+def angles(rigs: Sequence[RigFacts]) -> tuple[Cause, Cause]:
+    """Return the load cell's yaw and the wind generator's azimuth as causes, in degrees."""
+    yaw = _widest("yaw of the load cell", [rig.loadcell.yaw_std_deg for rig in rigs])
+    return yaw, _widest("azimuth of the wind", [rig.wind.azimuth_std_deg for rig in rigs])
+
+
+def moved_by(found: Mapping[str, Parameter], moved: Mapping[str, Parameter]) -> dict[str, Array]:
+    """Return the effects of a cause that makes `moved` of quantities, on those with a standard uncertainty."""
+    return {
+        key: np.array(numbers_of(key, plain(moved[key].value))) - np.array(numbers_of(key, plain(one.value)))
+        for key, one in found.items()
+        if one.std is not None and key in moved
+    }
+
+
+def power_law(quantities: Mapping[str, Parameter], measured: Measured, powers: Powers) -> Effects:
+    """Return the effects on quantities: on polynomials by the registry's `of` and `over`, on others by `powers`."""
+    effects: dict[Cause, dict[str, Array]] = {}
+    for key, quantity in quantities.items():
+        if quantity.std is None:
+            continue
+        values = np.array(numbers_of(key, plain(quantity.value)), dtype=np.float64)
+        for unit, exponents in _exponents(key, len(values), powers).items():
+            for cause, power in measured.get(unit, {}).items():
+                moved = effects.setdefault(cause, {})
+                moved[key] = moved.get(key, np.zeros(len(values))) + power * exponents * values * (cause.std or 0.0)
+    return effects
+
+
+def with_common_causes(result: Result, *effects: Effects) -> Result:
+    """Return a result with the effects of causes carried into its uncertainties, covariances, budget and lines.
+
+    A cause that nobody stated has no effect, and a note names it. Quantities without a standard uncertainty stay.
+    """
+    together = _joined(effects)
+    unstated = [cause.name for cause in together if cause.std is None]
+    common = {cause.name: moved for cause, moved in together.items() if cause.std}
+    common = {name: {key: one for key, one in moved.items() if np.any(one)} for name, moved in common.items()}
+    common = {name: moved for name, moved in common.items() if moved}
+    return replace(
+        result,
+        quantities={key: _widened(key, one, common) for key, one in result.quantities.items()},
+        covariances=tuple(_with_outer(one, result.quantities, common) for one in result.covariances),
+        common={
+            **result.common,
+            **{name: {key: one.tolist() for key, one in moved.items()} for name, moved in common.items()},
+        },
+        quality={**result.quality, "common_causes": _budget(result.quantities, common)} if common else result.quality,
+        findings=(*result.findings, *_taken_as_exact(unstated)),
+        lines=(*result.lines, *_lines(result, common)),
+    )
+
+
+def _widest(name: str, stds: Sequence[float | None]) -> Cause:
+    return Cause(name, max((std for std in stds if std is not None), default=None))
+
+
+def _powers(found: dict[Cause, float], rigs: Sequence[RigFacts]) -> dict[Cause, float]:
+    """Return the causes; none where no rig's instrument measured."""
+    return found if rigs else {}
+
+
+def _over_arm(cell: LoadCellMount, std_mm: float | None) -> float | None:
+    return None if std_mm is None or cell.arm_mm is None else std_mm / cell.arm_mm
+
+
+def _exponents(key: str, count: int, powers: Powers) -> dict[str, Array]:
+    """Return the powers (count,) of each unit that the numbers of a key go with."""
+    found = find(key)
+    if found is not None and found.shape is Shape.POLYNOMIAL:
+        over = np.arange(count) if found.lowest_first else np.arange(count)[::-1]
+        return {found.of: np.ones(count), found.over: -over.astype(np.float64)}
+    stated = next((one for pattern, one in powers.items() if fnmatchcase(key, pattern)), {})
+    return {unit: np.full(count, float(power)) for unit, power in stated.items()}
+
+
+def _joined(effects: Sequence[Effects]) -> dict[Cause, dict[str, Array]]:
+    found: dict[Cause, dict[str, Array]] = {}
+    for one in effects:
+        for cause, moved in one.items():
+            into = found.setdefault(cause, {})
+            for key, numbers in moved.items():
+                into[key] = into[key] + numbers if key in into else numbers
+    return found
+
+
+def _widened(key: str, quantity: Parameter, common: Mapping[str, Mapping[str, Array]]) -> Parameter:
+    effects = [moved[key] for moved in common.values() if key in moved]
+    if quantity.std is None or not effects:
+        return quantity
+    own = np.array([math.nan if one is None else one for one in numbers_of(key, plain(quantity.std))])
+    std = np.sqrt(own**2 + np.sum(np.square(effects), axis=0))
+    return replace(quantity, std=shaped_as(key, std.tolist(), plain(quantity.value)))
+
+
+def _with_outer(
+    block: Covariance, quantities: Mapping[str, Parameter], common: Mapping[str, Mapping[str, Array]]
+) -> Covariance:
+    sizes = [len(numbers_of(key, plain(quantities[key].value))) for key in block.of]
+    matrix = np.array(block.matrix)
+    for moved in common.values():
+        effect = np.concatenate([moved.get(key, np.zeros(size)) for key, size in zip(block.of, sizes, strict=True)])
+        matrix += np.outer(effect, effect)
+    return replace(block, matrix=tuple(tuple(row) for row in matrix.tolist()))
+
+
+def _budget(quantities: Mapping[str, Parameter], common: Mapping[str, Mapping[str, Array]]) -> dict[str, Any]:
+    """Return by quantity the standard uncertainty of the fit itself and what each cause adds to it."""
+    keys = dict.fromkeys(key for moved in common.values() for key in moved)
+    return {
+        key: {
+            "fit": plain(quantities[key].std),
+            **{
+                name: shaped_as(key, np.abs(moved[key]).tolist(), plain(quantities[key].value))
+                for name, moved in common.items()
+                if key in moved
+            },
+        }
+        for key in keys
+    }
+
+
+def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[str]:
+    """Return a line a cause: how far one standard uncertainty of it moves what the analysis is for."""
+    wanted = [key for key in result.quantities if any(fnmatchcase(key, one) for one in result.wanted or ("*",))]
+    lines = []
+    for name, moved in common.items():
+        parts = [f"{key} {_percent(moved[key], result.quantities[key].value, key)}" for key in wanted if key in moved]
+        lines += [f"  {name}: {', '.join(parts)}"] if parts else []
+    return ["causes of error that fits share, their part of the standard uncertainties:", *lines] if lines else []
+
+
+def _percent(moved: Array, value: Any, key: str) -> str:
+    values = np.array(numbers_of(key, plain(value)), dtype=np.float64)
+    part = np.abs(moved[values != 0] / values[values != 0]) if np.any(values) else np.zeros(1)
+    most = 100 * float(part.max())
+    return f"{most:.2g} %" if np.ptp(part) < 1e-9 else f"up to {most:.2g} % of a coefficient"
+
+
+def _taken_as_exact(unstated: Sequence[str]) -> list[Finding]:
+    if not unstated:
+        return []
+    text = f"taken as exact: {', '.join(unstated)}: rig.toml states no standard uncertainty of it."
+    return [note("scale-taken-as-exact", text)]

@@ -1,0 +1,161 @@
+"""What swings check of each other: which one is wrong, which two were exchanged, and what nothing would show."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.findings import Finding, note, rejection
+from cfid.inertia.directions import checking_axis, matrix_rows
+from cfid.inertia.estimation import (
+    MATRIX,
+    UNKNOWNS,
+    InertiaFit,
+    Moved,
+    contradictory,
+    deviation,
+    solve,
+)
+from cfid.swing.axis_inertias import AxisInertias
+from cfid.swing.plausibility import BEYOND_STD
+
+Array = npt.NDArray[np.float64]
+
+DISTANCES_APART_STD = 3.0
+
+_PARALLEL = math.cos(math.radians(2))
+_OTHER_DISTANCE = 1.05
+_NAMED = 4  # suspects in a sentence
+
+
+def redundancy_findings(axis_inertias: AxisInertias, fit: InertiaFit) -> tuple[Finding, ...]:
+    """Name the suspects where swings contradict; else state what would pass, unchecked."""
+    found = axis_inertias.evaluate(axis_inertias.values)
+    swings = _Swings(matrix_rows(found.direction), found.about_centre_kg_m2, fit.moved)
+    apart = distance_findings(axis_inertias, fit.moved)
+    if fit.contradictory:
+        return (_suspects(axis_inertias, swings), *apart)
+    return (*_unchecked(axis_inertias, swings, fit), *apart)
+
+
+def distance_findings(axis_inertias: AxisInertias, moved: Moved) -> tuple[Finding, ...]:
+    """Compare the inertias about the centre of mass that swings about parallel axes at other distances give."""
+    found = axis_inertias.evaluate(axis_inertias.values)
+    findings = []
+    for i, j in combinations(range(len(axis_inertias.swings)), 2):
+        parallel = abs(float(found.direction[i] @ found.direction[j])) > _PARALLEL
+        near, far = sorted((found.distance_m[i], found.distance_m[j]))
+        std = float(np.linalg.norm(moved.about_centre[i] - moved.about_centre[j]))
+        if not parallel or far < _OTHER_DISTANCE * near or std == 0:
+            continue
+        apart = abs(float(found.about_centre_kg_m2[i] - found.about_centre_kg_m2[j])) / std
+        if apart > DISTANCES_APART_STD:
+            names = [axis_inertias.swings[k].axis for k in (i, j)]
+            text = (
+                f"{names[0]} and {names[1]} lie along one axis, {1e3 * near:.1f} and {1e3 * far:.1f} mm from the "
+                f"centre of mass, and their inertias differ by {apart:.1f} standard uncertainties (limit "
+                f"{DISTANCES_APART_STD:g}). Likely causes: a cable's stiffness, a wrong distance or centre of mass, a "
+                "neglected fixture."
+            )
+            resting = (f"inertia.*_kg_m2.{name}" for name in names)
+            findings.append(rejection("inertia-distances-differ", text, MATRIX, *resting))
+    return tuple(findings)
+
+
+class _Swings(NamedTuple):
+    """Rows (n, 6), inertias about the centre (n,) and what inputs do to them, from which any part is solved."""
+
+    rows: Array
+    about_centre_kg_m2: Array
+    moved: Moved
+
+    def without(self, i: int) -> "_Swings":
+        kept = np.arange(len(self.rows)) != i
+        moved = Moved(*(part[kept] for part in self.moved))
+        return _Swings(self.rows[kept], self.about_centre_kg_m2[kept], moved)
+
+    def agreed(self) -> Array | None:
+        """Return the entries (6,) that these swings give, None where they contradict each other or any body."""
+        solved = solve(self.rows, self.about_centre_kg_m2, self.moved)
+        projected = deviation(solved.possible - solved.entries, solved.covariance)
+        against = contradictory(solved.chi_squared, len(self.rows) - UNKNOWNS) or projected > BEYOND_STD
+        return None if against else solved.possible
+
+
+def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[str, Array]]:
+    """Yield each pair of swings that, exchanged, contradict nothing, and the entries that they give then.
+
+    The uncertainties are taken as those of the swings as they stand.
+    """
+    for i, j in combinations(range(len(axis_inertias.swings)), 2):
+        one, other = axis_inertias.swings[i], axis_inertias.swings[j]
+        if one.axis == other.axis or one.known or other.known:
+            continue
+        exchanged = list(axis_inertias.swings)
+        exchanged[i], exchanged[j] = replace(other, axis=one.axis), replace(one, axis=other.axis)
+        case = AxisInertias(exchanged, axis_inertias.body, axis_inertias.surroundings)
+        inertias = case.evaluate(case.values).about_centre_kg_m2
+        entries = swings._replace(about_centre_kg_m2=inertias).agreed()
+        if entries is not None:
+            yield f"{one.axis} and {other.axis}", entries
+
+
+def _suspects(axis_inertias: AxisInertias, swings: _Swings) -> Finding:
+    """Name the swings without which the others agree, and the pairs that agree when they are exchanged."""
+    count = len(swings.rows)
+    alone = [
+        axis_inertias.swings[i].axis
+        for i in range(count)
+        if count > UNKNOWNS + 1
+        and np.linalg.matrix_rank(swings.without(i).rows, tol=1e-6) == UNKNOWNS
+        and swings.without(i).agreed() is not None
+    ]
+    pairs = list(dict.fromkeys(pair for pair, _ in _exchanges(axis_inertias, swings)))
+    found = [
+        *([f"without {_listed(alone, 'or')} the others agree"] if alone else []),
+        *([f"with {_listed(pairs, 'or')} exchanged all agree"] if pairs else []),
+    ]
+    if found:
+        text = f"suspects: {'; '.join(found)}. Repeat these swings, and check their labels and mounts."
+    else:
+        text = (
+            "no single swing and no exchange of two explains the contradiction. Check the mass, the centre of mass and "
+            "the mounts; swing about more axes."
+        )
+    return note("inertia-suspects", text, MATRIX)
+
+
+def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) -> tuple[Finding, ...]:
+    """Ask for a seventh mount where there are six, and name the exchanges that would pass."""
+    entries = fit.matrix_kg_m2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    unseen = [
+        pair
+        for pair, others in _exchanges(axis_inertias, swings)
+        if deviation(others - entries, fit.covariance) > BEYOND_STD
+    ]
+    mounts = list(dict.fromkeys(swing.axis for swing in axis_inertias.swings))
+    if len(mounts) > UNKNOWNS and not unseen:
+        return ()
+    first = [next(i for i, swing in enumerate(axis_inertias.swings) if swing.axis == mount) for mount in mounts]
+    x, y, z = checking_axis(axis_inertias.evaluate(axis_inertias.values).direction[first])
+    passing = [
+        *([f"exchanged files of {_listed(list(dict.fromkeys(unseen)), 'or')}"] if unseen else []),
+        *(["a wrong distance or direction of a mount"] if len(mounts) <= UNKNOWNS else []),
+    ]
+    text = (
+        f"{len(mounts)} mounts do not check each other: {' and '.join(passing)} would pass. Swing each mount twice, "
+        f"and about one more axis, best along ({x:g}, {y:g}, {z:g}); an eighth names the wrong swing. No swing finds a "
+        "wrong mass, which scales all inertias: weigh twice."
+    )
+    return (note("inertia-seventh-swing", text, MATRIX),)
+
+
+def _listed(names: Sequence[str], conjunction: str) -> str:
+    """Return names in a sentence, a few of many."""
+    if len(names) > _NAMED:
+        return f"{', '.join(names[:_NAMED])} {conjunction} {len(names) - _NAMED} more"
+    return f" {conjunction} ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

@@ -1,0 +1,68 @@
+"""`cfid fit loadcell`: known weights hung on the load cell to its gain, cross-talk and linearity."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cfid.console.inputs import find_recording, open_workplace
+from cfid.console.messages import note
+from cfid.console.options import Delivery, GravityMps2, RigOptions, flat, positive
+from cfid.console.outcome import deliver
+from cfid.console.selection import chosen
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+    from cfid.records.result import Result
+
+
+@flat
+def loadcell(
+    *,
+    runs: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="RUN ...", help="Runs with a load; default: the campaign's with --pull."),
+    ] = None,
+    at_std_mm: Annotated[float, typer.Option(help="Standard uncertainty of the places of weights.")] = 0.2,
+    store: Annotated[bool, typer.Option("--store", help="Write the calibration to rig.toml for later runs.")] = False,
+    rig: RigOptions,
+    delivery: Delivery,
+    gravity_mps2: GravityMps2 = None,
+) -> None:
+    """Fit gain, cross-talk and linearity of the load cell to weights hung at known places.
+
+    Record each load with `cfid log loadcell --pull -z --weight 50 --at-mm 46,0,0`, and the empty cell without a weight.
+
+    Example: [bold]cfid fit loadcell --store[/bold]
+    """
+    from cfid.errors import ConfigError
+    from cfid.loadcell import fit
+    from cfid.units import MM
+
+    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    if store and workplace.campaign is None:
+        raise ConfigError("--store: there is no campaign here whose rig.toml could be changed: give --campaign.")
+    words = chosen(
+        runs,
+        workplace.campaign,
+        suits=lambda run: run.header.kind == "loadcell" and run.header.label.pull is not None,
+        wanted="loads on the load cell",
+    )
+    result = fit(
+        [find_recording(word, workplace) for word in words],
+        gravity_mps2=workplace.rig.site.gravity_mps2,
+        at_std_m=MM * positive(at_std_mm, "--at-std-mm"),
+    )
+    deliver(replace(result, folder=workplace.figures_beside([])), delivery, workplace.campaign)
+    if store and workplace.campaign is not None:
+        _store(result, workplace.campaign)
+
+
+def _store(result: "Result", campaign: "Campaign") -> None:
+    from cfid.loadcell.result import rig_keys
+    from cfid.records.rig_file import change_rig
+
+    cell = campaign.rig.loadcell
+    keys = rig_keys(result, gain=cell.gain, gain_std=cell.gain_std)
+    path = change_rig(campaign.folder, "loadcell", keys)
+    note(f"{path}: {', '.join(f'loadcell.{key} = {value}' for key, value in keys.items())}. It holds for later runs.")

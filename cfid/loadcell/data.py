@@ -1,0 +1,85 @@
+"""Runs of `cfid log loadcell` with a known load to mean readings of the load cell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.estimate.signals import quiet_mean
+from cfid.loadcell.estimation import Loads, joined
+from cfid.loadcell.model import applied_wrench, place_error
+from cfid.motors.data import channels_of
+from cfid.records.facts import RigFacts
+from cfid.records.parameters import Source
+from cfid.records.run import Pull, Run, read_run
+from cfid.records.tables.times import run_at
+from cfid.records.tables.wrench import WrenchReading, read_wrench
+from cfid.units import MM
+
+Array = npt.NDArray[np.float64]
+
+_GRAM = 1e-3  # kg
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoadedRun:
+    """The mean reading (6,) of a run in N and N m, without any earlier calibration, under a known load."""
+
+    name: str
+    weight_kg: float
+    pull: Pull
+    at_m: Array
+    reading: Array
+    std: Array
+    source: Source
+    notes: tuple[str, ...]
+    rig: RigFacts
+    folder: Path
+
+    def load(self, gravity_mps2: float) -> Array:
+        """Return the load (6,) in N and N m."""
+        return applied_wrench(weight_n=gravity_mps2 * self.weight_kg, pull=self.pull, at_m=self.at_m)
+
+
+def read_load(run: Run | Path | str) -> LoadedRun:
+    """Read a run with its label. Raises DataError for one that does not say how the cell was loaded."""
+    if not isinstance(run, Run):
+        if run_at(Path(run)) is None:
+            raise DataError(f"{run}: no run folder: record the loads with `cfid log loadcell --pull -z --weight 50`.")
+        run = read_run(Path(run))
+    label = run.header.label
+    if label.pull is None:
+        raise DataError(
+            f"{run.folder}: does not say along which axis of the cell gravity points: record it with --pull, as in -z."
+        )
+    record = read_wrench(run.folder, WrenchReading())
+    gain = np.array(run.header.rig.loadcell.gain or np.ones(6))  # of an earlier calibration
+    channels = channels_of(record, flip_fz=bool(run.header.rig.loadcell.flip_fz))
+    wrench = channels.T * gain[:, np.newaxis]
+    rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
+    mean = quiet_mean(wrench, rate_hz=rate_hz)
+    return LoadedRun(
+        name=record.name,
+        weight_kg=_GRAM * (label.weight_g or 0.0),
+        pull=label.pull,
+        at_m=MM * np.array(label.at_mm or (0.0, 0.0, 0.0)),
+        reading=mean.value,
+        std=mean.std,
+        source=record.source,
+        notes=record.notes,
+        rig=run.header.rig,
+        folder=run.folder,
+    )
+
+
+def loads_of(runs: Sequence[LoadedRun], *, gravity_mps2: float, at_std_m: float) -> Loads:
+    """Return all runs' loads and readings, with the uncertainty of their places."""
+    parts = []
+    for run in runs:
+        load = run.load(gravity_mps2)
+        std = np.hypot(run.std, place_error(load=load, std_m=at_std_m))
+        parts.append((load, run.reading, std, run.pull))
+    return joined(parts)

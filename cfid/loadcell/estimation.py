@@ -1,0 +1,126 @@
+"""Readings under known loads to gain, cross-talk and linearity of each axis, by weighted least squares.
+
+Of axis i, reading = zero of the orientation + sum over axes j of c_ij load_j + q_i load_i |load_i| / max |load_i|. The
+gain g_i is c_ii, its slope without load; the cross-talk is c_ij; the linearity q_i / g_i is the change of the gain up
+to the largest load. The zero of each orientation contains the weight of the mount. A load's place is uncertain, which
+counts as noise of the torques.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import FitError
+from cfid.estimate.linear import fit_linear
+from cfid.loadcell.model import own_nonlinearity
+
+Array = npt.NDArray[np.float64]
+
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+_DEPENDENT = 1e-6  # part of a column that lies beside all others, from where it counts as one of them
+_FEWEST_LOADS = 3  # with no load among them, from where a bend can be distinguished from a slope
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loads:
+    """Mean readings (n, 6) under loads (n, 6), N and N m, in orientations (n,), with standard uncertainties (n, 6)."""
+
+    load: Array
+    reading: Array
+    std: Array
+    orientation: npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisFit:
+    """What one axis shows: gain, linearity (nan where loads are too few), and cross-talk of the axes in `acting`.
+
+    `covariance` is that of all of these, in this order, the linearity left out where it is nan. `misfit` is the root
+    of chi-squared over its degrees of freedom.
+    """
+
+    axis: str
+    gain: float
+    linearity: float
+    acting: tuple[str, ...]
+    cross_talk: Array
+    covariance: Array
+    misfit: float
+    degrees_of_freedom: int
+
+    @property
+    def values(self) -> Array:
+        """Gain, linearity where it is known, and cross-talk, as the covariance has them."""
+        bend = [] if np.isnan(self.linearity) else [self.linearity]
+        return np.array([self.gain, *bend, *self.cross_talk])
+
+
+def fit_axes(loads: Loads) -> dict[str, AxisFit]:
+    """Return the fit of each axis whose gain the loads determine, beside those of all other axes.
+
+    Raises FitError where they determine none.
+    """
+    found = {axis: _fit_axis(loads, place) for place, axis in enumerate(AXES) if np.any(loads.load[:, place])}
+    determined = {axis: one for axis, one in found.items() if one is not None}
+    if not determined:
+        raise FitError(
+            f"{len(loads.load)} loads determine no gain: record the cell without a weight and with at least two "
+            "different ones, in the same orientation."
+        )
+    return determined
+
+
+def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
+    """Return the fit of one axis, None where its gain or the noise is not determined."""
+    columns = {axis: loads.load[:, at] for at, axis in enumerate(AXES) if np.any(loads.load[:, at])}
+    zeros = np.asarray(loads.orientation[:, np.newaxis] == np.unique(loads.orientation), dtype=np.float64)
+    own = columns.pop(AXES[place])
+    bend = [own_nonlinearity(own)] if _bends(own, loads.orientation) else []
+    rows = np.column_stack([own, *bend, *columns.values(), zeros])
+    free = [at for at in range(rows.shape[1]) if _beside(rows, at) > _DEPENDENT]
+    if 0 not in free or len(rows) <= rows.shape[1]:
+        return None
+    std = loads.std[:, place]
+    fit = fit_linear(rows / std[:, np.newaxis], loads.reading[:, place] / std, noise_known=True)
+    misfit = float(np.sqrt(fit.residual @ fit.residual / fit.degrees_of_freedom))
+    talks = [at for at in free if 1 + len(bend) <= at < rows.shape[1] - zeros.shape[1]]
+    bent = bool(bend) and 1 in free
+    kept = [0, *([1] if bent else []), *talks]
+    gain = float(fit.values[0])
+    outward = np.eye(len(fit.values))[kept]
+    if bent:
+        outward[1] = np.eye(len(fit.values))[1] / gain
+        outward[1, 0] = -fit.values[1] / gain**2
+    return AxisFit(
+        axis=AXES[place],
+        gain=gain,
+        linearity=float(fit.values[1]) / gain if bent else float("nan"),
+        acting=tuple(list(columns)[at - 1 - len(bend)] for at in talks),
+        cross_talk=fit.values[talks],
+        covariance=outward @ fit.covariance @ outward.T * max(misfit, 1.0) ** 2,
+        misfit=misfit,
+        degrees_of_freedom=fit.degrees_of_freedom,
+    )
+
+
+def _bends(own: Array, orientation: npt.NDArray[np.intp]) -> bool:
+    """Return whether an orientation has enough different sizes of this load to show a bend."""
+    sizes = [len(np.unique(np.round(np.abs(own[orientation == one]), 9))) for one in np.unique(orientation)]
+    return max(sizes) >= _FEWEST_LOADS
+
+
+def _beside(rows: Array, at: int) -> float:
+    """Return the part of a column (n,) that lies beside all others."""
+    others = np.delete(rows, at, axis=1)
+    scaled = others / np.where(np.linalg.norm(others, axis=0) > 0, np.linalg.norm(others, axis=0), 1.0)
+    column = rows[:, at] / np.linalg.norm(rows[:, at])
+    return float(np.linalg.norm(column - scaled @ np.linalg.lstsq(scaled, column, rcond=_DEPENDENT)[0]))
+
+
+def joined(parts: Sequence[tuple[Array, Array, Array, str]]) -> Loads:
+    """Put loads (6,), readings (6,), standard uncertainties (6,) and names of orientations together."""
+    load, reading, std, names = zip(*parts, strict=True)
+    orientation = np.unique(np.array(names), return_inverse=True)[1].reshape(-1)
+    return Loads(load=np.array(load), reading=np.array(reading), std=np.array(std), orientation=orientation)

@@ -1,0 +1,117 @@
+"""How sure a fitted swing is: correlated residuals, the grid's step, drift and scatter from window to window."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc
+
+from cfid.estimate.linear import sandwich, std_of
+from cfid.estimate.signals import correlation_inflation
+from cfid.swing.free_swing import FreeSwing
+from cfid.swing.model import ECCENTRICITY, TERMS, OutputError, first_guess, fit_output_error
+
+Array = npt.NDArray[np.float64]
+
+_FINER_STEPS = (0.5, 0.7)
+_PERIODS_A_WINDOW, _MOST_WINDOWS = 4, 8
+_SCATTERED = 0.05  # chance of windows that scatter as far, below which the model is at fault
+
+
+def standard_uncertainties(fit: OutputError) -> Array:
+    """Return the standard uncertainty of each Jacobian column's estimate, inflated by each estimate's correlation."""
+    return std_of(sandwich(fit.jacobian, fit.residual_rad, longest=_samples_a_period(fit)))
+
+
+def inflation(series: Array, fit: OutputError) -> float:
+    """Return by how much correlation over a period inflates the variance of the sum of a series (n,) of the fit."""
+    return correlation_inflation(series, longest=_samples_a_period(fit))
+
+
+def step_error(swing: FreeSwing, fit: OutputError) -> float:
+    """Return by how much the grid's step moves W where dry friction jumps: twice the change on two finer grids.
+
+    How a turning point falls between two nodes is a matter of luck, hence two. Without dry friction the grid's
+    error is of fourth order and far below anything else.
+    """
+    if fit.coefficients.coulomb_per_s2 == 0:
+        return 0.0
+    time, angle = swing.hands_off
+    changes = [0.0]
+    for share in _FINER_STEPS:
+        step = share * fit.trajectory.step_s
+        _, trajectory = first_guess(time, angle, start_s=fit.trajectory.start_s, step_s=step)
+        finer = fit_output_error(
+            time, angle, coefficients=fit.coefficients, trajectory=trajectory, terms=chosen_terms(fit),
+            eccentricity=fit.eccentricity,
+        )  # fmt: skip
+        if finer.converged:
+            changes.append(abs(finer.coefficients[0] - fit.coefficients[0]))
+    return 2 * max(changes)
+
+
+def drift_of_halves(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
+    """Fit both halves of the window with the damping held, and compare their W."""
+    values, variances = _windows(swing, fit, 2)
+    frequency = fit.coefficients.natural_frequency_squared_s2
+    return float((values[1] - values[0]) / frequency), float(math.sqrt(variances.sum()) / frequency)
+
+
+def scatter_of_windows(swing: FreeSwing, fit: OutputError) -> float:
+    """Return by how much W scatters from window to window beyond noise, 0 where noise explains it.
+
+    A friction that the model lacks moves W with the amplitude, and no average takes that out. The variance between the
+    windows is that of DerSimonian and Laird [DL].
+    """
+    time = swing.hands_off[0]
+    periods = (time[-1] - time[0]) / swing.period_s
+    count = min(int(periods / _PERIODS_A_WINDOW), _MOST_WINDOWS)
+    if count < 3:
+        return 0.0
+    values, variances = _windows(swing, fit, count)
+    weights = 1 / variances
+    mean = weights @ values / weights.sum()
+    scatter = float(weights @ (values - mean) ** 2)
+    if chdtrc(count - 1, scatter) > _SCATTERED:
+        return 0.0
+    between = (scatter - (count - 1)) / float(weights.sum() - weights @ weights / weights.sum())
+    return math.sqrt(max(between, 0.0))
+
+
+def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Array]:
+    """Return W and its variance of windows of equal length, with damping and eccentricity held."""
+    time, angle = swing.hands_off
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
+    edges[-1] = len(time)
+    values, variances = [], []
+    for first, last in pairwise(edges):
+        part, step = slice(first, last), fit.trajectory.step_s
+        # The whole fit's own motion is the best start there is.
+        nodes = fit.trajectory.start_s + step * np.arange(len(fit.trajectory.angle_rad))
+        begin = max(int(np.searchsorted(nodes, time[first], side="right")) - 1, 0)
+        end = min(int(np.searchsorted(nodes, time[last - 1])) + 1, len(nodes))
+        own = fit.trajectory._replace(
+            start_s=float(nodes[begin]),
+            angle_rad=fit.trajectory.angle_rad[begin:end],
+            speed_rad_per_s=fit.trajectory.speed_rad_per_s[begin:end],
+        )
+        one = fit_output_error(
+            time[part], angle[part], coefficients=fit.coefficients, trajectory=own, terms=(),
+            eccentricity=fit.eccentricity,
+        )  # fmt: skip
+        values.append(one.coefficients.natural_frequency_squared_s2)
+        variances.append(standard_uncertainties(one)[0] ** 2)
+    return np.array(values), np.array(variances)
+
+
+def chosen_terms(fit: OutputError) -> tuple[str, ...]:
+    """Return the terms that a fit left free."""
+    damping = tuple(term for term, free in zip(TERMS, fit.free[1:4], strict=True) if free)
+    return (*damping, ECCENTRICITY) if fit.eccentric else damping
+
+
+def _samples_a_period(fit: OutputError) -> int:
+    period = 2 * math.pi / math.sqrt(fit.coefficients.natural_frequency_squared_s2)
+    span = (len(fit.trajectory.angle_rad) - 1) * fit.trajectory.step_s
+    return max(int(len(fit.residual_rad) * period / span), 8)

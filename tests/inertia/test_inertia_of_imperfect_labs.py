@@ -1,0 +1,241 @@
+"""Whole campaigns of labs that are not ideal: the matrix is covered by its intervals, or the mistake is found.
+
+The plant is a formula of its own: W = m g r / (u' I u + m r^2) of a true body on true mounts, each off the stated ones.
+"""
+
+import math
+import re
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.stats import beta
+
+from cfid.errors import FitError
+from cfid.findings import Finding
+from cfid.inertia.estimation import InertiaFit, fit_inertia
+from cfid.inertia.redundancy import redundancy_findings
+from cfid.records.rig_file import Mount
+from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+
+Array = npt.NDArray[np.float64]
+
+TRUTH = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1, 29.0]])
+MASS_KG, GRAVITY_MPS2 = 0.028, 9.81
+SIX = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "xy": (-1, 1, 0), "xz": (1, 0, 1), "yz": (0, 1, 1)}
+EIGHT = {**SIX, "a": (2, -1, 2), "b": (1, 2, -2)}
+POINTS_MM = {
+    "x": (22.8, 22.8, 1.5), "y": (-22.8, 22.8, 1.5), "z": (22.7, 30.7, -17.4), "xy": (23.9, 23.9, 1.5),
+    "xz": (24.0, 25.1, 5.7), "yz": (-24.0, 25.1, 5.7), "a": (-20.0, 20.0, 22.0), "b": (24.0, -24.0, 2.0),
+    "far": (0.0, 20.0, 60.0),
+}  # fmt: skip
+STATED = {"mass_kg": 3e-5, "gravity_mps2": 0.003, "centre_m": 1e-4, "point_m": 1e-4, "tilt_rad": math.radians(0.3)}
+SWING_STD = 3e-5  # of W
+UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lab:
+    """A lab: its mounts, how far off its truth lies (one standard deviation), and its mistakes."""
+
+    axes: dict[str, tuple[int, int, int]] = field(default_factory=lambda: SIX)
+    spread: dict[str, float] = field(default_factory=lambda: STATED)
+    mass_off_kg: float = 0.0
+    fixture_kg: float = 0.0
+    fixture_m: float = 0.002
+    stiffness_nm: float = 0.0
+    exchanged: tuple[str, str] | None = None
+
+    def swings(self, rng: np.random.Generator) -> list[MountedSwing]:
+        """Return the natural frequencies squared that a truth drawn anew gives on every mount."""
+        mass = MASS_KG + self.mass_off_kg + rng.normal(0, self.spread["mass_kg"])
+        gravity = GRAVITY_MPS2 + rng.normal(0, self.spread["gravity_mps2"])
+        centre = rng.normal(0, self.spread["centre_m"], 3)
+        measured = {}
+        for name, nominal in self.axes.items():
+            axis = np.array(nominal) / np.linalg.norm(nominal)
+            axis = axis + np.cross(rng.normal(0, self.spread["tilt_rad"], 3), axis)
+            axis /= np.linalg.norm(axis)
+            offset = 1e-3 * np.array(POINTS_MM[name]) + rng.normal(0, self.spread["point_m"], 3) - centre
+            distance = math.sqrt(offset @ offset - (offset @ axis) ** 2)
+            moment = gravity * (mass * distance + self.fixture_kg * self.fixture_m) + self.stiffness_nm
+            inertia = axis @ TRUTH @ axis + mass * distance**2 + 3 * self.fixture_kg * self.fixture_m**2
+            measured[name] = moment / inertia * (1 + SWING_STD * rng.normal())
+        if self.exchanged is not None:
+            one, other = self.exchanged
+            measured[one], measured[other] = measured[other], measured[one]
+        return [MountedSwing(axis=name, value=value, std=SWING_STD * value) for name, value in measured.items()]
+
+    def fitted(self, rng: np.random.Generator) -> tuple[InertiaFit, AxisInertias]:
+        """Fit a campaign as the lab describes itself."""
+        tenth = (0.1, 0.1, 0.1)
+        mounts = {
+            name: Mount(point_mm=POINTS_MM[name], point_std_mm=tenth, direction=axis, direction_std_deg=0.3)
+            for name, axis in self.axes.items()
+        }
+        body = SwungBody(
+            mass_kg=MASS_KG,
+            mass_std_kg=STATED["mass_kg"],
+            centre_m=np.zeros(3),
+            centre_std_m=np.full(3, STATED["centre_m"]),
+            mounts=mounts,
+        )
+        site = Surroundings(gravity_mps2=GRAVITY_MPS2, gravity_std_mps2=STATED["gravity_mps2"])
+        axis_inertias = AxisInertias(self.swings(rng), body, site)
+        return fit_inertia(axis_inertias), axis_inertias
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A row of the table: campaigns, how many were rejected, and what the accepted ones' scores are, (n, 6)."""
+
+    name: str
+    campaigns: int
+    rejected: int
+    scores: Array
+    relative: Array
+
+    @property
+    def covered(self) -> float:
+        """The share of 95 % intervals that hold the truth."""
+        return float(np.mean(np.abs(self.scores) < 1.96))
+
+    def __str__(self) -> str:
+        """The row as it is printed."""
+        count, hits = self.scores.size, int(np.sum(np.abs(self.scores) < 1.96))
+        low, high = beta.ppf(0.025, hits, count - hits + 1), beta.ppf(0.975, hits + 1, count - hits)
+        return (
+            f"{self.name:34s} n {self.campaigns:4d}  bias of the diagonal {100 * self.relative.mean():+.2f} %  "
+            f"ratio {np.sqrt(np.mean(self.scores**2)):5.2f}  cover {100 * self.covered:5.1f} % "
+            f"({100 * low:.1f} to {100 * high:.1f})  rejected {self.rejected}"
+        )
+
+
+def table_row(name: str, lab: Lab, *, campaigns: int, seed: int) -> Row:
+    rng = np.random.default_rng(seed)
+    scores, relative, rejected = [], [], 0
+    for _ in range(campaigns):
+        fit, _ = lab.fitted(rng)
+        rejected += any(finding.severity == "rejection" for finding in fit.findings)
+        off = fit.matrix_kg_m2 - TRUTH
+        scores.append((off / fit.std_kg_m2)[UPPER])
+        relative.append(np.diag(off) / np.diag(TRUTH))
+    return Row(name=name, campaigns=campaigns, rejected=rejected, scores=np.array(scores), relative=np.array(relative))
+
+
+def sentences(findings: tuple[Finding, ...]) -> str:
+    return " ".join(finding.text for finding in findings)
+
+
+def codes(findings: tuple[Finding, ...]) -> set[str]:
+    return {finding.code for finding in findings}
+
+
+def test_sound_labs_are_covered_and_none_is_rejected() -> None:
+    rows = [table_row("sound", Lab(axes=axes), campaigns=15, seed=3) for axes in (SIX, EIGHT)]
+
+    assert [row.rejected for row in rows] == [0, 0]
+    # 90 entries, those of one campaign correlated.
+    assert min(row.covered for row in rows) > 0.86
+
+
+def test_an_exchange_that_no_body_allows_is_rejected_and_named() -> None:
+    fit, axis_inertias = Lab(exchanged=("x", "z")).fitted(np.random.default_rng(1))
+
+    assert fit.projection_std > 4
+    assert [finding.severity for finding in fit.findings if finding.code == "inertia-not-a-body"] == ["rejection"]
+    assert "x and z" in sentences(redundancy_findings(axis_inertias, fit))
+
+
+@pytest.mark.parametrize("axes", [SIX, EIGHT], ids=["six", "eight"])
+def test_every_exchange_of_two_swings_is_rejected_or_named_as_one_that_would_pass(
+    axes: dict[str, tuple[int, int, int]],
+) -> None:
+    passed = []
+    for pair in combinations(axes, 2):
+        fit, axis_inertias = Lab(axes=axes, exchanged=pair).fitted(np.random.default_rng(1))
+        if fit.contradictory:
+            continue
+        passed.append(pair)
+        assert "would pass" in sentences(redundancy_findings(axis_inertias, fit))
+
+    # Six leave the exchanges that make another possible body; eight leave x and y, which are almost alike.
+    assert len(passed) <= {6: 8, 8: 1}[len(axes)]
+
+
+def test_repeated_swings_find_the_exchange_of_two_that_are_almost_alike() -> None:
+    lab = Lab()
+    right = lab.swings(np.random.default_rng(1))
+    by_axis = {swing.axis: swing for swing in right}
+    wrong = [replace(by_axis[{"x": "y", "y": "x"}.get(swing.axis, swing.axis)], axis=swing.axis) for swing in right]
+    _, axis_inertias = lab.fitted(np.random.default_rng(1))
+    case = AxisInertias([*right, *wrong], axis_inertias.body, axis_inertias.surroundings)
+    fit = fit_inertia(case)
+
+    assert "inertia-swings-contradict" in codes(fit.findings)
+    assert "x and y" in sentences(redundancy_findings(case, fit))
+
+
+def test_six_swings_ask_for_a_seventh_and_state_what_they_cannot_show() -> None:
+    fit, axis_inertias = Lab().fitted(np.random.default_rng(2))
+    (asked,) = redundancy_findings(axis_inertias, fit)
+
+    assert (asked.code, asked.severity) == ("inertia-seventh-swing", "note")
+    for part in ("exchanged files of x and y", "wrong distance or direction", "best along", "wrong mass"):
+        assert part in asked.text
+
+
+def test_the_eighth_swing_names_the_one_whose_distance_is_wrong() -> None:
+    lab = Lab(axes=EIGHT)
+    swings = lab.swings(np.random.default_rng(4))
+    off = [replace(swing, value=1.2 * swing.value) if swing.axis == "z" else swing for swing in swings]
+    _, axis_inertias = lab.fitted(np.random.default_rng(4))
+    case = AxisInertias(off, axis_inertias.body, axis_inertias.surroundings)
+
+    assert re.search(r"without [^;]*\bz\b", sentences(redundancy_findings(case, fit_inertia(case))))
+
+
+def test_two_distances_of_one_axis_that_differ_are_rejected() -> None:
+    axes = {**SIX, "far": (1, 0, 0)}  # it passes 63 mm from the centre of mass, x 23 mm
+    sound, stiff = (Lab(axes=axes, stiffness_nm=one).fitted(np.random.default_rng(5)) for one in (0.0, 4e-4))
+
+    assert "inertia-distances-differ" not in codes(redundancy_findings(sound[1], sound[0]))
+    assert "inertia-distances-differ" in codes(redundancy_findings(stiff[1], stiff[0]))
+
+
+def test_a_mass_in_grams_leaves_no_matrix() -> None:
+    lab = Lab()
+    _, sound = lab.fitted(np.random.default_rng(6))
+    heavy = AxisInertias(lab.swings(np.random.default_rng(6)), replace(sound.body, mass_kg=0.0028, mass_std_kg=3e-3),
+                         sound.surroundings)  # fmt: skip
+
+    assert "inertia-below-uncertainty" in codes(fit_inertia(heavy).findings)
+
+
+def test_five_swings_have_no_redundancy_to_judge() -> None:
+    with pytest.raises(FitError, match="six are needed"):
+        Lab(axes={name: SIX[name] for name in list(SIX)[:5]}).fitted(np.random.default_rng(0))
+
+
+@pytest.mark.slow
+def test_the_table_of_imperfect_labs() -> None:
+    far, tilted = {**STATED, "centre_m": 5e-4}, {**STATED, "tilt_rad": math.radians(1)}
+    labs = {
+        "sound, six": Lab(),
+        "sound, eight": Lab(axes=EIGHT),
+        "centre of mass 0.5 mm off, six": Lab(spread=far),
+        "centre of mass 0.5 mm off, eight": Lab(axes=EIGHT, spread=far),
+        "axes 1 degree off, six": Lab(spread=tilted),
+        "axes 1 degree off, eight": Lab(axes=EIGHT, spread=tilted),
+        "mass 0.1 g off": Lab(mass_off_kg=1e-4),
+        "fixture of 1.2 g neglected": Lab(fixture_kg=1.2e-3),
+        "fixture of 0.5 g neglected": Lab(fixture_kg=5e-4),
+    }
+    rows = {name: table_row(name, lab, campaigns=1000, seed=20261122) for name, lab in labs.items()}
+    print(*rows.values(), sep="\n")
+
+    for name in ("sound, six", "sound, eight"):
+        assert rows[name].rejected < 20
+        assert 0.93 <= rows[name].covered <= 0.97
