@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.estimate.linear import fit_linear, sandwich, std_of
+from cfid.estimate.propagation import widened
 
 Array = npt.NDArray[np.float64]
 
@@ -26,6 +28,8 @@ COUNTER_S = 2**32 / 1e6  # after which 32 bits of microseconds wrap
 _RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
 _FEW = 3.0  # over n - 2: the part by which standard uncertainties are widened, as few points give a poor mean
 _FEWEST = 3
+_PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 12  # stamps of a part of a record, of which the least is taken, and parts
+_WANDERS = 1.5  # times the scatter of the least of exponentials, from where they are not exponentials'
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,8 +78,10 @@ class Start(NamedTuple):
 def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     """Return the line under stamps (n,) that rise: the edge of their lower hull that passes under their middle.
 
-    It is the line below all points with the least sum of distances. Uncertainties hold for latencies whose excess over
-    the least is nearly exponential. Raises DataError for fewer than three points, or device times that do not change.
+    It is the line below all points with the least sum of distances, and the best for latencies whose excess over the
+    least is nearly exponential. Where the least latency of one part of the record differs from that of another by more
+    than these would, as it does when the channel gets busy, the slope is that of these least latencies, and their
+    scatter makes the uncertainties. Raises DataError for fewer than three points, or device times that do not change.
     """
     if len(device_s) < _FEWEST or np.ptp(device_s) <= 0:
         raise DataError(f"{len(device_s)} stamps are too few to compare two clocks: at least {_FEWEST} are needed.")
@@ -86,17 +92,48 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     count = len(place)
     scale = float(above.sum()) / (count - 2)
     average = np.polynomial.polynomial.polyfit(place, height, 1)
-    raised, widened = _RAISED * scale / count, (1 + _FEW / (count - 2)) * scale / count
+    raised, single = _RAISED * scale / count, (1 + _FEW / (count - 2)) * scale / count
+    offset_std_s, rate_std = _OFFSET_STD * single, _SLOPE_STD * single / float(place.std())
+    wandering = _line_of_least(place, above, usual_s=scale)
+    if wandering is not None:
+        turn, offset_std_s, rate_std = wandering
+        slope, level = slope + turn, level + float((above - turn * place).min())
+        above = height - level - slope * place
     return ClockLine(
         rate=1 + slope,
-        rate_std=_SLOPE_STD * widened / float(place.std()),
+        rate_std=rate_std,
         middle_device_s=middle,
         middle_host_s=first + middle - float(device_s[0]) + level - raised,
-        offset_std_s=_OFFSET_STD * widened,
+        offset_std_s=offset_std_s,
         lateness_s=above + raised,
         mean_rate=1 + float(average[1]),
         mean_offset_s=float(average[0]) - level + raised,
     )
+
+
+def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float, float, float] | None:
+    """Return the slope of the least latencies of parts of a record, and standard uncertainties of offset and slope.
+
+    `above` (n,) at places (n,) are latencies over a first line. None where their least scatter no more than those of
+    exponentials of mean `usual_s` do, or where there are too few to know.
+    """
+    parts = min(len(place) // _PART, _MOST_PARTS)
+    if parts < _FEWEST_PARTS:
+        return None
+    order = np.argsort(place, kind="stable")
+    least, middle = (
+        np.array([measure(own[rows]) for rows in np.array_split(order, parts)])
+        for measure, own in ((np.min, above), (np.mean, place))
+    )
+    rows = np.stack([np.ones(parts), middle], axis=1)
+    line = fit_linear(rows, least, noise_known=False)
+    if math.sqrt(float(line.residual @ line.residual) / line.degrees_of_freedom) <= _WANDERS * usual_s * parts / len(
+        place
+    ):
+        return None
+    std = std_of(sandwich(rows, line.residual, longest=parts // 4))
+    offset_std_s, slope_std = (widened(float(one), line.degrees_of_freedom) for one in std)
+    return float(line.values[1]), offset_std_s, slope_std
 
 
 def unwrapped_s(counter_s: Array, host_s: Array) -> Array:

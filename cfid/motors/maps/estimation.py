@@ -1,13 +1,14 @@
 """Maps of one motor: command to thrust and to speed, thrust to torque, speed to thrust. Steady points go in."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
+from cfid.estimate.scatter import scattered_std
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.maps.checks import (
     check_speed,
@@ -174,8 +175,9 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
     check_speed(found.command, found.x)
     speed, thrust, huber = found.x, found.y, robust and method == "default"
     std, shared = (None, None) if method == "thesis" else found.total_errors(order=2)
-    square = fit_power(speed, thrust, power=2, std=std, shared=shared, robust=huber)
-    quadratic = fit_polynomial(speed, thrust, order=2, std=std, shared=shared, robust=huber)
+    wide = None if std is None else scattered_std(speed, thrust, std, order=2, robust=huber)
+    square = fit_power(speed, thrust, power=2, std=wide, shared=shared, robust=huber)
+    quadratic = _stated(fit_polynomial(speed, thrust, order=2, std=wide, shared=shared, robust=huber), std, wide)
     difference = float(np.max(np.abs(square.at(speed) - quadratic.at(speed))))
     suffices = square.aicc <= quadratic.aicc
     agree = bool(np.all(np.abs(thrust - square.at(speed)) <= _MISCOUNTED * np.abs(square.at(speed))))
@@ -228,9 +230,9 @@ def _map(
     aicc: Mapping[int, float] = {}
     if order == "auto":
         choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, shared=shared, robust=huber)
-        fit, aicc = choice.fit, choice.aicc
-    else:
-        fit = fit_polynomial(used.x, used.y, order=order, std=std, shared=shared, robust=huber)
+        order, aicc = choice.fit.order, choice.aicc
+    wide = None if std is None else scattered_std(used.x, used.y, std, order=order, robust=huber)
+    fit = _stated(fit_polynomial(used.x, used.y, order=order, std=wide, shared=shared, robust=huber), std, wide)
     swaps: tuple[Finding, ...] = ()
     if quantity != "torque" and method == "default":
         resting = (*keys, "motor.thrust_voltage_poly") if quantity == "thrust" else keys
@@ -256,6 +258,13 @@ def _map(
             *_falling(fit, used.x, keys),
         ),
     )
+
+
+def _stated(fit: PolynomialFit, std: Array | None, wide: Array | None) -> PolynomialFit:
+    """Return a fit whose inflation is that over the deviations stated, and not over those it was weighted with."""
+    if std is None or wide is None or fit.inflation is None:
+        return fit
+    return replace(fit, inflation=fit.inflation * float(np.sqrt(np.mean((wide / std) ** 2))))
 
 
 def _running(measured: Measured, key: str) -> tuple[Measured, tuple[Finding, ...]]:

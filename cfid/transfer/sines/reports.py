@@ -4,6 +4,7 @@ The vehicle reports its first sample, each crossing of the middle, and with the 
 (C.2.4). cfid's app adds sample and time on board; the module of 2015 does not, and its omega is a float32.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ _SLACK_S = 0.3  # that the radio may add to the length of a run
 _DENSE_S = 0.1  # between crossings that may be taken for each other
 _UNRESOLVED_S = 0.03  # between crossings whose times do not separate them, and of which the radio may lose most
 _SAME, _AS_GOOD = 0.4, 0.7  # of a period; of the largest coherence
+_EARLY = 10.0  # times as unlikely as a report that is late is one that comes as much before the others
 _LOST, _LOST_DENSE = 0.5, 0.9  # share of reports that may be missing
 
 
@@ -144,12 +146,15 @@ def _by_order(sine: Sine, place: Array, expected: Rows) -> tuple[Rows, Rows]:
     missing = len(expected) - len(place)
     if missing == 0:
         return np.arange(len(place)), expected
-    if sine.half_period_s < _DENSE_S:
+    if sine.half_period_s < _UNRESOLVED_S:
         return np.array([0]), expected[:1]  # the others might be taken for their neighbours
     skipped = _skipped(place, expected, missing, half_period=sine.half_period_s / SAMPLE_S)
-    # Beside a gap it is uncertain by which report it is.
-    certain = (np.diff(skipped, prepend=0) == 0) & (np.diff(skipped, append=skipped[-1]) == 0)
-    rows = np.flatnonzero(certain)
+    # Beside a gap it is uncertain by which report it is, the more so the denser they are.
+    beside = max(1, math.ceil(_DENSE_S / sine.half_period_s))
+    gaps = np.flatnonzero(np.diff(skipped, prepend=0))
+    near = np.abs(np.arange(len(place))[:, None] - gaps + 0.5).min(axis=1, initial=math.inf) < beside
+    rows = np.flatnonzero(~near)
+    rows = rows if len(rows) else np.array([0])
     return rows, expected[rows + skipped[rows]]
 
 
@@ -159,15 +164,24 @@ def _skipped(place: Array, expected: Rows, missing: int, *, half_period: float) 
     By how much is tried too; for each it is the cheapest path through reports and numbers lost, which only grow.
     """
     late = place[:, None] - np.lib.stride_tricks.sliding_window_view(expected, missing + 1)
-    tried = half_period * np.arange(-1, missing + 1.1, 0.2)
-    best = np.zeros((1, len(tried), missing + 1))
-    for row in late:
-        cheapest = np.minimum.accumulate(best[-1], axis=1) + np.abs(row - tried[:, None])
-        best = np.concatenate([best, cheapest[None]])
-    path = best[1:, int(best[-1].min(axis=1).argmin())]
+    coarse = half_period * np.arange(-1, missing + 1.1, 0.2)
+    best = _cheapest(late, coarse)[-1].min(axis=1).argmin()
+    fine = coarse[best] + half_period * np.arange(-0.2, 0.21, 0.02)
+    costs = _cheapest(late, fine)
+    path = costs[1:, int(costs[-1].min(axis=1).argmin())]
     skipped = np.empty(len(place), dtype=np.intp)
     most = missing
     for at in range(len(place) - 1, -1, -1):
         most = int(path[at, : most + 1].argmin())
         skipped[at] = most
     return skipped
+
+
+def _cheapest(late: Array, tried: Array) -> Array:
+    """Return the costs (reports + 1, tried, lost + 1) of the cheapest paths up to each report and number lost."""
+    costs = np.zeros((1 + len(late), len(tried), late.shape[1]))
+    for place, row in enumerate(late):
+        over = row - tried[:, None]
+        away = np.where(over > 0, over, -_EARLY * over)
+        costs[place + 1] = np.minimum.accumulate(costs[place], axis=1) + away
+    return costs

@@ -1,0 +1,42 @@
+"""Rows of coverage tables: how often the 95 % intervals of simulated campaigns hold the truth."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binomtest
+
+Array = npt.NDArray[np.float64]
+
+
+class Row(NamedTuple):
+    """Errors and standard uncertainties, an entry a campaign, relative to `scale` as they are printed."""
+
+    name: str
+    error: Array
+    std: Array
+    scale: float = 1.0
+    rejected: int = 0
+
+    @property
+    def hits(self) -> int:
+        """How many intervals hold the truth."""
+        return int(np.sum(np.abs(self.error) < 1.96 * self.std))
+
+    @property
+    def ratio(self) -> float:
+        """The rms error over the standard uncertainty."""
+        return float(np.sqrt(np.mean((self.error / self.std) ** 2)))
+
+    def covers(self) -> bool:
+        """Return whether the exact binomial interval of the coverage reaches into 93 to 97 % or lies above."""
+        return bool(binomtest(self.hits, self.error.size).proportion_ci().high >= 0.93)
+
+    def __str__(self) -> str:
+        """The row as it is printed."""
+        low, high = binomtest(self.hits, self.error.size).proportion_ci()
+        return (
+            f"{self.name:48s} n {self.error.size:5d}  bias {100 * self.error.mean() / self.scale:+.3f} %  "
+            f"ratio {self.ratio:5.2f}  cover {100 * self.hits / self.error.size:5.1f} % ({100 * low:.1f} to "
+            f"{100 * high:.1f})  rejected {self.rejected}"
+        )

@@ -1,0 +1,70 @@
+"""Round trips and clocks over channels that are not ideal: bursts, congestion, latencies that are no exponentials."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from cfid.latency.clocks import clock_line
+from cfid.latency.estimation import round_trips
+from tests.coverage_rows import Array, Row
+
+EVERY_S, RATE, LEAST_S = 0.1, 1.00002, 0.005
+
+
+def exponential(count: int, rng: np.random.Generator) -> tuple[Array, float]:
+    """Latencies over the least (n,) in s, and their true mean."""
+    return rng.exponential(2e-3, count), 2e-3
+
+
+def gamma(count: int, rng: np.random.Generator) -> tuple[Array, float]:
+    return rng.gamma(4.0, 1e-3, count), 4e-3
+
+
+def bursts(count: int, rng: np.random.Generator) -> tuple[Array, float]:
+    """Retries come in bursts: one packet in ten, ten in a row on average."""
+    busy, state = np.zeros(count, dtype=bool), False
+    for place, draw in enumerate(rng.random(count).tolist()):
+        state = draw > 1 / 10 if state else draw < 1 / 90
+        busy[place] = state
+    return rng.exponential(1e-3, count) + busy * rng.exponential(20e-3, count), 3e-3
+
+
+def congestion(count: int, rng: np.random.Generator) -> tuple[Array, float]:
+    """The least latency wanders by 1 ms, with a correlation time of 3 s."""
+    decay = np.exp(-EVERY_S / 3.0)
+    wander = lfilter([1.0], [1.0, -decay], np.sqrt(1 - decay**2) * rng.standard_normal(count + 500))[500:]
+    return 5e-3 + 1e-3 * wander + rng.gamma(3.0, 5e-4, count), 6.5e-3
+
+
+CHANNELS = {"exponential": exponential, "gamma": gamma, "bursts": bursts, "congestion": congestion}
+
+
+def rows(name: str, campaigns: int, *, count: int, seed: int) -> tuple[Row, Row]:
+    draw: Callable[[int, np.random.Generator], tuple[Array, float]] = CHANNELS[name]
+    rng, device_s = np.random.default_rng(seed), EVERY_S * np.arange(count)
+    found = []
+    for _ in range(campaigns):
+        late_s, mean_s = draw(count, rng)
+        trips, line = round_trips(LEAST_S + late_s), clock_line(device_s, RATE * device_s + LEAST_S + late_s)
+        found.append((trips.mean_s - LEAST_S - mean_s, trips.mean_std_s, line.rate - RATE, line.rate_std))
+    mean, mean_std, rate, rate_std = np.array(found).T
+    kind = f"{name}, {count} pings"
+    return Row(f"ping: mean, {kind}", mean, mean_std, 5e-3), Row(f"ping: skew, {kind}", rate, rate_std, 1e-2)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_round_trips_and_clocks_lie_within_their_intervals(name: str) -> None:
+    for row in rows(name, 40, count=1000, seed=1):
+        print(row)
+        assert row.covers()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [500, 2000])
+@pytest.mark.parametrize("name", CHANNELS)
+def test_round_trips_and_clocks_cover_over_many_campaigns(name: str, count: int) -> None:
+    for row in rows(name, 1000, count=count, seed=2):
+        print(row)
+        assert row.covers()
