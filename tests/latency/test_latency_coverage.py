@@ -43,7 +43,7 @@ CHANNELS = {"exponential": exponential, "gamma": gamma, "bursts": bursts, "conge
 
 def rows(name: str, campaigns: int, *, count: int, seed: int) -> tuple[Row, Row]:
     draw: Callable[[int, np.random.Generator], tuple[Array, float]] = CHANNELS[name]
-    rng, device_s = np.random.default_rng(seed), EVERY_S * np.arange(count)
+    rng, device_s = np.random.default_rng(seed), EVERY_S * np.arange(float(count))
     found = []
     for _ in range(campaigns):
         late_s, mean_s = draw(count, rng)

@@ -50,8 +50,9 @@ def rows(part: float, campaigns: int, *, both_ways: bool, seed: int) -> list[Row
     kind = f"{100 * part:g} % scatter, {'both ways' if both_ways else 'one way'}"
     each = {"thrust": (thrusts, 0.15), "speed": (speeds, 3000.0), "torque": (torques, RATIO_M)}
     return [
-        Row(f"{name}: {kind}", *np.array(found).transpose(1, 0, 2), scale, rejected)
+        Row(f"{name}: {kind}", error, std, scale, rejected)
         for name, (found, scale) in each.items()
+        for error, std in [np.array(found).transpose(1, 0, 2)]
     ]
 
 
