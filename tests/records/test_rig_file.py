@@ -69,12 +69,15 @@ def test_the_preset_points_each_mount_the_way_its_cube_can_turn(tmp_path: Path) 
     assert all(mount.distance_direction is None for mount in rig.mounts.values())
 
 
-def test_the_thesis_rig_differs_in_the_two_directions_of_xy_alone(tmp_path: Path) -> None:
+def test_the_thesis_rig_differs_in_the_two_directions_of_xy_and_in_the_line(tmp_path: Path) -> None:
     ours, thesis = load_rig(preset(tmp_path)), thesis_rig()
     assert thesis.mounts["xy"].direction == (1, 1, 0)
     assert thesis.mounts["xy"].distance_direction == (-1, 1, 0)
     restored = thesis.mounts["xy"].model_copy(update={"direction": (-1, 1, 0), "distance_direction": None})
-    assert thesis.model_copy(update={"mounts": thesis.mounts | {"xy": restored}}) == ours
+    assert thesis.friction is not None
+    assert thesis.friction.line_mm == 0
+    mounts = thesis.mounts | {"xy": restored}
+    assert thesis.model_copy(update={"mounts": mounts, "friction": ours.friction}) == ours
 
 
 def test_the_test_body_of_the_preset_is_the_thesis_two_boxes(tmp_path: Path) -> None:

@@ -265,7 +265,7 @@ def test_a_scale_for_newtons_and_a_unit_against_the_head_are_a_usage_error(tmp_p
     [
         ("t,Fx,Fy,F3,Tx,Ty,T3", "no column Fz, Tz among t, Fx, Fy, F3, Tx, Ty, T3: give --columns TIME,FX"),
         ("when,Fx,Fy,Fz,Tx,Ty,Tz", "no column of time (t, time) among when, Fx"),
-        ("t,Fx,Fy,Fz,Tx,Ty,Fz_counts", "no column Tz"),
+        ("t,Fx,Fy,Fz,Tx,Ty,Fz_counts", "more than one column Fz: Fz (4), Fz_counts (7)"),
         ("t,Fx,Fy,Fz,Tx_counts,Ty,Tz_nm", "some axes in counts and some not: give --units"),
     ],
 )
