@@ -142,7 +142,7 @@ def _held(value: Array) -> int:
 def commanded_intervals(command_time_s: Array, commands: Array, *, begin_s: float, end_s: float) -> list[Interval]:
     """Return the intervals of equal commands (m, 4), given from times (m,) on, within a record.
 
-    Before the first all motors stand; repeated commands are one. Raises DataError for a log that is none.
+    Before the first all motors stand; repeated commands are one. Raises DataError for an invalid log.
     """
     if commands.shape != (len(command_time_s), 4):
         raise DataError(f"a command log of {len(command_time_s)} times needs as many rows of four: {commands.shape}.")
@@ -274,9 +274,9 @@ def steady_stretch(
     """Return the longest steady stretch in a window of a slow thrust whose samples repeat for `hold_s`.
 
     Steady is what would change by at most `drift` over the whole window, and moves about that line by at most `wave`.
-    The whole window may also change by what its noise feigns, and move if von Neumann's ratio [vN] calls that white;
-    a part of it has to be sure, and a quarter of it at least. A window shorter than three readings, or blocks of
-    50 ms, is none, unless `fewest` says that it be taken as it is.
+    The whole window may also change as much as its noise explains, and move if von Neumann's ratio [vN] calls that
+    white; a part of it must be steady beyond noise, and be a quarter of it at least. A window shorter than three
+    readings, or blocks of 50 ms, is not steady, unless `fewest` accepts it.
     """
     from_s, to_s = window
     block_s = max(SMOOTHED_S, hold_s, (to_s - from_s) / _MOST_BLOCKS)

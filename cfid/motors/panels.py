@@ -41,8 +41,8 @@ def scientific(value: float, std: float, *, unit: str = "") -> str:
     exponent = int(np.floor(np.log10(abs(value)))) if value else 0
     if -2 <= exponent <= 3:
         return plus_minus(value, std, unit=unit)
-    told = plus_minus(value / 10.0**exponent, std / 10.0**exponent)
-    return f"{f'({told})' if ' ' in told else told}·10{str(exponent).translate(_SUPERSCRIPTS)} {unit}".rstrip()
+    number = plus_minus(value / 10.0**exponent, std / 10.0**exponent)
+    return f"{f'({number})' if ' ' in number else number}·10{str(exponent).translate(_SUPERSCRIPTS)} {unit}".rstrip()
 
 
 def power(name: str, exponent: int) -> str:
@@ -84,13 +84,13 @@ def binned(time_s: Array, value: Array, *, length_s: float) -> Bins:
 
 def unused_steps(steps: Sequence[Point]) -> list[str]:
     """Return a sentence for each step that is not used, with its reason; of many only the first few."""
-    said = [
+    sentences = [
         f"Not used: {_name(i, step)}, {step.begin_s:.4g} to {step.end_s:.4g} s: {step.reason}"
         for i, step in enumerate(steps)
         if not step.settled
     ]
-    more = len(said) - _MOST_REASONS
-    return said if more <= 0 else [*said[:_MOST_REASONS], f"Not used either: {more} more steps."]
+    more = len(sentences) - _MOST_REASONS
+    return sentences if more <= 0 else [*sentences[:_MOST_REASONS], f"Not used either: {more} more steps."]
 
 
 def staircase_key(steps: Sequence[Point]) -> list[Artist]:

@@ -7,7 +7,7 @@ from cfid.quantities.quantity import Range
 from cfid.units import FULL_COMMAND
 
 Platform = Literal["crazyflie", "cf2", "cf21", "cf21bl", "other"]
-"""`crazyflie`: any quadrocopter of its kind; `other`: any body, of which physics alone is asked."""
+"""`crazyflie`: any quadrocopter of its kind; `other`: any body, judged by physics alone."""
 
 _BRUSHED: Mapping[str, Range] = {
     "mass_kg": Range(0.019, 0.06, "27 g bare, and up to 15 g of decks are advised"),

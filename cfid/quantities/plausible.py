@@ -35,7 +35,7 @@ _ROUNDING = 1e-9  # of a matrix' trace
 def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "crazyflie") -> str:
     """Return why a quantity's value is implausible as a sentence, with a guess of its unit; "" where it is plausible.
 
-    An inertia matrix must also be that of a possible body. Of `other` only that is asked, and gravity. Keys without a
+    An inertia matrix must also be that of a possible body. Of `other` only that is checked, and gravity. Keys without a
     range pass, and so do values without numbers. The range of a known vehicle is narrow: a value may lie beyond it by
     two of its standard uncertainties.
     """

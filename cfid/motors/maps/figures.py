@@ -97,8 +97,8 @@ def map_figure(mapped: MotorMap, *, verification: Verification | None = None) ->
     Commands that were left out are marked at the foot of both panels.
     """
     unit, scale = _AXES[mapped.quantity][1:3]
-    found, told = _map_coefficients(mapped), _map_told(mapped, verification, unit=unit, scale=scale)
-    heights_in = (KEY_IN, KEY_IN, 2.9, 1.6, _table_in(found, told))
+    found, facts = _map_coefficients(mapped), _map_facts(mapped, verification, unit=unit, scale=scale)
+    heights_in = (KEY_IN, KEY_IN, 2.9, 1.6, _table_in(found, facts))
     as_the_thesis = ", as in the thesis" if mapped.method == "thesis" else ""
     page, grid = _page(heights_in, _TITLES[mapped.quantity] + as_the_thesis, mapped.findings)
     curve, left = page.add_subplot(grid[2, :]), page.add_subplot(grid[3, :])
@@ -109,7 +109,7 @@ def map_figure(mapped: MotorMap, *, verification: Verification | None = None) ->
     _draw_keys(page, grid, curve)
     words(page.add_subplot(grid[4, 0]), "polynomial", found)
     words(
-        page.add_subplot(grid[4, 1]), "points", told, red=(_DESCRIBES,) if texts(mapped.findings, "rejection") else ()
+        page.add_subplot(grid[4, 1]), "points", facts, red=(_DESCRIBES,) if texts(mapped.findings, "rejection") else ()
     )
     page.align_ylabels()
     return page
@@ -179,9 +179,11 @@ def _map_coefficients(mapped: MotorMap) -> list[tuple[str, str]]:
     return coefficients(mapped.fit, "cmd", [_AXES[mapped.quantity][1]] * len(powers))
 
 
-def _map_told(mapped: MotorMap, verification: Verification | None, *, unit: str, scale: float) -> list[tuple[str, str]]:
+def _map_facts(
+    mapped: MotorMap, verification: Verification | None, *, unit: str, scale: float
+) -> list[tuple[str, str]]:
     fit = mapped.fit
-    told = [
+    facts = [
         ("points", f"{len(mapped.x)} at {len(np.unique(mapped.command))} commands"),
         ("order", f"{fit.order}, {'by corrected AIC' if mapped.aicc else 'as given'}"),
         _norm(fit, unit, scale),
@@ -189,8 +191,8 @@ def _map_told(mapped: MotorMap, verification: Verification | None, *, unit: str,
         ("commands left out", listed(mapped.left_out) if mapped.left_out else "none"),
     ]
     if verification is not None:
-        told.append(("verification differs", f"{verification.rms_n:.2g} N, {verification.rms_percent:.2g} % rms"))
-    return [*told, (_DESCRIBES, "NO" if texts(mapped.findings, "rejection") else "yes")]
+        facts.append(("verification differs", f"{verification.rms_n:.2g} N, {verification.rms_percent:.2g} % rms"))
+    return [*facts, (_DESCRIBES, "NO" if texts(mapped.findings, "rejection") else "yes")]
 
 
 def _square_told(found: SpeedThrustMap) -> list[tuple[str, str]]:

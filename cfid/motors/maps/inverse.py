@@ -66,8 +66,8 @@ def invert(thrust_map: MotorMap) -> InverseMap:
     first, last = fit.at([low, high]).tolist()
     commands = np.arange(low, high + 1, dtype=np.float32)
     single = coefficients.astype(np.float32)
-    asked = np.clip(fit.at(commands[:-1] + 0.5), first, last)  # between two commands rounding is worst
-    rounded = np.rint(_root(coefficients, asked))
+    between = np.clip(fit.at(commands[:-1] + 0.5), first, last)  # between two commands rounding is worst
+    rounded = np.rint(_root(coefficients, between))
     lowest = float(thrust_map.command[thrust_map.command > DEAD_COMMAND].min())
     text = f"the command of a thrust is extrapolated below {lowest:.0f}, the smallest command that was measured."
     below = warning("inverse-extrapolated-below", text, "motor.command_of_thrust")
@@ -76,7 +76,7 @@ def invert(thrust_map: MotorMap) -> InverseMap:
         command_range=(low, high),
         thrust_range_n=(first, last),
         round_trip_command=float(np.max(np.abs(_root(single, np.polyval(single, commands)) - commands))),
-        round_trip_n=float(np.max(np.abs(fit.at(rounded) - asked))),
+        round_trip_n=float(np.max(np.abs(fit.at(rounded) - between))),
         findings=(below,) if lowest > max(low, _NEAR * FULL_COMMAND) else (),
     )
 

@@ -19,7 +19,7 @@ from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, StepData
 Array = npt.NDArray[np.float64]
 
 _QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
-_SMOOTH = 0.25  # time constants over which noise is averaged before anything is said of what the lag explains
+_SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 _EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
 _HELD = 1.5  # time constants that a step needs to show where it leads
 

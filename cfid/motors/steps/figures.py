@@ -50,7 +50,7 @@ def dynamics_figure(
 def _draw_steps(axes: Axes, time_s: Array, speed_rad_s: Array, lags: Sequence[StepFit]) -> None:
     name_panel(axes, "(a) speed and the lag of each step", x="time (s)", y="speed (rad/s)")
     draw_line(axes, time_s, speed_rad_s, color=RECORDED, lw=0.9, label="measured")
-    said = set()
+    labelled = set()
     for lag in lags:
         at_s = np.linspace(lag.step.at_s, lag.step.until_s, _CURVE)
         how = "lag" if lag.accepted else "rejected"
@@ -60,9 +60,9 @@ def _draw_steps(axes: Axes, time_s: Array, speed_rad_s: Array, lags: Sequence[St
             color=MODEL if lag.accepted else ALERT,
             ls="-" if lag.accepted else ":",
             lw=1.1,
-            label="_" if how in said else how,
+            label="_" if how in labelled else how,
         )
-        said.add(how)
+        labelled.add(how)
     legend(axes)
 
 

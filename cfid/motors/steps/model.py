@@ -39,9 +39,11 @@ def command_steps(*, time_s: Array, command: Array) -> tuple[CommandStep, ...]:
 
 
 def followed(steps: Sequence[CommandStep], *, time_s: Array, value: Array) -> tuple[CommandStep, ...]:
-    """Return the steps during which enough was measured, (n,) at times (n,): of one to rest little is heard."""
-    heard = time_s[np.isfinite(value)]
-    return tuple(step for step in steps if np.count_nonzero((heard >= step.at_s) & (heard < step.until_s)) >= _FEWEST)
+    """Return the steps with enough values (n,) at times (n,): a step to standstill shows little vibration."""
+    measured_s = time_s[np.isfinite(value)]
+    return tuple(
+        step for step in steps if np.count_nonzero((measured_s >= step.at_s) & (measured_s < step.until_s)) >= _FEWEST
+    )
 
 
 class Lag(NamedTuple):

@@ -34,7 +34,7 @@ _SAME, _ASIDE = 0.02, 0.4  # of a speed, within which another is the same, and w
 _CHANCE, _UNSTEADY = 1e-6, 0.05  # that noise does it; of the speed, over the window
 _PARTS, _FEWEST_PARTS, _TURNS = 8, 4, 24  # that a window is cut into, and turns in each of them at least
 _SPLITS = (0.35, 0.7, 1.4)  # resolutions at the highest harmonic by which one line is pulled apart
-_TOLD = 5.0  # standard deviations between speeds
+_DISTINCT = 5.0  # standard deviations between speeds
 
 
 class Rotor(NamedTuple):
@@ -196,8 +196,8 @@ def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit
         gain = best.weight @ np.sum(fit.residual**2 - best.residual**2, axis=0)
         speed = np.array([family.rad_per_s for family in best.families])
         gaps = np.diff(np.eye(len(speed) + 1)[np.argsort(speed)], axis=0)  # between neighbours; the drift has none
-        told = gaps[:, :-1] @ speed > _TOLD * np.sqrt(np.diag(gaps @ best.covariance @ gaps.T))
-        if chdtrc(freedom, gain) > _CHANCE or not told.all():
+        distinct = gaps[:, :-1] @ speed > _DISTINCT * np.sqrt(np.diag(gaps @ best.covariance @ gaps.T))
+        if chdtrc(freedom, gain) > _CHANCE or not distinct.all():
             break
         fit = best
     return fit

@@ -126,21 +126,21 @@ class Comb(NamedTuple):
         """Return the evidence for each line of each candidate (h, g)."""
         channels, highest_hz = seen.amplitude.shape[1], 2 * _HIGHEST * seen.frequency_hz[-1]
         line_hz = np.outer(self.harmonics, rad_per_s) / (2 * math.pi)
-        told = line_hz <= highest_hz
+        resolved = line_hz <= highest_hz
         place = np.rint(np.minimum(line_hz, highest_hz) / seen.frequency_hz[1]).astype(int)
         power = seen.strength[place] / channels
-        size = np.where(told, np.maximum(power - 1, 0.0), 0.0)
+        size = np.where(resolved, np.maximum(power - 1, 0.0), 0.0)
         size = np.maximum(size, np.where(self._expected, _QUARTER * size.max(axis=0), 0.0))
         evidence = max(seen.windows, 1.0) * channels * (power * size / (1 + size) - np.log1p(size))
-        return np.where(told, evidence, 0.0)
+        return np.where(resolved, evidence, 0.0)
 
     def score(self, lines: Array) -> Array:
         """Return the evidence for each candidate (g,) in its lines (h, g), at most half of it in unexpected ones."""
         likely = np.where(self._expected, _LIKELY, _MAYBE)
-        told = np.logaddexp(np.log1p(-likely), np.log(likely) + lines)
-        told = np.where(told > 0, _PLENTY * np.log1p(told / _PLENTY), told)
-        expected = np.sum(told, axis=0, where=self._expected)
-        return np.asarray(expected + np.clip(told.sum(axis=0) - expected, None, np.maximum(expected, 0.0)))
+        gained = np.logaddexp(np.log1p(-likely), np.log(likely) + lines)
+        gained = np.where(gained > 0, _PLENTY * np.log1p(gained / _PLENTY), gained)
+        expected = np.sum(gained, axis=0, where=self._expected)
+        return np.asarray(expected + np.clip(gained.sum(axis=0) - expected, None, np.maximum(expected, 0.0)))
 
     @property
     def _expected(self) -> npt.NDArray[np.bool_]:
