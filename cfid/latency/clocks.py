@@ -29,6 +29,7 @@ _RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
 _FEW = 3.0  # over n - 2: the part by which standard uncertainties are widened, as few points give a poor mean
 _FEWEST = 3
 _PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 12  # stamps of a part of a record, of which the least is taken, and parts
+_ROUNDED_S = 1e-6  # of the vehicle's counter: what scatters less is its rounding
 _WANDERS = 1.5  # times the scatter of the least of exponentials, from where they are not exponentials'
 
 
@@ -127,9 +128,8 @@ def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float
     )
     rows = np.stack([np.ones(parts), middle], axis=1)
     line = fit_linear(rows, least, noise_known=False)
-    if math.sqrt(float(line.residual @ line.residual) / line.degrees_of_freedom) <= _WANDERS * usual_s * parts / len(
-        place
-    ):
+    scatter = math.sqrt(float(line.residual @ line.residual) / line.degrees_of_freedom)
+    if scatter <= max(_WANDERS * usual_s * parts / len(place), _ROUNDED_S):
         return None
     std = std_of(sandwich(rows, line.residual, longest=parts // 4))
     offset_std_s, slope_std = (widened(float(one), line.degrees_of_freedom) for one in std)

@@ -179,7 +179,7 @@ _TRANSFER = _given(
              plausible=Range(-1000, 100, "all of it at most")),
     Quantity("tf.verify.<name>.residual_rms_n", "N", "e", "what is left of the force",
              plausible=Range(0, 10, "as the largest thrust")),
-    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated", plausible=_LATE),
+    Quantity("tf.verify.<name>.late_s", "s", "Δt", "how much later than simulated"),  # noise may leave it open
     Quantity("tf.verify.<name>.gain_ratio", "1", "g", "how much larger than simulated",
              plausible=Range(0, 10, "beyond, another motor ran")),
 )  # fmt: skip

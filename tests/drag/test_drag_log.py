@@ -137,7 +137,7 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
 
     refused = bench.start("log", "wind", "--wind", 0, "--resume", bench.run().folder, "--yes")
     assert refused.end() == 2
-    assert "leave its options out" in refused.err
+    assert "leave out its options" in refused.err
 
     second = bench.start("log", "wind", "--resume", bench.run().folder, "--tachometer", "none", "--yes")
     assert second.end() == 0, second.err

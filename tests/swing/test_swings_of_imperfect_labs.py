@@ -136,7 +136,7 @@ def test_a_mass_in_grams_and_a_distance_in_millimetres_are_rejected_with_their_u
 
 def test_any_other_body_may_have_any_mass(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
-    path.write_text(new_rig_text().replace('platform = "crazyflie"', 'platform = "other"'))
+    path.write_text(new_rig_text().replace('platform = "cf2"', 'platform = "other"'))
     record = recorded(encoded(one_swing()[1], np.random.default_rng(5)), Label())
 
     assert cfid.swing.fit(record, rig=load_rig(path), mass_kg=28.0, distance_m=0.023).accepted

@@ -28,7 +28,7 @@ _HELD = 1.5  # time constants that a step needs to show where it leads
 class StepFit:
     """A first-order lag from one speed to another; by the clocks given it begins `delay_s` after the command.
 
-    Where no speed was known before the command, the delay is not either: 0, with the deviation NaN.
+    Without a speed before the command the delay is unknown: 0, with the standard uncertainty NaN.
     `explained` is the part of the variance that the lag explains (r^2), averaged over a quarter of a time constant.
     """
 
@@ -63,8 +63,8 @@ class RotorModel:
     """The rotor model of four coefficients, fitted to all steps at once: see `fit_rotor_model`.
 
     `rising` and `falling` are (linear in 1/s, quadratic in 1/rad), NaN where no step went that way. A coefficient
-    that came to its bound zero has no deviation (NaN). `covariance` (4, 4) is that of both, rising first, zero where
-    there is no deviation. `rms` is what is left, in the unit of what was fitted.
+    at its bound zero has no standard uncertainty (NaN). `covariance` (4, 4) is that of both, rising first, zero where
+    there is none. `rms` is what is left, in the unit of what was fitted.
     """
 
     rising: tuple[float, float]
@@ -96,7 +96,7 @@ def fit_steps(
 
     `value` (n,) at times (n,) is the speed in rad/s (NaN where unknown), or with `thrust_per_speed_squared_n_s2` the
     thrust in N, whose root is what lags; with 1 in its place, speeds come out as roots of a newton. `blur_s` is the
-    window that each speed was read from, as by `speed_ridge`. Deviations allow for correlated residuals.
+    window that each speed was read from, as by `speed_ridge`. Uncertainties allow for correlated residuals.
 
     Raises FitError when there is no step, or one with too few samples.
     """
@@ -170,7 +170,7 @@ def _fit_step(data: StepData, part: Part) -> StepFit:
     scale = [max(abs(start[1] - start[0]), 1e-9)] * 2 + [tau_s] * 2
     least = [-math.inf, -math.inf, _QUICKEST * hold_s, -BEFORE * hold_s]
     most = [math.inf, math.inf, _SLOWEST * hold_s, hold_s / 2]
-    free = 4 if np.any(time < 0) else 3  # where it comes from tells the delay; else both are one
+    free = 4 if np.any(time < 0) else 3  # the speed before determines the delay; else both are one
 
     def whole(p: Array, fixed: float) -> Array:
         return np.append(p, [fixed] * (4 - free))
@@ -196,14 +196,14 @@ def _fit_step(data: StepData, part: Part) -> StepFit:
 
 
 def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:
-    """Return why the time constant of a step, one of the rows of the key, is not to be relied on."""
+    """Return why the time constant of a step, one of the rows of the key, is rejected."""
     key = "dynamics.time_constant_s"
     found = []
     if explained < _EXPLAINED:
         text = f"a first-order lag explains only {100 * explained:.0f} % of this step (limit {100 * _EXPLAINED:.0f} %)."
         found.append(rejection("step-lag-misfit", text, key))
     if hold_s < _HELD * tau_s:
-        text = f"it held for only {hold_s / tau_s:.1f} time constants (limit {_HELD:g}): where it leads is a guess."
+        text = f"it held for only {hold_s / tau_s:.1f} time constants (limit {_HELD:g}): its final speed is not known."
         found.append(rejection("step-held-too-short", text, key))
     if not std_s < _LOOSE * tau_s:
         text = f"noise leaves the time constant open by {100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE:.0f} %)."
@@ -212,7 +212,7 @@ def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> 
 
 
 def _start(lags: Sequence[StepFit]) -> Array:
-    """Begin with what the lags of single steps come to: the inverse time constant is linear in the speed."""
+    """Return a start from the lags of single steps: the inverse time constant is linear in the speed."""
     start = [float(np.median([lag.delay_s for lag in lags]))]
     for way in (True, False):
         own = [lag for lag in lags if lag.rising == way] or lags
