@@ -10,6 +10,7 @@ from cfid.errors import FitError
 from cfid.estimate.propagation import widened
 from cfid.estimate.signals import correlation_inflation
 
+FEW_EFFECTIVE = 200.0  # from where the correlation itself is known well enough
 _LONGEST = 4  # correlation is followed over this part of a record: an nth
 
 
@@ -25,6 +26,11 @@ class RoundTrips(NamedTuple):
     std_s: float
     mean_std_s: float
     least_s: float
+
+    @property
+    def are_correlated(self) -> bool:
+        """Whether they are worth half as many or fewer, and too few to know the uncertainty of their mean well."""
+        return self.effective < min(self.answers / 2, FEW_EFFECTIVE)
 
     @property
     def one_way_mean_s(self) -> float:

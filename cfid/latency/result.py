@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cfid.errors import ConfigError, DataError
 from cfid.findings import rejection, warning
 from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
-from cfid.latency.estimation import RoundTrips, round_trips
+from cfid.latency.estimation import FEW_EFFECTIVE, RoundTrips, round_trips
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.run import Run
@@ -38,6 +38,12 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
     rtt_s = np.concatenate([record.rtt_s for record in records])
     trips = round_trips(rtt_s)
     findings = [warning("recording", text) for record in records for text in record.notes]
+    if trips.are_correlated:
+        text = (
+            f"{trips.answers} round trips are worth only {trips.effective:.0f} independent ones (limit "
+            f"{FEW_EFFECTIVE:.0f}), as late answers follow each other: the uncertainties of mean and clock are rough."
+        )
+        findings.append(warning("round-trips-correlated", text, "latency.rtt_mean_s", "latency.clock_*"))
     line = None
     try:
         line = _clock(records)
