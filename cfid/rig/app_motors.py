@@ -36,9 +36,9 @@ class AppMotors:
         self._vehicle, self._ports, self._limits = vehicle, firmware.ports, limits
         self._supervisor = supervisor
         self._owner = secrets.randbits(32) | 1 if firmware.knows_owners else app.NO_OWNER
-        self._number = 0
+        self._first = self._number = secrets.randbits(31)  # other programs' answers have other numbers
         self._commands: Four | None = None  # as the app confirmed them; None: not known, or the sine's own
-        self._settled_at = 0  # the number of the last keep-alive that was sent before that
+        self._settled_at = self._first  # the number of the last keep-alive that was sent before that
         self._answered_s = 0.0
         self._owns_motors = self._kept_out = self._stopped = self.playing = False
         self._fault = ""
@@ -254,9 +254,12 @@ class AppMotors:
             self._fault = str(error)
 
     def _take_state(self, payload: bytes, arrived_s: float) -> None:
-        """Compare the commands that the app drives with those it was sent, unless those were still on their way."""
+        """Compare the commands that the app drives with those it was sent, unless those were still on their way.
+
+        A vehicle that two programs talk to sends the answers to either.
+        """
         state = app.decode_state(payload)
-        if state is None:
+        if state is None or not self._first < state.number <= self._number:
             return
         self._answered_s = arrived_s
         self.playing = Flags.SINE_RUNNING in state.flags

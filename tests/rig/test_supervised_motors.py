@@ -319,6 +319,22 @@ def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path)
     assert not any(any(motors) for _, motors in flight.motors)
 
 
+def test_answers_to_another_programs_keep_alives_end_no_run(tmp_path: Path) -> None:
+    flight = Flight(tmp_path)
+
+    def again(number: int) -> None:
+        other = Packet(12, 2, number.to_bytes(4, "little") + b"\x99\x00\x00\x00")
+        flight.sim.received(encode_packet(other), CLIENT, flight.clock.seconds())
+        flight.clock.callLater(0.1, again, number + 1)
+
+    flight.clock.callLater(0.5, again, 0)
+    _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=3.0))
+
+    assert failure is None
+    turned = [at_s for at_s, motors in flight.motors if any(motors)]
+    assert flight.motors[-1][0] - turned[0] == pytest.approx(3.0, abs=0.2)
+
+
 def test_a_vehicle_that_was_armed_is_ready_for_any_other_client(tmp_path: Path) -> None:
     flight = Flight(tmp_path, platform="cf21bl")
     flight.record([flight.commands(), flight.states()], holding(flight, 20000))
