@@ -110,19 +110,20 @@ class Supervisor:
         """Bring the vehicle into a state in which motors may run; arm it where it does not arm itself.
 
         A vehicle that arms itself is disarmed first, so that its timeouts start anew: it disarms itself 30 s after it
-        got ready and 3 s after it landed, perhaps in the moment in which motors start. Raises DeviceError naming the
-        state in which it stays.
+        got ready and 3 s after it landed, perhaps in the moment in which motors start. It arms itself on entering one
+        state only: a request that arrives just then, late or repeated, leaves it disarmed until it is armed.
+        Raises DeviceError naming the state in which it stays.
         """
-        state = await self.wait(lambda state: bool(state.remedy) or _settled(state), within_s=_BACK_S)
-        if state is not None and state.arms_itself and not state.remedy:
+        await self.wait(lambda state: bool(state.remedy) or _settled(state), within_s=_BACK_S)
+        if self.state is not None and self.state.arms_itself and self.state.can_fly:
             await self.request_arming(arm=False)
             await sleep(self._vehicle.loop, EVERY_S)  # within which it updates its state
-            state = await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_BACK_S)
-        elif state is not None and _waits_for_arming(state):
+            await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_BACK_S)
+        if self.state is not None and _waits_for_arming(self.state):
             if not await self.request_arming():
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle refuses to be armed.")
-            state = await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_SPIN_UP_S)
-        if self.reports and (state is None or not state.can_fly):
+            await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_SPIN_UP_S)
+        if self.reports and (self.state is None or not self.state.can_fly):
             raise DeviceError(f"{self._vehicle.uri}: {self._obstacle()}.")
 
     async def confirm_disarmed(self) -> bool:
@@ -159,12 +160,12 @@ class Supervisor:
 
 
 def _waits_for_arming(state: VehicleState) -> bool:
-    return Bits.CAN_BE_ARMED in state.bits and not (state.arms_itself or state.armed)
+    return Bits.CAN_BE_ARMED in state.bits and not state.armed
 
 
 def _settled(state: VehicleState) -> bool:
     """Return whether a state lasts until motors turn or a client arms; the others end within a few updates."""
-    return state.can_fly or _waits_for_arming(state)
+    return state.can_fly or (_waits_for_arming(state) and not state.arms_itself)
 
 
 class SupervisorLog:

@@ -335,6 +335,23 @@ def test_answers_to_another_programs_keep_alives_end_no_run(tmp_path: Path) -> N
     assert flight.motors[-1][0] - turned[0] == pytest.approx(3.0, abs=0.2)
 
 
+@FIRMWARES
+def test_a_brushed_vehicle_that_was_disarmed_while_it_armed_itself_is_armed(tmp_path: Path, firmware: str) -> None:
+    flight = Flight(tmp_path, firmware=firmware)
+    disarm = encode_packet(Packet(9, 1, b"\x01\x00"))
+    flight.turn(for_s=0.5)
+    for _ in range(30):  # late or repeated requests: one of them meets the state in which it arms itself
+        flight.sim.received(disarm, CLIENT, flight.clock.seconds())
+        flight.turn(for_s=0.01)
+    flight.turn(for_s=2.0)
+    assert state_of(flight) is SupervisorState.PASSED
+
+    _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
+
+    assert failure is None
+    assert (20000,) * 4 in [motors for _, motors in flight.motors]
+
+
 def test_a_vehicle_that_was_armed_is_ready_for_any_other_client(tmp_path: Path) -> None:
     flight = Flight(tmp_path, platform="cf21bl")
     flight.record([flight.commands(), flight.states()], holding(flight, 20000))
