@@ -163,7 +163,7 @@ def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
         wanted=estimation.OVER_SPEED[:1],
         covariances=values.covariances(over_speed=mapped),
         quality={"points": len(mapped.thrust_n), "difference_n": mapped.difference_n},
-        findings=values.merged((*found.findings, *mapped.findings)),
+        findings=(*found.findings, *mapped.findings),
         sources=found.sources,
         lines=found.lines,
         drawings=lambda: {"thrust_of_speed": speed_thrust_figure(mapped)},
@@ -207,7 +207,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
     try:
         yield
     except FitError as error:
-        raise FitError(" ".join([str(error), *texts(values.merged(found.findings), "warning")])) from None
+        raise FitError(" ".join([str(error), *texts(found.findings, "warning")])) from None
 
 
 def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
@@ -275,7 +275,7 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
         wanted=GIVEN_BY[mapped.quantity][:1],
         covariances=beside.covariances,
         quality=values.figures_of_merit(mapped, **(beside.quality or {})),
-        findings=values.merged((*found.findings, *mapped.findings, *beside.findings)),
+        findings=(*found.findings, *mapped.findings, *beside.findings),
         sources=found.sources,
         lines=(*found.lines, *values.map_lines(mapped), *beside.lines),
         drawings=drawings,
