@@ -107,7 +107,7 @@ def rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Found:
+class _SwingEstimate:
     """What either method finds; damping is per inertia."""
 
     coefficients: Coefficients
@@ -120,7 +120,7 @@ class _Found:
     drawings: Callable[[], Figures]
 
 
-def _by_default(record: AngleRecord, swing: FreeSwing) -> _Found:
+def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     fitted, cosine = fit_swing(swing), fit_damped_cosine(swing)
     checks, check_lines = _checks(swing, fitted, cosine)
 
@@ -128,7 +128,7 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _Found:
         return {f"{record.path.stem}_swing": swing_figure(swing, fitted, title=record.name)}
 
     quality = fitted.quality
-    return _Found(
+    return _SwingEstimate(
         coefficients=fitted.coefficients,
         std=fitted.std,
         start=(fitted.output_error.start_angle_rad, fitted.output_error.start_speed_rad_per_s),
@@ -171,7 +171,7 @@ def _checks(swing: FreeSwing, fitted: SwingFit, cosine: DampedCosine) -> tuple[d
     )
 
 
-def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
+def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     cosine, flexible = fit_damped_cosine(swing), fit_flexible(swing)
     residual = cosine.angle_rad - cosine.model_rad
     rms = float((residual @ residual / len(residual)) ** 0.5)
@@ -185,7 +185,7 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
         name = f"{record.path.stem}_swing_thesis"
         return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
 
-    return _Found(
+    return _SwingEstimate(
         coefficients=Coefficients(*cosine.frequencies, 0.0, 0.0, 0.0),
         std=Coefficients(*cosine.std, 0.0, 0.0, 0.0),
         start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
@@ -212,7 +212,7 @@ class _Inertia:
     quantities: Mapping[str, Parameter]
 
 
-def _quantities(swing: FreeSwing, found: _Found, inertia: _Inertia | None) -> dict[str, Parameter]:
+def _quantities(swing: FreeSwing, found: _SwingEstimate, inertia: _Inertia | None) -> dict[str, Parameter]:
     values, std = found.coefficients, found.std
     return {
         _FREQUENCY: Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2),
@@ -224,7 +224,7 @@ def _quantities(swing: FreeSwing, found: _Found, inertia: _Inertia | None) -> di
     }
 
 
-def _inertia(found: _Found, body: SwungBody, mount: str, around: Surroundings) -> _Inertia:
+def _inertia(found: _SwingEstimate, body: SwungBody, mount: str, around: Surroundings) -> _Inertia:
     values, std = found.coefficients, found.std
     measured = MountedSwing(axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
     axis_inertias = AxisInertias([measured], body, around)

@@ -30,7 +30,7 @@ from cfid.records.result import Figures
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.identification import Identified
 from cfid.transfer.model import Dynamics, evaluate
-from cfid.transfer.panels import COMMAND, FREQUENCY, Points, draw_played, draw_points, sine_run_figure
+from cfid.transfer.panels import COMMAND, FREQUENCY, SeriesPoints, draw_played, draw_points, sine_run_figure
 from cfid.transfer.sines.alignment import SineRun
 from cfid.transfer.thesis import ThesisFit
 from cfid.transfer.verification import Verification
@@ -105,7 +105,7 @@ def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sampl
     name_panel(phase, "(b) phase", x=FREQUENCY, y="phase (degrees)")
     for number, (name, fit) in enumerate(each.items()):
         omega, value = (np.array([getattr(own, what) for own in fit.responses]) for what in ("omega_rad", "value"))
-        points = Points(name, omega / sample_s, value, value, None)
+        points = SeriesPoints(name, omega / sample_s, value, value, None)
         draw_points(size, phase, points, colour=SERIES[number % len(SERIES)])
     omega = _omegas(np.array([own.omega_rad for own in joint.responses]) / sample_s)
     model = evaluate(joint.numerator, joint.denominator, omega * sample_s)
@@ -164,7 +164,7 @@ def verification_figure(run: SineRun, found: Verification) -> Figure:
     return page
 
 
-def _points(fit: TransferFit) -> list[Points]:
+def _points(fit: TransferFit) -> list[SeriesPoints]:
     """Return the responses of each series, the phase also without its delay."""
     found = []
     for series in fit.measured:
@@ -172,7 +172,7 @@ def _points(fit: TransferFit) -> list[Points]:
         value = np.array([own.value for own in series.responses])
         turned = value * np.exp(1j * omega * fit.delays[series.name].after_quickest_s)
         std = np.array([own.polar_std for own in series.responses])
-        found.append(Points(series.name, omega, turned, value, COVERAGE_95 * std))
+        found.append(SeriesPoints(series.name, omega, turned, value, COVERAGE_95 * std))
     return found
 
 
@@ -189,7 +189,7 @@ def _draw_model(
     phase.plot(hertz, np.degrees(np.unwrap(np.angle(value))), color=colour, ls=dashes, lw=1.1, label=label)
 
 
-def _draw_left(left: Axes, turned: Axes, points: Points, fit: TransferFit, *, colour: str) -> None:
+def _draw_left(left: Axes, turned: Axes, points: SeriesPoints, fit: TransferFit, *, colour: str) -> None:
     ratio = points.value / fit.response(points.omega_rad_s)
     hertz = points.omega_rad_s / (2 * np.pi)
     assert points.interval is not None

@@ -6,7 +6,7 @@ from typing import Literal
 
 from cfid.errors import FitError
 from cfid.findings import Finding, note, rejection, warning
-from cfid.transfer.estimation import Measured, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.model import Form
@@ -90,7 +90,7 @@ def _within(name: str, runs: Sequence[RecordedSine], cutoff_hz: float) -> tuple[
     return [run for run, own in zip(runs, hertz, strict=True) if 0 < own <= fastest_hz], findings
 
 
-def _fit_each(measured: Sequence[Measured], shape: Shape) -> tuple[dict[str, TransferFit], list[Finding]]:
+def _fit_each(measured: Sequence[MeasuredSeries], shape: Shape) -> tuple[dict[str, TransferFit], list[Finding]]:
     each, findings = {}, []
     for series in measured:
         try:

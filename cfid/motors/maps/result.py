@@ -24,7 +24,7 @@ from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, 
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
 from cfid.motors.maps.inverse import invert, maximum_thrust
-from cfid.motors.maps.scales import Verification, scales_thrust_n, verify_thrust
+from cfid.motors.maps.scales import ScalesCheck, scales_thrust_n, verify_thrust
 from cfid.motors.maps.table_data import of_table, read_scales
 from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.vibration.data import Rotors
@@ -58,7 +58,7 @@ class _Beside:
     quality: Mapping[str, Any] | None = None
     over_speed: SpeedThrustMap | None = None
     voltage: VoltageComparison | None = None
-    verification: Verification | None = None
+    verification: ScalesCheck | None = None
 
 
 def fit_thrust(
@@ -242,7 +242,7 @@ def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedTh
 
 def _verified(
     mapped: MotorMap, scales: Path | None, motors: int | None, gravity_mps2: float
-) -> tuple[Verification | None, Sequence[Finding]]:
+) -> tuple[ScalesCheck | None, Sequence[Finding]]:
     """Compare the map with scales: of a run, or of a table."""
     if scales is None:
         return None, ()

@@ -11,7 +11,7 @@ from cfid.estimate.shared_points import PointFit, joint_covariance
 from cfid.findings import texts
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.inverse import InverseMap, MaximumThrust
-from cfid.motors.maps.scales import Verification
+from cfid.motors.maps.scales import ScalesCheck
 from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.points import MotorPoints, motor_table
 from cfid.records.covariances import Covariance, covariance_between
@@ -177,7 +177,7 @@ def inverse_lines(inverse: InverseMap, most: MaximumThrust) -> list[str]:
     ]
 
 
-def verification_lines(found: Verification) -> list[str]:
+def verification_lines(found: ScalesCheck) -> list[str]:
     """Return how far a second instrument is from the map (figure 3.9)."""
     largest = max(abs(value) for value in found.difference_n.tolist())
     return [
