@@ -48,7 +48,7 @@ SECOND_SERIES = ThesisSettings(settle_samples=1800, weight_low=2.5, low_up_to=50
 class ThesisResponse:
     """One run's estimate by FFT (eq. 3.9): N as its stamps say, and the number of samples transformed (eq. 3.8).
 
-    `elsewhere` says that the force's largest peak is not at the input's frequency; C.2.5 divides by it all the same.
+    `elsewhere` states that the force's largest peak is not at the input's frequency; C.2.5 divides by it all the same.
     """
 
     name: str

@@ -43,7 +43,7 @@ class MotorMap:
     """A polynomial `fit` to y over x (n,), which were measured at `command` (n,); SI units, one motor.
 
     `windows` (n, N) are those of `PairedPoints`. `left_out` are commands whose points were not used. `aicc` is the
-    corrected AIC of each order that was tried, empty where the order was given. A rejection among the `findings` says
+    corrected AIC of each order that was tried, empty where the order was given. A rejection among the `findings` states
     why the polynomial does not describe the points.
     """
 
@@ -64,7 +64,7 @@ class SpeedThrustMap:
     """Thrust of speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
 
     `windows` (n, N) are those of `PairedPoints`. `difference_n` is the largest between the two at the speeds measured.
-    `square_suffices` says that the corrected AIC prefers k alone.
+    `square_suffices` states that the corrected AIC prefers k alone.
     """
 
     square: PolynomialFit
