@@ -1,13 +1,15 @@
 """Findings about a result: each has a code, a severity, the quantities it concerns, and a sentence."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Any, Literal
 
 Severity = Literal["note", "warning", "rejection"]
 
 SEVERITIES: tuple[Severity, ...] = ("note", "warning", "rejection")
+
+_MOST_NAMES = 2  # of places in a sentence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,38 +17,67 @@ class Finding:
     """A rejection removes the quantities that it concerns, a warning is printed with them, a note is information.
 
     `code` is a row of docs/reference/findings.md. `quantities` are keys, or patterns of keys such as `swing.*`; a
-    finding without any concerns the whole result. `text` is one sentence or a few: what was found, with the numbers,
-    the limit, and the next step.
+    finding without any concerns the whole result. `sentence` is one or a few: what was found, with the numbers, the
+    limit, and the next step. `where` names the files, runs, commands or mounts in which it was found, if any.
     """
 
     code: str
     severity: Severity
-    text: str
+    sentence: str
     quantities: tuple[str, ...] = ()
+    where: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The sentence after the places: one or two by name; of more, the first and how many others."""
+        if len(self.where) > _MOST_NAMES:
+            return f"{self.where[0]} and {len(self.where) - 1} more: {self.sentence}"
+        return f"{', '.join(self.where)}: {self.sentence}" if self.where else self.sentence
+
+    def at(self, place: str) -> "Finding":
+        """Return it as found in one place."""
+        return replace(self, where=(place,))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object of --json."""
+        return {"code": self.code, "severity": self.severity, "quantities": self.quantities, "text": self.text}
 
     def concerns(self, key: str) -> bool:
         """Return whether it concerns a quantity."""
         return not self.quantities or any(fnmatchcase(key, pattern) for pattern in self.quantities)
 
 
-def note(code: str, text: str, *quantities: str) -> Finding:
+def note(code: str, sentence: str, *quantities: str) -> Finding:
     """Return a note: information that does not change the result."""
-    return Finding(code=code, severity="note", text=text, quantities=quantities)
+    return Finding(code=code, severity="note", sentence=sentence, quantities=quantities)
 
 
-def warning(code: str, text: str, *quantities: str) -> Finding:
+def warning(code: str, sentence: str, *quantities: str) -> Finding:
     """Return a warning about quantities that are given nevertheless."""
-    return Finding(code=code, severity="warning", text=text, quantities=quantities)
+    return Finding(code=code, severity="warning", sentence=sentence, quantities=quantities)
 
 
-def rejection(code: str, text: str, *quantities: str) -> Finding:
+def rejection(code: str, sentence: str, *quantities: str) -> Finding:
     """Return a rejection, the reason why quantities are not given."""
-    return Finding(code=code, severity="rejection", text=text, quantities=quantities)
+    return Finding(code=code, severity="rejection", sentence=sentence, quantities=quantities)
+
+
+def of_recording(name: str, notes: Iterable[str]) -> tuple[Finding, ...]:
+    """Return what the reader of a recording noted, as warnings."""
+    return tuple(warning("recording", text).at(name) for text in notes)
+
+
+def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings, each once, in their order; one that was found in several places names all of them."""
+    places: dict[Finding, dict[str, None]] = {}
+    for finding in findings:
+        places.setdefault(replace(finding, where=()), {}).update(dict.fromkeys(finding.where))
+    return tuple(replace(finding, where=tuple(names)) for finding, names in places.items())
 
 
 def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]:
-    """Return the sentences of the findings of some severities, each once."""
-    return tuple(dict.fromkeys(finding.text for finding in findings if finding.severity in severities))
+    """Return the texts of the findings of some severities, each once."""
+    return tuple(dict.fromkeys(finding.text for finding in merged(findings) if finding.severity in severities))
 
 
 def rejected(findings: Iterable[Finding], keys: Iterable[str]) -> dict[str, str]:

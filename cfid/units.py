@@ -14,6 +14,7 @@ USUAL_GRAVITY_MPS2 = 9.81  # as section 3.3.1 of the thesis takes it, where no r
 COVERAGE_95 = 1.96  # standard deviations either side of a normal distribution's 95 %
 
 FULL_COMMAND = LARGEST_COMMAND
+NEAR_FULL = 0.95  # of the full command: where less was measured, what it gives is extrapolated
 DEAD_COMMAND = 1000  # up to here a motor stands (thesis, section 3.3.2)
 
 MOTORS = (1, 2, 3, 4)

@@ -105,7 +105,7 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
 
 
 def _found() -> str:
-    from cfid.rig.crazyflie import find_vehicle
+    from cfid.rig.cflib_drivers import find_vehicle
 
     return find_vehicle()
 

@@ -52,7 +52,7 @@ def _as_json(result: Result, *, accepted: bool) -> str:
         "command": result.command,
         "parameters": {name: p.as_json() for name, p in result.quantities.items()},
         "accepted": accepted,
-        "findings": [asdict(finding) for finding in result.findings],
+        "findings": [finding.as_json() for finding in result.findings],
         "quality": result.quality,
         "sources": [asdict(source) for source in result.sources],
         "version": __version__,

@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -222,7 +222,7 @@ def summary(
 
 
 def _findings(failure: CfidError | None) -> list[dict[str, Any]]:
-    return [] if failure is None else [asdict(rejection("run-failed", str(failure)))]
+    return [] if failure is None else [rejection("run-failed", str(failure)).as_json()]
 
 
 def _devices(run: "Run") -> dict[str, dict[str, Any]]:

@@ -1,6 +1,5 @@
 """Runs in wind, recordings of an index, or a table of reduced forces to drag experiments."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from cfid.drag.wind.data import AS_THEY_ARE, ReducedRecording, WindReading, redu
 from cfid.drag.wind.index import read_wind_index
 from cfid.drag.wind.reduction import reduce_forces
 from cfid.errors import DataError
-from cfid.findings import Finding
+from cfid.findings import merged
 from cfid.motors.maps.checks import marker_findings
 from cfid.records.parameters import Source
 from cfid.records.run import Run
@@ -39,7 +38,7 @@ def read_runs(
     files = [file for part in parts for file in part.sources]
     return replace(
         experiments,
-        findings=(*notes, *_counted(parts), *experiments.findings),
+        findings=merged((*notes, *(one for part in parts for one in part.findings), *experiments.findings)),
         sources=tuple(files if source is None else [source, *files]),
         rigs=tuple(dict.fromkeys(part.rig for part in parts)),
         tachometers=tuple(dict.fromkeys(part.rig for part in parts if part.by_tachometer)),
@@ -67,7 +66,7 @@ def read_forces(path: Path) -> DragExperiments:
         raise DataError(f"{path}: {error}") from None
     speed = experiments.speed_sum_rad_s / ROTORS
     markers = marker_findings(experiments.command, speed, quantities=("drag.*",), single=False)
-    findings = tuple(replace(one, text=f"{path.name}: {one.text}") for one in (*experiments.findings, *markers))
+    findings = tuple(one.at(path.name) for one in (*experiments.findings, *markers))
     return replace(experiments, findings=findings, sources=(Source(str(path), table.sha256),))
 
 
@@ -78,9 +77,3 @@ def _check_once(parts: Sequence[ReducedRecording]) -> None:
         if (known := seen.get(recording.sha256)) is not None:
             raise DataError(f"{recording.path}: the same recording as {known}: name each once.")
         seen[recording.sha256] = recording.path
-
-
-def _counted(parts: Sequence[ReducedRecording]) -> list[Finding]:
-    """Return the findings about recordings, each once, with how many it concerns."""
-    found = Counter(finding for part in parts for finding in part.findings)
-    return [one if count == 1 else replace(one, text=f"{count} recordings: {one.text}") for one, count in found.items()]

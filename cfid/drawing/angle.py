@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
+from cfid.drawing.intervals import GAP, draw_intervals
 from cfid.drawing.style import ALERT, INK, MUTED, RECORDED, draw_line, figure, name_panel, styled, words
 from cfid.estimate.signals import GRID_S, resample
 from cfid.records.tables.angle import AngleRecord
@@ -15,9 +16,7 @@ Array = npt.NDArray[np.float64]
 TURNS_FROM = 2  # a record that spans more turns than this is drawn in turns
 
 _TIME = "time (s)"
-_GAP = 10  # median intervals without a sample that count as a gap
 _SMOOTHED = 9  # samples of the grid, over which the speed's parabola lies
-_BINS = 60
 
 
 @styled
@@ -27,7 +26,7 @@ def recording_figure(record: AngleRecord, *, title: str) -> Figure:
     intervals = np.diff(record.time_s)
     _draw_angle(page.add_subplot(grid[0, :]), record)
     _draw_speed(page.add_subplot(grid[1, :]), record)
-    _draw_intervals(page.add_subplot(grid[2, 0]), intervals)
+    draw_intervals(page.add_subplot(grid[2, 0]), intervals, usual_s=float(np.median(intervals)), letter="c")
     gaps = _gaps(intervals)
     words(
         page.add_subplot(grid[2, 1]),
@@ -63,16 +62,6 @@ def _draw_speed(axes: Axes, record: AngleRecord) -> None:
     axes.margins(y=0.08)
 
 
-def _draw_intervals(axes: Axes, intervals_s: Array) -> None:
-    name_panel(axes, "(c) sampling intervals", x="interval (ms)", y="count (-)")
-    low, high = 1e3 * intervals_s.min(), 1e3 * intervals_s.max()
-    # With an even clock only rounding lies between the two: bins that narrow would show nothing.
-    room = max(0.0, 0.1 * 1e3 * float(np.median(intervals_s)) - (high - low)) / 2
-    axes.hist(1e3 * intervals_s, bins=_BINS, range=(low - room, high + room), color=RECORDED, lw=0)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=0.7)
-
-
 def _facts(record: AngleRecord, intervals_s: Array) -> list[tuple[str, str]]:
     gaps = _gaps(intervals_s)
     duration, median = float(record.time_s[-1]), float(np.median(intervals_s))
@@ -84,7 +73,7 @@ def _facts(record: AngleRecord, intervals_s: Array) -> list[tuple[str, str]]:
         ("mean rate", f"{len(intervals_s) / duration:.5g} Hz" if duration > 0 else "-"),
         ("median interval", f"{1e3 * median:.4g} ms"),
         ("longest interval", longest),
-        ("gaps", f"{len(gaps)} over {_GAP} median intervals" if len(gaps) else "none"),
+        ("gaps", f"{len(gaps)} over {GAP} median intervals" if len(gaps) else "none"),
         ("repeated times", f"{np.count_nonzero(intervals_s == 0)}"),
         ("angle's range", f"{span / (2 * np.pi):.4g} turns" if _in_turns(record) else f"{np.degrees(span):.4g}°"),
     ]
@@ -98,4 +87,4 @@ def _gaps(intervals_s: Array) -> npt.NDArray[np.intp]:
     """Return the samples after which the recording paused."""
     # Time stamps of a block repeat: the median of all intervals may be zero.
     passing = intervals_s[intervals_s > 0]
-    return np.flatnonzero(intervals_s > _GAP * np.median(passing)) if len(passing) else np.empty(0, dtype=np.intp)
+    return np.flatnonzero(intervals_s > GAP * np.median(passing)) if len(passing) else np.empty(0, dtype=np.intp)

@@ -2,6 +2,8 @@
 
 import math
 
+MICRO = 1e6  # of a unit
+
 _ROOM = 19  # characters: six digits with their uncertainty
 
 

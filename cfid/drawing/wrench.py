@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import find_peaks, welch
 
+from cfid.drawing.intervals import GAP, draw_intervals
 from cfid.drawing.numbers import plus_minus
 from cfid.drawing.style import ALERT, MUTED, RECORDED, SERIES, draw_line, figure, legend, name_panel, styled, words
 from cfid.estimate.blocks import block_means
@@ -19,9 +20,8 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 _TIME = "time (s)"
-_MEAN_S = 0.05  # length of the drawn means: some turns of the slowest rotor
+MEAN_S = 0.05  # length of the drawn means: some turns of the slowest rotor
 _MOST_MEANS = 1000
-_GAP = 10  # median intervals without a sample that count as a gap
 _HOST_GAP_S = 0.1  # the same for times of arrival at a computer, which may be late by tens of milliseconds
 _EVEN = 0.5  # of the median interval: if no interval is shorter, the times are the box's own
 _RESOLUTION_S = 1.0  # length of the segments whose spectra are averaged; rotors do not hold a speed for longer
@@ -35,7 +35,6 @@ _LEAST = 1e-5  # of the highest amplitude, for an amplitude that is shown
 _SHORTEST = 16  # samples of such a segment
 _LABEL_DECADES = 0.9  # above the highest line, for the labels
 _LABEL_WIDTH = 0.085  # of the panel, from one label to the next
-_BINS = 60
 
 
 class AmplitudeSpectrum(NamedTuple):
@@ -53,7 +52,9 @@ def wrench_figure(record: WrenchRecord, *, title: str) -> Figure:
     _draw_axes(forces, record, record.force_n, names=AXES[:3], title="(a) forces", y="force (N)")
     _draw_axes(torques, record, 1e3 * record.torque_nm, names=AXES[3:], title="(b) torques", y="torque (mNm)")
     _draw_spectrum(page.add_subplot(grid[2, :]), spectrum_of(record.time_s, record.force_n[:, 2]))
-    _draw_intervals(page.add_subplot(grid[3, 0]), np.diff(record.time_s))
+    draw_intervals(
+        page.add_subplot(grid[3, 0]), np.diff(record.time_s), usual_s=_usual_s(np.diff(record.time_s)), letter="d"
+    )
     wrong = {"gaps": len(gaps_of(record.time_s)), "lost": record.lost}
     red = [name for name, count in wrong.items() if count]
     words(page.add_subplot(grid[3, 1]), "in numbers", _facts(record), red=red)
@@ -98,7 +99,7 @@ def _lowest_hz(spectrum: AmplitudeSpectrum) -> float:
 def gaps_of(time_s: Array) -> Indices:
     """Return the samples after which the recording paused."""
     intervals = np.diff(time_s)
-    least = _GAP * _usual_s(intervals)
+    least = GAP * _usual_s(intervals)
     return np.flatnonzero(intervals > (least if _is_even(intervals) else max(least, _HOST_GAP_S)))
 
 
@@ -126,7 +127,7 @@ def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequen
     """Draw three axes (n, 3), samples pale and their means above them, which vibration does not hide."""
     time, intervals = record.time_s, np.diff(record.time_s)
     interval_s = _usual_s(intervals) if _is_even(intervals) else float(intervals.mean())
-    length = min(len(time), max(1, round(_MEAN_S / interval_s), len(time) // _MOST_MEANS))
+    length = min(len(time), max(1, round(MEAN_S / interval_s), len(time) // _MOST_MEANS))
     name_panel(axes, f"{title}: samples (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
     pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
@@ -172,16 +173,6 @@ def _spread(wanted: Array) -> Array:
     free = wanted - steps
     level = (np.maximum.accumulate(free) + np.minimum.accumulate(free[::-1])[::-1]) / 2
     return np.asarray(np.clip(level, _LABEL_WIDTH / 2, 1 - _LABEL_WIDTH / 2 - steps[-1]) + steps)
-
-
-def _draw_intervals(axes: Axes, intervals_s: Array) -> None:
-    name_panel(axes, "(d) sampling intervals", x="interval (ms)", y="count (-)")
-    low, high = 1e3 * intervals_s.min(), 1e3 * intervals_s.max()
-    # With an even clock only rounding lies between the two: bins that narrow would show nothing.
-    room = max(0.0, 0.1 * 1e3 * _usual_s(intervals_s) - (high - low)) / 2
-    axes.hist(1e3 * intervals_s, bins=_BINS, range=(low - room, high + room), color=RECORDED, lw=0)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=0.7)
 
 
 def _facts(record: WrenchRecord) -> list[tuple[str, str]]:

@@ -38,9 +38,9 @@ _DRAWS, _SEED = 400, 1
 class MonotoneCubic:
     """A cubic `fit` that rises over all voltages.
 
-    `bound` says that the constraint holds it there, `departure` how far it is at most from the unconstrained cubic,
-    over the largest thrust, from the idle thrust up. `refusal` says why the data contradict every such cubic, "" where
-    they do not.
+    `bound` states that the constraint holds it there, `departure` how far it is at most from the unconstrained cubic,
+    over the largest thrust, from the idle thrust up. `refusal` states why the data contradict every such cubic, ""
+    where they do not.
     """
 
     fit: PolynomialFit

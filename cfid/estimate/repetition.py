@@ -17,7 +17,7 @@ from cfid.estimate.linear import fit_linear, weighted_mean
 
 Array = npt.NDArray[np.float64]
 
-LEAST_PROBABILITY = 0.01  # of values that are said to agree
+LEAST_PROBABILITY = 0.01  # of values that agree
 _DAY_S = 86400.0
 
 

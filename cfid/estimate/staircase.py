@@ -58,7 +58,7 @@ class Level(NamedTuple):
 class Point:
     """One command: means (k,) of its steady window less the tare, with standard deviations that hold the tare's.
 
-    NaN where it never settled: `reason` says why it did not, or why it should not be used. `tare_shares` (r, k) is
+    NaN where it never settled: `reason` states why it did not, or why it should not be used. `tare_shares` (r, k) is
     what one deviation of each of the record's r rests does to the tare. `slope` per second is what
     still changes in the window; `motors`, 1 to 4, are those that ran. The thrust began to follow at `onset_s`, with
     the time constant `lag_s`, and `delay_s` after its command: what other instruments recorded by the clock of the
@@ -165,7 +165,7 @@ def reduce_single(
 ) -> Staircase:
     """Reduce a record of one command between two rests, as the thesis took them; all else as `reduce_staircase`.
 
-    Raises FitError when more than one step is seen, unless a window says which is meant.
+    Raises FitError when more than one step is seen, unless a window states which is meant.
     """
     record = prepared(time_s, channels, status=status, thrust=thrust)
     intervals = changes_seen(record.slow)
@@ -211,9 +211,9 @@ def _reduced(
         height = max(heights[i], _LEAST_HEIGHT * heights.max())
         stretch = Stretch(*window) if window else _steady(record, rests, bounds[i], height=height)
         points.append(_point(record, rests, intervals[i], begun[i - 1], stretch))
-    asked = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
-    if asked and all(reason.startswith(_SILENT) for reason in asked):
-        raise DataError(f"the motors never turn: {asked[-1]}. Is the vehicle armed, its battery charged?")
+    reasons = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
+    if reasons and all(reason.startswith(_SILENT) for reason in reasons):
+        raise DataError(f"the motors never turn: {reasons[-1]}. Is the vehicle armed, its battery charged?")
     before, after = rests[0], rests[-1] if rests[-1].time_s > bounds[steps[-1]][1] else None
     return Staircase(
         points=tuple(points),

@@ -12,9 +12,8 @@ from cfid.records.campaign import RUNS_FOLDER
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
 from cfid.records.rig_file import BodyFrame, Rig, thesis_rig
-from cfid.units import FULL_COMMAND, MM
+from cfid.units import FULL_COMMAND, MM, NEAR_FULL
 
-_FAR = 0.95  # of it, as `cfid fit thrust` has it: where less was measured, its values there are extrapolated
 Stale = Callable[[Section], Sequence[str]]
 _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 
@@ -247,7 +246,7 @@ def _commands(section: Section) -> tuple[float, float] | None:
 
 def _extrapolated(commands: tuple[float, float] | None) -> str:
     """Return a sentence where the motors were measured well below the full command, else nothing."""
-    if commands is None or commands[1] >= _FAR * FULL_COMMAND:
+    if commands is None or commands[1] >= NEAR_FULL * FULL_COMMAND:
         return ""
     return f"EXTRAPOLATED at the full command: {commands[1]:.0f} of {FULL_COMMAND} is the largest that was measured."
 

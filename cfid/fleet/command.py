@@ -123,7 +123,7 @@ def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Know
             "vehicle": summary.vehicle,
             "complete_runs": summary.complete_runs,
             "other_runs": summary.other_runs,
-            "findings": [asdict(finding) for finding in summary.findings],
+            "findings": [finding.as_json() for finding in summary.findings],
         }
         for summary in summaries
     ]

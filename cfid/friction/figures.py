@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from cfid.drawing.numbers import plus_minus, shortened
+from cfid.drawing.numbers import MICRO, plus_minus, shortened
 from cfid.drawing.style import (
     ALERT,
     INK,
@@ -43,7 +43,6 @@ MOST_ROWS = 6  # runs that get a row of their own
 
 _TIME = "time (s)"
 _SPEED = "speed (rad/s)"
-_MICRO = 1e6
 _NANO = 1e9
 _THESIS = "thesis: mean M_fr"
 
@@ -99,13 +98,13 @@ def friction_figure(
     name_panel(torque_axes, "(a) torque of the weight", x=_SPEED, y="torque (µN m)")
     name_panel(coefficient_axes, "(b) torque over speed: M_fr of eq. 2.14", x=_SPEED, y="coefficient (µN m s/rad)")
     for drop in drops:
-        _draw_drop(torque_axes, coefficient_axes, drop, _MICRO * drop.weight_kg * gravity_mps2 * radius_m)
+        _draw_drop(torque_axes, coefficient_axes, drop, MICRO * drop.weight_kg * gravity_mps2 * radius_m)
     speed = np.linspace(0.0, 1.03 * torque_axes.get_xlim()[1], 300)[1:]
     highest = coefficient_axes.get_ylim()[1]
     for found, colour, ls in ((friction, MODEL, "-"), (thesis, MUTED, "--")):
         if found.viscous_nms_per_rad is None:
             continue
-        line = _MICRO * ((found.coulomb_nm or 0.0) + found.viscous_nms_per_rad * speed)
+        line = MICRO * ((found.coulomb_nm or 0.0) + found.viscous_nms_per_rad * speed)
         torque_axes.plot(speed, line, color=colour, ls=ls, zorder=1.5)
         coefficient_axes.plot(speed, line / speed, color=colour, ls=ls, zorder=1.5)
     for axes in (torque_axes, coefficient_axes):
@@ -165,7 +164,7 @@ def _numbers(found: FrictionEstimate) -> list[tuple[str, str]]:
         return name, plus_minus(scale * value, scale * (std or 0.0), unit=unit)
 
     return [
-        row("viscous", found.viscous_nms_per_rad, found.viscous_std, _MICRO, "µN m s/rad"),
-        row("Coulomb", found.coulomb_nm, found.coulomb_std, _MICRO, "µN m"),
+        row("viscous", found.viscous_nms_per_rad, found.viscous_std, MICRO, "µN m s/rad"),
+        row("Coulomb", found.coulomb_nm, found.coulomb_std, MICRO, "µN m"),
         row("set-up's inertia", found.setup_inertia_kg_m2, found.setup_inertia_std, _NANO, "10⁻⁹ kg m²"),
     ]

@@ -75,12 +75,12 @@ def fit(
         quality={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
         findings=(
             *notes,
-            *(warning("recording", text) for record in records for text in record.notes),
+            *(finding for record in records for finding in record.findings),
             *found.findings,
             *implausible_inputs(_given_numbers(radius_m, measured), rig, "friction.*"),
             *implausible_quantities(quantities, rig),
             *(
-                warning("friction-drop-left-out", f"{record.name}: the speed never settles; it is left out.")
+                warning("friction-drop-left-out", "the speed never settles; it is left out.").at(record.name)
                 for record in unsettled
             ),
         ),
@@ -141,10 +141,10 @@ def _line(drop: Drop) -> str:
 
 def _quantities(found: FrictionEstimate, drops: Sequence[Drop]) -> dict[str, Parameter]:
     return {
-        VISCOUS: Parameter(value=found.viscous_nms_per_rad, std=found.viscous_std, unit="N m s/rad"),
-        COULOMB: Parameter(value=found.coulomb_nm, std=found.coulomb_std, unit="N m"),
-        SETUP_INERTIA: Parameter(value=found.setup_inertia_kg_m2, std=found.setup_inertia_std, unit="kg m^2"),
-        "friction.runs": Parameter(value=[_row(drop) for drop in drops], unit="as named"),
+        VISCOUS: Parameter(value=found.viscous_nms_per_rad, std=found.viscous_std),
+        COULOMB: Parameter(value=found.coulomb_nm, std=found.coulomb_std),
+        SETUP_INERTIA: Parameter(value=found.setup_inertia_kg_m2, std=found.setup_inertia_std),
+        "friction.runs": Parameter(value=[_row(drop) for drop in drops]),
     }
 
 

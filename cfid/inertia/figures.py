@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from cfid.drawing.numbers import plus_minus
+from cfid.drawing.numbers import MICRO, plus_minus
 from cfid.drawing.style import (
     ALERT,
     DASHES,
@@ -33,7 +33,6 @@ from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
 
-_MICRO = 1e6
 _WRITTEN = 8  # places across a page that leave room for a number each
 # One colour and one hatch for each group of inputs, so that two budgets can be laid side by side.
 _GROUPS = {
@@ -93,7 +92,7 @@ def _draw_pairs(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
         (0.24, measured, RECORDED, "", "from swings"),
     ):
         place = np.arange(len(comparisons)) + aside
-        value, spread = _MICRO * np.array(pairs).T
+        value, spread = MICRO * np.array(pairs).T
         panel.bar(place, value, 0.46, color=colour, hatch=hatch, ec="white", lw=0.6, label=name)
         panel.errorbar(place, value, yerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=3)
         if len(comparisons) <= _WRITTEN // 2:
@@ -119,11 +118,11 @@ def _draw_differences(panel: Axes, comparisons: Sequence[BodyComparison]) -> Non
 def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
     """Draw one bar for each entry, as high as its standard uncertainty, and return the legend's entries."""
     place = np.arange(len(ENTRIES))
-    deviation = _MICRO * np.array([fit.std_kg_m2[i, j] for i, j in ENTRIES.values()])
+    deviation = MICRO * np.array([fit.std_kg_m2[i, j] for i, j in ENTRIES.values()])
     bottom = np.zeros(len(ENTRIES))
     key: list[Artist] = []  # from the top of the bars downwards
     for group, contribution in fit.budget.items():
-        squares = np.array([(_MICRO * contribution[i, j]) ** 2 for i, j in ENTRIES.values()])
+        squares = np.array([(MICRO * contribution[i, j]) ** 2 for i, j in ENTRIES.values()])
         part = np.divide(squares, deviation, out=np.zeros_like(squares), where=deviation > 0)
         colour, hatch = _GROUPS.get(group, (MUTED, ""))
         how: dict[str, Any] = {"fc": colour, "hatch": hatch, "ec": "white", "lw": 0.6}
@@ -131,7 +130,7 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
         key.insert(0, Patch(label=group, **how))
         bottom += part
     for x, ((i, j), height) in enumerate(zip(ENTRIES.values(), deviation, strict=True)):
-        share = 100 * height / (_MICRO * abs(fit.matrix_kg_m2[i, j]))
+        share = 100 * height / (MICRO * abs(fit.matrix_kg_m2[i, j]))
         _write_above(panel, x, height, f"{height:#.2g}" if i != j else f"{height:#.2g} ({share:#.2g} %)")
     panel.set_xticks(place, [f"I$_\\mathrm{{{name}}}$" for name in ENTRIES])
     panel.set_xlim(-0.65, len(ENTRIES) - 0.35)
@@ -147,7 +146,7 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
 
 def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
     place = _name_mounts(panel, axes)
-    value, spread = _MICRO * fit.axes.about_centre_kg_m2, _MICRO * fit.axes.about_centre_std_kg_m2
+    value, spread = MICRO * fit.axes.about_centre_kg_m2, MICRO * fit.axes.about_centre_std_kg_m2
     name_panel(panel, "(b) each swing", x="mount", y="I$_\\mathrm{G}$ (10⁻⁶ kg m²)")
     panel.errorbar(place, value, yerr=spread, fmt="o", ms=4, color=RECORDED, ecolor=INK, elinewidth=1.2, capsize=3)
     panel.margins(y=0.2)
@@ -181,7 +180,7 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
     mass = float(np.median((measured.about_axis_kg_m2 - measured.about_centre_kg_m2) / measured.distance_m**2))
     reach = np.concatenate([current, best[best > 0]])
     distance = np.linspace(0.8 * reach.min(), 1.12 * reach.max(), 200)
-    per_mm = _MICRO * MM
+    per_mm = MICRO * MM
     name_panel(
         panel, f"({letter}) what a millimetre of mounting distance costs",
         x="distance from axis to centre of mass (mm)", y="dI$_\\mathrm{G}$/dr (10⁻⁶ kg m² per mm)",

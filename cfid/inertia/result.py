@@ -28,7 +28,6 @@ from cfid.swing.result import Method
 
 Array = npt.NDArray[np.float64]
 
-_UNIT = "kg m^2"
 _GRAM_KG, _FIXTURE_M = 1e-3, 2e-3
 
 
@@ -141,7 +140,7 @@ def _quantities(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None)
     found = {}
     if fit is not None:
         spread = fit.std_kg_m2 if fit.std_kg_m2.any() else None
-        found[MATRIX] = Parameter(value=fit.matrix_kg_m2, std=spread, unit=_UNIT)
+        found[MATRIX] = Parameter(value=fit.matrix_kg_m2, std=spread)
     for name, values, std in (
         ("axis", measured.about_axis_kg_m2, measured.about_axis_std_kg_m2),
         ("centre", measured.about_centre_kg_m2, measured.about_centre_std_kg_m2),
@@ -149,7 +148,7 @@ def _quantities(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None)
         for axis in dict.fromkeys(axes):
             own = [i for i, other in enumerate(axes) if other == axis]
             mean, mean_std = _combined(values[own], std[own])
-            found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=mean, std=mean_std or None, unit=_UNIT)
+            found[f"inertia.{name}_kg_m2.{axis}"] = Parameter(value=mean, std=mean_std or None)
     return found
 
 

@@ -19,8 +19,6 @@ from cfid.swing.result import Method
 UNLIKELY_STD = 4.0
 ANOTHER_STD = 20.0  # no calliper is that wrong
 
-_UNIT = "kg m^2"
-
 
 def fit_testbody(
     swings: Sequence[Swing],
@@ -71,12 +69,12 @@ def fit_testbody(
 def _quantities(comparisons: Sequence[BodyComparison]) -> dict[str, Parameter]:
     found = {}
     for c in comparisons:
-        for name, value, std, unit in (
-            ("calculated_kg_m2", c.calculated_kg_m2, c.calculated_std_kg_m2, _UNIT),
-            ("measured_kg_m2", c.measured_kg_m2, c.measured_std_kg_m2, _UNIT),
-            ("error", c.error, c.error_std, "1"),
+        for name, value, std in (
+            ("calculated_kg_m2", c.calculated_kg_m2, c.calculated_std_kg_m2),
+            ("measured_kg_m2", c.measured_kg_m2, c.measured_std_kg_m2),
+            ("error", c.error, c.error_std),
         ):
-            found[f"testbody.{name}.{c.axis}"] = Parameter(value=value, std=std or None, unit=unit)
+            found[f"testbody.{name}.{c.axis}"] = Parameter(value=value, std=std or None)
     return found
 
 

@@ -37,7 +37,7 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
             raise DataError(f"{record.name}: the same pings as before: name each run once.")
     rtt_s = np.concatenate([record.rtt_s for record in records])
     trips = round_trips(rtt_s)
-    findings = [warning("recording", text) for record in records for text in record.notes]
+    findings = [finding for record in records for finding in record.findings]
     if trips.are_correlated:
         text = (
             f"{trips.answers} round trips are worth only {trips.effective:.0f} independent ones (limit "

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.estimate.signals import quiet_mean
+from cfid.findings import Finding
 from cfid.loadcell.estimation import Loads, joined
 from cfid.loadcell.model import applied_wrench, place_error
 from cfid.motors.data import channels_of
@@ -35,7 +36,7 @@ class LoadedRun:
     reading: Array
     std: Array
     source: Source
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
     rig: RigFacts
     folder: Path
 
@@ -69,7 +70,7 @@ def read_load(run: Run | Path | str) -> LoadedRun:
         reading=mean.value,
         std=mean.std,
         source=record.source,
-        notes=record.notes,
+        findings=record.findings,
         rig=run.header.rig,
         folder=run.folder,
     )

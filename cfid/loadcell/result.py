@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, scales_of_weights, with_common_causes
-from cfid.findings import Finding, note, rejection, warning
+from cfid.findings import Finding, note, rejection
 from cfid.loadcell.data import LoadedRun, loads_of, read_load
 from cfid.loadcell.estimation import AXES, AxisFit, fit_axes
 from cfid.records.covariances import Covariance, covariance_between
@@ -55,7 +55,7 @@ def fit(
         covariances=tuple(one for fit in found.values() for one in _covariances(fit)),
         quality={"runs": len(loaded), "misfit": {axis: fit.misfit for axis, fit in found.items()}},
         findings=(
-            *(warning("recording", text) for run in loaded for text in run.notes),
+            *(finding for run in loaded for finding in run.findings),
             *(finding for fit in found.values() for finding in _findings(fit)),
             *_not_determined(found),
         ),

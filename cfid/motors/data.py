@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +40,7 @@ class RunStaircase:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the steps, each with the record's name."""
-        return tuple(replace(one, text=f"{self.record.name}: {one.text}") for one in self.reduced.findings)
+        return tuple(one.at(self.record.name) for one in self.reduced.findings)
 
     def volts(self, points: Sequence[Point]) -> Array | None:
         """Return the battery's mean voltages (p,) at points, None where the vehicle logged none."""
@@ -81,8 +81,8 @@ def without_dead(ran: Sequence[int], speeds: Mapping[int, Array], name: str) -> 
     """
     shown = [motor for motor in ran if motor in speeds and np.any(speeds[motor] > 0)]
     dead = [motor for motor in ran if shown and motor in speeds and motor not in shown]
-    text = "{name}: the speed of rotor {motor} is 0 throughout while others turn: its sensor is dead, and left out."
-    findings = (warning("rotor-sensor-dead", text.format(name=name, motor=motor)) for motor in dead)
+    text = "the speed of rotor {motor} is 0 throughout while others turn: its sensor is dead, and left out."
+    findings = (warning("rotor-sensor-dead", text.format(motor=motor)).at(name) for motor in dead)
     return [motor for motor in ran if motor not in dead], tuple(findings)
 
 

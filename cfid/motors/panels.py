@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from cfid.drawing.numbers import plus_minus
 from cfid.drawing.style import ALERT, INK, MODEL, RECORDED, RECORDED_BELOW, WINDOW, draw_line, name_panel
+from cfid.drawing.wrench import MEAN_S
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.staircase import Level, Point, Staircase
 from cfid.units import FULL_COMMAND
@@ -20,7 +21,6 @@ from cfid.units import FULL_COMMAND
 Array = npt.NDArray[np.float64]
 
 COMMAND = "command (0 to 65535)"
-MEAN_S = 0.05  # over which thrust is drawn: some turns of the slowest rotor
 
 _MOST_BINS = 2000  # of the band: two for every dot of a screen
 _FEWEST = 10  # samples of a mean that leaves the lowest and the highest out

@@ -29,9 +29,9 @@ class StaircasePlan:
     @classmethod
     def of_run(cls, run: Run) -> "StaircasePlan":
         """Return the staircase that run.toml states. Raises KeyError for a run of something else."""
-        asked = run.header.asked
-        steps, motors = tuple(asked["steps"]), tuple(asked["motors"])
-        return cls(steps=steps, motors=motors, hold_s=asked["hold_s"], rest_s=asked["rest_s"])
+        request = run.header.asked
+        steps, motors = tuple(request["steps"]), tuple(request["motors"])
+        return cls(steps=steps, motors=motors, hold_s=request["hold_s"], rest_s=request["rest_s"])
 
     @property
     def duration_s(self) -> float:

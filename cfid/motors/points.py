@@ -55,7 +55,7 @@ class Errors(NamedTuple):
     shared: Array | None
 
 
-class Measured(NamedTuple):
+class PairedPoints(NamedTuple):
     """Points (n,) that have both values, y over x, with standard uncertainties and their shared parts, where known.
 
     `windows` (n, N) are the parts of all N windows in each point, in units of their uncertainties; its rows have length
@@ -69,10 +69,10 @@ class Measured(NamedTuple):
     x_errors: Errors = Errors(None, None)
     y_errors: Errors = Errors(None, None)
 
-    def kept(self, rows: npt.NDArray[np.bool_]) -> "Measured":
+    def kept(self, rows: npt.NDArray[np.bool_]) -> "PairedPoints":
         """Return some of the points, `rows` (n,)."""
         x_errors, y_errors = (Errors(*(None if part is None else part[rows] for part in errors)) for errors in self[4:])
-        return Measured(self.command[rows], self.x[rows], self.y[rows], self.windows[rows], x_errors, y_errors)
+        return PairedPoints(self.command[rows], self.x[rows], self.y[rows], self.windows[rows], x_errors, y_errors)
 
     def total_errors(self, *, order: int) -> Errors:
         """Return the errors of y, with those of x times the slope added; none where y's are unknown."""
@@ -140,7 +140,7 @@ def motor_table(points: MotorPoints) -> tuple[TableRow, ...]:
     return tuple(TableRow(*row) for row in rows)
 
 
-def measured(points: MotorPoints, name: str, *, over: str = "command") -> Measured:
+def measured(points: MotorPoints, name: str, *, over: str = "command") -> PairedPoints:
     """Take the points that have both quantities; where no single one has, command by command.
 
     Raises FitError when either was not measured, or never at the same command.
@@ -153,7 +153,7 @@ def measured(points: MotorPoints, name: str, *, over: str = "command") -> Measur
             raise FitError(f"no column {' and no '.join(missing)}: it was not measured.")
         both = np.isfinite(x) & np.isfinite(y)
         if both.any():
-            found = Measured(source.command, x, y, windows, _errors(source, over), _errors(source, name))
+            found = PairedPoints(source.command, x, y, windows, _errors(source, over), _errors(source, name))
             return found.kept(both)
     raise FitError(f"no command has both {over} and {name}: they were measured at different ones.")
 

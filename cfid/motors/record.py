@@ -37,7 +37,7 @@ def record_forces(
     asked: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
 ) -> None:
-    """Record load cell, commands and the vehicle's log during a staircase; a `question` is asked at each command.
+    """Record load cell, commands and the vehicle's log during a staircase; a `question` is put at each command.
 
     `asked` goes into run.toml beside the staircase. Raises ConfigError or DeviceError.
     """
@@ -169,9 +169,9 @@ def _plan(
 
 
 def _procedure(stairs: StaircasePlan, question: str | None, live: LiveLine, *, tare: bool) -> Procedure:
-    """Return the staircase; with a question the operator is asked at each command.
+    """Return the staircase; a question is put to the operator at each command.
 
-    A `tare` is a pause before the first command, and then nobody is asked about rotors that stand.
+    A `tare` is a pause before the first command, and then no question is put about rotors that stand.
     """
     if question is None:
         return lambda there, loop: run_staircase(stairs, there["commands"], loop=loop, tell=live.task)

@@ -69,7 +69,7 @@ def rewritten(path: Path) -> bytes | None:
 
 
 def _as_json(fit: Fit) -> bytes:
-    content = {"format": FORMAT} | plain(asdict(fit))
+    content = {"format": FORMAT} | plain(asdict(fit)) | {"findings": [one.as_json() for one in fit.findings]}
     text = json.dumps(content, indent=1, allow_nan=False, default=_text, ensure_ascii=False)
     return text.encode("utf-8", "replace")
 
@@ -115,8 +115,15 @@ def _content(path: Path) -> Any:
     findings = [finding("of-an-older-version", text) for finding, sentences in old for text in sentences]
     return content | {
         "section": with_current_keys(content.get("section")),
-        "findings": content.get("findings") or findings,
+        "findings": _with_sentences(content.get("findings")) or findings,
     }
+
+
+def _with_sentences(findings: Any) -> Any:
+    """Return findings of a file as the class has them: the text with all places is the sentence."""
+    if not isinstance(findings, list) or not all(isinstance(one, dict) for one in findings):
+        return findings
+    return [{"sentence" if key == "text" else key: value for key, value in one.items()} for one in findings]
 
 
 def _text(value: Any) -> str:

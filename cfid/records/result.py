@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cfid.findings import Finding
+from cfid.findings import Finding, merged
 from cfid.findings import rejected as rejected_among
 from cfid.quantities.lookup import unit_of
 from cfid.records.covariances import Covariance
@@ -43,9 +43,10 @@ class Result:
     folder: Path = field(default_factory=Path)
 
     def __post_init__(self) -> None:
-        """Give a quantity that states no unit that of the registry."""
+        """Give a quantity that states no unit that of the registry, and merge findings of several files."""
         named = {key: one if one.unit else replace(one, unit=unit_of(key)) for key, one in self.quantities.items()}
         object.__setattr__(self, "quantities", named)
+        object.__setattr__(self, "findings", merged(self.findings))
 
     @property
     def rejected(self) -> Mapping[str, str]:

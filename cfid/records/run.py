@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RUN_FILE = "run.toml"
 FORMAT = 1
 
-_NOTABLE_SKIPS = 0.01  # of the samples asked for
+_NOTABLE_SKIPS = 0.01  # of the samples requested
 State = Literal["recording", "complete", "interrupted", "failed"]
 
 
@@ -56,7 +56,7 @@ class Label(_Section):
 class DeviceRecord(_Section):
     """One device's file: its columns in the device's own units, and the scale from counts to SI.
 
-    `lost` samples were taken and are missing; `skipped` ones, of a device that is asked at `rate_hz`, were never taken.
+    `lost` samples were taken and are missing; `skipped` ones, of a device polled at `rate_hz`, were never taken.
     """
 
     file: _FileName

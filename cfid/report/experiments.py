@@ -43,9 +43,8 @@ class Experiment:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings, then notes; one about several recordings appears once."""
-        names = {name for source in self.sources for name in _names(Path(source.path))}
-        return _together((*texts(self.findings, "warning"), *texts(self.findings, "note")), names)
+        """Warnings, then notes."""
+        return (*texts(self.findings, "warning"), *texts(self.findings, "note"))
 
     @property
     def anchor(self) -> str:
@@ -107,26 +106,6 @@ def _experiment(
         figures=tuple(own),
         notes=(*_replaced(measurement), *_drawn_over(len(stems) - len(kept))),
         sources=fit.section.sources,
-    )
-
-
-def _names(path: Path) -> tuple[str, ...]:
-    """Return the names that a finding may have for a recording: of its run folder and of its file."""
-    return path.parent.name, path.stem, path.name
-
-
-def _together(warnings: Sequence[str], recordings: set[str]) -> tuple[str, ...]:
-    """Merge sentences `NAME: words` that several recordings share."""
-    named: dict[str, list[str]] = {}
-    for warning in warnings:
-        name, _, words = warning.partition(": ")
-        if name in recordings:
-            named.setdefault(words, []).append(name)
-        else:
-            named.setdefault(warning, [])
-    return tuple(
-        f"{len(names)} recordings: {words}" if len(names) > 1 else ": ".join([*names, words])
-        for words, names in named.items()
     )
 
 

@@ -1,8 +1,7 @@
 """Drives motors through cfid's app on the vehicle, which stops them itself when keep-alives stay away."""
 
 import secrets
-from collections.abc import Awaitable, Callable
-from typing import Any
+from collections.abc import Awaitable, Callable, Mapping
 
 from twisted.internet.base import DelayedCall
 
@@ -26,6 +25,18 @@ _SINE_ENDS_S = 2.0
 _OTHERS_S = 0.7  # for the app to drop a program that died
 _WHY_S = 0.15
 _OVERRIDES = "motorPowerSet.enable"
+_VERDICTS: Mapping[int, str] = {
+    AppVerdict.ACCEPTED: "accepted",
+    AppVerdict.WRONG_LENGTH: "the request has the wrong length",
+    AppVerdict.NO_SUCH_MOTOR: "there is no such motor",
+    AppVerdict.NO_KEEP_ALIVE: "it receives no keep-alive",
+    AppVerdict.SINE_IS_RUNNING: "a sine is running",
+    AppVerdict.MOTORS_NOT_ALLOWED: "its supervisor does not let the motors run: not armed, tumbled or stopped",
+    AppVerdict.NO_SAMPLES: "N is zero",
+    AppVerdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
+    AppVerdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
+    AppVerdict.NOT_OWNER: "another program holds the motors, or a stop ended this one's hold",
+}
 
 
 class AppMotors:
@@ -278,7 +289,7 @@ class AppMotors:
         if Flags.MOTORS_ALLOWED in taken_back.flags and (seen is None or seen.can_fly):
             return "it received no keep-alive for a while, or its supervisor did not let motors run for a moment"
         if seen is None or seen.can_fly:
-            return app.VERDICTS[AppVerdict.MOTORS_NOT_ALLOWED]
+            return _VERDICTS[AppVerdict.MOTORS_NOT_ALLOWED]
         return f"it is {seen.name}{': ' if seen.remedy else ''}{seen.remedy}"
 
     def _refuse_when_stopped(self) -> None:
@@ -287,5 +298,4 @@ class AppMotors:
 
 
 def _verdict(value: int) -> str:
-    known: Any = app.VERDICTS
-    return str(known.get(value, f"verdict {value}"))
+    return _VERDICTS.get(value, f"verdict {value}")

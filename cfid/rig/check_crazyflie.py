@@ -3,8 +3,9 @@
 from cfid.errors import DeviceError
 from cfid.records.rig_file import CrazyflieLink
 from cfid.rig.asking import logged, parameter_of, state_of
+from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.check import DeviceAnswer
-from cfid.rig.crazyflie import Link, find_vehicle
+from cfid.rig.crazyflie import Link
 from cfid.rig.crazyflie_log import BATTERY
 from cfid.rig.lock import DeviceLock, holder_of
 from cfid.rig.motors import Firmware, firmware_of

@@ -11,7 +11,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 _WRAP = 1 << 32
-_REMEMBERED_BLOCKS = 40  # two seconds of them: several quick arrivals, and hardly any drift
+REMEMBERED_BLOCKS = 40  # two seconds of them: several quick arrivals, and hardly any drift
 _FASTEST_CORRECTION = 5e-4  # of the time that passed: 0.07 microseconds from one sample to the next at 7 kHz
 
 
@@ -48,7 +48,7 @@ class SampleClock:
         self._last_ticks: int | None = None
         self._offset_s = 0.0
         self._at_s = 0.0  # of the last sample, on the device's clock
-        self._quickest: deque[float] = deque(maxlen=_REMEMBERED_BLOCKS)
+        self._quickest: deque[float] = deque(maxlen=REMEMBERED_BLOCKS)
 
     def restart(self) -> None:
         """Forget the count: the device started a new one."""

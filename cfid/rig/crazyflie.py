@@ -4,25 +4,17 @@ Packets arrive on cflib's thread and get their times there. Before a loop is att
 """
 
 import contextlib
-import io
-import logging
 import queue
-import socket
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Self, TypeVar
 
-import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
-from cflib.crtp.radiodriver import RadioDriver
-from cflib.crtp.udpdriver import UdpDriver
-from cflib.crtp.usbdriver import UsbDriver
-from platformdirs import user_cache_path
 
 from cfid.errors import DeviceError
+from cfid.rig.cflib_drivers import prepare_cflib, table_cache
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, encode_echo
 
 Answer = TypeVar("Answer")
@@ -40,27 +32,6 @@ _CLOSE_S = 2.5
 _CHECK_EVERY_S = 0.02
 _ECHO_EVERY_S = 0.1
 _LONGEST_QUEUE = 64  # packets that wait for the driver
-
-
-class RepeatingUdp(UdpDriver):  # type: ignore[misc]
-    """cflib's UDP driver, which repeats requests until they are answered: datagrams get lost too."""
-
-    def __init__(self) -> None:
-        """Create a driver that is not connected yet."""
-        super().__init__()
-        self.needs_resending = True
-
-    def close(self) -> None:
-        """Close at once: wake the thread that receives, and the one that takes packets, instead of waiting for both.
-
-        A thread that still ran when the interpreter ends could abort the program.
-        """
-        if self.socket is None:
-            return
-        with contextlib.suppress(OSError):
-            self.socket.shutdown(socket.SHUT_RDWR)
-        super().close()
-        queue.Queue.put(self.in_queue, None)
 
 
 class QueuedPacket:
@@ -93,10 +64,10 @@ class Link:
         An attempt that a lost packet stopped is repeated while there is time. Raises DeviceError naming how far it
         got: no such address, no radio, no answer, not a Crazyflie, too old, a link that loses packets.
         """
-        _prepare_cflib()
+        prepare_cflib()
         begun_s, answered, named, foreign = time.monotonic(), False, False, 0
         while True:
-            link = cls(uri, Crazyflie(rw_cache=str(_table_cache())))
+            link = cls(uri, Crazyflie(rw_cache=str(table_cache())))
             try:
                 if link._opened(begun_s + _CONNECT_S):
                     return link
@@ -292,44 +263,6 @@ class Link:
         self._named = self._named or (came[:2] == _NAME[:2] and came.payload.startswith(_NAME.payload))
         self._arrived.put((came, self.received_s))
         self._wake()
-
-
-def find_vehicle() -> str:
-    """Return the address of the only vehicle that a radio or a USB cable reaches. Raises DeviceError."""
-    _prepare_cflib()
-    found: list[str] = []
-    for driver in (RadioDriver, UsbDriver):
-        try:
-            with contextlib.redirect_stdout(io.StringIO()):  # cflib prints when no radio is plugged in
-                found += [str(uri) for uri, _ in driver().scan_interface(None)]
-        except Exception as error:  # cflib lets through whatever its drivers raise
-            raise DeviceError(f"the search for a vehicle failed: {error}.") from None
-    if not found:
-        raise DeviceError(
-            "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in "
-            "rig.toml, or --uri, names one directly."
-        )
-    if len(found) > 1:
-        raise DeviceError(f"several vehicles answer: {', '.join(found)}. Choose one with --uri.")
-    return found[0]
-
-
-def _prepare_cflib() -> None:
-    """Load cflib's drivers once, and keep its log from stderr, which is for cfid's messages."""
-    logging.getLogger("cflib").setLevel(logging.CRITICAL)
-    if not cflib.crtp.CLASSES:
-        cflib.crtp.init_drivers()
-    cflib.crtp.CLASSES[:] = [RepeatingUdp if driver is UdpDriver else driver for driver in cflib.crtp.CLASSES]
-
-
-def _table_cache() -> Path:
-    """Return the folder in which cflib caches tables: over a radio, reading them takes seconds."""
-    folder = user_cache_path("cfid") / "crazyflie-tables"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # cflib then works without a cache
-        return Path()
-    return folder
 
 
 def _meaning(uri: str, reason: str) -> str:

@@ -18,6 +18,12 @@ _FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
 _DONE_AFTER_S = 1.0  # from the motors' stop to the byte that reports the end (C.2.4)
 _DONE_LATE_S = 0.5  # how late that byte may be
 _MARGIN_S = 2.0  # for the link, and for a vehicle whose clock runs slow
+_OUTCOMES: Mapping[int | None, str] = {
+    AppOutcome.FINISHED: "played to its end",
+    AppOutcome.STOPPED: "was stopped",
+    AppOutcome.KEEP_ALIVE_LOST: "was stopped by the vehicle, which received no keep-alive",
+    AppOutcome.MOTORS_NOT_ALLOWED: "was stopped by the vehicle's supervisor: not armed, tumbled or stopped",
+}
 
 
 class Crossings:
@@ -149,5 +155,4 @@ class Crossings:
 
 
 def _outcome(done: Done) -> str:
-    known: Any = app.OUTCOMES
-    return str(known.get(done.outcome, f"ended with {done.outcome}"))
+    return _OUTCOMES.get(done.outcome, f"ended with {done.outcome}")

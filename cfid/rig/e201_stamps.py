@@ -5,13 +5,12 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
-from cfid.rig.clock import Array
+from cfid.rig.clock import REMEMBERED_BLOCKS, Array
 from cfid.rig.e201_port import SLOWEST_REPLY_S
 from cfid.wire.e201 import STAMP_BITS
 
 _WRAP = 1 << STAMP_BITS
 _LARGEST_JUMP_US = 1 << 31
-_REMEMBERED_BLOCKS = 40  # two seconds of them
 _STEADY_S = 0.01  # largest difference between the quickest answers, if stamps count microseconds at all
 
 Microseconds = npt.NDArray[np.int64]
@@ -26,7 +25,7 @@ class Stamps:
     def __init__(self) -> None:
         """Start with no stamp known."""
         self._last_us: int | None = None
-        self._quickest: deque[float] = deque(maxlen=_REMEMBERED_BLOCKS)
+        self._quickest: deque[float] = deque(maxlen=REMEMBERED_BLOCKS)
 
     def forget(self) -> None:
         """Expect another offset between the two clocks: the device lost its power."""
@@ -44,7 +43,7 @@ class Stamps:
         """Return which positions (n,) arrived too long after they were taken to answer their polls."""
         behind_s = came_s - 1e-6 * stamps_us
         known = self._quickest
-        steady = len(known) == _REMEMBERED_BLOCKS and max(known) - min(known) < _STEADY_S
+        steady = len(known) == REMEMBERED_BLOCKS and max(known) - min(known) < _STEADY_S
         late = behind_s > (min(known) + SLOWEST_REPLY_S if steady else np.inf)
         known.append(float(behind_s.min()))
         return np.asarray(late)

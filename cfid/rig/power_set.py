@@ -1,12 +1,10 @@
 """Reads and clears the parameters motorPowerSet, which override everything else on the vehicle, cfid's app included."""
 
 from cfid.errors import DeviceError
+from cfid.rig.stop_packets import TRIES, WITHIN_S
 from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
 from cfid.wire.crtp import PARAMETER_PORT, READ_CHANNEL, Packet, Variable, decode_read_parameter, encode_read_parameter
-
-_WITHIN_S = 0.1
-_TRIES = 20  # so that the stop gets through a link that is disturbed for two seconds
 
 
 class PowerSet:
@@ -21,7 +19,7 @@ class PowerSet:
     async def clear(self) -> None:
         """Disable them, set all to zero and read them back. Raises DeviceError when that is not confirmed."""
         for parameter in (self.enable, *self.each):
-            await self._vehicle.write_parameter(parameter, 0, within_s=_WITHIN_S, tries=_TRIES)
+            await self._vehicle.write_parameter(parameter, 0, within_s=WITHIN_S, tries=TRIES)
         for parameter in (self.enable, *self.each):
             if await self._read(parameter) != 0:
                 raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet is not zero.")
@@ -36,7 +34,7 @@ class PowerSet:
     async def _read(self, parameter: Variable) -> float | None:
         request = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
         return await self._vehicle.ask(
-            request, lambda payload: decode_read_parameter(parameter, payload), within_s=_WITHIN_S, tries=_TRIES
+            request, lambda payload: decode_read_parameter(parameter, payload), within_s=WITHIN_S, tries=TRIES
         )
 
     def _parameter(self, name: str) -> Variable:

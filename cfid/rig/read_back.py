@@ -7,7 +7,7 @@ from cfid.errors import DeviceError, StopError
 from cfid.rig.asking import state_of
 from cfid.rig.crazyflie import Link
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
-from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
+from cfid.rig.stop_packets import OVERRIDES, TRIES, WITHIN_S, Acknowledged, Kind, stop_over
 from cfid.wire.app import AppPorts
 from cfid.wire.crtp import (
     PARAMETER_PORT,
@@ -24,8 +24,6 @@ from cfid.wire.supervisor import VehicleState, encode_arming
 
 _DISARMED_S = 1.0
 _LOOK_S = 0.05  # a little longer than the supervisor takes to look
-_WITHIN_S = 0.1
-_TRIES = 20
 
 
 class ReadBack(NamedTuple):
@@ -102,7 +100,7 @@ def _is_zero(link: Link, parameter: Variable) -> bool:
         return decode_write_parameter(parameter, packet.payload) if packet[:2] == write[:2] else None
 
     write = Packet(PARAMETER_PORT, WRITE_CHANNEL, encode_write_parameter(parameter, 0))
-    link.ask(write, written, within_s=_WITHIN_S, tries=_TRIES)
+    link.ask(write, written, within_s=WITHIN_S, tries=TRIES)
     return _read(link, parameter) == 0
 
 
@@ -111,7 +109,7 @@ def _read(link: Link, parameter: Variable) -> float | None:
         return decode_read_parameter(parameter, packet.payload) if packet[:2] == ask[:2] else None
 
     ask = Packet(PARAMETER_PORT, READ_CHANNEL, encode_read_parameter(parameter))
-    found = link.ask(ask, value, within_s=_WITHIN_S, tries=_TRIES)
+    found = link.ask(ask, value, within_s=WITHIN_S, tries=TRIES)
     if found is None:
         raise DeviceError(f"{link.uri}: the vehicle no longer answers: the link is lost.")
     return found

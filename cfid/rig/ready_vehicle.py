@@ -10,8 +10,9 @@ from cfid.records.rig_file import CrazyflieLink
 from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
 from cfid.rig.asking import parameter_of, state_of
+from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.clock import HostClock
-from cfid.rig.crazyflie import Link, find_vehicle
+from cfid.rig.crazyflie import Link
 from cfid.rig.crazyflie_log import BATTERY, CrazyflieLog
 from cfid.rig.crossings import Crossings
 from cfid.rig.lock import DeviceLock

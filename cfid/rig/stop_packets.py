@@ -17,6 +17,8 @@ from cfid.wire.crtp import BY_NAME_CHANNEL, PARAMETER_PORT, Packet, decode_set_b
 Kind = Literal["app", "thesis", "stock"]
 
 OVERRIDES = {"motorPowerSet.enable": "B", **{f"motorPowerSet.m{motor}": "H" for motor in MOTORS}}
+WITHIN_S = 0.1
+TRIES = 20  # so that the stop gets through a link that is disturbed for two seconds
 
 _TURN_S = 0.1
 _TURNS = 20

@@ -2,11 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from cfid.records.facts import Number, Spread
 from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT, Commander
 from cfid.sim.crazyflie_glue import IDLE, Glue
 from cfid.sim.crazyflie_log import Log
@@ -16,6 +13,7 @@ from cfid.sim.crazyflie_params import Parameters
 from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
 from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, UPDATE_STEPS, SimulatedSupervisor
 from cfid.sim.crazyflie_tables import parameters, variables
+from cfid.sim.crazyflie_truth import CrazyflieTruth
 from cfid.sim.motor_power_set import overriding
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
@@ -32,8 +30,6 @@ from cfid.wire.crtp import (
     Packet,
     decode_packet,
 )
-
-Platform = Literal["cf2", "cf21bl"]
 
 USUAL_PORTS = AppPorts()
 PROTOCOL = 12  # of CRTP, release 2026.08
@@ -52,29 +48,6 @@ _RPM_PER_RAD_PER_S = 60 / math.tau
 _ATTENTIVE_TICKS = 2000  # without a motor or a request, after which it sleeps: longer than any pending event
 _CLIENT_GONE_S = 3.0  # without a packet; the vehicle then takes its client for gone and stops logging
 _SLACK = 1e-6  # of a tick, for rounding between times and ticks
-
-
-class CrazyflieTruth(BaseModel):
-    """Firmware `app` includes cfid's app, `stock` no addition, `old` the thesis' modules of 2015.
-
-    Platform `cf2` is a Crazyflie 2.x, `cf21bl` a Crazyflie 2.1 Brushless: its motors report their speeds, 0 below
-    `stall_rpm`, have idle thrust, and run only while armed. An `rpm_deck` measures speeds too. The vehicle was switched
-    on `powered_for_s` before the rig opened; its clock counts 1 + `clock_skew` microseconds in a true one.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    firmware: Literal["app", "stock", "old"] = "app"
-    platform: Platform = "cf2"
-    rpm_deck: bool = False
-    stall_rpm: Spread = 60.0
-    clock_skew: Annotated[Number, Field(gt=-1)] = 0.0
-    powered_for_s: Spread = 100.0
-
-    @property
-    def brushless(self) -> bool:
-        """Whether the motors are brushless."""
-        return self.platform == "cf21bl"
 
 
 class LeavingPacket(NamedTuple):

@@ -76,7 +76,7 @@ def swing(
     """
     columns = np.array([astuple(pendulum) for pendulum in pendulums]).T
     hands = Hands.on(releases, axis_inertia_kg_m2=columns[0], rest_rad=columns[-1])
-    return integrate(_Swings(columns, hands), duration_s=duration_s, step_s=step_s, store_every=store_every)
+    return integrate(_SwingingAxes(columns, hands), duration_s=duration_s, step_s=step_s, store_every=store_every)
 
 
 def drop(
@@ -96,7 +96,7 @@ def drop(
     return integrate(_Drops(columns, start_s), duration_s=duration_s, step_s=step_s, store_every=store_every)
 
 
-class _Swings:
+class _SwingingAxes:
     """Axes of k pendulums; the columns are the fields of Pendulum, each a row (k,)."""
 
     _inertia: Array
@@ -124,11 +124,11 @@ class _Swings:
     def quiet_after_s(self) -> float:
         return self._hands.free_s if self._hands else 0.0
 
-    def left_alone(self) -> "_Swings":
-        return _Swings(self._columns, None)
+    def left_alone(self) -> "_SwingingAxes":
+        return _SwingingAxes(self._columns, None)
 
-    def select(self, which: Indices) -> "_Swings":
-        return _Swings(self._columns[:, which], self._hands.select(which) if self._hands else None)
+    def select(self, which: Indices) -> "_SwingingAxes":
+        return _SwingingAxes(self._columns[:, which], self._hands.select(which) if self._hands else None)
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
         deflection = angle_rad - self._rest

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.sim.battery import Battery, BatteryTruth
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from cfid.sim.stepping import Array
 
 Four = tuple[int, int, int, int]
@@ -46,7 +46,7 @@ class Propulsion:
         """Start with all rotors at standstill."""
         self.battery = Battery(battery)
         self._truth = rotors
-        self._rotors = Rotors(rotors, rng, drag_ns_per_rad=drag_ns_per_rad, yaw_deg=yaw_deg)
+        self._rotors = SimulatedRotors(rotors, rng, drag_ns_per_rad=drag_ns_per_rad, yaw_deg=yaw_deg)
         self._rotors.advance(np.array([begin_s]), np.zeros(4))
         self._commands = commands
         self._speed = np.zeros(4)

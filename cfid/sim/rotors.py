@@ -86,7 +86,7 @@ BRUSHLESS = {
 }
 
 
-class Rotors:
+class SimulatedRotors:
     """Four rotors that keep their speed and angle from one call to the next.
 
     In wind each rad/s of their speeds' sum adds `drag_ns_per_rad` (3,) to the force, in the load cell's frame, whose x

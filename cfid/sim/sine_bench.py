@@ -13,7 +13,7 @@ import numpy as np
 
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.radio import Direction, RadioTruth
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from cfid.sim.stepping import Array
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S
 
@@ -191,7 +191,7 @@ def _vibration(truth: LinearTruth, played: _Played, rng: np.random.Generator) ->
 
 def _of_rotors(truth: RotorTruth, played: _Played, rng: np.random.Generator) -> Array:
     """Return the wrench of four rotors, one of which follows the commands."""
-    rotors = Rotors(truth, rng, yaw_deg=played.yaw_deg)
+    rotors = SimulatedRotors(truth, rng, yaw_deg=played.yaw_deg)
     return np.vstack([rotors.advance(time_s, commands)[:-1] for time_s, commands in _holds(played)])
 
 

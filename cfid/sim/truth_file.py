@@ -12,7 +12,7 @@ from cfid.records.facts import Number, Positive, Spread
 from cfid.records.files import first_fault, read_toml
 from cfid.records.rig_file import Rig, Vector
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import CrazyflieTruth, Platform
+from cfid.sim.crazyflie_truth import CrazyflieTruth, Platform
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth

@@ -168,7 +168,7 @@ def _unfinished(best: OutputError, candidates: list[OutputError]) -> OutputError
 
 
 def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
-    """Return how far W scatters over the choices of damping, each as likely as its BIC says [HMRV]."""
+    """Return how far W scatters over the choices of damping, each as likely as its BIC makes it [HMRV]."""
     likely = np.exp(-0.5 * np.array([score - ranked[0][0] for score, _ in ranked]))
     frequencies = np.array([fit.coefficients.natural_frequency_squared_s2 for _, fit in ranked])
     return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))

@@ -29,9 +29,9 @@ Method = Literal["default", "thesis"]
 
 _FREQUENCY, _INERTIA = "swing.natural_frequency_squared_s2", "swing.axis_inertia_kg_m2"
 _DAMPING = {
-    "swing.viscous_nms_per_rad": ("viscous_per_s", "N m s/rad"),
-    "swing.coulomb_nm": ("coulomb_per_s2", "N m"),
-    "swing.quadratic_nms2_per_rad2": ("quadratic_per_rad", "N m s^2/rad^2"),
+    "swing.viscous_nms_per_rad": "viscous_per_s",
+    "swing.coulomb_nm": "coulomb_per_s2",
+    "swing.quadratic_nms2_per_rad2": "quadratic_per_rad",
 }
 _STIFFNESS = (
     "one swing does not tell a stiff cable or bearing from gravity: 1 % of it makes the inertia 1 % too low. Swing "
@@ -86,7 +86,7 @@ def fit(
         wanted=(_FREQUENCY, _INERTIA),
         quality=found.quality,
         findings=(
-            *(warning("recording", text) for text in record.notes),
+            *record.findings,
             *found.findings,
             *implausible_quantities(quantities, rig),
             *(() if body is None or inertia is None else _body_findings(body[0], inertia, rig)),
@@ -107,7 +107,7 @@ def rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Found:
+class _SwingEstimate:
     """What either method finds; damping is per inertia."""
 
     coefficients: Coefficients
@@ -120,7 +120,7 @@ class _Found:
     drawings: Callable[[], Figures]
 
 
-def _by_default(record: AngleRecord, swing: FreeSwing) -> _Found:
+def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     fitted, cosine = fit_swing(swing), fit_damped_cosine(swing)
     checks, check_lines = _checks(swing, fitted, cosine)
 
@@ -128,7 +128,7 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _Found:
         return {f"{record.path.stem}_swing": swing_figure(swing, fitted, title=record.name)}
 
     quality = fitted.quality
-    return _Found(
+    return _SwingEstimate(
         coefficients=fitted.coefficients,
         std=fitted.std,
         start=(fitted.output_error.start_angle_rad, fitted.output_error.start_speed_rad_per_s),
@@ -171,7 +171,7 @@ def _checks(swing: FreeSwing, fitted: SwingFit, cosine: DampedCosine) -> tuple[d
     )
 
 
-def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
+def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     cosine, flexible = fit_damped_cosine(swing), fit_flexible(swing)
     residual = cosine.angle_rad - cosine.model_rad
     rms = float((residual @ residual / len(residual)) ** 0.5)
@@ -185,7 +185,7 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _Found:
         name = f"{record.path.stem}_swing_thesis"
         return {name: thesis_swing_figure(swing, cosine, flexible, title=record.name)}
 
-    return _Found(
+    return _SwingEstimate(
         coefficients=Coefficients(*cosine.frequencies, 0.0, 0.0, 0.0),
         std=Coefficients(*cosine.std, 0.0, 0.0, 0.0),
         start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
@@ -212,20 +212,19 @@ class _Inertia:
     quantities: Mapping[str, Parameter]
 
 
-def _quantities(swing: FreeSwing, found: _Found, inertia: _Inertia | None) -> dict[str, Parameter]:
+def _quantities(swing: FreeSwing, found: _SwingEstimate, inertia: _Inertia | None) -> dict[str, Parameter]:
     values, std = found.coefficients, found.std
-    frequency = Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2, unit="1/s^2")
     return {
-        _FREQUENCY: frequency,
+        _FREQUENCY: Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2),
         **({} if inertia is None else inertia.quantities),
-        "swing.start_angle_rad": Parameter(value=found.start[0], std=found.start_std[0], unit="rad"),
-        "swing.start_speed_rad_per_s": Parameter(value=found.start[1], std=found.start_std[1], unit="rad/s"),
-        "swing.zero_rad": Parameter(value=swing.rest_rad + values.zero_rad, std=std.zero_rad or None, unit="rad"),
-        "swing.peaks_used": Parameter(value=swing.peaks_used, unit="1"),
+        "swing.start_angle_rad": Parameter(value=found.start[0], std=found.start_std[0]),
+        "swing.start_speed_rad_per_s": Parameter(value=found.start[1], std=found.start_std[1]),
+        "swing.zero_rad": Parameter(value=swing.rest_rad + values.zero_rad, std=std.zero_rad or None),
+        "swing.peaks_used": Parameter(value=swing.peaks_used),
     }
 
 
-def _inertia(found: _Found, body: SwungBody, mount: str, around: Surroundings) -> _Inertia:
+def _inertia(found: _SwingEstimate, body: SwungBody, mount: str, around: Surroundings) -> _Inertia:
     values, std = found.coefficients, found.std
     measured = MountedSwing(axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
     axis_inertias = AxisInertias([measured], body, around)
@@ -236,11 +235,11 @@ def _inertia(found: _Found, body: SwungBody, mount: str, around: Surroundings) -
 
     inertia, about_centre = map(float, both(axis_inertias.values))
     inertia_std, centre_std = map(float, np.linalg.norm(contributions(both, axis_inertias.inputs), axis=1))
-    quantities = {_INERTIA: Parameter(value=inertia, std=inertia_std or None, unit="kg m^2")}
-    for key, (name, unit) in _DAMPING.items():
+    quantities = {_INERTIA: Parameter(value=inertia, std=inertia_std or None)}
+    for key, name in _DAMPING.items():
         ratio, ratio_std = getattr(values, name), getattr(std, name)
         torque_std = math.hypot(ratio_std * inertia, ratio * inertia_std)
-        quantities[key] = Parameter(value=ratio * inertia, std=torque_std or None, unit=unit)
+        quantities[key] = Parameter(value=ratio * inertia, std=torque_std or None)
     return _Inertia(
         about_axis_kg_m2=inertia,
         about_centre_kg_m2=about_centre,

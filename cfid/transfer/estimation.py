@@ -20,8 +20,8 @@ from cfid.transfer.frequency_response import SETTLE_S, Response, respond
 from cfid.transfer.likelihood import (
     SHAPES,
     Found,
-    Points,
     Shape,
+    StackedResponses,
     covariance_of,
     dynamic_unknowns,
     dynamics_of,
@@ -42,7 +42,7 @@ _INSTANT = 0.01  # of a sample: a shorter lag is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
+class MeasuredSeries:
     """Responses of one series, and the mean lateness of its reports after the quickest, in s.
 
     `findings` are about runs without a response, which are left out.
@@ -101,7 +101,7 @@ class TransferFit:
     std: Uncertainties
     delays: dict[str, Delay]
     covariance: Array
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasuredSeries, ...]
     model: Complex
     chi_squared: float
     degrees_of_freedom: int
@@ -189,7 +189,7 @@ class TransferFit:
         return np.asarray(plain * np.exp(-1j * omega_rad_s * delay_s))
 
 
-def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: float = SETTLE_S) -> Measured:
+def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: float = SETTLE_S) -> MeasuredSeries:
     """Return the responses of a series' runs, less those that have none. Raises FitError when none is left."""
     responses, findings, errors = [], [], []
     for run in series.runs:
@@ -200,7 +200,7 @@ def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: flo
             findings.append(warning("sine-without-response", f"{error} The run is left out.", "tf.*"))
     if errors and not responses:
         raise errors[0]
-    return Measured(
+    return MeasuredSeries(
         name=name,
         responses=tuple(responses),
         mean_lateness_s=series.mean_lateness_s,
@@ -209,7 +209,7 @@ def measure(name: str, series: SineSeries, *, form: Form = "hold", settle_s: flo
     )
 
 
-def fit_transfer(measured: Sequence[Measured], *, shape: Shape = "first+delay") -> TransferFit:
+def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+delay") -> TransferFit:
     """Fit one transfer function to the responses of all series, each with its own delay.
 
     Its form is that in which the responses were taken. Raises FitError for too few responses, or when no transfer
@@ -230,7 +230,7 @@ def fit_transfer(measured: Sequence[Measured], *, shape: Shape = "first+delay") 
     return _result(measured, points, shape, found)
 
 
-def fit_shapes(measured: Sequence[Measured]) -> dict[Shape, TransferFit]:
+def fit_shapes(measured: Sequence[MeasuredSeries]) -> dict[Shape, TransferFit]:
     """Fit each shape that has fewer parameters than the responses have parts."""
     count = sum(len(series.responses) for series in measured)
     fitting = [shape for shape in SHAPES if 2 * count > unknowns(shape, len(measured)) + 1]
@@ -253,7 +253,7 @@ def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
     return {shape: score - least for shape, score in scores.items()}
 
 
-def _result(measured: Sequence[Measured], points: Points, shape: Shape, found: Found) -> TransferFit:
+def _result(measured: Sequence[MeasuredSeries], points: StackedResponses, shape: Shape, found: Found) -> TransferFit:
     degrees_of_freedom = 2 * len(points.value) - len(found.values)
     inner = covariance_of(points, found)
     dynamics, model = dynamics_of(found.values, shape), model_at(points, found.values, shape)
@@ -280,7 +280,9 @@ def _result(measured: Sequence[Measured], points: Points, shape: Shape, found: F
     )
 
 
-def _uncertainties(points: Points, shape: Shape, values: Array, *, inner: Array, covariance: Array) -> Uncertainties:
+def _uncertainties(
+    points: StackedResponses, shape: Shape, values: Array, *, inner: Array, covariance: Array
+) -> Uncertainties:
     def coefficients(values: Array) -> Array:
         both = dynamics_of(values, shape).coefficients(sample_s=points.sample_s, form=points.form)
         return np.concatenate(both)
@@ -304,7 +306,7 @@ def _uncertainties(points: Points, shape: Shape, values: Array, *, inner: Array,
     )
 
 
-def _delays(measured: Sequence[Measured], found: Array, covariance: Array) -> dict[str, Delay]:
+def _delays(measured: Sequence[MeasuredSeries], found: Array, covariance: Array) -> dict[str, Delay]:
     single = std_of(covariance)[len(covariance) - len(found) :]
     pairs = zip(found, single, strict=True) if len(found) else [(0.0, 0.0)] * len(measured)
     return {

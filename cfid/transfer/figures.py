@@ -8,7 +8,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cfid.drawing.numbers import plus_minus
+from cfid.drawing.numbers import MICRO, plus_minus
 from cfid.drawing.style import (
     INK,
     KEY_IN,
@@ -30,7 +30,7 @@ from cfid.records.result import Figures
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.identification import Identified
 from cfid.transfer.model import Dynamics, evaluate
-from cfid.transfer.panels import COMMAND, FREQUENCY, Points, draw_played, draw_points, sine_run_figure
+from cfid.transfer.panels import COMMAND, FREQUENCY, SeriesPoints, draw_played, draw_points, sine_run_figure
 from cfid.transfer.sines.alignment import SineRun
 from cfid.transfer.thesis import ThesisFit
 from cfid.transfer.verification import Verification
@@ -38,7 +38,6 @@ from cfid.units import COVERAGE_95
 
 Array = npt.NDArray[np.float64]
 
-_MICRO = 1e6
 _CURVE = 300
 _LAGS = 6.0  # that a step is drawn for
 _EXAMPLE_HZ = 1.5  # l = 12 of N = 4000, which the thesis shows
@@ -105,7 +104,7 @@ def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sampl
     name_panel(phase, "(b) phase", x=FREQUENCY, y="phase (degrees)")
     for number, (name, fit) in enumerate(each.items()):
         omega, value = (np.array([getattr(own, what) for own in fit.responses]) for what in ("omega_rad", "value"))
-        points = Points(name, omega / sample_s, value, value, None)
+        points = SeriesPoints(name, omega / sample_s, value, value, None)
         draw_points(size, phase, points, colour=SERIES[number % len(SERIES)])
     omega = _omegas(np.array([own.omega_rad for own in joint.responses]) / sample_s)
     model = evaluate(joint.numerator, joint.denominator, omega * sample_s)
@@ -128,13 +127,13 @@ def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s
     force, std = fit.dynamics.step_response(time_s), _step_std(fit, time_s)
     low, high = force - COVERAGE_95 * std, force + COVERAGE_95 * std
-    axes.fill_between(1e3 * time_s, _MICRO * low, _MICRO * high, color=MODEL, alpha=0.3, lw=0, label="95 % interval")
-    axes.plot(1e3 * time_s, _MICRO * force, color=MODEL, label="model")
+    axes.fill_between(1e3 * time_s, MICRO * low, MICRO * high, color=MODEL, alpha=0.3, lw=0, label="95 % interval")
+    axes.plot(1e3 * time_s, MICRO * force, color=MODEL, label="model")
     axes.axvline(1e3 * fit.time_constant_s, color=MUTED, lw=0.8, ls=":", label="time constant")
     if thesis is not None and thesis.time_constant_s is not None:
         other = Dynamics(static_gain_n=thesis.static_gain_n, lags_s=(thesis.time_constant_s,))
         label = "the thesis' gain and time constant"
-        axes.plot(1e3 * time_s, _MICRO * other.step_response(time_s), color=INK, ls="--", label=label)
+        axes.plot(1e3 * time_s, MICRO * other.step_response(time_s), color=INK, ls="--", label=label)
     key_row(page.add_subplot(grid[0, 0]), *axes.get_legend_handles_labels()[0])
     return page
 
@@ -164,7 +163,7 @@ def verification_figure(run: SineRun, found: Verification) -> Figure:
     return page
 
 
-def _points(fit: TransferFit) -> list[Points]:
+def _points(fit: TransferFit) -> list[SeriesPoints]:
     """Return the responses of each series, the phase also without its delay."""
     found = []
     for series in fit.measured:
@@ -172,7 +171,7 @@ def _points(fit: TransferFit) -> list[Points]:
         value = np.array([own.value for own in series.responses])
         turned = value * np.exp(1j * omega * fit.delays[series.name].after_quickest_s)
         std = np.array([own.polar_std for own in series.responses])
-        found.append(Points(series.name, omega, turned, value, COVERAGE_95 * std))
+        found.append(SeriesPoints(series.name, omega, turned, value, COVERAGE_95 * std))
     return found
 
 
@@ -185,11 +184,11 @@ def _draw_model(
 ) -> None:
     colour = MODEL if dashes == "-" else INK
     hertz = omega / (2 * np.pi)
-    size.plot(hertz, _MICRO * np.abs(value), color=colour, ls=dashes, lw=1.1)
+    size.plot(hertz, MICRO * np.abs(value), color=colour, ls=dashes, lw=1.1)
     phase.plot(hertz, np.degrees(np.unwrap(np.angle(value))), color=colour, ls=dashes, lw=1.1, label=label)
 
 
-def _draw_left(left: Axes, turned: Axes, points: Points, fit: TransferFit, *, colour: str) -> None:
+def _draw_left(left: Axes, turned: Axes, points: SeriesPoints, fit: TransferFit, *, colour: str) -> None:
     ratio = points.value / fit.response(points.omega_rad_s)
     hertz = points.omega_rad_s / (2 * np.pi)
     assert points.interval is not None
@@ -221,7 +220,7 @@ def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
         for name, own in fit.delays.items()
     ]
     return [
-        ("static gain", plus_minus(_MICRO * gain, _MICRO * fit.std.static_gain_n, unit="µN")),
+        ("static gain", plus_minus(MICRO * gain, MICRO * fit.std.static_gain_n, unit="µN")),
         ("time constant", plus_minus(1e3 * lag, 1e3 * fit.time_constant_std_s, unit="ms")),
         *delays,
         ("chi-squared", f"{fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom"),

@@ -6,7 +6,7 @@ from typing import Literal
 
 from cfid.errors import FitError
 from cfid.findings import Finding, note, rejection, warning
-from cfid.transfer.estimation import Measured, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.model import Form
@@ -82,22 +82,22 @@ def _within(name: str, runs: Sequence[RecordedSine], cutoff_hz: float) -> tuple[
     hertz = [SAMPLES_PER_S * run.sine.periods / run.sine.samples for run in runs]
     findings = []
     if any(run.sine.periods == 0 for run in runs):
-        findings.append(note("sine-without-frequency", f"{name}: l = 0 has no frequency and is left out.", "tf.*"))
+        findings.append(note("sine-without-frequency", "l = 0 has no frequency and is left out.", "tf.*").at(name))
     above = [str(run.sine.periods) for run, own in zip(runs, hertz, strict=True) if own > fastest_hz]
     if above:
-        text = f"{name}: l = {', '.join(above)} above the cut-off of {cutoff_hz:g} Hz left out."
-        findings.append(note("sine-too-fast", text, "tf.*"))
+        text = f"l = {', '.join(above)} above the cut-off of {cutoff_hz:g} Hz left out."
+        findings.append(note("sine-too-fast", text, "tf.*").at(name))
     return [run for run, own in zip(runs, hertz, strict=True) if 0 < own <= fastest_hz], findings
 
 
-def _fit_each(measured: Sequence[Measured], shape: Shape) -> tuple[dict[str, TransferFit], list[Finding]]:
+def _fit_each(measured: Sequence[MeasuredSeries], shape: Shape) -> tuple[dict[str, TransferFit], list[Finding]]:
     each, findings = {}, []
     for series in measured:
         try:
             each[series.name] = fit_transfer([series], shape=shape)
         except FitError as error:
-            text = f"{series.name} for itself: {error}"
-            findings.append(rejection("series-not-fitted", text, f"tf.series.{series.name}.*"))
+            against = rejection("series-not-fitted", str(error), f"tf.series.{series.name}.*")
+            findings.append(against.at(f"{series.name} for itself"))
     return each, findings
 
 

@@ -27,7 +27,7 @@ _ROUNDS = 50
 _SETTLED = 1e-8  # of chi-squared: a ten-thousandth of a standard uncertainty
 
 
-class Points(NamedTuple):
+class StackedResponses(NamedTuple):
     """Responses of all series in a row (n,), the series of each, and what makes their residuals white (n, 2, 2).
 
     `shared` (m, n) is by how much one standard uncertainty of each error that several runs share turns the responses.
@@ -51,7 +51,7 @@ class Found(NamedTuple):
     cost: float
 
 
-def points_of(series: Sequence[Sequence[Response]]) -> Points:
+def points_of(series: Sequence[Sequence[Response]]) -> StackedResponses:
     """Put the responses of all series in a row."""
     responses = [response for own in series for response in own]
     value = np.array([response.value for response in responses])
@@ -61,7 +61,7 @@ def points_of(series: Sequence[Sequence[Response]]) -> Points:
     floor = (_EXACT * np.abs(value)) ** 2
     noise = np.array([response.covariance for response in responses]) + floor[:, None, None] * np.eye(2)
     covariance = noise + turned[:, :, None] * turned[:, None, :]
-    return Points(
+    return StackedResponses(
         omega_rad_s=omega,
         value=value,
         series=np.repeat(np.arange(len(series)), [len(own) for own in series]),
@@ -92,7 +92,7 @@ def dynamics_of(values: Array, shape: Shape) -> Dynamics:
     return Dynamics(static_gain_n=float(values[0]), lags_s=(float(lags[0]),), lead_s=lead_s)
 
 
-def model_at(points: Points, values: Array, shape: Shape) -> Complex:
+def model_at(points: StackedResponses, values: Array, shape: Shape) -> Complex:
     """Return the model's responses (n,), each with its series' delay."""
     plant = dynamics_of(values, shape).response(points.omega_rad_s, sample_s=points.sample_s, form=points.form)
     if shape == "first":
@@ -101,7 +101,7 @@ def model_at(points: Points, values: Array, shape: Shape) -> Complex:
     return np.asarray(plant * np.exp(-1j * points.omega_rad_s * delays))
 
 
-def search(points: Points, shape: Shape) -> Found:
+def search(points: StackedResponses, shape: Shape) -> Found:
     """Return the parameters of the least cost that the guesses lead to."""
 
     def residual(values: Array) -> Array:
@@ -110,12 +110,12 @@ def search(points: Points, shape: Shape) -> Found:
     return min((_minimise(residual, guess) for guess in _guesses(points, shape)), key=lambda found: found.cost)
 
 
-def whitened(points: Points, apart: Complex) -> Array:
+def whitened(points: StackedResponses, apart: Complex) -> Array:
     """Return differences of responses (n,) over their uncertainties, real and imaginary parts in turn (2n,)."""
     return np.asarray((points.whitener @ np.stack([apart.real, apart.imag], axis=1)[:, :, None]).ravel())
 
 
-def covariance_of(points: Points, found: Found) -> Array:
+def covariance_of(points: StackedResponses, found: Found) -> Array:
     """Return the covariance of the parameters (p, p): of the noise, inflated by its scatter, and of shared errors."""
     degrees_of_freedom = len(found.jacobian) - len(found.values)
     inverse = gain_of(found.jacobian)
@@ -141,7 +141,7 @@ def _shared(series: Sequence[Sequence[Response]]) -> Array:
     return shared
 
 
-def _guesses(points: Points, shape: Shape) -> list[Array]:
+def _guesses(points: StackedResponses, shape: Shape) -> list[Array]:
     """Return where to start: for each series Levy's linear fit with the delay that fits best."""
     scanned = np.array([0.0]) if shape == "first" else _SCANNED_S
     found = np.array([_levy(points, points.series == place, scanned) for place in range(points.series_count)])
@@ -156,7 +156,7 @@ def _guesses(points: Points, shape: Shape) -> list[Array]:
     return [np.array([gain, np.log(lag_s), np.log(lag_s * part), *delays]) for part in _SECOND_LAG]
 
 
-def _levy(points: Points, rows: npt.NDArray[np.bool_], scanned_s: Array) -> tuple[float, float, float]:
+def _levy(points: StackedResponses, rows: npt.NDArray[np.bool_], scanned_s: Array) -> tuple[float, float, float]:
     """Return gain, lag and delay of K = H (1 + s lag), linear in gain and lag for each delay scanned.
 
     E. C. Levy, Complex-curve fitting, IRE Trans. Automatic Control 4 (1959).

@@ -21,7 +21,7 @@ _SHOWN_HARMONICS = 4.5
 _CIRCLES: dict[str, Any] = {"ls": "", "marker": "o", "ms": 4.5, "mfc": "none", "color": RECORDED}
 
 
-class Points(NamedTuple):
+class SeriesPoints(NamedTuple):
     """A series' responses (n,), without and with their delay, and 95 % intervals (n, 2) of size and phase."""
 
     name: str
@@ -69,7 +69,7 @@ def draw_played(axes: Axes, run: SineRun, *, end_s: float) -> None:
     axes.plot(time_s[shown], run.sine.commands()[shown], color=MODEL, lw=1.0, label="reconstructed commands")
 
 
-def draw_points(size: Axes, phase: Axes, points: Points, *, colour: str) -> None:
+def draw_points(size: Axes, phase: Axes, points: SeriesPoints, *, colour: str) -> None:
     """Draw a series' responses with their intervals, and in grey its phases as stamped where they differ."""
     hertz = points.omega_rad_s / (2 * np.pi)
     how: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.5, "color": colour, "elinewidth": 0.9, "zorder": 3}

@@ -2,7 +2,6 @@
 
 from cmath import phase
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -124,7 +123,7 @@ def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantitie
         findings = [
             *found.fit.findings(tuple(joint)),
             *(
-                replace(finding, text=f"{name} for itself: {finding.text}")
+                finding.at(f"{name} for itself")
                 for name, fit in found.each.items()
                 for finding in fit.findings(tuple(each[name]))
             ),

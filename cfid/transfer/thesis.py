@@ -48,7 +48,7 @@ SECOND_SERIES = ThesisSettings(settle_samples=1800, weight_low=2.5, low_up_to=50
 class ThesisResponse:
     """One run's estimate by FFT (eq. 3.9): N as its stamps say, and the number of samples transformed (eq. 3.8).
 
-    `elsewhere` says that the force's largest peak is not at the input's frequency; C.2.5 divides by it all the same.
+    `elsewhere` states that the force's largest peak is not at the input's frequency; C.2.5 divides by it all the same.
     """
 
     name: str
@@ -137,15 +137,15 @@ def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRS
     findings, responses = [], []
     for run in recorded:
         if run.sine.periods == 0:
-            text = f"{run.name}: l = 0 is left out: without the middle value, C.2.5 divides zero by zero."
-            findings.append(note("sine-without-frequency", text, "tf.*"))
+            text = "l = 0 is left out: without the middle value, C.2.5 divides zero by zero."
+            findings.append(note("sine-without-frequency", text, "tf.*").at(run.name))
         elif run.sine.periods > settings.count_up_to:
-            text = f"{run.name}: l = {run.sine.periods} is above {settings.count_up_to} and left out."
-            findings.append(note("sine-too-fast", text, "tf.*"))
+            text = f"l = {run.sine.periods} is above {settings.count_up_to} and left out."
+            findings.append(note("sine-too-fast", text, "tf.*").at(run.name))
         else:
             responses.append(thesis_response(run, settle_samples=settings.settle_samples))
     findings += [
-        warning("thesis-peak-elsewhere", f"{own.name}: the force's largest peak is not at l = {own.periods}.", "tf.*")
+        warning("thesis-peak-elsewhere", f"the force's largest peak is not at l = {own.periods}.", "tf.*").at(own.name)
         for own in responses
         if own.elsewhere
     ]

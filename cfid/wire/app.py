@@ -83,20 +83,6 @@ class AppVerdict(IntEnum):
     NOT_OWNER = 9
 
 
-VERDICTS = {
-    AppVerdict.ACCEPTED: "accepted",
-    AppVerdict.WRONG_LENGTH: "the request has the wrong length",
-    AppVerdict.NO_SUCH_MOTOR: "there is no such motor",
-    AppVerdict.NO_KEEP_ALIVE: "it receives no keep-alive",
-    AppVerdict.SINE_IS_RUNNING: "a sine is running",
-    AppVerdict.MOTORS_NOT_ALLOWED: "its supervisor does not let the motors run: not armed, tumbled or stopped",
-    AppVerdict.NO_SAMPLES: "N is zero",
-    AppVerdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
-    AppVerdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
-    AppVerdict.NOT_OWNER: "another program holds the motors, or a stop ended this one's hold",
-}
-
-
 class AppOutcome(IntEnum):
     """How a sine ended."""
 
@@ -104,14 +90,6 @@ class AppOutcome(IntEnum):
     STOPPED = 1
     KEEP_ALIVE_LOST = 2
     MOTORS_NOT_ALLOWED = 3
-
-
-OUTCOMES = {
-    AppOutcome.FINISHED: "played to its end",
-    AppOutcome.STOPPED: "was stopped",
-    AppOutcome.KEEP_ALIVE_LOST: "was stopped by the vehicle, which received no keep-alive",
-    AppOutcome.MOTORS_NOT_ALLOWED: "was stopped by the vehicle's supervisor: not armed, tumbled or stopped",
-}
 
 
 class Flags(IntFlag):

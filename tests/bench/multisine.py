@@ -21,9 +21,9 @@ from scipy.optimize import minimize
 from cfid.estimate.blocks import block_means
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.radio import Direction, RadioTruth
-from cfid.sim.rotors import NOMINAL_V, Rotors, RotorTruth
+from cfid.sim.rotors import NOMINAL_V, RotorTruth, SimulatedRotors
 from cfid.sim.sine_bench import ARM_M, LATE_RADIO, SILENT_CELL, USUAL_CELL
-from cfid.transfer.estimation import Measured, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, fit_transfer, measure
 from cfid.transfer.frequency_response import END_S, SETTLE_S, Response
 from cfid.transfer.sines.alignment import RecordedSine, SineRun, SineSeries, align, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
@@ -91,7 +91,7 @@ class Contestant(NamedTuple):
 class Plant(NamedTuple):
     """A rotor: of what class, by which truth, and how much voltage it loses in a second."""
 
-    rotors: type[Rotors] = Rotors
+    rotors: type[SimulatedRotors] = SimulatedRotors
     truth: RotorTruth = RISING
     sag_v_per_s: float = 0.0
 
@@ -104,7 +104,7 @@ class Bent(RotorTruth):
         return np.asarray(super().steady_rad_per_s(command, volts=volts) - np.where(command > 0, bend, 0.0))
 
 
-class Coasting(Rotors):
+class Coasting(SimulatedRotors):
     """Rotors whose motor does not brake: they slow down one and a half times as slowly as they gather speed."""
 
     def advance(self, time_s: Array, command: Array, *, volts: float | None = None) -> Array:
@@ -275,7 +275,7 @@ def identified(runs: Sequence[RecordedSine], radio: RadioTruth) -> Array:
     )
 
 
-def respond_at_once(series: SineSeries) -> Measured:
+def respond_at_once(series: SineSeries) -> MeasuredSeries:
     """Return the responses at all lines of a multisine by one least squares, with the noise from between them."""
     (run,) = series.runs
     plan = run.sine
@@ -304,7 +304,7 @@ def respond_at_once(series: SineSeries) -> Measured:
         )
         for l, phasor, drive, level in zip(plan.lines, phasors, drives, levels, strict=True)  # noqa: E741
     ]
-    return Measured(
+    return MeasuredSeries(
         name="",
         responses=tuple(responses),
         mean_lateness_s=series.mean_lateness_s,

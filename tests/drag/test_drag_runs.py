@@ -131,7 +131,8 @@ def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(cam
     assert not any("assumed" in text for text in texts(found))
     notes = [one.text for one in assumed.findings if one.code == "fact-assumed"]
     assert len(notes) == 3
-    assert "2 recordings: a yaw of 45 degrees on the load cell is assumed, as in version 0.1" in notes[0]
+    names = ", ".join(run.folder.name for run in usual)
+    assert f"{names}: a yaw of 45 degrees on the load cell is assumed, as in version 0.1" in notes[0]
     assert "an azimuth of 28.46 degrees is assumed" in notes[1]
     assert "2 markers of the tachometer are assumed" in notes[2]
 

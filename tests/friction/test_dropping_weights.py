@@ -224,7 +224,7 @@ def test_labels_have_the_weights_and_one_without_is_refused(rig_file: Path) -> N
             label=Label(weight_g=grams),
             time_s=fallen(grams)[0],
             angle_rad=fallen(grams)[1],
-            notes=(),
+            findings=(),
         )
         for grams in (30.0, 40.0, 50.0)
     ]

@@ -81,7 +81,7 @@ def record(grams: float) -> AngleRecord:
     time_s, angle = fallen(grams, DRY_NM, 0.0)
     label, source = Label(weight_g=grams), Source(f"{grams:g}.csv", "0" * 64)
     return AngleRecord(
-        path=Path(f"{grams:g}.csv"), source=source, label=label, time_s=time_s, angle_rad=angle, notes=()
+        path=Path(f"{grams:g}.csv"), source=source, label=label, time_s=time_s, angle_rad=angle, findings=()
     )
 
 

@@ -114,4 +114,4 @@ def test_the_2021_record_is_read_as_100_hz_and_as_one_of_four_motors() -> None:
     assert table.time_s[-1] == pytest.approx(17.34)
     assert table.speeds_rad_s is not None
     assert table.speeds_rad_s.shape == (1735, 4)
-    assert any("100 Hz is assumed" in note for note in table.notes)
+    assert any("100 Hz is assumed" in one.text for one in table.findings)

@@ -43,6 +43,17 @@ def test_a_fit_comes_back_as_it_was_kept(tmp_path: Path) -> None:
     assert without_parameters(found) == without_parameters(FIT)
 
 
+def test_a_finding_comes_back_with_the_same_text_as_one_sentence(tmp_path: Path) -> None:
+    path = keep_fit(tmp_path, replace(FIT, findings=(warning("a-code", "one").at("a.csv"),)))
+    (found,) = list_fits(tmp_path)
+
+    assert isinstance(found, Fit)
+    assert [one.text for one in found.findings] == ["a.csv: one"]
+    assert json.loads(path.read_text())["findings"] == [
+        {"code": "a-code", "severity": "warning", "quantities": [], "text": "a.csv: one"}
+    ]
+
+
 def test_two_fits_within_a_second_stay_apart_also_from_two_processes(tmp_path: Path) -> None:
     threads = [threading.Thread(target=keep_fit, args=(tmp_path / "fits", FIT)) for _ in range(8)]
     for thread in threads:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError, DataError
+from cfid.findings import texts
 from cfid.records.tables.stand import StandTable, read_stand_table
 from tests.places import DATA
 
@@ -30,6 +31,10 @@ def refusal(folder: Path, text: str, kind: type[Exception] = DataError, **option
     return str(caught.value)
 
 
+def notes_of(table: StandTable) -> tuple[str, ...]:
+    return texts(table.findings, "warning")
+
+
 def held(rows: int = 60, head: str = "weight[g],pwm") -> str:
     """Return a record whose pwm is held for twenty rows each."""
     return "\n".join([head, *(f"{i % 7},{10000 * (i // 20)}" for i in range(rows)), ""])
@@ -49,7 +54,7 @@ def test_a_table_of_one_motor_is_read_as_it_says(tmp_path: Path) -> None:
     assert np.asarray(table.torque_nm).tolist() == [0, 3e-5, 9e-4]
     assert np.asarray(table.mean_speed_rad_s).tolist() == [0, 462, 2989]
     assert np.asarray(table.vbat_v).tolist() == [4.1, 4.1, 3.6]
-    assert (table.motors, table.speeds, table.time_s, table.rate_hz, table.notes) == (None, "motor", None, None, ())
+    assert (table.motors, table.speeds, table.time_s, table.rate_hz, table.findings) == (None, "motor", None, None, ())
     assert table.source.sha256 == hashlib.sha256(table.path.read_bytes()).hexdigest()
     assert dict(table.columns)["thrust_n"] == ("thrust_n",)
 
@@ -98,7 +103,7 @@ def test_thrust_of_a_stand_is_the_total_of_four_motors_and_that_is_said(
 
     assert np.asarray(table.thrust_n) == pytest.approx([0, newtons])
     assert table.motors == (4 if total else None)
-    assert any(f"'{head}' is taken as the thrust of 4 motors" in note for note in table.notes) == total
+    assert any(f"'{head}' is taken as the thrust of 4 motors" in note for note in notes_of(table)) == total
 
 
 def test_grams_are_weighed_at_the_gravity_given(tmp_path: Path) -> None:
@@ -124,14 +129,14 @@ def test_a_pwm_held_for_long_is_a_record_over_time_at_an_assumed_rate(tmp_path: 
 
     assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 100)
     assert table.rate_hz == 100
-    assert "stand.csv: a record over time without a time column: 100 Hz is assumed (--rate-hz)." in table.notes
+    assert "stand.csv: a record over time without a time column: 100 Hz is assumed (--rate-hz)." in notes_of(table)
 
 
 def test_a_rate_that_is_given_makes_the_times_and_needs_no_word(tmp_path: Path) -> None:
     table = read(tmp_path, held(), rate_hz=50.0)
 
     assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 50)
-    assert not any("assumed" in note for note in table.notes)
+    assert not any("assumed" in note for note in notes_of(table))
     assert "--rate-hz 0: has to be above zero" in refusal(tmp_path, held(), ConfigError, rate_hz=0.0)
 
 
@@ -146,8 +151,8 @@ def test_a_time_column_is_taken_before_any_rate_is_assumed(tmp_path: Path) -> No
 def test_columns_that_are_not_understood_are_named_and_a_cut_line_is_left_out(tmp_path: Path) -> None:
     table = read(tmp_path, "amps,cmd,thrust_n,v[V]\n1,2000,0.1,3\n1,4000,0.2,3\n1,60")
 
-    assert table.notes[0] == "stand.csv: not used: amps, v[V]."
-    assert "the last line was cut" in table.notes[1]
+    assert notes_of(table)[0] == "stand.csv: not used: amps, v[V]."
+    assert "the last line was cut" in notes_of(table)[1]
     assert len(table.command) == 2
 
 
@@ -168,7 +173,7 @@ def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
 
     assert len(table.command) == 2573
     assert np.asarray(table.time_s)[-1] == pytest.approx(25.72)
-    assert "cf2.1-stock-prop.csv: not used: v[V], i[A], p[W]." in table.notes
+    assert "cf2.1-stock-prop.csv: not used: v[V], i[A], p[W]." in notes_of(table)
 
 
 # Refusals

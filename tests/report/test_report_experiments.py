@@ -46,23 +46,6 @@ def test_experiments_stand_in_the_order_of_the_thesis_the_latest_first(campaign:
     ]
 
 
-def test_a_word_on_several_recordings_is_said_once(campaign: Campaign) -> None:
-    warnings = ("a: recorded on the simulated rig.", "b: recorded on the simulated rig.", "the map ends there.")
-    put(campaign, "thrust", APPENDIX_A["thrust"], sources=["a", "b"], warnings=warnings)
-
-    assert report_of(campaign).experiments[0].remarks == (
-        "2 recordings: recorded on the simulated rig.",
-        "the map ends there.",
-    )
-
-
-def test_words_that_name_no_recording_stay_apart(campaign: Campaign) -> None:
-    warnings = ("command 5000: no lag fits.", "command 9000: no lag fits.")
-    put(campaign, "dynamics", {}, sources=["a"], warnings=warnings)
-
-    assert report_of(campaign).experiments[0].remarks == warnings
-
-
 def test_a_budget_is_a_table_with_a_row_for_each_input(campaign: Campaign) -> None:
     share = [[1e-9, 2e-9, 3e-9], [2e-9, 4e-9, 5e-9], [3e-9, 5e-9, 6e-9]]
     quality = {"rms": None, "condition": 2.6, "budget_kg_m2": {"mass": share, "gravity": share}}

@@ -18,10 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, LeavingPacket
+from cfid.sim.crazyflie import Crazyflie, LeavingPacket
 from cfid.sim.crazyflie_modules import App
 from cfid.sim.crazyflie_supervisor import UPDATE_STEPS
 from cfid.sim.crazyflie_tables import parameters, variables
+from cfid.sim.crazyflie_truth import CrazyflieTruth
 from cfid.sim.propulsion import STILL, Propulsion
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.wire.app import AppPorts

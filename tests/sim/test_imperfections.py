@@ -21,7 +21,7 @@ from cfid.sim.loadcell import WARM_UP_S, SimulatedLoadCell
 from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
 from cfid.sim.radio import Direction
 from cfid.sim.rig import pendulum, record_swings
-from cfid.sim.rotors import Rotors
+from cfid.sim.rotors import SimulatedRotors
 from cfid.sim.stand import simulate_stand
 from cfid.sim.truth import Truth
 from cfid.sim.truth_file import SimTruth, draw_vehicle, load_truth
@@ -157,7 +157,7 @@ def _holds_m(turns: float, per_layer: float) -> float:
 
 def thrust(truth: SimTruth, commands: list[float], *, hold_s: float, rate_hz: float = 200.0) -> Array:
     """The wrench (holds, n, 6) of motor 1."""
-    rotors = Rotors(truth.rotors.model_copy(update=SMOOTH), np.random.default_rng(3))
+    rotors = SimulatedRotors(truth.rotors.model_copy(update=SMOOTH), np.random.default_rng(3))
     each = np.arange(1, int(hold_s * rate_hz) + 1) / rate_hz
     holds = [(place * hold_s + each, command) for place, command in enumerate(commands)]
     return np.array([rotors.advance(time_s, command * np.eye(4)[0]) for time_s, command in holds])

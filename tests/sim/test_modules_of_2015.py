@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cfid.sim.crazyflie import CrazyflieTruth
+from cfid.sim.crazyflie_truth import CrazyflieTruth
 from cfid.sim.propulsion import STILL
 from tests.sim.vehicle import Bench
 

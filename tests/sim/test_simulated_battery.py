@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from cfid.sim.battery import Battery, BatteryTruth
 from cfid.sim.propulsion import STILL, Four, Propulsion
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 
 SUPPLY = BatteryTruth()
 LIPO = BatteryTruth(kind="lipo")
@@ -78,7 +78,7 @@ def test_half_the_voltage_does_to_a_rotor_what_half_the_command_does() -> None:
 
 
 def test_at_nominal_voltage_a_command_means_what_it_says() -> None:
-    rotors, same = (Rotors(ROTORS, np.random.default_rng(3)) for _ in range(2))
+    rotors, same = (SimulatedRotors(ROTORS, np.random.default_rng(3)) for _ in range(2))
     time_s, command = np.arange(100) / 7000, np.full(4, 40000.0)
     np.testing.assert_array_equal(
         rotors.advance(time_s, command), same.advance(time_s, command, volts=ROTORS.nominal_v)
@@ -118,7 +118,7 @@ def test_how_often_the_vehicle_looks_changes_nothing() -> None:
     cuts=st.lists(st.integers(1, 699), max_size=5),
 )
 def test_the_load_cell_feels_each_command_from_its_very_moment_on(commands: list[Four], cuts: list[int]) -> None:
-    propulsion, rotors = _propulsion(), Rotors(ROTORS, np.random.default_rng(3))
+    propulsion, rotors = _propulsion(), SimulatedRotors(ROTORS, np.random.default_rng(3))
     rotors.advance(np.array([0.0]), np.zeros(4))
     time_s = np.arange(700) / 7000
     changes_s = [0.0137 * (place + 1) for place in range(len(commands))]

@@ -8,7 +8,7 @@ import pytest
 
 from cfid.records.facts import LoadCellMount, Tachometer, WindStand
 from cfid.records.rig_file import Rig, load_rig, new_rig_text
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, as_mounted
 
 STEADY = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
@@ -22,7 +22,7 @@ def preset(tmp_path: Path) -> Rig:
 
 def torque_of_motor_1(yaw_deg: float) -> float:
     """Return in degrees where motor 1 lies by the torque of its thrust, from the cell's x axis to the left."""
-    rotors = Rotors(STEADY, np.random.default_rng(1), yaw_deg=yaw_deg)
+    rotors = SimulatedRotors(STEADY, np.random.default_rng(1), yaw_deg=yaw_deg)
     rotors.advance(np.array([0.0]), np.zeros(4))
     wrench = rotors.advance(np.array([2.0]), np.array([30000.0, 0, 0, 0]))[-1]
     return math.degrees(math.atan2(wrench[3], -wrench[4]))

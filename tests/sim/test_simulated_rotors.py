@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 
 SMOOTH = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
 HZ = 7000
@@ -16,8 +16,8 @@ ONLY_FIRST = np.array([40000.0, 0, 0, 0])
 ALL = np.full(4, 40000.0)
 
 
-def _rotors(truth: RotorTruth = SMOOTH) -> Rotors:
-    return Rotors(truth, np.random.default_rng(3))
+def _rotors(truth: RotorTruth = SMOOTH) -> SimulatedRotors:
+    return SimulatedRotors(truth, np.random.default_rng(3))
 
 
 def test_one_motor_lifts_and_tilts_and_twists_as_its_place_and_sense_of_rotation_say() -> None:

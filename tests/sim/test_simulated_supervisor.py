@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from cfid.sim.app_core import load_core
-from cfid.sim.crazyflie import CrazyflieTruth
+from cfid.sim.crazyflie_truth import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import STILL
 from cfid.sim.supervisor_states import SupervisorState

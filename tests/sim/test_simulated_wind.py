@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from cfid.sim.truth_file import load_truth
 from cfid.sim.wind import WindTruth
 
@@ -40,7 +40,7 @@ def test_the_bodys_drag_grows_with_the_square_of_the_wind() -> None:
 
 def test_rotors_feel_the_wind_by_the_sum_of_their_speeds_and_only_while_they_turn() -> None:
     calm, windy = (
-        Rotors(RotorTruth(), np.random.default_rng(3), drag_ns_per_rad=drag)
+        SimulatedRotors(RotorTruth(), np.random.default_rng(3), drag_ns_per_rad=drag)
         for drag in ((0, 0, 0), WIND.drag_ns_per_rad)
     )
     time_s, commands = np.linspace(0, 2, 500), np.array([20000.0, 0, 40000, 0])

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
+from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
 from cfid.sim.crazyflie_modules import PING, THRUST, App, Orders, Seen, Sent
 from cfid.sim.crazyflie_tables import parameters
+from cfid.sim.crazyflie_truth import CrazyflieTruth
 from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
 from cfid.sim.propulsion import STILL, Four, Propulsion
 from cfid.sim.radio import Radio, RadioTruth

@@ -23,7 +23,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> AngleRecord:
     time_s, angle_rad = swing_record()
     path = tmp_path_factory.mktemp("alone") / "encoder.csv"
     return AngleRecord(
-        path=path, source=Source(str(path), "0" * 64), label=Label(), time_s=time_s, angle_rad=angle_rad, notes=()
+        path=path, source=Source(str(path), "0" * 64), label=Label(), time_s=time_s, angle_rad=angle_rad, findings=()
     )
 
 

@@ -83,7 +83,7 @@ def one_swing() -> tuple[Array, Array, float]:
 def recorded(angle: Array, label: Label) -> AngleRecord:
     time_s = one_swing()[0]
     source = Source("one.csv", "0" * 64)
-    return AngleRecord(path=Path("one.csv"), source=source, label=label, time_s=time_s, angle_rad=angle, notes=())
+    return AngleRecord(path=Path("one.csv"), source=source, label=label, time_s=time_s, angle_rad=angle, findings=())
 
 
 def test_an_eccentric_encoder_is_found_and_taken_out() -> None:

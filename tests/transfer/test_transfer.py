@@ -9,7 +9,7 @@ import pytest
 from cfid.errors import FitError
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import Bench, LinearTruth, simulate_sines
-from cfid.transfer.estimation import Measured, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
 from cfid.transfer.frequency_response import respond
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.sines.alignment import align
@@ -40,7 +40,7 @@ def measured(
     stamped: bool = True,
     bench: Bench = USUAL,
     name: str = "first",
-) -> Measured:
+) -> MeasuredSeries:
     runs = simulated(periods, samples=samples, seed=seed, bench=bench)
     return measure(name, align(recorded(runs, stamped=stamped)))
 
@@ -303,4 +303,4 @@ def test_responses_of_two_forms_are_not_mixed() -> None:
     series = align(recorded(simulated((3, 8, 25))))
     mixed = (respond(series.runs[0]), respond(series.runs[1]), respond(series.runs[2], form="thesis"))
     with pytest.raises(FitError, match="two forms"):
-        fit_transfer([Measured(name="first", responses=mixed)])
+        fit_transfer([MeasuredSeries(name="first", responses=mixed)])

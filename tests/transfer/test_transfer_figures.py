@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.transfer.estimation import Measured, TransferFit, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
 from cfid.transfer.figures import bode_figure, step_figure, thesis_bode_figure, verification_figure
 from cfid.transfer.panels import sine_run_figure
 from cfid.transfer.sines.alignment import RecordedSine, SineSeries, align
@@ -30,12 +30,12 @@ def series(runs: list[RecordedSine]) -> SineSeries:
 
 
 @pytest.fixture(scope="module")
-def measured(series: SineSeries) -> Measured:
+def measured(series: SineSeries) -> MeasuredSeries:
     return measure("first", series)
 
 
 @pytest.fixture(scope="module")
-def fit(measured: Measured) -> TransferFit:
+def fit(measured: MeasuredSeries) -> TransferFit:
     return fit_transfer([measured])
 
 
@@ -62,15 +62,15 @@ def test_a_bode_page_shows_every_response_with_its_interval_the_model_and_the_th
     assert not page.overlapping()
 
 
-def test_responses_that_no_model_follows_are_rejected_in_red(look: Look, measured: Measured) -> None:
+def test_responses_that_no_model_follows_are_rejected_in_red(look: Look, measured: MeasuredSeries) -> None:
     page = look(bode_figure(fit_transfer([measured], shape="first")))
 
     assert "chi-squared" in page.red()
     assert not page.overlapping()
 
 
-def test_two_series_lie_on_one_curve_in_two_colours(look: Look, measured: Measured) -> None:
-    other = Measured(name="second", responses=measured.responses, mean_lateness_s=0.0)
+def test_two_series_lie_on_one_curve_in_two_colours(look: Look, measured: MeasuredSeries) -> None:
+    other = MeasuredSeries(name="second", responses=measured.responses, mean_lateness_s=0.0)
     page = look(bode_figure(fit_transfer([measured, other])))
     colours = {line.get_color() for line in page.panel("(a)").get_lines() if line.get_marker() == "o"}
 
@@ -88,7 +88,7 @@ def test_the_thesis_page_shows_its_estimates_and_their_least_squares(look: Look,
 
 @pytest.mark.parametrize("shape", ["first+delay", "second"])
 def test_a_step_ends_at_the_static_gain_with_its_interval(
-    look: Look, measured: Measured, thesis: ThesisFit, shape: Any
+    look: Look, measured: MeasuredSeries, thesis: ThesisFit, shape: Any
 ) -> None:
     fit = fit_transfer([measured], shape=shape)
     page = look(step_figure(fit, thesis=thesis))

@@ -90,10 +90,9 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
         raise DataError(f"{run.device_file(COMMANDS)}: has no rows.")
     staircase = motors.reduce_run(record)  # its pauses give the tare, in the wind and with still rotors
     points = staircase.reduced.steady()
-    findings = [replace(one, quantities=("drag.*",)) for one in staircase.findings]
     readings = read_rows(run, READINGS) if holds(run, READINGS) else None
     volts = staircase.volts(points)
-    findings += _assumptions(facts, setting, typed=readings is not None)
+    findings = _assumptions(facts, setting, typed=readings is not None)
     forces, unknown = [], []
     for place, point in enumerate(points):
         name, typed = f"{record.name} command {point.command}", _typed(readings, staircase.began_s, point)
@@ -106,10 +105,14 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
         forces.append(made if volts is None else replace(made, volts=float(volts[place])))
     if not forces:
         raise unknown[0]
-    findings += [warning("drag-rotor-speed-unknown", f"{error} It is left out.", "drag.*") for error in unknown]
     return ReducedRecording(
         forces=tuple(forces),
-        findings=(*_notes(record), *findings),
+        findings=(
+            *_notes(record),
+            *(replace(one, quantities=("drag.*",)) for one in staircase.findings),
+            *(one.at(record.name) for one in findings),
+            *(warning("drag-rotor-speed-unknown", f"{error} It is left out.", "drag.*") for error in unknown),
+        ),
         sources=(*staircase.sources, *([readings.source] if readings else [])),
         rig=_with_yaw(facts),
         by_tachometer=readings is not None,
@@ -121,7 +124,7 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     _refuse_other_wind(row)
     facts = how.given.over(how.rig)
     record = read_wrench(row.loadcell, replace(how.wrench, gain=facts.loadcell.gain))
-    findings = [replace(one, text=one.text.removeprefix(f"{record.path.name}: ")) for one in _notes(record)]
+    findings = _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
     if row.command > DEAD_COMMAND:
         mean = _averaged(row, record, how)
         findings += [*mean.findings, *_vibration_used(row.tach_rpm, row.setting)]
@@ -129,10 +132,9 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
     else:
         still = np.zeros(3)
         made = WindForce(name=row.name, command=row.command, setting=row.setting, force_n=still, force_std_n=still)
-    findings += _assumptions(facts, row.setting, typed=bool(row.tach_rpm))
     return ReducedRecording(
         forces=(made,),
-        findings=tuple(findings),
+        findings=(*_notes(record), *(one.at(record.path.name) for one in findings)),
         sources=(record.source,),
         rig=_with_yaw(facts),
         by_tachometer=bool(row.tach_rpm),
@@ -229,7 +231,7 @@ def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:
 
 
 def _notes(record: WrenchRecord) -> list[Finding]:
-    return [note("recording", text, "drag.*") for text in record.notes]
+    return [replace(one, severity="note", quantities=("drag.*",)) for one in record.findings]
 
 
 def _vibration_used(typed_rpm: float | None, at: WindSetting) -> list[Finding]:

@@ -1,12 +1,13 @@
 """The index of recordings in wind: a CSV file with a row a recording, each of one command."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from cfid.drag.wind.plan import WindSetting
 from cfid.errors import DataError
-from cfid.findings import Finding, note
+from cfid.findings import Finding
 from cfid.records.parameters import Source
 from cfid.records.tables.index import IndexRow, read_index
 from cfid.units import FULL_COMMAND
@@ -36,14 +37,14 @@ def read_wind_index(path: Path) -> tuple[list[IndexedRun], Source, tuple[Finding
 
     Raises DataError with file and line for a value that is missing or not a number, and a file that two rows name.
     """
-    rows, source, notes = read_index(path, columns=COLUMNS, optional=OPTIONAL)
+    rows, source, findings = read_index(path, columns=COLUMNS, optional=OPTIONAL)
     found = [_run_of(row) for row in rows]
     seen: dict[Path, str] = {}
     for run in found:
         if run.loadcell in seen:
             raise DataError(f"{run.where}: {run.loadcell} is the file of {seen[run.loadcell]} too: which is it?")
         seen[run.loadcell] = run.where
-    return found, source, tuple(note("recording", text, "drag.*") for text in notes)
+    return found, source, tuple(replace(one, severity="note", quantities=("drag.*",)) for one in findings)
 
 
 def _run_of(row: IndexRow) -> IndexedRun:

@@ -123,16 +123,16 @@ def missing_lines(done: Sequence[PlannedRun]) -> list[str]:
 
 def setting_of(run: Run) -> WindSetting:
     """Return the wind setting of a run. Raises DataError when it is not a wind run."""
-    asked = run.header.asked
+    request = run.header.asked
     try:
         if run.header.kind != KIND:
             raise KeyError
         return WindSetting(
-            angle_deg=None if asked.get("angle_deg") is None else float(asked["angle_deg"]),
-            fan_v=float(asked.get("fan_v", 0.0)),
-            min_mps=float(asked["wind_min_mps"]),
-            max_mps=float(asked["wind_max_mps"]),
-            azimuth_deg=_azimuth_deg(asked),
+            angle_deg=None if request.get("angle_deg") is None else float(request["angle_deg"]),
+            fan_v=float(request.get("fan_v", 0.0)),
+            min_mps=float(request["wind_min_mps"]),
+            max_mps=float(request["wind_max_mps"]),
+            azimuth_deg=_azimuth_deg(request),
         )
     except (KeyError, TypeError, ValueError):
         raise DataError(f"{run.folder}: not a run of `cfid log wind` that states its wind.") from None
@@ -156,8 +156,8 @@ def recorded(runs: Sequence[Run]) -> list[PlannedRun]:
     return found
 
 
-def _azimuth_deg(asked: Mapping[str, Any]) -> float | None:
+def _azimuth_deg(request: Mapping[str, Any]) -> float | None:
     """Return the azimuth that a run states; version 0.1 wrote it in radians."""
-    if asked.get("azimuth_rad") is not None:
-        return math.degrees(asked["azimuth_rad"])
-    return None if asked.get("azimuth_deg") is None else float(asked["azimuth_deg"])
+    if request.get("azimuth_rad") is not None:
+        return math.degrees(request["azimuth_rad"])
+    return None if request.get("azimuth_deg") is None else float(request["azimuth_deg"])

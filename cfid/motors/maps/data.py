@@ -11,7 +11,7 @@ from cfid.errors import CfidError, DataError
 from cfid.estimate.staircase import FZ, NeverRanError, reduce_single
 from cfid.findings import Finding, warning
 from cfid.motors.data import RunStaircase, channels_of, reduce_run, without_dead
-from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, speed_findings, staircase_findings
+from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
@@ -47,7 +47,7 @@ def of_file(
             time_s=record.time_s, channels=channels, command=command, status=record.status, window=stand.window_s
         )
     except NeverRanError as error:
-        left_out = warning("file-left-out", f"{path}: {error} It is left out.")
+        left_out = warning("file-left-out", f"{error} It is left out.").at(str(path))
         return _plain(record, MotorPoints(command=np.zeros(0)), left_out)
     except CfidError as error:
         raise type(error)(f"{path}: {error}") from None
@@ -69,7 +69,7 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
     """Return points of a file that needs no reduction, or none."""
     return Evidence(
         points=points,
-        findings=(*recording(record.notes), *findings),
+        findings=(*record.findings, *findings),
         sources=(record.source,),
         paths=(record.path,),
     )
@@ -119,7 +119,7 @@ def _evidence(
         points=points,
         vbat_v=found.volts(settled),
         lines=tuple(line_of(point, record.name) for point in found.reduced.points),
-        findings=(*recording(record.notes), *staircase_findings(found.reduced, record.name), *found.dead, *about_speed),
+        findings=(*record.findings, *staircase_findings(found.reduced, record.name), *found.dead, *about_speed),
         sources=found.sources,
         reduced=(Reduced(name=record.name, time_s=record.time_s, thrust_n=thrust_n, staircase=found.reduced),),
         paths=(record.path,),

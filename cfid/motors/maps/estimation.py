@@ -18,7 +18,7 @@ from cfid.motors.maps.checks import (
     marker_findings,
     missing_commands,
 )
-from cfid.motors.points import Array, Measured, MotorPoints, measured
+from cfid.motors.points import Array, MotorPoints, PairedPoints, measured
 from cfid.units import DEAD_COMMAND
 
 Method = Literal["default", "thesis"]
@@ -42,8 +42,8 @@ _DROPPED = 2000  # the command that C.2.3 leaves out
 class MotorMap:
     """A polynomial `fit` to y over x (n,), which were measured at `command` (n,); SI units, one motor.
 
-    `windows` (n, N) are those of `Measured`. `left_out` are commands whose points were not used. `aicc` is the
-    corrected AIC of each order that was tried, empty where the order was given. A rejection among the `findings` says
+    `windows` (n, N) are those of `PairedPoints`. `left_out` are commands whose points were not used. `aicc` is the
+    corrected AIC of each order that was tried, empty where the order was given. A rejection among the `findings` states
     why the polynomial does not describe the points.
     """
 
@@ -63,8 +63,8 @@ class MotorMap:
 class SpeedThrustMap:
     """Thrust of speed, f = k w^2 as `square` (eq. 3.1) and with all three coefficients as `quadratic`.
 
-    `windows` (n, N) are those of `Measured`. `difference_n` is the largest between the two at the speeds measured.
-    `square_suffices` says that the corrected AIC prefers k alone.
+    `windows` (n, N) are those of `PairedPoints`. `difference_n` is the largest between the two at the speeds measured.
+    `square_suffices` states that the corrected AIC prefers k alone.
     """
 
     square: PolynomialFit
@@ -209,7 +209,7 @@ def _thrust_of_speeds(points: MotorPoints) -> Array | None:
 
 def _map(
     quantity: Literal["thrust", "speed", "torque"],
-    measured: Measured,
+    measured: PairedPoints,
     method: Method,
     order: Order,
     *,
@@ -267,18 +267,18 @@ def _stated(fit: PolynomialFit, std: Array | None, wide: Array | None) -> Polyno
     return replace(fit, inflation=fit.inflation * float(np.sqrt(np.mean((wide / std) ** 2))))
 
 
-def _running(measured: Measured, key: str) -> tuple[Measured, tuple[Finding, ...]]:
+def _running(measured: PairedPoints, key: str) -> tuple[PairedPoints, tuple[Finding, ...]]:
     text = (
         f"up to command {DEAD_COMMAND} the motor stands (dead zone): those points are left out, and the map ends there."
     )
     return measured.kept(measured.command > DEAD_COMMAND), (note("dead-zone-left-out", text, key),)
 
 
-def _thesis_points(measured: Measured, key: str) -> tuple[Measured, tuple[Finding, ...]]:
+def _thesis_points(measured: PairedPoints, key: str) -> tuple[PairedPoints, tuple[Finding, ...]]:
     """Leave out command 2000 and put a zero at command 0, as C.2.3 does."""
     kept = measured.kept((measured.command != _DROPPED) & (measured.command != 0))
     command, x, y = (np.concatenate([[0.0], column]) for column in (kept.command, kept.x, kept.y))
-    used = Measured(command, x, y, np.vstack([np.zeros(kept.windows.shape[1]), kept.windows]))
+    used = PairedPoints(command, x, y, np.vstack([np.zeros(kept.windows.shape[1]), kept.windows]))
     # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
     text = f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero."
     return used, (note("thesis-points", text, key),)

@@ -1,6 +1,6 @@
 """Steady points of one motor and their sources, with the facts that files do not contain."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.staircase import Point, Staircase
-from cfid.findings import Finding, note, warning
+from cfid.findings import Finding, note
 from cfid.motors.points import MotorPoints, joined
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer
 from cfid.records.parameters import Source
@@ -43,7 +43,7 @@ class Stand:
 
     def divided(self, shown: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
         """Return speeds (n,) in rad/s of a tachometer's readings, and a finding where its markers are not stated."""
-        findings = (note("fact-assumed", f"{name}: {_ASSUMED}", "motor.speed_poly"),)
+        findings = (note("fact-assumed", _ASSUMED, "motor.speed_poly").at(name),)
         return shown / (self.markers or 1), findings if self.markers is None else ()
 
 
@@ -97,20 +97,14 @@ def line_of(point: Point, name: str) -> str:
     return f"{name}: command {point.command}: {window}, {how}"
 
 
-def recording(notes: Iterable[str]) -> tuple[Finding, ...]:
-    """Return what the file's reader reported of a recording."""
-    return tuple(warning("recording", text) for text in notes)
-
-
 def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
     """Return findings about the means of a staircase, and how far the load cell drifted."""
-    return tuple(replace(one, text=f"{name}: {one.text}") for one in (*found.findings, *_drift(found)))
+    return tuple(one.at(name) for one in (*found.findings, *_drift(found)))
 
 
 def speed_findings(found: Staircase, name: str) -> tuple[Finding, ...]:
     """Return the same of a staircase of speeds, which need no baseline."""
-    own = (one for one in found.findings if one.code != "no-baseline-after")
-    return tuple(replace(one, text=f"{name}: {one.text}") for one in own)
+    return tuple(one.at(name) for one in found.findings if one.code != "no-baseline-after")
 
 
 def _drift(found: Staircase) -> list[Finding]:

@@ -31,7 +31,7 @@ from cfid.estimate.staircase import FZ, Staircase
 from cfid.findings import Finding, texts
 from cfid.motors.maps.checks import listed
 from cfid.motors.maps.estimation import OUTLIER_WEIGHT, MotorMap, SpeedThrustMap
-from cfid.motors.maps.scales import Verification
+from cfid.motors.maps.scales import ScalesCheck
 from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.panels import (
     COMMAND,
@@ -90,7 +90,7 @@ def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, ti
 
 
 @styled
-def map_figure(mapped: MotorMap, *, verification: Verification | None = None) -> Figure:
+def map_figure(mapped: MotorMap, *, verification: ScalesCheck | None = None) -> Figure:
     """Draw a map with its points and residuals; with a thrust map also the readings of a second instrument.
 
     Bars are one standard uncertainty of a point about the curve. Bands are the 95 % bands of the curve and of a point.
@@ -179,9 +179,7 @@ def _map_coefficients(mapped: MotorMap) -> list[tuple[str, str]]:
     return coefficients(mapped.fit, "cmd", [_AXES[mapped.quantity][1]] * len(powers))
 
 
-def _map_facts(
-    mapped: MotorMap, verification: Verification | None, *, unit: str, scale: float
-) -> list[tuple[str, str]]:
+def _map_facts(mapped: MotorMap, verification: ScalesCheck | None, *, unit: str, scale: float) -> list[tuple[str, str]]:
     fit = mapped.fit
     facts = [
         ("points", f"{len(mapped.x)} at {len(np.unique(mapped.command))} commands"),

@@ -10,9 +10,8 @@ from cfid.estimate.polynomials import PolynomialFit
 from cfid.findings import Finding, warning
 from cfid.motors.maps.estimation import MotorMap
 from cfid.motors.points import Array
-from cfid.units import DEAD_COMMAND, FULL_COMMAND, ROTORS
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 
-_FAR = 0.95  # of the full command: where less was measured, the maximum is extrapolated
 _NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
 
 
@@ -86,7 +85,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     fit = thrust_map.fit
     thrust, std = float(fit.at(FULL_COMMAND)), float(fit.std_at(FULL_COMMAND)[0])
     largest, highest = int(np.argmax(thrust_map.y)), float(thrust_map.command.max())
-    far = highest < _FAR * FULL_COMMAND
+    far = highest < NEAR_FULL * FULL_COMMAND
     text = f"the thrust at command {FULL_COMMAND} is extrapolated: {highest:.0f} is the largest that was measured."
     beyond = warning("maximum-extrapolated", text, "motor.max_thrust_n", "motor.hover_mass_kg")
     return MaximumThrust(

@@ -24,7 +24,7 @@ from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, 
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
 from cfid.motors.maps.inverse import invert, maximum_thrust
-from cfid.motors.maps.scales import Verification, scales_thrust_n, verify_thrust
+from cfid.motors.maps.scales import ScalesCheck, scales_thrust_n, verify_thrust
 from cfid.motors.maps.table_data import of_table, read_scales
 from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.vibration.data import Rotors
@@ -58,7 +58,7 @@ class _Beside:
     quality: Mapping[str, Any] | None = None
     over_speed: SpeedThrustMap | None = None
     voltage: VoltageComparison | None = None
-    verification: Verification | None = None
+    verification: ScalesCheck | None = None
 
 
 def fit_thrust(
@@ -163,7 +163,7 @@ def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
         wanted=estimation.OVER_SPEED[:1],
         covariances=values.covariances(over_speed=mapped),
         quality={"points": len(mapped.thrust_n), "difference_n": mapped.difference_n},
-        findings=values.merged((*found.findings, *mapped.findings)),
+        findings=(*found.findings, *mapped.findings),
         sources=found.sources,
         lines=found.lines,
         drawings=lambda: {"thrust_of_speed": speed_thrust_figure(mapped)},
@@ -207,7 +207,7 @@ def _with_findings(found: Evidence) -> Iterator[None]:
     try:
         yield
     except FitError as error:
-        raise FitError(" ".join([str(error), *texts(values.merged(found.findings), "warning")])) from None
+        raise FitError(" ".join([str(error), *texts(found.findings, "warning")])) from None
 
 
 def _by_voltage(found: Evidence, *, max_thrust_n: float | None) -> tuple[VoltageComparison | None, Sequence[Finding]]:
@@ -242,7 +242,7 @@ def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedTh
 
 def _verified(
     mapped: MotorMap, scales: Path | None, motors: int | None, gravity_mps2: float
-) -> tuple[Verification | None, Sequence[Finding]]:
+) -> tuple[ScalesCheck | None, Sequence[Finding]]:
     """Compare the map with scales: of a run, or of a table."""
     if scales is None:
         return None, ()
@@ -275,7 +275,7 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
         wanted=GIVEN_BY[mapped.quantity][:1],
         covariances=beside.covariances,
         quality=values.figures_of_merit(mapped, **(beside.quality or {})),
-        findings=values.merged((*found.findings, *mapped.findings, *beside.findings)),
+        findings=(*found.findings, *mapped.findings, *beside.findings),
         sources=found.sources,
         lines=(*found.lines, *values.map_lines(mapped), *beside.lines),
         drawings=drawings,

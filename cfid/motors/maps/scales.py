@@ -12,7 +12,7 @@ from cfid.units import DEAD_COMMAND
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verification:
+class ScalesCheck:
     """Thrusts (n,) of one motor by another instrument, beside the map's; up to command 1000 that is zero.
 
     `difference_n` is instrument less map, `percent` the same of the map's, nan where that is zero. `rms_n` and
@@ -49,7 +49,7 @@ def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: 
     return np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
 
 
-def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> Verification:
+def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> ScalesCheck:
     """Compare thrusts (n,) of one motor with the map at their commands (n,).
 
     Raises FitError when no motor ran.
@@ -65,7 +65,7 @@ def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> V
     gain = float(ours @ theirs / (ours @ ours))
     free = len(ours) - 1
     scatter = float(np.sum((theirs - gain * ours) ** 2)) / free if free > 1 else math.nan
-    return Verification(
+    return ScalesCheck(
         command=command,
         thrust_n=thrust_n,
         map_n=expected,

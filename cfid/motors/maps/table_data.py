@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.errors import CfidError, DataError
 from cfid.estimate.staircase import mean_beside, reduce_staircase
-from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, recording, speed_findings, staircase_findings
+from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.records.facts import NONE_STATED, RigFacts
@@ -39,7 +39,7 @@ def _of_points(table: StandTable, stand: Stand) -> Evidence:
     points = per_motor(
         MotorPoints(command=table.command, thrust_n=table.thrust_n, torque_nm=table.torque_nm), motors=share
     )
-    speeds, vbat, findings = table.speeds_rad_s, table.vbat_v, recording(table.notes)
+    speeds, vbat, findings = table.speeds_rad_s, table.vbat_v, table.findings
     if speeds is not None:
         one_speed = table.square_mean_speed_rad_s
         assert one_speed is not None
@@ -85,7 +85,7 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
         points=replace(points, speed_rad_s=speed),
         vbat_v=volts,
         lines=tuple(line_of(point, table.path.name) for point in found.points),
-        findings=(*recording(table.notes), *findings, *staircase_findings(found, table.path.name)),
+        findings=(*table.findings, *findings, *staircase_findings(found, table.path.name)),
         sources=(table.source,),
         reduced=(
             Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found, thrust=0),
@@ -111,7 +111,7 @@ def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
     return Evidence(
         points=MotorPoints(command=np.array([float(point.command or 0) for point in settled]), speed_rad_s=speed),
         lines=tuple(line_of(point, table.path.name) for point in found.points),
-        findings=(*recording(table.notes), *findings, *speed_findings(found, table.path.name)),
+        findings=(*table.findings, *findings, *speed_findings(found, table.path.name)),
         sources=(table.source,),
         paths=(table.path,),
     )

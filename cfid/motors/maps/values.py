@@ -1,7 +1,6 @@
 """Motor maps as quantities of the contract, with covariances, lines and figures of merit."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,10 +8,10 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from cfid.estimate.shared_points import PointFit, joint_covariance
-from cfid.findings import Finding, texts
+from cfid.findings import texts
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.inverse import InverseMap, MaximumThrust
-from cfid.motors.maps.scales import Verification
+from cfid.motors.maps.scales import ScalesCheck
 from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.points import MotorPoints, motor_table
 from cfid.records.covariances import Covariance, covariance_between
@@ -21,7 +20,6 @@ from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-_MOST_NAMES = 2
 _Y = {"thrust": "N", "speed": "rad/s", "torque": "Nm"}
 
 
@@ -179,7 +177,7 @@ def inverse_lines(inverse: InverseMap, most: MaximumThrust) -> list[str]:
     ]
 
 
-def verification_lines(found: Verification) -> list[str]:
+def verification_lines(found: ScalesCheck) -> list[str]:
     """Return how far a second instrument is from the map (figure 3.9)."""
     largest = max(abs(value) for value in found.difference_n.tolist())
     return [
@@ -200,18 +198,3 @@ def figures_of_merit(found: MotorMap, **more: Any) -> dict[str, Any]:
         "aicc": {str(order): value for order, value in found.aicc.items()},
         **more,
     }
-
-
-def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings, each once, in their order; one that is the same for several files names all of them."""
-    files: dict[Finding, list[str]] = {}
-    for finding in dict.fromkeys(findings):
-        name, colon, text = finding.text.partition(": ")
-        files.setdefault(replace(finding, text=text if colon else finding.text), []).append(name if colon else "")
-    return tuple(replace(finding, text=f"{_names(names)}{finding.text}") for finding, names in files.items())
-
-
-def _names(names: Sequence[str]) -> str:
-    if len(names) > _MOST_NAMES:
-        return f"{names[0]} and {len(names) - 1} more: "
-    return f"{', '.join(names)}: " if any(names) else ""

@@ -1,6 +1,5 @@
 """Speeds over time and the commands beside them: of a thrust stand, of the vehicle, or from vibration."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
-from cfid.findings import Finding, note, warning
+from cfid.findings import Finding, note
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
 from cfid.records.parameters import Source
@@ -60,7 +59,7 @@ def of_table(table: StandTable) -> SpeedRecord:
         speed_rad_s=speed,
         command_time_s=table.time_s,
         command=table.command,
-        findings=_recording(table.notes),
+        findings=table.findings,
         sources=(table.source,),
     )
 
@@ -101,10 +100,6 @@ def _of_vibration(
         command_time_s=command_time_s - begin_s(run.device_file(LOADCELL)),
         command=command,
         blur_s=_BLUR_S,
-        findings=(*_recording(record.notes), note("speed-from-vibration", text, "dynamics.*")),
+        findings=(*record.findings, note("speed-from-vibration", text, "dynamics.*")),
         sources=(record.source, source),
     )
-
-
-def _recording(notes: Iterable[str]) -> tuple[Finding, ...]:
-    return tuple(warning("recording", text) for text in notes)

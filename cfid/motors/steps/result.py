@@ -89,7 +89,7 @@ def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding,
 
 def _of_row(lag: StepFit) -> Sequence[Finding]:
     """Return why a step's row was rejected: for the key, which has other rows, these are warnings."""
-    return [replace(one, severity="warning", text=f"{_name(lag)}: {one.text}") for one in lag.findings]
+    return [replace(one, severity="warning", where=(_name(lag),)) for one in lag.findings]
 
 
 def _name(lag: StepFit) -> str:

@@ -88,12 +88,11 @@ def speeds_from_vibration(
     left_out = tuple(
         warning(
             "speed-step-left-out",
-            f"{record.name}: command {point.command}: {' '.join(texts(one.findings, 'rejection'))} Its speed is left "
-            "out.",
+            f"command {point.command}: {' '.join(texts(one.findings, 'rejection'))} Its speed is left out.",
             "motor.speed_poly",
-        )
+        ).at(record.name)
         for point, one in zip(points, found, strict=True)
         if not one.accepted
     )
-    text = f"{record.name}: no tachometer: the rotors' speed is estimated from the load cell's vibration."
-    return speed, std, (note("speed-from-vibration", text, "motor.speed_poly"), *left_out)
+    text = "no tachometer: the rotors' speed is estimated from the load cell's vibration."
+    return speed, std, (note("speed-from-vibration", text, "motor.speed_poly").at(record.name), *left_out)

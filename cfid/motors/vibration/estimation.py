@@ -129,7 +129,7 @@ def aliased(interval_s: float, blades: int, largest_rad_per_s: float) -> list[Fi
     return [rejection("vibration-aliased", text, KEY)]
 
 
-class _Found(NamedTuple):
+class _ChosenFamily(NamedTuple):
     family: Family
     margin: float
     rejections: list[Finding]
@@ -161,7 +161,7 @@ def clear_lines(comb: Comb, lines: Array) -> tuple[int, ...]:
     return tuple(h for h, line in zip(comb.harmonics, lines, strict=True) if line >= min(_LINE, lines.max()))
 
 
-def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, float]) -> _Found:
+def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, float]) -> _ChosenFamily:
     """Find the best candidate in the whole window, and its place in the middle, where the fit begins."""
     seen = spectrum(signal=wrench, interval_s=interval_s)
     grid = comb.candidates(seen, between)
@@ -183,7 +183,7 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
     centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
     around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
     start = around[np.argmax(comb.score(comb.lines(centre, around)))]
-    return _Found(Family(float(start), clear_lines(comb, lines[:, best])), margin, rejections)
+    return _ChosenFamily(Family(float(start), clear_lines(comb, lines[:, best])), margin, rejections)
 
 
 def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
@@ -217,7 +217,7 @@ def _more(time: Array, fit: LineFit) -> Iterator[tuple[Family, ...]]:
             yield (*fit.families[:k], *pair, *fit.families[k + 1 :])
 
 
-def _result(time: Array, wrench: Array, fit: LineFit, found: _Found, expected: int) -> RotorSpeed:
+def _result(time: Array, wrench: Array, fit: LineFit, found: _ChosenFamily, expected: int) -> RotorSpeed:
     rotors = [_rotor(fit, k) for k in range(len(fit.families))]
     count, span_s, wander = len(rotors), float(time[-1] - time[0]), 0.0
     speed = float(np.mean([rotor.speed_rad_per_s for rotor in rotors]))

@@ -40,11 +40,11 @@ class RotorWindow:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about it; a rejection concerns this window alone, and is a warning for the others."""
-        found = [replace(one, severity=_beside(one), text=f"{self.place}: {one.text}") for one in self.speed.findings]
+        found = [replace(one, severity=_beside(one), where=(self.place,)) for one in self.speed.findings]
         if self.reported_rad_s and self.speed.accepted:
             off = self.speed.speed_rad_per_s / self.reported_rad_s - 1
-            text = f"{self.place}: vibration and tachometer differ by {100 * off:+.1f} %."
-            found += [warning("vibration-against-tachometer", text, KEY)] if abs(off) >= _APART else []
+            text = f"vibration and tachometer differ by {100 * off:+.1f} %."
+            found += [warning("vibration-against-tachometer", text, KEY).at(self.place)] if abs(off) >= _APART else []
         return tuple(found)
 
 
@@ -87,8 +87,8 @@ def fit(
         wanted=(KEY,),
         quality={"windows": len(windows), "rejected": len(rejected)},
         findings=(
-            *(warning("recording", text) for text in record.notes),
-            *dict.fromkeys(finding for one in windows for finding in one.findings),
+            *record.findings,
+            *(finding for one in windows for finding in one.findings),
             *(none if len(rejected) == len(windows) else ()),
         ),
         sources=(record.source,) if staircase is None else staircase.sources,

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, of_recording, texts
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
@@ -22,6 +23,7 @@ from cfid.records.tables.times import (
     Facts,
     column_name,
     facts_of,
+    file_name,
     gaps,
     losses,
     numbers_of,
@@ -58,13 +60,18 @@ class AngleRecord:
     label: Label
     time_s: Array
     angle_rad: Array
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
     run: str | None = None
 
     @property
     def name(self) -> str:
         """The run's name, or the file's."""
         return self.run or self.path.stem
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What its reader noted, in sentences that name the run or the file."""
+        return texts(self.findings, "warning")
 
 
 def read_angle(path: Path, reading: Reading) -> AngleRecord:
@@ -85,9 +92,9 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
         columns=record.columns[:2],
     )
     found, rows = _read(file, own, run.header.label, own=True)
-    notes = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
-    named = tuple(f"{path.name}: {note}" for note in notes)
-    return replace(found, run=path.resolve().name, notes=named + found.notes)
+    name = path.resolve().name
+    about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))])
+    return replace(found, run=name, findings=about_run + found.findings)
 
 
 Recording = AngleRecord | Run | Path | str
@@ -152,6 +159,6 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         label=label,
         time_s=time[angle.rows] - time[angle.rows[0]],
         angle_rad=angle.angle_rad,
-        notes=tuple(f"{path.name}: {note}" for note in notes + angle.notes),
+        findings=of_recording(file_name(path, own=own), notes + angle.notes),
     )
     return record, len(values)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import DataError
+from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
@@ -39,7 +40,7 @@ class CrossingRecord:
     command: Array
     sample: Array | None
     vehicle_us: Array | None
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def read_run_crossings(run: Run) -> CrossingRecord:
@@ -70,5 +71,5 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
         command=values[:, 1],
         sample=values[:, 2] if stamped else None,
         vehicle_us=values[:, 3] if stamped else None,
-        notes=(f"{path.name}: {CUT_LINE}",) if table.cut else (),
+        findings=of_recording(path.name, (CUT_LINE,) if table.cut else ()),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cfid.errors import DataError
+from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.tables.text import fields_of, filled_lines, is_finite, read_text, separator_of, whole_lines
 
@@ -44,11 +45,11 @@ class IndexRow:
 
 
 class Index(NamedTuple):
-    """The rows of an index, its file, and notes."""
+    """The rows of an index, its file, and findings about it."""
 
     rows: list[IndexRow]
     source: Source
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> Index:
@@ -74,5 +75,5 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
         raise DataError(f"{path}: a header and no rows: it names no run.")
     unused = [name for name in names if name not in {*columns, *optional}]
     known = f"it may have {', '.join(optional)}"
-    notes = (f"{path.name}: not used: column {', '.join(unused)}; {known}.",) if unused else ()
-    return Index(rows, Source(str(path), hashlib.sha256(content).hexdigest()), notes)
+    notes = (f"not used: column {', '.join(unused)}; {known}.",) if unused else ()
+    return Index(rows, Source(str(path), hashlib.sha256(content).hexdigest()), of_recording(path.name, notes))

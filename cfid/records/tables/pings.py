@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cfid.errors import DataError
+from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.tables.schema import TIME, Column, TableSchema
 from cfid.records.tables.table import Array, open_table
@@ -33,7 +34,7 @@ class PingRecord:
     sent_s: Array | None
     vehicle_us: Array | None
     circumstances: str
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def name(self) -> str:
@@ -65,5 +66,5 @@ def read_pings(path: Path) -> PingRecord:
         sent_s=columns.get(TIME),
         vehicle_us=columns.get(_VEHICLE),
         circumstances="" if run is None else run.header.label.note or "",
-        notes=tuple(f"{path.name}: {note}" for note in notes),
+        findings=of_recording(path.name, notes),
     )

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.tables.table import Array, CsvTable, open_table
 from cfid.records.tables.times import CUT_LINE, times_of
@@ -56,7 +57,7 @@ class StandTable:
     speeds: Speeds | None
     time_s: Array | None
     rate_hz: float | None
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def mean_speed_rad_s(self) -> Array | None:
@@ -151,7 +152,7 @@ def read_stand_table(
         speeds=None if speeds is None else cast(Speeds, speeds.head.kind),
         time_s=time_s,
         rate_hz=rate,
-        notes=tuple(f"{path.name}: {note}" for note in notes),
+        findings=of_recording(path.name, notes),
     )
 
 

@@ -78,6 +78,11 @@ def run_at(path: Path) -> Run | None:
     return read_run(path) if is_run else None
 
 
+def file_name(path: Path, *, own: bool) -> str:
+    """Return a file's name, with that of its run where it is a run's own."""
+    return f"{path.resolve().parent.name}/{path.name}" if own else path.name
+
+
 def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     """Return notes on a device's recording: cut or failed, samples lost or never taken, rows changed, simulated."""
     notes = []

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, of_recording, texts
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
@@ -25,6 +26,7 @@ from cfid.records.tables.times import (
     Facts,
     column_name,
     facts_of,
+    file_name,
     gaps,
     losses,
     numbers_of,
@@ -87,7 +89,7 @@ class WrenchRecord:
     force_n: Array
     torque_nm: Array
     status: Words | None
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
     lost: int | None = None
     run: str | None = None
     begin_s: float | None = None
@@ -96,6 +98,11 @@ class WrenchRecord:
     def name(self) -> str:
         """The run's name, or the file's."""
         return self.run or self.path.stem
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What its reader noted, in sentences that name the run or the file."""
+        return texts(self.findings, "warning")
 
 
 class _Facts(Facts):
@@ -128,9 +135,9 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
         gain=run.header.rig.loadcell.gain,
     )
     found = _read(file, own, run.header.label, family=facts.family, own=True)
-    notes = [*losses(run, record, len(found.time_s)), *gaps(facts)]
-    named = tuple(f"{path.name}: {note}" for note in notes)
-    return replace(found, run=path.resolve().name, notes=named + found.notes, lost=record.lost)
+    name = path.resolve().name
+    about_run = of_recording(name, [*losses(run, record, len(found.time_s)), *gaps(facts)])
+    return replace(found, run=name, findings=about_run + found.findings, lost=record.lost)
 
 
 def holds_wrench(path: Path, reading: WrenchReading) -> bool:
@@ -174,7 +181,7 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
         force_n=wrench[:, :3] / scale[:3],
         torque_nm=wrench[:, 3:] / scale[3:],
         status=words,
-        notes=tuple(f"{path.name}: {note}" for note in notes),
+        findings=of_recording(file_name(path, own=own), notes),
         begin_s=_begin_s(table, time_name, values, reading),
     )
 

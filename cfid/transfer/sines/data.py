@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, note, warning
+from cfid.findings import Finding, merged, note, of_recording
 from cfid.quantities.quantity import Range
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
@@ -79,7 +79,7 @@ def read_sines(
     if index is not None:
         listed = read_index(index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(listed.source)
-        reader.add_notes(index, listed.notes)
+        reader.findings += listed.findings
         reader.read_cells(row.file("loadcell") for row in listed.rows)
         for row in listed.rows:
             reader.add_row(row, facts)
@@ -102,19 +102,12 @@ class _Reader:
     reading: WrenchReading
     series: dict[str, list[RecordedSine]] = field(default_factory=dict)
     sources: list[Source] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
     _cells: dict[Path, WrenchRecord] = field(default_factory=dict)
     _thrusts: dict[tuple[Path, int], tuple[Array, Array]] = field(default_factory=dict)
     _names: dict[str, str] = field(default_factory=dict)  # of the run that has crossings of a hash
-    _noted: dict[str, list[str]] = field(default_factory=dict)  # the names of files by the note on them
-    _findings: list[Finding] = field(default_factory=list)
     _moments: dict[float, Array] = field(default_factory=dict)  # of the torque, by yaw
     _rigs: list[RigFacts] = field(default_factory=list)
-
-    def add_notes(self, path: Path, notes: Iterable[str]) -> None:
-        """Gather the notes on a file, which begin with its name."""
-        for text in notes:
-            names = self._noted.setdefault(text.removeprefix(f"{path.name}: "), [])
-            names += [path.name] if path.name not in names else []
 
     def add_row(self, row: IndexRow, facts: RigFacts) -> None:
         """Add the run of a row of an index."""
@@ -137,7 +130,8 @@ class _Reader:
     def add_run(self, run: Run, sine: Sine) -> None:
         """Add a run of `cfid log sine`."""
         crossings = read_run_crossings(run)
-        self.add_notes(run.folder, losses(run, run.header.devices[CROSSINGS], len(crossings.host_s)))
+        lost = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
+        self.findings += of_recording(run.folder.name, lost)
         self._add(f"l = {sine.periods} ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
 
     def read_cells(self, paths: Iterable[Path]) -> None:
@@ -146,24 +140,19 @@ class _Reader:
         with ThreadPoolExecutor(max_workers=2) as pool:
             cells = list(pool.map(lambda path: read_wrench(path, self.reading), new))
         self._cells |= dict(zip(new, cells, strict=True))
-        for path, cell in zip(new, cells, strict=True):
-            self.add_notes(path, cell.notes)
+        for cell in cells:
+            self.findings += cell.findings
             self.sources.append(cell.source)
 
     def result(self) -> SineSet:
         """Return all that was added."""
-        findings = [
-            warning("recording", f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {text}")
-            for text, names in self._noted.items()
-        ]
         if any(run.sine.motor == 0 for own in self.series.values() for run in own):
             text = "all motors ran: a quarter of their thrust is taken for that of one."
-            findings.append(note("thrust-of-all-motors", text, "tf.*"))
+            self.findings.append(note("thrust-of-all-motors", text, "tf.*"))
         return SineSet(
             series=self.series,
             findings=(
-                *findings,
-                *dict.fromkeys(self._findings),
+                *merged(self.findings),
                 *(one for yaw_deg, own in self._moments.items() for one in mount_findings(own, yaw_deg=yaw_deg)),
             ),
             sources=tuple(dict.fromkeys(self.sources)),
@@ -180,7 +169,7 @@ class _Reader:
         reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
         recorded = RecordedSine(name=name, sine=sine, reports=reports, time_s=time_s, force_n=force_n)
         self.series.setdefault(sine.series or f"motor{sine.motor}", []).append(recorded)
-        self.add_notes(crossings.path, crossings.notes)
+        self.findings += crossings.findings
         self.sources.append(crossings.source)
 
     def _add_moments(self, cell: WrenchRecord, sine: Sine, facts: RigFacts) -> None:
@@ -215,11 +204,11 @@ class _Reader:
         arm_m = MM * (mount.arm_mm or _ARM_MM) if self.arm_m is None else self.arm_m
         yaw_deg = mount.yaw_deg if self.yaw_deg is None else self.yaw_deg
         if self.arm_m is None and mount.arm_mm is None and self.channel != "Fz":
-            self._findings.append(note("fact-assumed", assumed(f"an arm of {_ARM_MM:g} mm is", "arm_m"), "tf.*"))
+            self.findings.append(note("fact-assumed", assumed(f"an arm of {_ARM_MM:g} mm is", "arm_m"), "tf.*"))
         if yaw_deg is None and self.channel == "arm":
             text = assumed(f"a yaw of {_YAW_DEG:g} degrees on the load cell is", "yaw_deg")
-            self._findings.append(note("fact-assumed", text, "tf.*"))
-        self._findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
+            self.findings.append(note("fact-assumed", text, "tf.*"))
+        self.findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
         return arm_m, _YAW_DEG if yaw_deg is None else yaw_deg
 
 

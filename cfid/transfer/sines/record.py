@@ -45,7 +45,7 @@ def record_sines(
     failure: CfidError | None = None
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        reports = crazyflie.crossings()  # refuses a vehicle that cannot play before anything is asked of the operator
+        reports = crazyflie.crossings()  # refuses a vehicle that cannot play before the operator has to do anything
         motors = (sines[0].motor,) if sines[0].motor else MOTORS
         amplitude = int(sines[0].amplitude)
         confirm(crazyflie, motors, (max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)), yes=vehicle.yes)

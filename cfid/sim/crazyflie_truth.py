@@ -1,0 +1,32 @@
+"""What a truth file states about the simulated Crazyflie."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cfid.records.facts import Number, Spread
+
+Platform = Literal["cf2", "cf21bl"]
+
+
+class CrazyflieTruth(BaseModel):
+    """Firmware `app` includes cfid's app, `stock` no addition, `old` the thesis' modules of 2015.
+
+    Platform `cf2` is a Crazyflie 2.x, `cf21bl` a Crazyflie 2.1 Brushless: its motors report their speeds, 0 below
+    `stall_rpm`, have idle thrust, and run only while armed. An `rpm_deck` measures speeds too. The vehicle was switched
+    on `powered_for_s` before the rig opened; its clock counts 1 + `clock_skew` microseconds in a true one.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    firmware: Literal["app", "stock", "old"] = "app"
+    platform: Platform = "cf2"
+    rpm_deck: bool = False
+    stall_rpm: Spread = 60.0
+    clock_skew: Annotated[Number, Field(gt=-1)] = 0.0
+    powered_for_s: Spread = 100.0
+
+    @property
+    def brushless(self) -> bool:
+        """Whether the motors are brushless."""
+        return self.platform == "cf21bl"
