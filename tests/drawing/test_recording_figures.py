@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from cfid.drawing.angle import recording_figure
+from cfid.findings import of_recording
 from cfid.records.parameters import Source
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord
@@ -20,7 +21,12 @@ Array = npt.NDArray[np.float64]
 
 def _record(time_s: Array, angle_rad: Array, *notes: str) -> AngleRecord:
     return AngleRecord(
-        path=Path("a.csv"), source=Source("a.csv", ""), label=Label(), time_s=time_s, angle_rad=angle_rad, notes=notes
+        path=Path("a.csv"),
+        source=Source("a.csv", ""),
+        label=Label(),
+        time_s=time_s,
+        angle_rad=angle_rad,
+        findings=of_recording("a.csv", notes),
     )
 
 

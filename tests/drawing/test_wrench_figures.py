@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from cfid.drawing.save import save_figure
 from cfid.drawing.wrench import gaps_of, lines_of, spectrum_of, wrench_figure
+from cfid.findings import of_recording
 from cfid.records.parameters import Source
 from cfid.records.run import Label
 from cfid.records.tables.wrench import WrenchRecord
@@ -33,7 +34,7 @@ def _record(time_s: Array, fz_n: Array, *notes: str, lost: int | None = 0) -> Wr
         force_n=0.003 * noise[:, :3] + np.column_stack([0 * fz_n + 0.3, 0 * fz_n - 0.2, fz_n]),
         torque_nm=1e-4 * noise[:, 3:],
         status=None,
-        notes=notes,
+        findings=of_recording("loadcell.csv", notes),
         lost=lost,
     )
 

@@ -10,7 +10,7 @@ from cfid.errors import FitError
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
 from cfid.motors.vibration.lines import spectrum
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from tests.motors.sentences import rejections, remarks
 
 Array = npt.NDArray[np.float64]
@@ -26,7 +26,7 @@ def window(
 ) -> tuple[Array, Array, Array]:
     """Return times, what the load cell shows in N and Nm, and the speeds of the four motors, long after the start."""
     rng = np.random.default_rng(seed)
-    rotors, command = Rotors(truth or RotorTruth(), rng), np.array(commands)
+    rotors, command = SimulatedRotors(truth or RotorTruth(), rng), np.array(commands)
     rotors.advance(np.array([0.0]), command)
     time_s = 5 + np.arange(round(seconds * HZ)) / HZ
     counts, _ = SimulatedLoadCell(LoadCellTruth(), rng).read(time_s, rotors.advance(time_s, command))

@@ -10,7 +10,7 @@ from scipy.special import roots_jacobi
 from cfid.errors import FitError
 from cfid.motors.vibration.ridge import SpeedRidge, speed_ridge
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.rotors import Rotors, RotorTruth
+from cfid.sim.rotors import RotorTruth, SimulatedRotors
 from tests.motors.test_rotor_speed import HZ, noise, rotating
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +23,7 @@ WINDOW_S, STEP_S = 0.1, 0.05
 def staircase(commands: tuple[int, ...] = STAIRCASE, *, hold_s: float = 0.8) -> tuple[Array, Array, Array]:
     """Return times, what the load cell shows in N and Nm, and the speed of motor 1, which obeys step by step."""
     truth, rng = RotorTruth(), np.random.default_rng(4)
-    rotors, count = Rotors(truth, rng), round(hold_s * HZ)
+    rotors, count = SimulatedRotors(truth, rng), round(hold_s * HZ)
     rotors.advance(np.zeros(1), np.zeros(4))
     wrenches, speeds, speed = [], [], 0.0
     for k, command in enumerate(commands):
