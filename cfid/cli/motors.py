@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.live import LiveLine
-from cfid.console.messages import note
+from cfid.console.messages import note, result
 from cfid.console.options import flat, positive
 from cfid.console.recording import rig_of, stop_line
 from cfid.console.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
@@ -140,6 +140,6 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
 
 def _print_stopped(uri: str, kind: str, seconds: float) -> None:
     if kind == "thesis":
-        typer.echo(f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end.")
+        result(f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end.")
     else:
-        typer.echo(f"{uri}: {stop_line(seconds)}")
+        result(f"{uri}: {stop_line(seconds)}")

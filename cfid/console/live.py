@@ -41,7 +41,9 @@ class LiveLine:
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        parts = [f"{name} {_progress_text(progress)}" for name, progress in recorder.progress.items()]
+        # States come first, since the end of a long line is cut.
+        shown = sorted(recorder.progress.items(), key=lambda item: not item[1].status)
+        parts = [f"{name} {_progress_text(progress)}" for name, progress in shown]
         if self._task:
             parts.insert(0, self._task)
         self._replace(f"{recorder.seconds:6.1f} s  " + "  |  ".join(parts))

@@ -1,6 +1,8 @@
 """Print notes and errors to stderr, in colour unless NO_COLOR is set."""
 
+import contextlib
 import os
+import sys
 
 import typer
 
@@ -18,6 +20,16 @@ def noted(text: str) -> str:
 def fault(text: str) -> None:
     """Print the error that ends the command."""
     typer.secho(f"cfid: {text}", err=True, fg=_colour(typer.colors.RED))
+
+
+def result(text: str) -> None:
+    """Print what a command did; where stdout takes nothing, as a terminal that was closed, print it on stderr."""
+    try:
+        typer.echo(text)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest of the text fails once more
+        with contextlib.suppress(OSError):
+            note(text)
 
 
 def clock(seconds: float) -> str:

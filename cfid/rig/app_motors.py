@@ -107,7 +107,9 @@ class AppMotors:
         if self._taken_back is not None:
             state, taken_s = self._taken_back
             # The supervisor's state, which gives the reason, may come a moment later.
-            if self._supervisor.seen_s > taken_s or self._vehicle.loop.seconds() - taken_s > _WHY_S:
+            seen = self._supervisor.state
+            is_settled = self._supervisor.seen_s > taken_s and seen is not None and not seen.is_passing
+            if is_settled or self._vehicle.loop.seconds() - taken_s > _WHY_S:
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}.")
         unanswered_s = self._vehicle.silent_s(self._answered_s)
         if self._next is not None and unanswered_s > _UNANSWERED_S:
@@ -116,7 +118,7 @@ class AppMotors:
                 f"{app.KEEP_ALIVE_S:g} s after the last one it receives."
             )
 
-    async def stop(self) -> float:
+    async def stop(self) -> float | None:
         """End the keep-alives, and wait until the app reports that all commands are zero.
 
         Then make sure that nothing overrides it, and that a vehicle with idle thrust is disarmed.
@@ -126,8 +128,8 @@ class AppMotors:
         if self._next is not None and self._next.active():
             self._next.cancel()
         self._next = self._commands = None
-        if self._kept_out:  # no command of this program took effect: the motors that turn are another program's
-            return 0.0
+        if self._kept_out:
+            return None
         self._number += 1
         number = self._number
 

@@ -5,6 +5,7 @@ from typing import TypeVar
 
 from cfid.errors import DeviceError
 from cfid.rig.crazyflie import Link
+from cfid.units import MOTORS
 from cfid.wire import crtp
 from cfid.wire.crtp import (
     LOG_CONTROL_CHANNEL,
@@ -27,6 +28,8 @@ from cfid.wire.supervisor import (
 )
 
 Answer = TypeVar("Answer")
+
+APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that motors get in the end
 
 _BLOCK = 199
 _PERIOD_MS = 20

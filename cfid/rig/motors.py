@@ -53,9 +53,10 @@ class Motors(Protocol):
     def check(self) -> None:
         """Raise DeviceError when the vehicle itself stopped them, or can no longer be reached."""
 
-    async def stop(self) -> float:
+    async def stop(self) -> float | None:
         """Stop them for good; return after how many seconds the stop was confirmed.
 
+        Returns None when no command of this program took effect, so that motors that turn are another program's.
         Raises StopError when it is not certain.
         """
 

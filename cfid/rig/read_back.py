@@ -4,7 +4,7 @@ import time
 from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.asking import state_of
+from cfid.rig.asking import APPLIED, logged, state_of
 from cfid.rig.crazyflie import Link
 from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
 from cfid.rig.stop_packets import OVERRIDES, TRIES, WITHIN_S, Acknowledged, Kind, stop_over
@@ -53,7 +53,9 @@ def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -
             parameter = link.parameter(name)
             if parameter is not None and not _is_zero(link, parameter):
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: {name} was not seen at zero.")
-        return ReadBack(kind, acknowledged, _disarmed(link))
+        state = _disarmed(link)
+        _refuse_driven(link)
+        return ReadBack(kind, acknowledged, state)
     finally:
         link.close()
 
@@ -89,6 +91,23 @@ def _disarmed(link: Link) -> VehicleState | None:
         link.send(encode_arming(arm=False, protocol=link.firmware_protocol))
         time.sleep(_LOOK_S)
     return state
+
+
+def _refuse_driven(link: Link) -> None:
+    """Raise StopError when the vehicle's log shows a motor that runs: an app on other ports drives it.
+
+    Disarming stops it too; a brushed vehicle is ready again in a moment.
+    """
+    if not any(logged(link, name) for name in APPLIED):
+        return
+    link.send(encode_arming(arm=False, protocol=link.firmware_protocol))
+    time.sleep(_LOOK_S)
+    driven = next((int(command) for name in APPLIED if (command := logged(link, name))), 0)
+    if driven:
+        raise StopError(
+            f"{MAY_BE_RUNNING}: {link.uri}: its log shows a motor at {driven}. Another program may drive it, or an app "
+            "on other ports than devices.crazyflie in rig.toml has"
+        )
 
 
 def _is_zero(link: Link, parameter: Variable) -> bool:

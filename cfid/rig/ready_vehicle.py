@@ -9,7 +9,7 @@ from cfid.errors import DeviceError
 from cfid.records.rig_file import CrazyflieLink
 from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
-from cfid.rig.asking import parameter_of, state_of
+from cfid.rig.asking import APPLIED, parameter_of, state_of
 from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.clock import HostClock
 from cfid.rig.crazyflie import Link
@@ -30,7 +30,6 @@ from cfid.units import MOTORS
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState
 
-APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
 MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
 IDLE_THRUST = "powerDist.idleThrust"

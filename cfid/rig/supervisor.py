@@ -36,6 +36,7 @@ _AGAIN_S = 0.02
 _BACK_S = 1.0  # a vehicle is ready again within 0.16 s of a timeout
 _SPIN_UP_S = 2.5  # the firmware gives rotors 2 s to reach their idle speed
 _DISARMED_S = 0.6
+_UNREPORTED_S = 1.0  # of twenty reports a second, so that a link has to lose nearly all
 
 
 class Supervisor:
@@ -94,17 +95,14 @@ class Supervisor:
                 return None
         return self.state
 
-    async def request_arming(self, *, arm: bool = True) -> bool:
-        """Request to arm or disarm; return whether that was granted. Raises DeviceError without an answer."""
+    async def request_arming(self, *, arm: bool = True) -> bool | None:
+        """Request to arm or disarm; return whether that was granted, None without an answer: the state then tells."""
         request = encode_arming(arm=arm, protocol=self._protocol)
 
         def answered(payload: bytes) -> bool | None:
             return decode_arming(payload, protocol=self._protocol)
 
-        granted = await self._vehicle.ask(request, answered, within_s=_ASK_S, tries=_TRIES)
-        if granted is None:
-            raise DeviceError(f"{self._vehicle.uri}: the vehicle does not answer the request to arm or disarm.")
-        return granted
+        return await self._vehicle.ask(request, answered, within_s=_ASK_S, tries=_TRIES)
 
     async def make_ready(self) -> None:
         """Bring the vehicle into a state in which motors may run; arm it where it does not arm itself.
@@ -120,7 +118,7 @@ class Supervisor:
             await sleep(self._vehicle.loop, EVERY_S)  # within which it updates its state
             await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_BACK_S)
         if self.state is not None and _waits_for_arming(self.state):
-            if not await self.request_arming():
+            if await self.request_arming() is False:
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle refuses to be armed.")
             await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_SPIN_UP_S)
         if self.reports and (self.state is None or not self.state.can_fly):
@@ -140,7 +138,7 @@ class Supervisor:
             return f"the vehicle does not get ready: it is {self.state.name}"
         return (
             f"the vehicle did not get ready within {_SPIN_UP_S:g} s of arming ({self.state.name}): each rotor has to "
-            "show 1000 to 3500 rpm at idle thrust. Is one blocked, or powerDist.idleThrust changed?"
+            "show 1000 to 3500 rpm at idle thrust. One may be blocked, or powerDist.idleThrust changed"
         )
 
     def _take_answer(self, payload: bytes, arrived_s: float) -> None:
@@ -183,17 +181,18 @@ class SupervisorLog:
         self._rows: list[tuple[float, VehicleState]] = []
         self._states: list[VehicleState] = []
         self._next: DelayedCall | None = None
+        self._started_s = np.inf
         supervisor.watch(self._take)
 
     def start(self) -> None:
         """Begin to poll."""
+        self._started_s = self._loop.seconds()
         self._poll()
 
     def take(self) -> Block:
-        """Return the changes, with a fault for a state that ends a run: locked, crashed, tumbled, deck fault."""
+        """Return the changes, with a fault for a state that ends a run: locked, crashed, tumbled, deck fault, none."""
         rows, self._rows = self._rows, []
-        state = self._supervisor.state
-        fault = f"{self._vehicle.uri}: the vehicle is {state.name}: {state.remedy}." if state and state.remedy else ""
+        state, fault = self._supervisor.state, self._fault()
         if not rows:
             return Block(no_rows(len(self.columns)), fault=fault, status=_status(state))
         times_s = self._clock.unix_s(np.array([time_s for time_s, _ in rows]))
@@ -206,7 +205,7 @@ class SupervisorLog:
             self._next.cancel()
         self._next = None
         try:
-            await self._supervisor.wait(lambda state: True, within_s=_ASK_S * _TRIES)
+            await self._supervisor.wait(lambda state: not state.is_passing, within_s=_ASK_S * _TRIES)
             self._supervisor.end()
         except DeviceError:  # the link is gone: the last known state stays
             return
@@ -219,6 +218,15 @@ class SupervisorLog:
         if not self._states:
             return {}
         return {"state_before": self._states[0].name, "state_after": self._states[-1].name}
+
+    def _fault(self) -> str:
+        state, uri = self._supervisor.state, self._vehicle.uri
+        if state is not None and state.remedy:
+            return f"{uri}: the vehicle is {state.name}: {state.remedy}."
+        unreported_s = self._vehicle.silent_s(max(self._supervisor.seen_s, self._started_s))
+        if self._next is None or not self._supervisor.reports or unreported_s < _UNREPORTED_S:
+            return ""
+        return f"{uri}: the vehicle has not reported its state for {unreported_s:.1f} s: does another program use it?"
 
     def _poll(self) -> None:
         self._next = self._loop.callLater(EVERY_S, self._poll)

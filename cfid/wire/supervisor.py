@@ -69,6 +69,11 @@ class VehicleState(NamedTuple):
         return Bits.ARMS_ITSELF in self.bits
 
     @property
+    def is_passing(self) -> bool:
+        """Whether it is between two states, and in another one within 0.2 s."""
+        return self.name == "not ready"
+
+    @property
     def remedy(self) -> str:
         """Return what the operator has to do before motors may run, empty where nothing has to be done."""
         return _REMEDIES.get(self.name, "")

@@ -39,7 +39,7 @@ def test_a_swing_is_drawn_in_degrees(look: Look) -> None:
     assert panel.get_ylabel() == "angle (°)"
     assert panel.get_lines()[-1].get_ydata().max() == pytest.approx(np.degrees(0.5), rel=1e-4)
     assert page.panel("(b)").get_lines()[-1].get_ydata().max() == pytest.approx(4.5, rel=0.01)
-    assert "Note: one note." in [text.get_text() for text in page.texts()]
+    assert "Note: a.csv: one note." in [text.get_text() for text in page.texts()]
     assert page.red() == ""
     assert page.overlapping() == []
 

@@ -53,7 +53,7 @@ def test_forces_and_torques_are_drawn_in_their_units_with_their_means(look: Look
     assert (forces.get_ylabel(), torques.get_ylabel()) == ("force (N)", "torque (mNm)")
     means = {line.get_label(): np.mean(line.get_ydata()) for line in forces.get_lines()[3:]}
     assert means == pytest.approx({"Fx": 0.3, "Fy": -0.2, "Fz": 0.15}, abs=1e-3)
-    assert "Note: one note." in [text.get_text() for text in page.texts()]
+    assert "Note: loadcell.csv: one note." in [text.get_text() for text in page.texts()]
     assert page.red() == ""
     assert page.overlapping() == []
 

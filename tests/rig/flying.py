@@ -77,6 +77,7 @@ class SimulatedLink:
         self.fault = ""
         self.received_s = clock.seconds()
         self.sent: list[Packet] = []
+        self.loses: set[tuple[int, int]] = set()  # ports and channels whose packets from the vehicle do not arrive
         self._radio, self._clock, self._truth = radio, clock, truth
         self._came: list[tuple[Packet, float]] = []
         self._wake: Callable[[], None] = lambda: None
@@ -112,7 +113,8 @@ class SimulatedLink:
             packet = decode_packet(datagram)
             assert packet is not None
             self.received_s = now_s
-            self._came.append((packet, now_s))
+            if packet[:2] not in self.loses:
+                self._came.append((packet, now_s))
         if self._came:
             self._wake()
 

@@ -312,10 +312,11 @@ def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path)
 
     again()
     flight.turn(for_s=0.5)
-    _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
+    run, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
 
     assert isinstance(failure, DeviceError)
     assert "another program drives the motors" in str(failure)
+    assert "stopped_in_s" not in (run.header.devices["commands"].model_extra or {})  # its motors go on
     assert not any(any(motors) for _, motors in flight.motors)
 
 
@@ -350,6 +351,28 @@ def test_a_brushed_vehicle_that_was_disarmed_while_it_armed_itself_is_armed(tmp_
 
     assert failure is None
     assert (20000,) * 4 in [motors for _, motors in flight.motors]
+
+
+@BOTH
+def test_an_answer_to_arming_that_is_lost_leaves_no_vehicle_disarmed(tmp_path: Path, platform: str) -> None:
+    flight = Flight(tmp_path, platform=platform)
+    flight.link.loses.add((9, 1))
+    _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000))
+
+    assert failure is None
+    assert (20000,) * 4 in [motors for _, motors in flight.motors]
+
+
+@FIRMWARES
+def test_a_vehicle_that_ceases_to_report_its_state_fails_the_run(tmp_path: Path, firmware: str) -> None:
+    flight = Flight(tmp_path, firmware=firmware)
+    flight.clock.callLater(2.0, flight.link.loses.add, (9, 0))
+    _, failure = flight.record([flight.commands(), flight.states()], holding(flight, 20000, for_s=6.0))
+
+    assert isinstance(failure, DeviceError)
+    assert "not reported its state for 1.0 s" in str(failure)
+    assert flight.motors[-1][1] == (0, 0, 0, 0)
+    assert flight.motors[-1][0] < 5.0
 
 
 def test_a_vehicle_that_was_armed_is_ready_for_any_other_client(tmp_path: Path) -> None:

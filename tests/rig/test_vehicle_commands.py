@@ -230,6 +230,35 @@ def test_motors_stop_ends_what_overrides_the_app(bench: Bench) -> None:
     assert not any(bench.motors)
 
 
+def test_motors_that_an_app_on_other_ports_drives_are_stopped_too(bench: Bench) -> None:
+    alive, thrust = b"\xc2" + bytes(4) + b"\x4d\0\0\0", b"\xa0" + struct.pack("<Hi", 15000, 4) + b"\x4d\0\0\0"
+
+    def drive() -> None:
+        now_s = time.monotonic()
+        for packet in (alive, thrust):
+            bench.rig.crazyflie.received(packet, ("127.0.0.1", 9), now_s)
+        bench.rig.crazyflie.advance(now_s + 0.01)
+
+    rig = bench.folder / "rig.toml"
+    rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
+    bench.in_loop(drive)
+    assert bench.motors == (15000,) * 4
+    said = bench.start("motors", "stop")
+    while said.process.poll() is None:
+        bench.in_loop(partial(bench.rig.crazyflie.received, alive, ("127.0.0.1", 9), time.monotonic()))
+        time.sleep(0.05)
+    assert said.end() == 0, said.err
+    assert not any(bench.motors)
+
+
+def test_a_stop_counts_where_nothing_can_be_printed(bench: Bench) -> None:
+    with Path("/dev/full").open("w") as full:
+        said = bench.start("motors", "set", 20000, "--for", 0.3, "--yes", stdout=full)
+        assert said.end() == 0, said.err
+    assert "motors stopped, confirmed in" in said.err
+    assert not any(bench.motors)
+
+
 def test_motors_stop_ends_another_cfid_that_drives_them(bench: Bench) -> None:
     first = bench.start("motors", "set", 20000, "--yes")
     first.wait_until_motors_run()

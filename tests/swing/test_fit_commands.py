@@ -227,7 +227,7 @@ def test_a_run_folder_brings_its_axis_along(cfid: Cfid, bodies: Path) -> None:
 
     toml = run / "run.toml"
     toml.write_text(toml.read_text().replace('"complete"', '"recording"'))
-    assert "cut while recording" in sentences(found(cfid("fit", "swing", run, "--json")))[0]
+    assert "still being recorded" in sentences(found(cfid("fit", "swing", run, "--json")))[0]
     assert "cut" in cfid("runs", "--campaign", bodies).stdout
 
 

@@ -9,8 +9,9 @@ import typer
 
 from cfid.console import messages as speech
 from cfid.console.lists import comma_list
+from cfid.console.messages import result
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of
+from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import LogMs, VehicleOptions
 from cfid.errors import ConfigError
@@ -183,5 +184,7 @@ def sine(
     )
     if keep.json:
         print_json({"command": "log sine", "runs": runs, "wanted": periods, "version": __version__})
+    elif runs and runs[-1]["stopped_in_s"] is not None:
+        result(stop_line(runs[-1]["stopped_in_s"]))
     if failure is not None:
         raise failure
