@@ -114,6 +114,7 @@ class _Swings:
         self._hands = hands
         self._inertia, self._moment, self._viscous, self._coulomb, self._quadratic, *others = columns
         self._spring, self._stribeck, self._ripple, self._rest = others
+        self._upward, self._sprung = -self._moment, bool(self._spring.any())
         self._even = not (self._stribeck.any() or self._ripple.any())
 
     @property
@@ -132,7 +133,9 @@ class _Swings:
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
         deflection = angle_rad - self._rest
-        back = -self._moment * np.sin(deflection) - self._spring * deflection
+        back = self._upward * np.sin(deflection)
+        if self._sprung:
+            back = back - self._spring * deflection
         if self._hands is None:
             return back
         return back + self._hands.torque_nm(time_s, angle_rad, speed_rad_per_s)
