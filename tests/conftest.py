@@ -14,8 +14,10 @@ pytest_plugins = ["tests.campaigns", "tests.drawn"]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-# The same examples every time; how long one takes is the computer's business.
-settings.register_profile("cfid", deadline=None, derandomize=True)
+# The same examples every time; how long one takes is the computer's business. Ten times as many with
+# --hypothesis-profile many.
+settings.register_profile("cfid", deadline=None, derandomize=True, max_examples=50)
+settings.register_profile("many", settings.get_profile("cfid"), max_examples=500)
 settings.load_profile("cfid")
 
 

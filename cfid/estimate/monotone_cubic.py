@@ -122,7 +122,7 @@ class _Bound(NamedTuple):
         factor = directions * np.sqrt(np.maximum(sizes, 0.0))
         causes = _independent_causes()
         draws = self.free.coefficients[::-1] * self.cone.powers + causes @ factor.T
-        drawn = np.array([draw if _inside(draw) else self.cone.nearest(draw, refined=False) for draw in draws])
+        drawn = np.where(_inside(draws)[:, np.newaxis], draws, self.cone.nearest(draws))
         follows = drawn.T @ causes / (_DRAWS - 1) @ np.linalg.pinv(factor)  # the unconstrained cubic, on average
         own = (follows * self.cone.powers / self.cone.powers[:, np.newaxis])[::-1, ::-1]
         return replace(
@@ -142,7 +142,7 @@ def _bound(
     free = fit_polynomial(volts, thrust_n, order=3, std=std, shared=shared_n)
     weights = np.ones_like(thrust_n) if std is None else std
     cone = _Cone(volts, weights, margin)
-    nearest = cone.nearest(free.coefficients[::-1] * cone.powers)
+    nearest = cone.nearest_exactly(free.coefficients[::-1] * cone.powers)
     if nearest[1] <= 0:
         raise FitError("thrust does not rise with motor voltage: look at the points, and at the sign of Fz.")
     coefficients = (nearest / cone.powers)[::-1]
@@ -162,41 +162,59 @@ class _Cone:
         self.powers = size ** np.arange(4.0)
         rows = (volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis]
         self._triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-        self._rising = np.array([self._felt(angle) for angle in _ANGLES])
+        self._surfaces = self._surface(_ANGLES)
+        self._rising = self._felt(self._surfaces)
 
-    def nearest(self, cubic: Array, *, refined: bool = True) -> Array:
-        """Return the point of the surface that is nearest to a cubic (4,), to within the grid of angles or exactly.
+    def nearest(self, cubics: Array) -> Array:
+        """Return the points (n, 4) of the surface that are nearest to cubics (n, 4), to within the grid of angles.
 
         Where no rising cubic is nearer than a constant, that is the constant.
         """
-        wanted = self._triangle @ cubic
-        angle = float(_ANGLES[np.argmax(self._rising @ wanted)])
-        if refined:
-            nearby = _ANGLES[np.abs(_ANGLES - angle) < 1.5 * _STEP]
-            bounds = float(nearby[0]), float(nearby[-1])
-            found = minimize_scalar(
-                lambda angle: -self._felt(angle) @ wanted, bounds=bounds, method="bounded", options={"xatol": 1e-9}
-            )
-            angle = float(found.x)
-        shape = self._triangle @ self._surface(angle)
-        size = max(float(self._felt(angle) @ wanted), 0.0) / float(self._felt(angle) @ shape)
-        level = (wanted - size * shape)[0] / self._triangle[0, 0]
-        return np.asarray(size * self._surface(angle) + level * np.eye(4)[0])
+        wanted = cubics @ self._triangle.T
+        best = np.argmax(wanted @ self._rising.T, axis=1)
+        return self._points(wanted, self._surfaces[best], self._rising[best])
 
-    def _felt(self, angle: float) -> Array:
-        """Return the direction (4,), of length one, in which a cubic of the surface moves the points beside a level.
+    def nearest_exactly(self, cubic: Array) -> Array:
+        """Return the point (4,) of the surface that is nearest to a cubic (4,), as `nearest` does, at any angle."""
+        wanted = self._triangle @ cubic
+        angle = _ANGLES[np.argmax(self._rising @ wanted)]
+        nearby = _ANGLES[np.abs(_ANGLES - angle) < 1.5 * _STEP]
+        found = minimize_scalar(
+            lambda angle: -self._felt(self._surface(angle)) @ wanted,
+            bounds=(float(nearby[0]), float(nearby[-1])),
+            method="bounded",
+            options={"xatol": 1e-9},
+        )
+        surface = self._surface(found.x)
+        return self._points(wanted, surface, self._felt(surface))
+
+    def _points(self, wanted: Array, surfaces: Array, felt: Array) -> Array:
+        """Return the nearest points (..., 4) of rays along surfaces (..., 4), beside a level, to R c (..., 4)."""
+        shapes = surfaces @ self._triangle.T
+        sizes = np.maximum(_products(felt, wanted), 0.0) / _products(felt, shapes)
+        points = sizes[..., np.newaxis] * surfaces
+        points[..., 0] += (wanted - sizes[..., np.newaxis] * shapes)[..., 0] / self._triangle[0, 0]
+        return np.asarray(points)
+
+    def _felt(self, surfaces: Array) -> Array:
+        """Return directions (..., 4), of length one, in which cubics of the surface move the points beside a level.
 
         R is triangular: a level moves the first of its rows alone.
         """
-        moved = self._triangle @ self._surface(angle)
-        moved[0] = 0.0
-        return np.asarray(moved / np.linalg.norm(moved))
+        moved = surfaces @ self._triangle.T
+        moved[..., 0] = 0.0
+        return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
 
-    def _surface(self, angle: float) -> Array:
-        """Return the cubic (4,) of the cone's surface at an angle, without a constant."""
-        cosine, sine = np.cos(angle), np.sin(angle)
-        margin = max(self._margin, _FLAT_MARGIN if angle < 0 else 1e-6)
-        return np.array([0.0, cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3])
+    def _surface(self, angles: npt.ArrayLike) -> Array:
+        """Return cubics (..., 4) of the cone's surface at angles (...), without a constant."""
+        cosine, sine = np.cos(angles), np.sin(angles)
+        margin = np.maximum(self._margin, np.where(np.asarray(angles) < 0, _FLAT_MARGIN, 1e-6))
+        parts = (np.zeros_like(cosine), cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3)
+        return np.stack(parts, axis=-1)
+
+
+def _products(a: Array, b: Array) -> Array:
+    return np.asarray(np.sum(a * b, axis=-1))
 
 
 def _independent_causes() -> Array:
@@ -206,9 +224,10 @@ def _independent_causes() -> Array:
     return np.asarray(draws @ np.linalg.inv(np.linalg.cholesky(np.cov(draws.T))).T)
 
 
-def _inside(lowest_first: Array) -> bool:
-    _, c1, c2, c3 = lowest_first
-    return bool(c1 > 0 and c3 > 0 and c2**2 < 3 * c1 * c3)
+def _inside(lowest_first: Array) -> npt.NDArray[np.bool_]:
+    """Return whether cubics (..., 4) rise over all voltages."""
+    _, c1, c2, c3 = np.moveaxis(lowest_first, -1, 0)
+    return np.asarray((c1 > 0) & (c3 > 0) & (c2**2 < 3 * c1 * c3))
 
 
 def _judge(free: PolynomialFit, bound: PolynomialFit) -> tuple[float, str]:

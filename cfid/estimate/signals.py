@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
-from scipy.fft import prev_fast_len
+from scipy.fft import next_fast_len, prev_fast_len
 from scipy.special import fdtri
 
 from cfid.estimate.propagation import widened
@@ -107,9 +107,9 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
     The sum of the autocorrelations in pairs, as long as the pairs are positive [Gey]: 1 for white noise;
     never less, as a claim of negative correlation would have to be proven.
     """
-    count = len(series)
-    spectrum = np.fft.rfft(series, 2 * count)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[: min(longest, count - 1) + 1]
+    lags = min(longest, len(series) - 1) + 1
+    padded = next_fast_len(len(series) + lags, real=True)
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(series, padded)) ** 2, padded)[:lags]
     if correlation[0] <= 0:
         return 1.0
     correlation = correlation / correlation[0]

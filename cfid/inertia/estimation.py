@@ -102,7 +102,7 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
     gain, columns, covariance = solved.gain, solved.columns, solved.covariance
     degrees_of_freedom = len(rows) - UNKNOWNS
     inflation, findings = _scatter(solved.chi_squared, degrees_of_freedom)
-    raw, entries = as_matrix(solved.entries), solved.possible
+    raw, entries = as_matrix(solved.entries), solved.possible()
     projection_std = deviation(entries - solved.entries, covariance)
     findings += (*_projection_finding(raw, projection_std), *_moment_findings(as_matrix(entries), covariance))
     spread = inflation * np.sqrt(np.diag(covariance))
@@ -128,15 +128,19 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
 
 
 class Solved(NamedTuple):
-    """Six entries with what led to them: the raw ones, those of the nearest possible body, and the residual (n,)."""
+    """Six raw entries with what led to them, and the residual (n,)."""
 
     entries: Array
-    possible: Array
     gain: Array
     columns: Array
     covariance: Array
     residual: Array
     chi_squared: float
+
+    def possible(self) -> Array:
+        """Return the entries (6,) of the nearest possible body, which takes longer to find than they themselves."""
+        consistent = is_consistent(as_matrix(self.entries))
+        return self.entries if consistent else nearest_consistent(self.entries, self.covariance)
 
 
 def solve(rows: Array, about_centre_kg_m2: Array, moved: "Moved") -> Solved:
@@ -147,9 +151,8 @@ def solve(rows: Array, about_centre_kg_m2: Array, moved: "Moved") -> Solved:
         columns = moved.about_centre - np.einsum("nei,e->ni", moved.rows, entries)
         gain, covariance = _gain(rows, columns)
         entries = np.asarray(gain @ about_centre_kg_m2)
-    possible = entries if is_consistent(as_matrix(entries)) else nearest_consistent(entries, covariance)
     residual = about_centre_kg_m2 - rows @ entries
-    return Solved(entries, possible, gain, columns, covariance, residual, _chi_squared(residual, columns))
+    return Solved(entries, gain, columns, covariance, residual, _chi_squared(residual, columns))
 
 
 def deviation(difference: Array, covariance: Array) -> float:

@@ -81,9 +81,10 @@ class _Swings(NamedTuple):
     def agreed(self) -> Array | None:
         """Return the entries (6,) that these swings give, None where they contradict each other or any body."""
         solved = solve(self.rows, self.about_centre_kg_m2, self.moved)
-        projected = deviation(solved.possible - solved.entries, solved.covariance)
-        against = contradictory(solved.chi_squared, len(self.rows) - UNKNOWNS) or projected > BEYOND_STD
-        return None if against else solved.possible
+        if contradictory(solved.chi_squared, len(self.rows) - UNKNOWNS):
+            return None
+        possible = solved.possible()
+        return None if deviation(possible - solved.entries, solved.covariance) > BEYOND_STD else possible
 
 
 def _exchanges(axis_inertias: AxisInertias, swings: _Swings) -> Iterator[tuple[str, Array]]:

@@ -114,6 +114,7 @@ class _SwingingAxes:
         self._hands = hands
         self._inertia, self._moment, self._viscous, self._coulomb, self._quadratic, *others = columns
         self._spring, self._stribeck, self._ripple, self._rest = others
+        self._upward, self._sprung = -self._moment, bool(self._spring.any())
         self._even = not (self._stribeck.any() or self._ripple.any())
 
     @property
@@ -132,7 +133,9 @@ class _SwingingAxes:
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
         deflection = angle_rad - self._rest
-        back = -self._moment * np.sin(deflection) - self._spring * deflection
+        back = self._upward * np.sin(deflection)
+        if self._sprung:
+            back = back - self._spring * deflection
         if self._hands is None:
             return back
         return back + self._hands.torque_nm(time_s, angle_rad, speed_rad_per_s)
@@ -161,14 +164,15 @@ class _Drops:
     _coulomb: Array
     _ripple: Array
     _weight: Array
-    _gravity: Array
+    _pull_n: Array
 
     def __init__(self, columns: Array, start_s: float) -> None:
         self._columns = columns
         self._start_s = start_s
         self._setup, weight, radius, self._viscous, self._coulomb, self._ripple, gravity, fall, line, turns = columns
         self._winding = _Winding(radius + line / 2, line, 2 * math.pi * turns, fall)
-        self._weight, self._gravity = weight, gravity
+        self._weight, self._pull_n = weight, weight * gravity
+        self._even = not self._ripple.any()
 
     @property
     def start_rad(self) -> Array:
@@ -185,10 +189,14 @@ class _Drops:
         return _Drops(self._columns[:, which], self._start_s)
 
     def drive_nm(self, time_s: Time, angle_rad: Array, speed_rad_per_s: Array) -> Array:
-        radius, taut = self._winding.at(angle_rad)
-        return np.asarray(self._weight * self._gravity * radius * taut * (time_s >= self._start_s))
+        return self._pull_nm(time_s, *self._winding.at(angle_rad))
+
+    def _pull_nm(self, time_s: Time, radius_m: Array, taut: npt.NDArray[np.bool_]) -> Array:
+        return np.asarray(self._pull_n * radius_m * taut * (time_s >= self._start_s))
 
     def dry_nm(self, angle_rad: Array) -> Array:
+        if self._even:
+            return self._coulomb
         return np.maximum(self._coulomb + self._ripple * np.cos(angle_rad), 0)
 
     def acceleration(self, time_s: Time, state: PlantState) -> Array:
@@ -196,7 +204,7 @@ class _Drops:
         radius, taut = self._winding.at(angle)
         inertia = self._setup + self._weight * radius**2 * taut
         brake = self._viscous * speed + direction * self.dry_nm(angle)
-        return np.abs(direction) * (self.drive_nm(time_s, angle, speed) - brake) / inertia
+        return np.abs(direction) * (self._pull_nm(time_s, radius, taut) - brake) / inertia
 
 
 class _Winding:

@@ -87,7 +87,7 @@ def integrate(axes: Axes, *, duration_s: float, step_s: float, store_every: int)
         if not between:
             angle_rad[row] = state.angle_rad
             speed_rad_per_s[row] = state.speed_rad_per_s
-            if alone and not state.direction.any():  # all at rest for good
+            if alone and not np.count_nonzero(state.direction):  # all at rest for good
                 angle_rad[row:] = state.angle_rad
                 break
     time_s = step_s * store_every * np.arange(kept, dtype=np.float64)
@@ -114,8 +114,9 @@ def _way_out(axes: Axes, time_s: Time, angle_rad: Array) -> Array:
 
 def _step(axes: Axes, state: PlantState, time_s: float, step_s: float) -> PlantState:
     after = _runge_kutta(axes, state, time_s, step_s)
-    turned = np.flatnonzero(after.speed_rad_per_s * state.direction < 0)
-    if turned.size:
+    back = after.speed_rad_per_s * state.direction < 0
+    if np.count_nonzero(back):  # at every step, and quicker than flatnonzero
+        turned = np.flatnonzero(back)
         before = PlantState(*(column[turned] for column in state))
         over = _step_over_standstill(axes.select(turned), before, time_s, step_s)
         for whole, part in zip(after, over, strict=True):

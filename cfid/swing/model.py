@@ -7,8 +7,8 @@ The model is eq. 2.9 of the thesis with its sine kept and two damping terms adde
 W = m g r / I_a and c, s, q the damping divided by I_a. An encoder whose disc is eccentric reads
 phi + a sin phi + b (cos phi - 1), the first harmonic of its error about rest. The trajectory itself is an
 unknown: Hermite-Simpson collocation [HS] on a uniform grid makes the equation of motion a banded system,
-whose single factorisation gives both the Newton correction of the trajectory and its sensitivity to every
-parameter ("lifted" Newton [AD]). Started on the measured angle, it cannot slip by a period as shooting from
+which gives both the Newton correction of the trajectory and its sensitivity to every parameter at once
+("lifted" Newton [AD]). Started on the measured angle, it cannot slip by a period as shooting from
 a guess can.
 """
 
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 from scipy.sparse import csr_matrix
 
 from cfid.estimate.signals import smooth
@@ -138,8 +138,9 @@ def fit_output_error(
             columns = _linearised(state, begin, step, Coefficients(*values), chosen)
         except np.linalg.LinAlgError:
             break
-        error = angle_rad - _read(sampler @ state, harmonic)
-        sampled = _read_derivatives(sampler @ state, sampler @ columns, harmonic, eccentric=eccentric)
+        angle = sampler @ state
+        error = angle_rad - _read(angle, harmonic)
+        sampled = _read_derivatives(angle, sampler @ columns, harmonic, eccentric=eccentric)
         jacobian = sampled[:, 1:]
         change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0])
         moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(chosen)], change[-2:]])
@@ -171,11 +172,15 @@ def fit_output_error(
 
 def _read(angle: Array, harmonic: Array) -> Array:
     """Return what an encoder reads at angles (n,)."""
+    if not harmonic.any():
+        return angle
     return np.asarray(angle + harmonic[0] * np.sin(angle) + harmonic[1] * (np.cos(angle) - 1))
 
 
 def _read_derivatives(angle: Array, columns: Array, harmonic: Array, *, eccentric: bool) -> Array:
     """Return what the columns (n, 1 + p + 2) of an angle are in its readings, with those of a free eccentricity."""
+    if not (eccentric or harmonic.any()):
+        return columns
     sine, cosine = np.sin(angle), np.cos(angle)
     read = (1 + harmonic[0] * cosine - harmonic[1] * sine)[:, None] * columns
     if not eccentric:
@@ -222,7 +227,7 @@ class _Acceleration(NamedTuple):
     value: Array
     by_angle: Array
     by_speed: Array
-    by_coefficient: Array  # (n, 5)
+    by_coefficient: Array  # (5, n)
 
 
 def _acceleration(angle: Array, speed: Array, step: float, coefficients: Coefficients) -> _Acceleration:
@@ -236,7 +241,7 @@ def _acceleration(angle: Array, speed: Array, step: float, coefficients: Coeffic
         value=-stiffness * sine - viscous * speed - coulomb * direction - quadratic * drag,
         by_angle=-stiffness * cosine,
         by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
-        by_coefficient=np.stack([-sine, -speed, -direction, -drag, stiffness * cosine], axis=1),
+        by_coefficient=np.stack([-sine, -speed, -direction, -drag, stiffness * cosine]),
     )
 
 
@@ -273,42 +278,59 @@ def _linearised(
         step,
         coefficients,
     )
-    matrix = _collocation_matrix(a_angle, a_speed, middle, step)
-    by_node, by_middle = node.by_coefficient[:, free], middle.by_coefficient[:, free]
-    difference = by_node[:-1] - by_node[1:]
-    right = np.zeros((len(state), 1 + len(free) + 2), order="F")
-    right[:2, 0] = begin - state[:2]
-    right[2::2, 0] = step / 2 * (speed[:-1] + speed[1:]) + step**2 / 12 * (a[:-1] - a[1:]) - np.diff(angle)
-    right[3::2, 0] = step / 6 * (a[:-1] + 4 * middle.value + a[1:]) - np.diff(speed)
-    right[2::2, 1:-2] = step**2 / 12 * difference
-    right[3::2, 1:-2] = (
-        step / 6 * (by_node[:-1] + 4 * (by_middle + middle.by_speed[:, None] * step / 8 * difference) + by_node[1:])
+    left, right = _cells(a_angle, a_speed, middle, step)
+    by_node, by_middle = node.by_coefficient[free], middle.by_coefficient[free]
+    difference = by_node[:, :-1] - by_node[:, 1:]
+    sides = np.empty((2, 1 + len(free), len(angle) - 1))
+    sides[0, 0] = step / 2 * (speed[:-1] + speed[1:]) + step**2 / 12 * (a[:-1] - a[1:]) - np.diff(angle)
+    sides[1, 0] = step / 6 * (a[:-1] + 4 * middle.value + a[1:]) - np.diff(speed)
+    sides[0, 1:] = step**2 / 12 * difference
+    sides[1, 1:] = (
+        step / 6 * (by_node[:, :-1] + 4 * (by_middle + middle.by_speed * step / 8 * difference) + by_node[:, 1:])
     )
-    right[0, -2] = right[1, -1] = 1.0
-    return np.asarray(solve_banded((3, 1), matrix, right, overwrite_ab=True, overwrite_b=True, check_finite=False))
+    return _solved(left, right, sides, begin - state[:2])
 
 
-def _collocation_matrix(a_angle: Array, a_speed: Array, middle: _Acceleration, step: float) -> Array:
-    """Return the Jacobian in LAPACK's banded storage, three diagonals below and one above.
+def _solved(left: Array, right: Array, sides: Array, begin: Array) -> Array:
+    """Solve left x[i] + right x[i + 1] = sides for all nodes from the first on, x[0] = begin in the first column.
 
-    Rows 0 and 1 hold the start state; rows 2i+2 and 2i+3 the two Hermite-Simpson equations of cell i, whose
-    unknowns are columns 2i..2i+3: angle and speed at its left and right node. Entry (r, c) lies in band
-    row 1 + r - c of column c.
+    Blocks are (2, 2, n - 1), sides (2, m, n - 1). Returns (2n, m + 2); the last two columns begin with the identity
+    and have no sides. With each cell solved for its right node what is left is a triangle.
+    """
+    determinant = right[0, 0] * right[1, 1] - right[0, 1] * right[1, 0]
+    if not determinant.all():
+        raise np.linalg.LinAlgError("a cell leaves its right node open")
+    inverse = np.array([[right[1, 1], -right[0, 1]], [-right[1, 0], right[0, 0]]]) / determinant
+    onward = inverse[:, 0, None] * left[0] + inverse[:, 1, None] * left[1]
+    rows = np.zeros((sides.shape[1] + 2, 2 * sides.shape[2] + 2))
+    rows[0, :2] = begin
+    rows[-2, 0] = rows[-1, 1] = 1.0
+    rows[:-2, 2::2], rows[:-2, 3::2] = inverse[:, 0, None] * sides[0] + inverse[:, 1, None] * sides[1]
+    band = np.zeros((4, rows.shape[1]), order="F")  # entry (r, c) in row r - c of column c, as LAPACK stores it
+    band[2, 0:-2:2], band[1, 1:-2:2] = onward[0]
+    band[3, 0:-2:2], band[2, 1:-2:2] = onward[1]
+    return np.asarray(dtbtrs(band, rows.T, uplo="L", diag="U", overwrite_b=True)[0])
+
+
+def _cells(a_angle: Array, a_speed: Array, middle: _Acceleration, step: float) -> tuple[Array, Array]:
+    """Return the derivatives of each cell's two Hermite-Simpson equations, position's and speed's, (2, 2, n - 1).
+
+    The first are those by angle and speed at the cell's left node, the second at its right.
     """
     left, right = slice(None, -1), slice(1, None)
     m_angle, m_speed = middle.by_angle, middle.by_speed
-    band = np.zeros((5, 2 * len(a_angle)))
-    band[1, :2] = 1.0
-    band[3, 0:-2:2] = -1 - step**2 / 12 * a_angle[left]
-    band[2, 1:-2:2] = -step / 2 - step**2 / 12 * a_speed[left]
-    band[1, 2::2] = 1 + step**2 / 12 * a_angle[right]
-    band[0, 3::2] = -step / 2 + step**2 / 12 * a_speed[right]
-    band[4, 0:-2:2] = -step / 6 * (a_angle[left] + 4 * (m_angle / 2 + m_speed * step / 8 * a_angle[left]))
-    band[3, 1:-2:2] = -1 - step / 6 * (
-        a_speed[left] + 4 * (m_angle * step / 8 + m_speed * (0.5 + step / 8 * a_speed[left]))
-    )
-    band[2, 2::2] = -step / 6 * (a_angle[right] + 4 * (m_angle / 2 - m_speed * step / 8 * a_angle[right]))
-    band[1, 3::2] = 1 - step / 6 * (
-        a_speed[right] + 4 * (-m_angle * step / 8 + m_speed * (0.5 - step / 8 * a_speed[right]))
-    )
-    return band
+    by_left = [
+        [-1 - step**2 / 12 * a_angle[left], -step / 2 - step**2 / 12 * a_speed[left]],
+        [
+            -step / 6 * (a_angle[left] + 4 * (m_angle / 2 + m_speed * step / 8 * a_angle[left])),
+            -1 - step / 6 * (a_speed[left] + 4 * (m_angle * step / 8 + m_speed * (0.5 + step / 8 * a_speed[left]))),
+        ],
+    ]
+    by_right = [
+        [1 + step**2 / 12 * a_angle[right], -step / 2 + step**2 / 12 * a_speed[right]],
+        [
+            -step / 6 * (a_angle[right] + 4 * (m_angle / 2 - m_speed * step / 8 * a_angle[right])),
+            1 - step / 6 * (a_speed[right] + 4 * (-m_angle * step / 8 + m_speed * (0.5 - step / 8 * a_speed[right]))),
+        ],
+    ]
+    return np.array(by_left), np.array(by_right)

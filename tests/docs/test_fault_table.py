@@ -1,6 +1,5 @@
 """Every row of the table of faults has its test, and every fault that can be simulated has its row."""
 
-import ast
 import re
 from collections import defaultdict
 from dataclasses import fields
@@ -13,6 +12,7 @@ from tests.places import ROOT
 TEXT = (ROOT / "docs" / "reference" / "faults.md").read_text()
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TEXT.splitlines() if line.startswith("|")]
 FAULTS = [row for row in ROWS if row[0] != "fault" and set(row[0]) != {"-"}]
+TEST = re.compile(r"^def (test_\w+)\(.*\n(?:(?:[ )].*)?\n)*", re.MULTILINE)  # up to the next line that is not its own
 EXIT_CODES = {"", "0", "1", "2", "3", "4", "130"}
 
 
@@ -44,11 +44,8 @@ def _tests() -> dict[str, str]:
     """Return the source of every test by its name; tests of one name together."""
     found: dict[str, str] = defaultdict(str)
     for path in (ROOT / "tests").rglob("test_*.py"):
-        source = path.read_text()
-        lines = source.splitlines(keepends=True)
-        for node in ast.parse(source).body:
-            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
-                found[node.name] += "".join(lines[node.lineno - 1 : node.end_lineno])
+        for test in TEST.finditer(path.read_text()):
+            found[test[1]] += test[0]
     return found
 
 

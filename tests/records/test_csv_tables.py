@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
@@ -250,7 +250,6 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 TABLES = st.lists(st.tuples(FINITE, st.integers(-(2**53), 2**53), FINITE), min_size=1, max_size=6)
 
 
-@settings(deadline=None, max_examples=150)
 @given(
     rows=TABLES,
     separator=st.sampled_from([",", ";", "\t", " "]),
@@ -283,7 +282,6 @@ def test_any_finite_numbers_come_back_exactly(
 FIELDS = st.text(st.characters(exclude_characters=',\n\r"', exclude_categories=["Cs"]), max_size=6)
 
 
-@settings(deadline=None, max_examples=300)
 @given(junk=st.one_of(FIELDS, st.text("0123456789.eE+-_ nainf", max_size=6)), row=st.integers(1, 20))
 @example(junk="\0", row=3)
 @example(junk="\x0b", row=3)

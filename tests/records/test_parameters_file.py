@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
@@ -151,7 +151,6 @@ def unknown_as_nan(value: Any) -> Any:
     return math.nan if value is None else value
 
 
-@settings(deadline=None, max_examples=150)
 @given(value=VALUES)
 def test_any_value_comes_back_from_the_disk(tmp_path_factory: pytest.TempPathFactory, value: Any) -> None:
     assert same(stored(tmp_path_factory.mktemp("value"), value).value, unknown_as_nan(value))
@@ -239,7 +238,6 @@ def test_a_damaged_file_is_refused_by_key_and_not_written_over(tmp_path: Path, o
     assert file.read_bytes() == before
 
 
-@settings(deadline=None, max_examples=200)
 @given(at=st.integers(0, len(GOOD) - 1), junk=st.binary(max_size=3), length=st.integers(0, 40))
 def test_a_file_damaged_anywhere_is_read_or_refused_with_its_name(
     tmp_path_factory: pytest.TempPathFactory, at: int, junk: bytes, length: int

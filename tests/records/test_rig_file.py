@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError
@@ -214,7 +214,6 @@ def test_a_file_from_another_editor_is_read(tmp_path: Path, change: Callable[[st
 RIG = new_rig_text().encode()
 
 
-@settings(deadline=None, max_examples=150)
 @given(at=st.integers(0, len(RIG) - 1), junk=st.binary(max_size=3), length=st.integers(0, 30))
 def test_a_rig_damaged_anywhere_is_a_rig_or_refused_with_its_name(
     tmp_path_factory: pytest.TempPathFactory, at: int, junk: bytes, length: int

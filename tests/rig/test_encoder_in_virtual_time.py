@@ -32,16 +32,17 @@ def check_angles(rows: pd.DataFrame, *, late_s: float = 2e-3, but: int = 0) -> N
     assert np.sum(wrong) <= but
 
 
-def test_every_poll_of_ten_minutes_is_a_row(session: Session) -> None:
+@pytest.mark.parametrize("for_s", [120, pytest.param(600, marks=pytest.mark.slow)])
+def test_every_poll_of_minutes_is_a_row(session: Session, for_s: int) -> None:
     instrument, _ = encoder(session, SOUND)
 
-    run, failure = session.record(instrument, for_s=600)
+    run, failure = session.record(instrument, for_s=for_s)
     rows = rows_of(run, "encoder")
 
     assert failure is None
     assert run.header.devices["encoder"].lost == 0
     assert facts(run)["polls"] == len(rows)
-    assert len(rows) == pytest.approx(60_000, abs=2)
+    assert len(rows) == pytest.approx(for_s * 100, abs=2)
     check_angles(rows, late_s=0.006)  # the test's clock steps by 5 ms
 
 

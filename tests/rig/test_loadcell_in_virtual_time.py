@@ -20,16 +20,17 @@ def facts(run: Run) -> dict[str, Any]:
     return dict(run.header.devices["loadcell"].model_extra or {})
 
 
+@pytest.mark.parametrize("for_s", [120, pytest.param(600, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("buffered", [True, False])
-def test_ten_minutes_are_recorded_without_a_gap(session: Session, buffered: bool) -> None:
+def test_minutes_are_recorded_without_a_gap(session: Session, buffered: bool, for_s: int) -> None:
     instrument, box, wire = loadcell(session, SOUND, buffered=buffered)
 
-    run, failure = session.record(instrument, for_s=600)
+    run, failure = session.record(instrument, for_s=for_s)
     rows = rows_of(run, "loadcell")
 
     assert failure is None
     assert run.header.devices["loadcell"].lost == 0
-    assert len(rows) == pytest.approx(600 * 700, abs=30)
+    assert len(rows) == pytest.approx(for_s * 700, abs=30)
     assert np.all(np.diff(rows["rdt_sequence"]) == 1)
     assert np.all(np.diff(rows["ft_sequence"]) == 10)
     assert not box.streaming

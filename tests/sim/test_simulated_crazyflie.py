@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.sim.battery import BatteryTruth
@@ -393,7 +393,6 @@ def test_a_vehicle_that_starts_again_has_forgotten_everything() -> None:
 # Anything
 
 
-@settings(max_examples=300)
 @given(datagrams=st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=32)), max_size=20), old=st.booleans())
 def test_no_datagram_whatever_its_bytes_upsets_it(datagrams: list[tuple[int, bytes]], old: bool) -> None:
     bench = Bench(CrazyflieTruth(firmware="old" if old else "app"))
@@ -404,7 +403,6 @@ def test_no_datagram_whatever_its_bytes_upsets_it(datagrams: list[tuple[int, byt
     assert all(0 <= command <= 65535 for command in bench.motors)
 
 
-@settings(max_examples=300)
 @given(st.lists(st.tuples(st.sampled_from([(2, 2), (5, 1), (10, 0), (11, 0)]), st.binary(max_size=14)), max_size=20))
 def test_no_request_whatever_it_wants_upsets_it(requests: list[tuple[tuple[int, int], bytes]]) -> None:
     bench = Bench(CrazyflieTruth(firmware="old"))

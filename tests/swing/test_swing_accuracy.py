@@ -72,9 +72,13 @@ def inertia_errors(degrees: float, peaks: int, *, word: Word, stamp_s: float, co
     return np.array(errors), np.array(scores)
 
 
+# A bound on errors themselves is as strict with eight swings as with 24; three windows are 24 in all.
+@pytest.mark.parametrize("count", [8, pytest.param(24, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("word", "degrees", "peaks"), [(COARSE, 10, 4), (FINE, 50, 8), (COARSE, 70, 14)])
-def test_good_stamps_give_the_axis_inertia_to_a_fiftieth_of_a_percent(word: Word, degrees: float, peaks: int) -> None:
-    errors, _ = inertia_errors(degrees, peaks, word=word, stamp_s=2e-4, count=24)
+def test_good_stamps_give_the_axis_inertia_to_a_fiftieth_of_a_percent(
+    word: Word, degrees: float, peaks: int, count: int
+) -> None:
+    errors, _ = inertia_errors(degrees, peaks, word=word, stamp_s=2e-4, count=count)
 
     assert abs(errors.mean()) < 2e-4
     assert errors.std() < 2e-4
