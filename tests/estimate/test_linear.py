@@ -92,6 +92,11 @@ def test_correlated_residuals_widen_a_covariance_to_what_repetition_shows() -> N
     assert fit.std[0] < 0.5 * np.std(values, axis=0)[0]
 
 
+def test_few_residuals_without_correlation_state_what_a_fit_of_unknown_noise_does() -> None:
+    mean = mean_of(np.array([1.0, 2.0, 6.0, 3.0]))
+    assert sandwich(np.ones((4, 1)), mean.residual, longest=1) == pytest.approx(mean.covariance)
+
+
 def test_propagation_takes_the_correlation_of_the_inputs_along() -> None:
     covariance = np.array([[0.04, 0.06], [0.06, 0.09]])  # fully correlated: 0.2 and 0.3
     product = propagated(lambda v: np.array([v[0] * v[1], v[0] / v[1]]), np.array([2.0, 3.0]), covariance)

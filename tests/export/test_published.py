@@ -39,6 +39,24 @@ def test_the_lee_controllers_inertia_is_ours_with_roll_and_pitch_exchanged() -> 
     assert ours == (COPIED_DIAGONAL[1], COPIED_DIAGONAL[0], COPIED_DIAGONAL[2])
 
 
+def test_the_headers_products_of_inertia_bear_the_names_of_their_axes() -> None:
+    found = macros(export("firmware", vehicle()))
+    unturned = macros(export("firmware", vehicle(frame={"forward": "x", "left": "y", "up": "z"})))
+
+    assert {axis: unturned[f"CFID_INERTIA_{axis[1:].upper()}"] for axis in COPIED_MATRIX} == COPIED_MATRIX
+    assert [found[f"CFID_INERTIA_{axis}"] for axis in ("XY", "XZ", "YZ")] == [
+        -COPIED_MATRIX["ixy"], COPIED_MATRIX["iyz"], -COPIED_MATRIX["ixz"],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["gym-pybullet-drones", "safe-control-gym"])
+def test_the_gyms_diagonal_is_turned_too(name: str) -> None:
+    moments = attributes(next(xml(name, vehicle()).iter("inertia")))
+
+    assert (moments["iyy"], moments["ixx"], moments["izz"]) == COPIED_DIAGONAL
+    assert (moments["ixy"], moments["ixz"], moments["iyz"]) == (0, 0, 0)
+
+
 def test_crazyswarm2_gets_the_same_exchange() -> None:
     lee = yaml("crazyswarm2", vehicle())["robot_types"]["Crazyflie_2_0"]["firmware_params"]["ctrlLee"]
 

@@ -108,6 +108,13 @@ def test_the_gyms_constants_are_per_rpm_of_one_motor() -> None:
     assert found["thrust2weight"] == pytest.approx(4 * thesis.MAX_THRUST_N / (0.028 * 9.81))
 
 
+def test_the_gyms_sideways_drag_is_the_mean_of_forward_and_left() -> None:
+    known = with_value(vehicle(), "drag", [-1e-7, -2e-7, -4e-7])
+    found = attributes(xml("gym-pybullet-drones", known).find("properties"))
+
+    assert (found["drag_coeff_xy"], found["drag_coeff_z"]) == pytest.approx((1.5e-7, 4e-7))
+
+
 def test_safe_control_gym_comes_from_command_to_rpm_by_a_straight_line() -> None:
     found = attributes(xml("safe-control-gym", vehicle()).find("properties"))
 

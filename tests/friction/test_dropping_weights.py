@@ -82,6 +82,16 @@ def test_the_mean_of_rows_6_to_19_is_0_1833_where_table_2_2_says_0_1813() -> Non
     assert thesis_friction(drops).viscous_nms_per_rad == pytest.approx(0.1833e-5, abs=0.00005e-5)
 
 
+def test_the_thesis_mean_of_few_runs_has_students_interval() -> None:
+    drops = [_settled_at(20, speed) for speed in (90.0, 100.0, 110.0)]
+    found = thesis_friction(drops)
+
+    coefficients = [drop.coefficient_nms_per_rad for drop in drops]
+    student = 4.303 / 1.96  # two degrees of freedom
+    assert found.viscous_std == pytest.approx(student * np.std(coefficients, ddof=1) / np.sqrt(3), rel=1e-3)
+    assert thesis_friction(drops[:1]).viscous_std is None
+
+
 def test_all_weights_of_table_2_1_together_show_a_mostly_dry_friction() -> None:
     drops = [measured(*at_speed(speed), grams) for grams, speed, _ in TABLE_2_1]
     found = fit_friction(drops, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)

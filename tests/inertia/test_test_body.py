@@ -80,6 +80,12 @@ def test_the_calculated_inertia_is_as_uncertain_as_mass_and_lengths_make_it() ->
     assert np.isfinite(comparison.deviations)
 
 
+def test_the_drawings_centre_is_known_to_half_of_what_its_lengths_are() -> None:
+    body = thesis_test_body().model_copy(update={"length_std_mm": 0.2})
+
+    assert swung_test_body(body).centre_std_m == pytest.approx([1e-4] * 3)
+
+
 def test_a_mass_that_both_inertias_share_does_not_set_them_apart() -> None:
     body = thesis_test_body().model_copy(update={"mass_std_kg": 0.002, "length_std_mm": 0.0})
     exact = {

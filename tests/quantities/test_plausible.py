@@ -67,9 +67,11 @@ def test_what_has_no_range_passes() -> None:
         [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 33.4e-6]],
         [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 9e-5]],
         [[16.6e-6, 15e-6, 0], [15e-6, 16.7e-6, 0], [0, 0, 29.3e-6]],
+        [[16.6e-6, 0, 15e-6], [0, 16.7e-6, 0], [15e-6, 0, 29.3e-6]],
+        [[16.6e-6, 0, 0], [0, 16.7e-6, 15e-6], [0, 15e-6, 29.3e-6]],
         [[16.6e-6, 1e-6, 0], [2e-6, 16.7e-6, 0], [0, 0, 29.3e-6]],
     ],
-    ids=["flat beyond a plate", "far beyond it", "large products", "not symmetric"],
+    ids=["flat beyond a plate", "far beyond it", "large xy", "large xz", "large yz", "not symmetric"],
 )
 def test_an_inertia_matrix_that_no_body_has_is_refused(matrix: list[list[float]]) -> None:
     assert implausible("inertia.matrix_kg_m2", matrix).startswith("inertia.matrix_kg_m2 is not that of a body")
@@ -82,3 +84,4 @@ def test_a_plate_is_the_flattest_body() -> None:
 def test_a_centre_of_mass_beyond_the_rotors_is_refused() -> None:
     assert centre_fault([0.032, -0.032, 0.1], 0.046) == ""
     assert "x = 70.0 mm and y = 0.0 mm: beyond the rotors. Expected within 32.5 mm" in centre_fault([0.07, 0, 0], 0.046)
+    assert "x = 0.0 mm and y = -70.0 mm: beyond the rotors" in centre_fault([0, -0.07, 0], 0.046)

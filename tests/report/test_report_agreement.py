@@ -110,6 +110,18 @@ def test_time_constants_and_clocks_are_compared(tmp_path: Path) -> None:
     assert not found(campaign, "Rate of the vehicle's clock").agrees
 
 
+def test_steps_count_with_their_scatter_and_their_own_uncertainty(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
+    tf(campaign)
+    rows = [{"time_constant_s": value, "std_s": 0.002, "accepted": True} for value in (0.055, 0.06, 0.065)]
+    ignored = {"time_constant_s": 0.5, "std_s": 0.002, "accepted": False}
+    put(campaign, "dynamics", {"dynamics.time_constant_s": Parameter(value=[*rows, ignored])})
+    one = found(campaign, "Time constant")
+    assert abs(one.first_value - 0.06) < 1e-12
+    assert abs(one.first_std**2 - (0.005**2 + 0.002**2)) < 1e-12
+    assert abs(one.difference_std**2 - (one.first_std**2 + 0.001**2)) < 1e-12
+
+
 def test_two_distances_of_one_axis_are_compared(tmp_path: Path) -> None:
     text = "\n[mounts.x-far]\npoint_mm = [0.0, 42.0, 18.95]\ndirection = [-2, 0, 0]\n"
     campaign = new_campaign(tmp_path)

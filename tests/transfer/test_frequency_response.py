@@ -70,6 +70,17 @@ def test_responses_scatter_as_they_say_in_noise_of_any_colour(periods: int, colo
     assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=0.25)
 
 
+def test_the_parts_of_a_response_covary_as_stated_where_less_than_a_period_was_measured() -> None:
+    run = align(recorded(simulated((1,), truth=STILL, bench=noiseless_bench(1000)))).runs[0]
+    rng = np.random.default_rng(9)
+    found = [respond(noisy(run, rng.normal(0, 5e-3, len(run.time_s))), settle_s=3.0) for _ in range(200)]
+    spread = np.corrcoef([(one.value.real, one.value.imag) for one in found], rowvar=False)[0, 1]
+    stated = found[0].covariance[0, 1] / np.sqrt(np.prod(np.diag(found[0].covariance)))
+
+    assert abs(stated) > 0.3
+    assert spread == pytest.approx(stated, abs=0.2)
+
+
 def test_a_line_beside_the_frequency_makes_it_uncertain() -> None:
     run = align(recorded(simulated((12,)))).runs[0]
     beside = noisy(run, 0.01 * np.sin(2 * np.pi * (12 / 8 + 0.7) * run.time_s))

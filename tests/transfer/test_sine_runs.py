@@ -151,6 +151,14 @@ def test_a_vehicle_restarted_between_runs_makes_two_clocks() -> None:
     assert [set(run.shared_s) for run in series.runs[2:4]] == [{"offset 0", "rate 0"}, {"offset 1", "rate 1"}]
 
 
+def test_an_error_of_the_clocks_rate_moves_earlier_runs_back_and_later_ones_forward() -> None:
+    shared_s = [run.shared_s for run in align(recorded(simulated(PERIODS))).runs]
+
+    assert len({one["offset 0"] for one in shared_s}) == 1
+    assert shared_s[0]["rate 0"] < 0 < shared_s[-1]["rate 0"]
+    assert sorted(one["rate 0"] for one in shared_s) == [one["rate 0"] for one in shared_s]
+
+
 @pytest.mark.parametrize("stamped", [True, False])
 @pytest.mark.parametrize("periods", [1, 30, 100, 400])
 def test_a_run_alone_is_aligned_too_and_says_how_well(periods: int, stamped: bool) -> None:

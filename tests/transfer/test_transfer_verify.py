@@ -51,6 +51,15 @@ def test_a_delay_left_out_is_the_shift_that_figure_3_16_shows() -> None:
     assert found.fit_percent < 85
 
 
+def test_an_uncertain_delay_makes_the_lateness_uncertain_and_not_the_gain() -> None:
+    run = run_of(12)
+    sure, unsure = (verify_run(run, EQ_3_15, after_quickest_s=LEAST_S, delay_std_s=std_s) for std_s in (0.0, 2e-3))
+
+    assert unsure.late_std_s == pytest.approx(np.hypot(sure.late_std_s, 2e-3))
+    assert unsure.late_std_rad == pytest.approx(unsure.late_std_s * run.frequency_rad_s)
+    assert unsure.gain_ratio_std == sure.gain_ratio_std
+
+
 def test_another_gain_shows_as_a_ratio() -> None:
     weaker = replace(EQ_3_15, static_gain_n=EQ_3_15.static_gain_n / 1.1)
     found = verify_run(run_of(5), weaker, after_quickest_s=LEAST_S)

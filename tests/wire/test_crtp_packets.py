@@ -71,6 +71,7 @@ def test_parameters_are_written_and_read_by_number() -> None:
     assert crtp.decode_read_parameter(m1, bytes.fromhex("2301 02 3075")) is None  # an error
     assert crtp.decode_read_parameter(m1, bytes.fromhex("2401 00 3075")) is None  # another's
     assert crtp.decode_write_parameter(m1, bytes.fromhex("2301 30")) is None
+    assert crtp.decode_write_parameter(m1, bytes.fromhex("2401 3075")) is None  # another's
 
 
 def test_a_log_block_names_its_variables_by_type_and_number() -> None:
