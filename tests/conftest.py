@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -12,6 +13,10 @@ pytest_plugins = ["tests.campaigns", "tests.drawn"]
 # Tests run on all processors already: threads of the linear algebra, also of programs that tests start, would wait
 # for each other. Read when NumPy is imported, hence here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Programs that tests start load compiled modules, where each would compile the whole of cfid anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 # The same examples every time; how long one takes is the computer's business. Ten times as many with
