@@ -1,0 +1,224 @@
+"""Import a recording of another program: a run folder with the columns that cfid records, and its origin."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from cfid import __version__
+from cfid.errors import ConfigError, DataError
+from cfid.records.campaign import Campaign
+from cfid.records.logs.any_kind import is_binary_log, read_log
+from cfid.records.logs.log import Array, FlightLog, Series
+from cfid.records.parameters import Source
+from cfid.records.run import DeviceRecord, Label, Origin, Run
+from cfid.records.run_writer import create_run
+from cfid.records.tables.angle import ENCODER, Reading, read_angle
+from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
+from cfid.records.tables.schema import Foreign
+from cfid.records.tables.table import open_table
+from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
+from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, holds_wrench, read_wrench
+from cfid.units import MOTORS
+
+Kind = Literal["angle", "wrench", "flight"]
+
+_UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
+_COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
+_NO_COLUMN = re.compile(r'[\s,;"]+')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imported:
+    """A run that was made, one line on how the recording was understood, and notes."""
+
+    run: Run
+    understood: str
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Devices:
+    """What a run gets: its devices, their blocks (m, columns), how the recording was read, and its origin."""
+
+    records: dict[str, DeviceRecord]
+    blocks: dict[str, Iterator[Array]]
+    begin_s: float
+    understood: str
+    source: Source
+    program: str
+    assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+
+
+def kind_of(path: Path, reading: Foreign) -> Kind:
+    """Return what a recording is: a log of a vehicle, forces and torques, or an angle.
+
+    Raises ConfigError where its columns do not show it, DataError where it cannot be read.
+    """
+    if is_binary_log(path):
+        return "flight"
+    if holds_wrench(path, WrenchReading(skip_lines=reading.skip_lines)):
+        return "wrench"
+    table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
+    if table.has_head and any(_is_flown(name) for name in table.names):
+        return "flight"
+    if table.has_head and any(ANGLE_COLUMNS.columns[1].called.fullmatch(name) for name in table.names):
+        return "angle"
+    raise ConfigError(
+        f"{path}: its columns ({table.listing}) do not show what was recorded: give --kind angle, wrench or flight. "
+        "A table of a thrust stand is not imported: `cfid fit thrust` and `cfid fit speed` read it as it is."
+    )
+
+
+def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Label, kind: str) -> Imported:
+    """Import an angle over time as a run of the encoder, in radians. Raises errors as `read_angle`."""
+    found = read_angle(path, reading)
+    record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), angle_unit="rad")
+    rate = 1 / np.median(np.diff(found.time_s))
+    rows = f"{len(found.time_s)} rows at {rate:.0f} Hz"
+    devices = _Devices(
+        records={ENCODER: record},
+        blocks={ENCODER: iter([np.column_stack([found.time_s, found.angle_rad])])},
+        begin_s=0.0,
+        understood=f"{path.name}: an angle, {rows}; kept in radians, continuous over turns.",
+        source=found.source,
+        program="table of angles",
+        notes=found.notes,
+    )
+    return _imported(campaign, devices, kind=kind, label=label, path=path)
+
+
+def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, label: Label) -> Imported:
+    """Import forces and torques as a run of the load cell, in N and N m. Raises errors as `read_wrench`."""
+    found = read_wrench(path, reading)
+    columns = ("t", *AXES, *(() if found.status is None else ("status",)))
+    values = [found.time_s + (found.begin_s or 0.0), *found.force_n.T, *found.torque_nm.T]
+    values += [] if found.status is None else [found.status]
+    rate = 1 / np.median(np.diff(found.time_s)[np.diff(found.time_s) > 0])
+    devices = _Devices(
+        records={LOADCELL: DeviceRecord(file="loadcell.csv", columns=columns, units="n,nm")},
+        blocks={LOADCELL: iter([np.column_stack(values)])},
+        begin_s=found.begin_s or 0.0,
+        understood=f"{path.name}: forces and torques, {len(found.time_s)} rows at {rate:.0f} Hz; kept in N and N m.",
+        source=found.source,
+        program="table of forces",
+        notes=found.notes,
+    )
+    return _imported(campaign, devices, kind="loadcell", label=label, path=path)
+
+
+def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
+    """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
+
+    Columns with numbers that are not finite are left out. Raises DataError and ConfigError as `read_log`.
+    """
+    log = read_log(path, reading)
+    main = max(log.series, key=lambda one: (any(map(_is_flown, one.names)), one.rows))
+    records: dict[str, DeviceRecord] = {}
+    blocks: dict[str, Iterator[Array]] = {}
+    notes = list(log.notes)
+    for series in log.series:
+        device = VEHICLE_LOG if series is main and any(map(_is_flown, series.names)) else _word(series.name)
+        whole = _finite_columns(log, series)
+        left = [name for name, kept in zip(series.names, whole[1:], strict=True) if not kept]
+        if left:
+            notes.append(f"{series.name}: left out, since they hold numbers that are not finite: {', '.join(left)}.")
+        names = [_word(name, _NO_COLUMN) for name, kept in zip(series.names, whole[1:], strict=True) if kept]
+        if not names or len(set(names)) < len(names):
+            notes.append(f"{series.name}: left out: {'two columns have one name' if names else 'no column is left'}.")
+            continue
+        records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
+        blocks[device] = _columns(series, whole)
+    motors = next((names for names in _COMMAND_NAMES if set(names) <= set(main.names)), None)
+    if motors is not None and _finite_columns(log, main, motors).all():
+        records[COMMANDS] = DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))
+        blocks[COMMANDS] = _changes(main, motors)
+        notes.append(f"commands are {motors[0]} to {motors[-1]}, as far as the log shows them.")
+    if not records:
+        raise DataError(f"{path}: nothing to import. {' '.join(notes)}")
+    begin_s = min(float(next(series.blocks())[0, 0]) for series in log.series)
+    devices = _Devices(
+        records=records,
+        blocks=blocks,
+        begin_s=begin_s,
+        understood=log.understood,
+        source=log.source,
+        program=log.program,
+        assumed=(log.clock, *log.assumed),
+        notes=tuple(notes),
+    )
+    return _imported(campaign, devices, kind="flight", label=label, path=path)
+
+
+def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label, path: Path) -> Imported:
+    dated = _UNIX_S[0] <= devices.begin_s <= _UNIX_S[1]
+    started = datetime.fromtimestamp(devices.begin_s, UTC) if dated else datetime.now(UTC)
+    origin = Origin(
+        file=path.name,
+        sha256=devices.source.sha256,
+        program=devices.program,
+        assumed=devices.assumed,
+        notes=devices.notes,
+    )
+    writer = create_run(
+        campaign.runs_folder,
+        kind=kind,
+        label=label,
+        devices=devices.records,
+        started=started,
+        cfid_version=__version__,
+        facts=campaign.rig.facts,
+        origin=origin,
+    )
+    with writer:
+        for device, blocks in devices.blocks.items():
+            for block in blocks:
+                writer.append(device, tuple(block.T))
+    assumed = f" Assumed: {'; '.join(devices.assumed)}." if devices.assumed else ""
+    run = Run(folder=writer.folder, header=writer.header)
+    return Imported(run=run, understood=f"{devices.understood}{assumed}", notes=devices.notes)
+
+
+def _is_flown(name: str) -> bool:
+    """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
+    return bool(re.fullmatch(r"(?:\w+_)?(?:gyro|acc|motor|pwm|rpm|stateEstimate|stabilizer|pm)[._]\w+", name))
+
+
+def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) -> str:
+    return pattern.sub("_", name).strip("_.") or "series"
+
+
+def _finite_columns(log: FlightLog, series: Series, names: Sequence[str] | None = None) -> np.ndarray:
+    """Return which columns (1 + channels,), or which of those named, have only finite numbers; times have to.
+
+    Raises DataError for times that are not finite, or go back.
+    """
+    finite = np.ones(1 + len(series.names), dtype=bool)
+    last = -np.inf
+    for block in series.blocks():
+        finite &= np.isfinite(block).all(axis=0)
+        if not finite[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
+            raise DataError(f"{log.path}: the times of {series.name} go back, or are missing.")
+        last = block[-1, 0]
+    return finite if names is None else finite[[1 + series.names.index(name) for name in names]]
+
+
+def _columns(series: Series, chosen: np.ndarray) -> Iterator[Array]:
+    for block in series.blocks():
+        yield block[:, chosen]
+
+
+def _changes(series: Series, motors: Sequence[str]) -> Iterator[Array]:
+    """Yield the rows (m, 5) in which a command of a motor is another than before."""
+    places = [0, *(1 + series.names.index(name) for name in motors)]
+    last = np.full((1, len(motors)), np.nan)
+    for block in series.blocks():
+        rows = block[:, places]
+        changed = np.any(rows[:, 1:] != np.vstack([last, rows[:-1, 1:]]), axis=1)
+        last = rows[-1:, 1:]
+        yield rows[changed]
