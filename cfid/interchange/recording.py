@@ -80,4 +80,4 @@ def _of_device(device: str, path: Path) -> tuple[Series, bool]:
 def _blocks(path: Path, sha256: str) -> Iterator[Array]:
     for table in table_blocks(path, sha256=sha256):
         if table.filled:
-            yield table.numbers(table.names, exact=True)
+            yield table.numbers(table.names)

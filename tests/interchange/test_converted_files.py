@@ -104,7 +104,7 @@ def test_every_value_of_a_log_comes_back(tmp_path: Path, to: Format) -> None:
 def test_units_and_origin_are_in_the_file(tmp_path: Path) -> None:
     convert(recording_at(written(tmp_path, single()), Foreign()), "mat", tmp_path / "out.mat")
     origin = loadmat(tmp_path / "out.mat", simplify_cells=True)["cfid_origin"]
-    assert list(origin["unit"]) == ["s", "deg/s", "1", "", "g"]
+    assert ["".join(unit) for unit in origin["unit"]] == ["s", "deg/s", "1", "", "g"]
     assert len(origin["sha256"]) == 64
     assert "uSD-card log" in origin["program"]
 

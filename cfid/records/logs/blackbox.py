@@ -1,5 +1,6 @@
 """Read the blackbox logs of Betaflight and its relatives with orangebox: a series for every log of the file."""
 
+import logging
 import re
 import struct
 from itertools import count
@@ -26,6 +27,7 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
     Raises ConfigError without orangebox, DataError for a file that it cannot read, or that has no frame.
     """
     orangebox = optional_library("orangebox", extra="blackbox", what="a blackbox log")
+    logging.getLogger("orangebox").addHandler(logging.NullHandler())  # it reports headers that it does without
     series: list[Series] = []
     notes: list[str] = []
     program, logs = "", 1

@@ -131,7 +131,7 @@ def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: 
     for table in _tables(path, sha256, reading):
         if not table.filled:
             continue
-        values = table.numbers([*_given(time), *names], exact=True)
+        values = table.numbers([*_given(time), *names])
         if time is None:
             assert reading.rate_hz is not None
             values = np.column_stack([(begun + np.arange(len(values))) / reading.rate_hz, values])

@@ -56,15 +56,15 @@ class CsvTable:
     _first_line: int
     _separator: str | None  # None: any run of spaces and tabs
 
-    def numbers(self, columns: Sequence[str], *, exact: bool = False) -> Array:
-        """Return the named columns, shape (rows, columns); where not `exact`, the last bit may be wrong, and fast.
+    def numbers(self, columns: Sequence[str]) -> Array:
+        """Return the named columns, shape (rows, columns).
 
         Raises DataError naming the line of the first row that has a wrong number of fields, or no finite number in one
         of these columns.
         """
         places = [self.place(name) for name in columns]
         rows = self._rows()
-        values = None if rows is None else self._parsed(rows, places, exact=exact)
+        values = None if rows is None else self._parsed(rows, places)
         if values is None or not np.all(np.isfinite(values)):
             self._check_lines(places)
             raise DataError(f"{self.path}: not readable as a table of numbers.")
@@ -127,7 +127,7 @@ class CsvTable:
         kept = np.repeat(filled, np.diff(ends, prepend=-1))
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
-    def _parsed(self, rows: bytes, places: list[int], *, exact: bool) -> Array | None:
+    def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
         # pandas reads a column of `true` alone as ones. Searching for one letter first is much faster.
         if any(word[-1:] in rows and word in rows for word in _TRUTHS):
             self._check_lines(places)
@@ -142,7 +142,6 @@ class CsvTable:
                 quoting=csv.QUOTE_NONE,
                 na_filter=False,
                 encoding="latin-1",
-                float_precision="round_trip" if exact else None,
             )
         except (ValueError, OverflowError):
             return None
