@@ -55,8 +55,8 @@ def convert(
     out: Annotated[
         Path | None, typer.Option(help="File, or folder of files, to make; default: named after the recording, here.")
     ] = None,
-    rig: RigOptions,
     reading: ReadingOptions,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
 ) -> None:
     """Write a recording in another format: every row and column, in the units of whoever recorded it.
 
@@ -65,7 +65,7 @@ def convert(
     from cfid.interchange import convert as conversion
     from cfid.interchange.recording import recording_at
 
-    found = recording_at(find_recording(run, open_workplace(rig)), reading.reading())
+    found = recording_at(find_recording(run, open_workplace(RigOptions(campaign=campaign))), reading.reading())
     paths = conversion.convert(found, to, out)
     typer.echo(found.understood)
     for text in found.notes:

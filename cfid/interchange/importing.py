@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
@@ -19,16 +20,25 @@ from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
-from cfid.records.tables.schema import Foreign
-from cfid.records.tables.table import open_table
+from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.schema import TIME, Foreign
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
-from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, holds_wrench, read_wrench
+from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
+from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 from cfid.units import MOTORS
 
 Kind = Literal["angle", "wrench", "flight"]
 
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 _COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
+_FLOWN = re.compile(
+    r"(?:\w+_)?(?:(?:gyro|acc)[._][xyz]|(?:motor|pwm|rpm)[._]m[1-4]\w*|(?:stateEstimate|stabilizer)[._]\w+|pm[._]vbat\w*)"
+)
+_COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
+    "wrench": tuple(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
+    "flight": (_FLOWN,),
+    "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
+}
 _NO_COLUMN = re.compile(r'[\s,;"]+')
 
 
@@ -62,13 +72,12 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
     """
     if is_binary_log(path):
         return "flight"
-    if holds_wrench(path, WrenchReading(skip_lines=reading.skip_lines)):
-        return "wrench"
-    table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
-    if table.has_head and any(_is_flown(name) for name in table.names):
-        return "flight"
-    if table.has_head and any(ANGLE_COLUMNS.columns[1].called.fullmatch(name) for name in table.names):
-        return "angle"
+    if reading.columns:
+        return "wrench" if len(reading.columns) > len(AXES) else "angle"
+    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
+    for kind, columns in _COLUMNS.items():
+        if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
+            return kind
     raise ConfigError(
         f"{path}: its columns ({table.listing}) do not show what was recorded: give --kind angle, wrench or flight. "
         "A table of a thrust stand is not imported: `cfid fit thrust` and `cfid fit speed` read it as it is."
@@ -124,6 +133,8 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     notes = list(log.notes)
     for series in log.series:
         device = VEHICLE_LOG if series is main and any(map(_is_flown, series.names)) else _word(series.name)
+        while device in records:
+            device += "_"
         whole = _finite_columns(log, series)
         left = [name for name, kept in zip(series.names, whole[1:], strict=True) if not kept]
         if left:
@@ -186,14 +197,14 @@ def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label,
 
 def _is_flown(name: str) -> bool:
     """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
-    return bool(re.fullmatch(r"(?:\w+_)?(?:gyro|acc|motor|pwm|rpm|stateEstimate|stabilizer|pm)[._]\w+", name))
+    return bool(_FLOWN.fullmatch(name))
 
 
 def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) -> str:
     return pattern.sub("_", name).strip("_.") or "series"
 
 
-def _finite_columns(log: FlightLog, series: Series, names: Sequence[str] | None = None) -> np.ndarray:
+def _finite_columns(log: FlightLog, series: Series, names: Sequence[str] | None = None) -> npt.NDArray[np.bool_]:
     """Return which columns (1 + channels,), or which of those named, have only finite numbers; times have to.
 
     Raises DataError for times that are not finite, or go back.
@@ -208,7 +219,7 @@ def _finite_columns(log: FlightLog, series: Series, names: Sequence[str] | None 
     return finite if names is None else finite[[1 + series.names.index(name) for name in names]]
 
 
-def _columns(series: Series, chosen: np.ndarray) -> Iterator[Array]:
+def _columns(series: Series, chosen: npt.NDArray[np.bool_]) -> Iterator[Array]:
     for block in series.blocks():
         yield block[:, chosen]
 

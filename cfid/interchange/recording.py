@@ -67,7 +67,8 @@ def _of_run(run: Run) -> Recording:
 
 def _of_device(device: str, path: Path) -> tuple[Series, bool]:
     sha256 = sha256_of(path)
-    rows, cut, names = 0, False, ()
+    rows, cut = 0, False
+    names: tuple[str, ...] = ()
     for table in table_blocks(path, sha256=sha256):
         names, cut = table.names, table.cut
         rows += len(table.numbers(names)) if table.filled else 0

@@ -8,6 +8,7 @@ import csv
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -100,8 +101,7 @@ class _Columns(Mapping[str, Any]):
         wanted = [(series, name, at) for series in recording.series for at, name in enumerate((TIME, *series.names))]
         names = _different([_matlab_name(f"{one.name}_{name}" if several else name) for one, name, _ in wanted])
         self._read: dict[str, Callable[[], Any]] = {
-            name: lambda series=series, at=at: _column(series, at)  # type: ignore[misc]
-            for name, (series, _, at) in zip(names, wanted, strict=True)
+            name: partial(_column, series, at) for name, (series, _, at) in zip(names, wanted, strict=True)
         }
         described = {
             "variable": names,

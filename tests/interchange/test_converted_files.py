@@ -1,8 +1,10 @@
 """Conversion: every value comes back from the format's own reader, and no file is ever overwritten or left in part."""
 
 import csv
+import itertools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from scipy.io import loadmat
 from cfid.cli.main import main
 from cfid.errors import ConfigError
 from cfid.interchange.convert import Format, convert
-from cfid.interchange.recording import Recording, recording_at
+from cfid.interchange.recording import recording_at
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.records.tables.schema import Foreign
@@ -122,12 +124,11 @@ def test_a_file_that_is_there_is_left_as_it_is(tmp_path: Path, to: Format) -> No
 def test_a_failure_leaves_no_file(tmp_path: Path) -> None:
     recording = recording_at(written(tmp_path, single()), Foreign())
 
-    def broken() -> object:
+    def broken() -> Iterator[npt.NDArray[np.float64]]:
+        yield from itertools.islice(recording.series[0].blocks(), 1)
         raise OSError(28, "No space left on device")
 
-    series = recording.series[0]
-    object.__setattr__(series, "blocks", broken)
-    full = Recording(name="a", series=(series,), origin={}, understood="", notes=())
+    full = replace(recording, series=(replace(recording.series[0], blocks=broken),))
     with pytest.raises(ConfigError, match="No space left on device"):
         convert(full, "csv", tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()

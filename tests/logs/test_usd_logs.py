@@ -84,7 +84,7 @@ def test_reading_stops_at_a_stamp_that_cannot_be(tmp_path: Path, stamp: int, kep
     records[60] = (65535, stamp, records[60][2])
     log = read_log(written(tmp_path, bytes_of([FIXED], records)))
     assert len(gyro(log)) == kept
-    assert "record 61 of 100 is damaged" in log.notes[0]
+    assert "record 61 of 100 is damaged: reading stops there" in log.notes[0]
 
 
 @pytest.mark.parametrize("length", [1, 4, 9, 30, 50])

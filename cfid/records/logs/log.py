@@ -14,9 +14,10 @@ from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 
-_UNIT_WORDS = {"": "an unknown unit", "1": "plain numbers"}
 BLOCK_ROWS = 1 << 16  # 65536 rows of 50 channels are 26 MB
 
+_LISTED = 8  # series, and channels of unknown unit, that one line names
+_UNIT_WORDS = {"": "an unknown unit", "1": "plain numbers"}
 
 # Units that logs are written in: the SI unit, and how many of it one is. A g is that of the firmware's own estimator.
 _SI: dict[str, tuple[str, float]] = {
@@ -28,8 +29,6 @@ _SI: dict[str, tuple[str, float]] = {
     "mm": ("m", 1e-3),
     "mm/s": ("m/s", 1e-3),
     "mm/s^2": ("m/s^2", 1e-3),
-    "ms": ("s", 1e-3),
-    "us": ("s", 1e-6),
     "mV": ("V", 1e-3),
     "mbar": ("Pa", 100.0),
     "gauss": ("T", 1e-4),
@@ -86,12 +85,6 @@ class Series:
         place = self.names.index(name)
         return self._column(1 + place) * self.channels[place].factor
 
-    def si_blocks(self) -> Iterator[Array]:
-        """Yield the blocks with every channel in its SI unit."""
-        factors = np.array([1.0, *(channel.factor for channel in self.channels)])
-        for block in self.blocks():
-            yield block * factors
-
     def _column(self, place: int) -> Array:
         return np.concatenate([block[:, place] for block in self.blocks()] or [np.zeros(0)])
 
@@ -127,7 +120,9 @@ class FlightLog:
     @property
     def understood(self) -> str:
         """One line: the format, and of each series its rows, rate and channels with their units as read."""
-        return f"{self.path.name}: {self.program}; {self.clock}; {'; '.join(map(_described, self.series))}."
+        first = sorted(self.series, key=lambda one: not any(channel.own_unit for channel in one.channels))[:_LISTED]
+        more = f"; and {len(self.series) - _LISTED} more series" if len(self.series) > _LISTED else ""
+        return f"{self.path.name}: {self.program}; {self.clock}; {'; '.join(map(_described, first))}{more}."
 
 
 def in_memory(name: str, time_s: Array, channels: Sequence[Channel], values: Sequence[Array]) -> Series:
@@ -153,5 +148,10 @@ def _described(series: Series) -> str:
     by_unit: dict[str, list[str]] = {}
     for channel in series.channels:
         by_unit.setdefault(_UNIT_WORDS.get(channel.own_unit, channel.own_unit), []).append(channel.name)
-    columns = ", ".join(f"{' '.join(names)} in {unit}" for unit, names in by_unit.items())
+    columns = ", ".join(f"{_listed(names)} in {unit}" for unit, names in by_unit.items())
     return f"{series.name}, {series.rows} rows{rate}: {columns}"
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return " ".join(names[:_LISTED]) + more

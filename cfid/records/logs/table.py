@@ -44,7 +44,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     table = next(_tables(path, source.sha256, reading))
     time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
     named = [name for name in table.names if name and name != time]
-    program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_channel, named))
+    program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
     assumed: tuple[str, ...] = ()
     if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
         program = _CLIENT
@@ -53,12 +53,15 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
             assumed = ("Timestamp is in ms, as that program writes it",)
     elif "wx_vicon" in named:
         program = "CSV log of NanoBench"
-        channels = tuple(Channel(name, _NANOBENCH[name]) if name in _NANOBENCH else _channel(name) for name in named)
+        channels = tuple(Channel(name, _NANOBENCH[name]) if name in _NANOBENCH else _nanobench(name) for name in named)
     elif set(named) == set(_CRAZYSWARM):
         program = "CSV file of Crazyswarm2's simulator"
         channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
+    elif any(channel.own_unit for channel in channels):
+        assumed = ("columns with the firmware's names are in the firmware's units",)
     raw = table.numbers([time])[:, 0] if time else np.zeros(2)
-    _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz)
+    stated = reading.time_unit is not None
+    _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     faults, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter(faults.values()), f"{path}: no column beside the time."))
@@ -76,8 +79,14 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     )
 
 
-def _channel(name: str) -> Channel:
-    """Return the channel of a column; `imu_gyro_x` is `gyro.x`, where that is a variable of known unit."""
+def _firmware(name: str) -> Channel:
+    """Return the channel of a column that may have the name of a variable of the firmware."""
+    variable = crazyflie_channel(name)
+    return variable if variable.own_unit else Channel(printable(name))
+
+
+def _nanobench(name: str) -> Channel:
+    """Return the channel of a column of NanoBench: `imu_gyro_x` is `gyro.x`."""
     match = _BLOCK_NAME.fullmatch(name)
     variable = crazyflie_channel(f"{match['group']}.{match['variable']}" if match else name)
     return variable if variable.own_unit else Channel(printable(name))

@@ -76,12 +76,13 @@ def read_usd(path: Path, source: Source) -> FlightLog:
     whole = end >= begin and zlib.crc32(memoryview(data)[:end]) == int.from_bytes(data[end:], "little")
     found = _records(data, events, begin, end if whole else len(data))
     notes = _faults(found, len(data), whole=whole)
+    stop, wrong = min((_first_damage(data, event, found.offsets[number]) for number, event in events.items()))
+    notes += (wrong,) if wrong else ()
     series = []
     for number, event in events.items():
-        offsets, wrong = _in_order(data, event, found.offsets[number])
-        notes += wrong
+        offsets = found.offsets[number][found.offsets[number] < stop]
         if len(offsets):
-            channels = tuple(crazyflie_channel(name) for name in event.names)
+            channels = tuple(map(crazyflie_channel, event.names))
             blocks = partial(_blocks, data, event, offsets, version.seconds)
             series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
     if not series:
@@ -131,7 +132,7 @@ def _text(data: mmap.mmap, begin: int) -> tuple[str, int]:
     end = data.find(b"\0", begin, begin + _LONGEST_NAME)
     if end < 0:
         raise ValueError(f"no end of the name at byte {begin}")
-    return printable(data[begin:end].decode("ascii", "replace")), end + 1
+    return printable(data[begin:end].decode("ascii", "replace"), _LONGEST_NAME), end + 1
 
 
 def _event(name: str, words: list[str], version: _Version) -> _Event:
@@ -188,27 +189,22 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
     )
 
 
-def _in_order(
-    data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
-    """Return the records before the first whose stamp cannot be, and a note on it."""
+def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> tuple[int, str]:
+    """Return where an event's first record with an impossible stamp begins, the file's size for none, and a note."""
     stamp = event.record["stamp"]
+    parts = [offsets[at : at + BLOCK_ROWS] for at in range(0, len(offsets), BLOCK_ROWS)]
     stamps = np.concatenate(
-        [
-            _gathered(data, offsets[at : at + BLOCK_ROWS] + 2, stamp.itemsize).view(stamp)[:, 0]
-            for at in range(0, len(offsets), BLOCK_ROWS)
-        ]
-        or [np.zeros(0, stamp)]
+        [np.zeros(0, stamp), *(_gathered(data, part + 2, stamp.itemsize).view(stamp)[:, 0] for part in parts)]
     )
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
     if not len(back):
-        return offsets, ()
+        return len(data), ""
     at = int(back[0])
     # A stamp that leaps ahead is the damaged one, where the next fits to the one before it.
     first = at if at and stamps[at + 1] >= stamps[at - 1] else at + 1
-    return offsets[:first], (
-        f"{event.name}: the stamp of record {first + 1} of {len(offsets)} is damaged (byte {offsets[first]}): the "
-        f"{first} before it are used.",
+    return int(offsets[first]), (
+        f"{event.name}: the stamp of record {first + 1} of {len(offsets)} is damaged: reading stops there, at byte "
+        f"{offsets[first]} of {len(data)}."
     )
 
 

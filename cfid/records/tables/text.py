@@ -52,7 +52,10 @@ def check_text(path: Path, content: bytes) -> None:
     if not text or text.isspace():  # stripping would copy the whole file
         raise DataError(f"{path}: empty; nothing was recorded.")
     if _CONTROL.search(text[:_LOOKED_AT]):
-        raise DataError(f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8).")
+        raise DataError(
+            f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). Logs of vehicles are "
+            "read by `cfid import`."
+        )
 
 
 def whole_lines(content: bytes) -> tuple[bytes, bool]:
