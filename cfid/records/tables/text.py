@@ -53,8 +53,8 @@ def check_text(path: Path, content: bytes) -> None:
         raise DataError(f"{path}: empty; nothing was recorded.")
     if _CONTROL.search(text[:_LOOKED_AT]):
         raise DataError(
-            f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). `cfid import` reads "
-            "logs of vehicles."
+            f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). "
+            "`cfid import` reads logs of vehicles."
         )
 
 
