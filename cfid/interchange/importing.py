@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
@@ -14,7 +14,7 @@ from cfid import __version__
 from cfid.errors import ConfigError, DataError
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import is_binary_log, read_log
-from cfid.records.logs.log import Array, FlightLog, Series
+from cfid.records.logs.log import Array, Series
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
@@ -61,8 +61,9 @@ class _Devices:
     understood: str
     source: Source
     program: str
+    clock: str = ""
     assumed: tuple[str, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
 
 def kind_of(path: Path, reading: Foreign) -> Kind:
@@ -130,26 +131,33 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     main = max(log.series, key=lambda one: (any(map(_is_flown, one.names)), one.rows))
     records: dict[str, DeviceRecord] = {}
     blocks: dict[str, Iterator[Array]] = {}
+    commands: Iterator[Array] | None = None
     notes = list(log.notes)
     for series in log.series:
-        device = VEHICLE_LOG if series is main and any(map(_is_flown, series.names)) else _word(series.name)
-        while device in records:
-            device += "_"
-        whole = _finite_columns(log, series)
-        left = [name for name, kept in zip(series.names, whole[1:], strict=True) if not kept]
-        if left:
+        try:
+            finite = _finite_columns(series)
+        except DataError as fault:  # one bad series does not condemn the log
+            notes.append(f"{series.name}: left out: {fault}")
+            continue
+        kept = [name for name, whole in zip(series.names, finite[1:], strict=True) if whole]
+        if left := [name for name in series.names if name not in kept]:
             notes.append(f"{series.name}: left out, since they hold numbers that are not finite: {', '.join(left)}.")
-        names = [_word(name, _NO_COLUMN) for name, kept in zip(series.names, whole[1:], strict=True) if kept]
+        names = [_word(name, _NO_COLUMN) for name in kept]
         if not names or len(set(names)) < len(names):
             notes.append(f"{series.name}: left out: {'two columns have one name' if names else 'no column is left'}.")
             continue
+        device = VEHICLE_LOG if series is main and any(map(_is_flown, names)) else _word(series.name)
+        while device in records:
+            device += "_"
         records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
-        blocks[device] = _columns(series, whole)
-    motors = next((names for names in _COMMAND_NAMES if set(names) <= set(main.names)), None)
-    if motors is not None and _finite_columns(log, main, motors).all():
+        blocks[device] = _columns(series, finite)
+        motors = next((motors for motors in _COMMAND_NAMES if set(motors) <= set(kept)), None)
+        if series is main and motors is not None:
+            commands = _changes(series, motors)
+            notes.append(f"commands are {motors[0]} to {motors[-1]}, as far as the log shows them.")
+    if commands is not None:
         records[COMMANDS] = DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))
-        blocks[COMMANDS] = _changes(main, motors)
-        notes.append(f"commands are {motors[0]} to {motors[-1]}, as far as the log shows them.")
+        blocks[COMMANDS] = commands
     if not records:
         raise DataError(f"{path}: nothing to import. {' '.join(notes)}")
     begin_s = min(float(next(series.blocks())[0, 0]) for series in log.series)
@@ -160,7 +168,8 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
         understood=log.understood,
         source=log.source,
         program=log.program,
-        assumed=(log.clock, *log.assumed),
+        clock=log.clock,
+        assumed=log.assumed,
         notes=tuple(notes),
     )
     return _imported(campaign, devices, kind="flight", label=label, path=path)
@@ -173,6 +182,7 @@ def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label,
         file=path.name,
         sha256=devices.source.sha256,
         program=devices.program,
+        clock=devices.clock,
         assumed=devices.assumed,
         notes=devices.notes,
     )
@@ -204,19 +214,16 @@ def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) 
     return pattern.sub("_", name).strip("_.") or "series"
 
 
-def _finite_columns(log: FlightLog, series: Series, names: Sequence[str] | None = None) -> npt.NDArray[np.bool_]:
-    """Return which columns (1 + channels,), or which of those named, have only finite numbers; times have to.
-
-    Raises DataError for times that are not finite, or go back.
-    """
+def _finite_columns(series: Series) -> npt.NDArray[np.bool_]:
+    """Return which columns (1 + channels,) have only finite numbers; raises DataError where the times do not serve."""
     finite = np.ones(1 + len(series.names), dtype=bool)
     last = -np.inf
     for block in series.blocks():
         finite &= np.isfinite(block).all(axis=0)
         if not finite[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
-            raise DataError(f"{log.path}: the times of {series.name} go back, or are missing.")
+            raise DataError("its times go back, or are missing.")
         last = block[-1, 0]
-    return finite if names is None else finite[[1 + series.names.index(name) for name in names]]
+    return finite
 
 
 def _columns(series: Series, chosen: npt.NDArray[np.bool_]) -> Iterator[Array]:

@@ -83,6 +83,7 @@ class Origin(_Section):
     file: str
     sha256: str
     program: str
+    clock: str = ""
     assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
