@@ -6,33 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cfid.console.labels import LABEL, LabelOptions
 from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
 
 if TYPE_CHECKING:
-    from cfid.records.campaign import Campaign
     from cfid.records.run import Label
-
-_LABEL = "What is recorded"
-
-
-@dataclass(frozen=True, kw_only=True)
-class LabelOptions:
-    """The operator's label of the run."""
-
-    axis: Annotated[
-        str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as in rig.toml.", rich_help_panel=_LABEL)
-    ] = None
-    weight: Annotated[
-        float | None, typer.Option(metavar="GRAMS", help="A dropping weight.", rich_help_panel=_LABEL)
-    ] = None
-    body: Annotated[
-        Literal["crazyflie", "testbody", "fixture"] | None,
-        typer.Option(help="What swings; default with --axis: crazyflie.", rich_help_panel=_LABEL),
-    ] = None
-    note: Annotated[str | None, typer.Option(help="A note, kept with the run.", rich_help_panel=_LABEL)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +22,11 @@ class LoadOptions:
 
     pull: Annotated[
         Literal["x", "-x", "y", "-y", "z", "-z"] | None,
-        typer.Option(help="Axis of the cell along which gravity points, to calibrate it.", rich_help_panel=_LABEL),
+        typer.Option(help="Axis of the cell along which gravity points, to calibrate it.", rich_help_panel=LABEL),
     ] = None
     at_mm: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Where the weight hangs, from the cell's origin.", rich_help_panel=_LABEL),
+        typer.Option(metavar="X,Y,Z", help="Where the weight hangs, from the cell's origin.", rich_help_panel=LABEL),
     ] = None
 
     def on(self, label: "Label") -> "Label":
@@ -81,15 +62,20 @@ def encoder(
     from cfid.rig.log import Plan, ready_encoder
 
     campaign, devices, simulated = rig_of(keep.campaign)
-    kept = _label(label, campaign)
+    kept = label.label(campaign)
     setting = devices.encoder
     if port is not None:
         refuse_mixture("--port", simulated)
         setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
         setting = setting.model_copy(update={"rate_hz": positive(rate_hz, "--rate-hz")})
-    kind = "swing" if label.axis else "drop" if label.weight else "encoder"
-    plan = Plan(runs_folder=campaign.runs_folder, kind=kind, label=kept, for_s=lasting.seconds, simulated=simulated)
+    plan = Plan(
+        runs_folder=campaign.runs_folder,
+        kind=label.kind_of_angles,
+        label=kept,
+        for_s=lasting.seconds,
+        simulated=simulated,
+    )
     if lasting.dry_run:
         rehearse("the encoder", campaign.runs_folder, lasting.seconds)
         return
@@ -132,7 +118,7 @@ def loadcell(
         setting = setting.model_copy(update={"address": address})
     if rate_hz is not None:
         setting = setting.model_copy(update={"rate_hz": rate_hz})
-    kept = load.on(_label(label, campaign))
+    kept = load.on(label.label(campaign))
     plan = Plan(
         runs_folder=campaign.runs_folder,
         kind="loadcell",
@@ -148,21 +134,3 @@ def loadcell(
     with ExitStack() as held:
         device = ready_loadcell(setting, held, buffered=not real_time, bias=bias, say=live.say)
         record("log loadcell", plan, [device], live, keep)
-
-
-def _label(options: LabelOptions, campaign: "Campaign") -> "Label":
-    """Return the label, checked against rig.toml, so that a misspelt mount is found before the recording."""
-    from cfid.errors import ConfigError
-    from cfid.records.run import Label
-
-    body = options.body or ("crazyflie" if options.axis else None)
-    if options.axis and options.weight:
-        raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
-    if options.weight is not None:
-        positive(options.weight, "--weight")
-    rig = campaign.rig
-    mounts = rig.testbody.mounts if body == "testbody" and rig.testbody is not None else rig.mounts
-    if options.axis and body != "fixture" and options.axis not in mounts:
-        known = ", ".join(mounts) or "none"
-        raise ConfigError(f"--axis {options.axis}: rig.toml has no such mount of the {body}; it has {known}.")
-    return Label(axis=options.axis, weight_g=options.weight, body=body, note=options.note)

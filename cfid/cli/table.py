@@ -18,6 +18,14 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.report.command:report",
         "Write a campaign's results to one file: the sheet first, then every experiment with its figures.",
     ),
+    "import": (
+        "cfid.interchange.command:import_file",
+        "Make a run of a recording that another program made. The file stays as it is, and no run is changed.",
+    ),
+    "convert": (
+        "cfid.interchange.command:convert",
+        "Write a recording in another format: every row and column, in the units of whoever recorded it.",
+    ),
     "parameters": (
         "cfid.cli.parameters:list_parameters",
         "List the campaign's parameters, each with its standard uncertainty, unit and origin.",

@@ -1,6 +1,7 @@
 """Write files atomically, and read TOML files with a sentence for every fault."""
 
 import contextlib
+import hashlib
 import os
 import stat
 import sys
@@ -12,7 +13,7 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from cfid.errors import CfidError
+from cfid.errors import CfidError, DataError
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -33,6 +34,15 @@ def write_whole(path: Path, content: bytes) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def sha256_of(path: Path) -> str:
+    """Return the hash of a file's content, which is read piece by piece. Raises DataError when it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
 
 
 def write_toml(path: Path, content: Mapping[str, Any]) -> None:

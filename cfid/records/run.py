@@ -77,6 +77,17 @@ class DeviceRecord(_Section):
         return f"{100 * share:.0f} %" if self.rate_hz is None else f"{share * self.rate_hz:.0f} of {self.rate_hz:g} Hz"
 
 
+class Origin(_Section):
+    """The recording of another program that a run was imported from, and how it was read."""
+
+    file: str
+    sha256: str
+    program: str
+    clock: str = ""
+    assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
 class RunHeader(_Section):
     """The contents of run.toml."""
 
@@ -91,6 +102,7 @@ class RunHeader(_Section):
     label: Label = Label()
     rig: RigFacts = NONE_STATED  # as rig.toml stated them at the time
     asked: dict[str, Any] = {}
+    origin: Origin | None = None
     devices: dict[str, DeviceRecord] = {}
 
 

@@ -13,7 +13,18 @@ from cfid.errors import ConfigError, DataError
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.files import locked_folder
 from cfid.records.row_file import RowFile
-from cfid.records.run import RUN_FILE, DeviceRecord, Label, Run, RunHeader, State, read_run, with_note, write_header
+from cfid.records.run import (
+    RUN_FILE,
+    DeviceRecord,
+    Label,
+    Origin,
+    Run,
+    RunHeader,
+    State,
+    read_run,
+    with_note,
+    write_header,
+)
 
 _RESERVE_FILE = ".reserve"
 _RESERVE_BYTES = 16384  # more than run.toml takes, in blocks of any file system
@@ -134,6 +145,7 @@ def create_run(
     simulated: bool = False,
     facts: RigFacts = NONE_STATED,
     asked: Mapping[str, Any] = MappingProxyType({}),
+    origin: Origin | None = None,
 ) -> RunWriter:
     """Create a run folder named after its start, kind and label, and open its files.
 
@@ -149,6 +161,7 @@ def create_run(
         label=label,
         rig=facts,
         asked=dict(asked),
+        origin=origin,
         devices=dict(devices),
     )
     folder = _new_folder(runs_folder, re.sub(r"[^A-Za-z0-9_.+-]", "-", stem))

@@ -51,6 +51,12 @@ class Reading(Foreign):
     counts_per_turn: CountsPerTurn | None = None
 
 
+class _Facts(Facts):
+    """The further keys in run.toml of an encoder; an angle that was imported is in radians."""
+
+    angle_unit: AngleUnit = "counts"
+
+
 @dataclass(frozen=True, kw_only=True)
 class AngleRecord:
     """An angle (n,), continuous over turns, at increasing times (n,) since the first sample."""
@@ -85,15 +91,17 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     file, record = run.device_file(ENCODER), run.header.devices[ENCODER]
     if len(record.columns) < 2:
         raise DataError(f"{path / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.")
+    facts = facts_of(run, ENCODER, _Facts)
+    counted = facts.angle_unit == "counts"
     own = Reading(
         time_unit="s",
-        angle_unit="counts",
-        counts_per_turn=reading.counts_per_turn or record.counts_per_turn,
+        angle_unit=facts.angle_unit,
+        counts_per_turn=(reading.counts_per_turn or record.counts_per_turn) if counted else None,
         columns=record.columns[:2],
     )
     found, rows = _read(file, own, run.header.label, own=True)
     name = path.resolve().name
-    about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))])
+    about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts)])
     return replace(found, run=name, findings=about_run + found.findings)
 
 
@@ -144,7 +152,7 @@ def counts_per_turn(text: str) -> CountsPerTurn:
 
 def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> tuple[AngleRecord, int]:
     """Return a file's record, and its number of rows."""
-    table = open_table(path, skip_lines=reading.skip_lines)
+    table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
     values = numbers_of(table, list(places.values()))

@@ -16,6 +16,8 @@ import numpy.typing as npt
 import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
 
 from cfid.errors import ConfigError, DataError
+from cfid.records.files import sha256_of
+from cfid.records.tables.matlab import is_matlab, matlab_text
 from cfid.records.tables.text import (
     TextLine,
     fields_of,
@@ -87,6 +89,19 @@ class CsvTable:
     def listing(self) -> str:
         """The columns' names, for a message."""
         return short(", ".join(self.names), 200)
+
+    def continued(self, content: bytes) -> "CsvTable":
+        """Return the table of the lines that follow this one's in the file; `content` are whole lines but for the last.
+
+        Only the first block of a large file has a header.
+        """
+        text, cut = whole_lines(content)
+        return replace(self, cut=cut, _body=text, _first_line=self._first_line + self._body.count(b"\n"))
+
+    @property
+    def filled(self) -> bool:
+        """Whether it has any row."""
+        return bool(self._body.strip())
 
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, that holds a row, counted from 0."""
@@ -190,16 +205,24 @@ class CsvTable:
         return None
 
 
-def open_table(path: Path, *, skip_lines: int = 0) -> CsvTable:
+def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = ()) -> CsvTable:
     """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header of one line.
 
-    A last line without its newline is left out, since a cut number may look plausible, and `cut` is set.
+    A MATLAB file is taken as the CSV file of its arrays; where it has several tables, `columns` choose one. A last line
+    without its newline is left out, since a cut number may look plausible, and `cut` is set.
 
     Raises DataError when the file is missing, empty or not a table of numbers.
     """
     if skip_lines < 0:
         raise ConfigError(f"--skip-lines {skip_lines}: has to be zero or more.")
+    if is_matlab(path):
+        return table_in(path, matlab_text(path, columns), sha256=sha256_of(path))
     content = read_text(path)
+    return table_in(path, content, sha256=hashlib.sha256(content).hexdigest(), skip_lines=skip_lines)
+
+
+def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -> CsvTable:
+    """Return the table in a file's content, or in its beginning. Raises DataError as `open_table`."""
     text, cut = whole_lines(content)
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
@@ -222,7 +245,7 @@ def open_table(path: Path, *, skip_lines: int = 0) -> CsvTable:
         )
     return CsvTable(
         path=path,
-        sha256=hashlib.sha256(content).hexdigest(),
+        sha256=sha256,
         names=_fitted(names, fields) if has_head else _numbered(fields),
         has_head=has_head,
         cut=cut,

@@ -40,14 +40,22 @@ def read_text(path: Path) -> bytes:
         raise DataError(f"{path}: no such file.") from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    check_text(path, content)
+    return content
+
+
+def check_text(path: Path, content: bytes) -> None:
+    """Check that a file's content, or its beginning, is text. Raises DataError as `read_text`."""
     if content.startswith(_OTHER_BOMS):
         raise DataError(f"{path}: not a CSV file in UTF-8, but text in UTF-16 or UTF-32: save it as UTF-8.")
     text = content.removeprefix(_BOM).rstrip(b"\0")
     if not text or text.isspace():  # stripping would copy the whole file
         raise DataError(f"{path}: empty; nothing was recorded.")
     if _CONTROL.search(text[:_LOOKED_AT]):
-        raise DataError(f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8).")
-    return content
+        raise DataError(
+            f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). "
+            "`cfid import` reads logs of vehicles."
+        )
 
 
 def whole_lines(content: bytes) -> tuple[bytes, bool]:

@@ -110,6 +110,7 @@ class _Facts(Facts):
 
     counts_per_n: _Scale | None = None
     counts_per_nm: _Scale | None = None
+    units: Units = "counts"  # forces that were imported are in N and N m
     settings: Mapping[str, Any] = Field(default_factory=dict)
 
     @property
@@ -127,11 +128,12 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
         return _read(path, reading, Label(), family=_THESIS_FAMILY)
     file, record = run.device_file(LOADCELL), run.header.devices[LOADCELL]
     facts = facts_of(run, LOADCELL, _Facts)
+    counted = facts.units == "counts"
     own = WrenchReading(
         time_unit="s",
-        units="counts",
-        counts_per_n=_scale(run, "counts_per_n", reading.counts_per_n, facts.counts_per_n),
-        counts_per_nm=_scale(run, "counts_per_nm", reading.counts_per_nm, facts.counts_per_nm),
+        units=facts.units,
+        counts_per_n=_scale(run, "counts_per_n", reading.counts_per_n, facts.counts_per_n) if counted else None,
+        counts_per_nm=_scale(run, "counts_per_nm", reading.counts_per_nm, facts.counts_per_nm) if counted else None,
         gain=run.header.rig.loadcell.gain,
     )
     found = _read(file, own, run.header.label, family=facts.family, own=True)
@@ -162,7 +164,7 @@ def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> f
 
 
 def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, own: bool = False) -> WrenchRecord:
-    table = open_table(path, skip_lines=reading.skip_lines)
+    table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     axes, time_name = [places[axis] for axis in AXES], places.get(TIME)
     values = numbers_of(table, list(places.values()))

@@ -1,0 +1,56 @@
+"""The operator's label of a run: mount, weight, body and note, as options of a command."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from cfid.console.options import positive
+
+if TYPE_CHECKING:
+    from cfid.records.campaign import Campaign
+    from cfid.records.run import Label
+
+LABEL = "What is recorded"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelOptions:
+    """The operator's label of the run."""
+
+    axis: Annotated[
+        str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as in rig.toml.", rich_help_panel=LABEL)
+    ] = None
+    weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="A dropping weight.", rich_help_panel=LABEL)] = (
+        None
+    )
+    body: Annotated[
+        Literal["crazyflie", "testbody", "fixture"] | None,
+        typer.Option(help="What swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
+    ] = None
+    note: Annotated[str | None, typer.Option(help="A note, kept with the run.", rich_help_panel=LABEL)] = None
+
+    @property
+    def kind_of_angles(self) -> str:
+        """The kind of a run of the encoder with this label."""
+        return "swing" if self.axis else "drop" if self.weight else "encoder"
+
+    def label(self, campaign: "Campaign") -> "Label":
+        """Return the label, checked against rig.toml, so that a misspelt mount is found before the run is made.
+
+        Raises ConfigError.
+        """
+        from cfid.errors import ConfigError
+        from cfid.records.run import Label
+
+        body = self.body or ("crazyflie" if self.axis else None)
+        if self.axis and self.weight:
+            raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
+        if self.weight is not None:
+            positive(self.weight, "--weight")
+        rig = campaign.rig
+        mounts = rig.testbody.mounts if body == "testbody" and rig.testbody is not None else rig.mounts
+        if self.axis and body != "fixture" and self.axis not in mounts:
+            known = ", ".join(mounts) or "none"
+            raise ConfigError(f"--axis {self.axis}: rig.toml has no such mount of the {body}; it has {known}.")
+        return Label(axis=self.axis, weight_g=self.weight, body=body, note=self.note)

@@ -1,0 +1,74 @@
+"""`cfid import` and `cfid convert`: recordings of other programs into a campaign, and recordings into other files."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from cfid.console.campaign import here
+from cfid.console.inputs import find_recording, open_workplace
+from cfid.console.labels import LabelOptions
+from cfid.console.messages import note
+from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, flat
+
+
+@flat
+def import_file(
+    *,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or a table with times, of another program.")],
+    label: LabelOptions,
+    reading: ReadingOptions,
+    loadcell: LoadCellOptions,
+    kind: Annotated[
+        Literal["angle", "wrench", "flight"] | None,
+        typer.Option(help="What it is; default: as its columns show."),
+    ] = None,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+) -> None:
+    """Make a run of a recording that another program made. The file stays as it is, and no run is changed.
+
+    Example: [bold]cfid import LOG00.BIN[/bold]
+    """
+    from cfid.interchange import importing
+
+    into = here(campaign)
+    kept = label.label(into)
+    found = kind or importing.kind_of(file, reading.reading())
+    if found == "angle":
+        made = importing.import_angle(into, file, reading.reading(), label=kept, kind=label.kind_of_angles)
+    elif found == "wrench":
+        made = importing.import_wrench(into, file, loadcell.reading(reading), label=kept)
+    else:
+        made = importing.import_flight(into, file, reading.reading(), label=kept)
+    typer.echo(made.understood)
+    for text in made.notes:
+        note(text)
+    rows = ", ".join(f"{name} {device.rows} rows" for name, device in made.run.header.devices.items())
+    typer.echo(f"{made.run.folder}: {rows}")
+
+
+@flat
+def convert(
+    *,
+    run: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a log or table of another program.")],
+    to: Annotated[Literal["csv", "parquet", "mat", "mcap"], typer.Option(help="The format to write.")],
+    out: Annotated[
+        Path | None, typer.Option(help="File, or folder of files, to make; default: named after the recording, here.")
+    ] = None,
+    reading: ReadingOptions,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+) -> None:
+    """Write a recording in another format: every row and column, in the units of whoever recorded it.
+
+    Example: [bold]cfid convert last --to parquet[/bold]
+    """
+    from cfid.interchange import convert as conversion
+    from cfid.interchange.recording import recording_at
+
+    found = recording_at(find_recording(run, open_workplace(RigOptions(campaign=campaign))), reading.reading())
+    paths = conversion.convert(found, to, out)
+    typer.echo(found.understood)
+    for text in found.notes:
+        note(text)
+    for path in paths:
+        typer.echo(path)

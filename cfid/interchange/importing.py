@@ -1,0 +1,242 @@
+"""Import a recording of another program: a run folder with the columns that cfid records, and its origin."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid import __version__
+from cfid.errors import ConfigError, DataError
+from cfid.records.campaign import Campaign
+from cfid.records.logs.any_kind import is_binary_log, read_log
+from cfid.records.logs.log import Array, Series
+from cfid.records.parameters import Source
+from cfid.records.run import DeviceRecord, Label, Origin, Run
+from cfid.records.run_writer import create_run
+from cfid.records.tables.angle import ENCODER, Reading, read_angle
+from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
+from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.schema import TIME, Foreign
+from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
+from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
+from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
+from cfid.units import MOTORS
+
+Kind = Literal["angle", "wrench", "flight"]
+
+_UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
+_COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
+_FLOWN = re.compile(
+    r"(?:\w+_)?(?:(?:gyro|acc)[._][xyz]|(?:motor|pwm|rpm)[._]m[1-4]\w*|(?:stateEstimate|stabilizer)[._]\w+|pm[._]vbat\w*)"
+)
+_COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
+    "wrench": tuple(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
+    "flight": (_FLOWN,),
+    "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
+}
+_NO_COLUMN = re.compile(r'[\s,;"]+')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imported:
+    """A run that was made, one line on how the recording was understood, and notes."""
+
+    run: Run
+    understood: str
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Devices:
+    """What a run gets: its devices, their blocks (m, columns), how the recording was read, and its origin."""
+
+    records: dict[str, DeviceRecord]
+    blocks: dict[str, Iterator[Array]]
+    begin_s: float
+    understood: str
+    source: Source
+    program: str
+    clock: str = ""
+    assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def kind_of(path: Path, reading: Foreign) -> Kind:
+    """Return what a recording is: a log of a vehicle, forces and torques, or an angle.
+
+    Raises ConfigError where its columns do not show it, DataError where it cannot be read.
+    """
+    if is_binary_log(path):
+        return "flight"
+    if reading.columns:
+        return "wrench" if len(reading.columns) > len(AXES) else "angle"
+    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
+    for kind, columns in _COLUMNS.items():
+        if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
+            return kind
+    raise ConfigError(
+        f"{path}: its columns ({table.listing}) do not show what was recorded: give --kind angle, wrench or flight. "
+        "A table of a thrust stand is not imported: `cfid fit thrust` and `cfid fit speed` read it as it is."
+    )
+
+
+def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Label, kind: str) -> Imported:
+    """Import an angle over time as a run of the encoder, in radians. Raises errors as `read_angle`."""
+    found = read_angle(path, reading)
+    record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), angle_unit="rad")
+    rate = 1 / np.median(np.diff(found.time_s))
+    rows = f"{len(found.time_s)} rows at {rate:.0f} Hz"
+    devices = _Devices(
+        records={ENCODER: record},
+        blocks={ENCODER: iter([np.column_stack([found.time_s, found.angle_rad])])},
+        begin_s=0.0,
+        understood=f"{path.name}: an angle, {rows}; kept in radians, continuous over turns.",
+        source=found.source,
+        program="table of angles",
+        notes=found.notes,
+    )
+    return _imported(campaign, devices, kind=kind, label=label, path=path)
+
+
+def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, label: Label) -> Imported:
+    """Import forces and torques as a run of the load cell, in N and N m. Raises errors as `read_wrench`."""
+    found = read_wrench(path, reading)
+    columns = ("t", *AXES, *(() if found.status is None else ("status",)))
+    values = [found.time_s + (found.begin_s or 0.0), *found.force_n.T, *found.torque_nm.T]
+    values += [] if found.status is None else [found.status]
+    rate = 1 / np.median(np.diff(found.time_s)[np.diff(found.time_s) > 0])
+    devices = _Devices(
+        records={LOADCELL: DeviceRecord(file="loadcell.csv", columns=columns, units="n,nm")},
+        blocks={LOADCELL: iter([np.column_stack(values)])},
+        begin_s=found.begin_s or 0.0,
+        understood=f"{path.name}: forces and torques, {len(found.time_s)} rows at {rate:.0f} Hz; kept in N and N m.",
+        source=found.source,
+        program="table of forces",
+        notes=found.notes,
+    )
+    return _imported(campaign, devices, kind="loadcell", label=label, path=path)
+
+
+def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
+    """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
+
+    Columns with numbers that are not finite are left out. Raises DataError and ConfigError as `read_log`.
+    """
+    log = read_log(path, reading)
+    main = max(log.series, key=lambda one: (any(map(_is_flown, one.names)), one.rows))
+    records: dict[str, DeviceRecord] = {}
+    blocks: dict[str, Iterator[Array]] = {}
+    commands: Iterator[Array] | None = None
+    notes = list(log.notes)
+    for series in log.series:
+        try:
+            finite = _finite_columns(series)
+        except DataError as fault:  # one bad series does not condemn the log
+            notes.append(f"{series.name}: left out: {fault}")
+            continue
+        kept = [name for name, whole in zip(series.names, finite[1:], strict=True) if whole]
+        if left := [name for name in series.names if name not in kept]:
+            notes.append(f"{series.name}: left out, since they hold numbers that are not finite: {', '.join(left)}.")
+        names = [_word(name, _NO_COLUMN) for name in kept]
+        if not names or len(set(names)) < len(names):
+            notes.append(f"{series.name}: left out: {'two columns have one name' if names else 'no column is left'}.")
+            continue
+        device = VEHICLE_LOG if series is main and any(map(_is_flown, names)) else _word(series.name)
+        while device in records:
+            device += "_"
+        records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
+        blocks[device] = _columns(series, finite)
+        motors = next((motors for motors in _COMMAND_NAMES if set(motors) <= set(kept)), None)
+        if series is main and motors is not None:
+            commands = _changes(series, motors)
+            notes.append(f"commands are {motors[0]} to {motors[-1]}, as far as the log shows them.")
+    if commands is not None:
+        records[COMMANDS] = DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4"))
+        blocks[COMMANDS] = commands
+    if not records:
+        raise DataError(f"{path}: nothing to import. {' '.join(notes)}")
+    begin_s = min(float(next(series.blocks())[0, 0]) for series in log.series)
+    devices = _Devices(
+        records=records,
+        blocks=blocks,
+        begin_s=begin_s,
+        understood=log.understood,
+        source=log.source,
+        program=log.program,
+        clock=log.clock,
+        assumed=log.assumed,
+        notes=tuple(notes),
+    )
+    return _imported(campaign, devices, kind="flight", label=label, path=path)
+
+
+def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label, path: Path) -> Imported:
+    dated = _UNIX_S[0] <= devices.begin_s <= _UNIX_S[1]
+    started = datetime.fromtimestamp(devices.begin_s, UTC) if dated else datetime.now(UTC)
+    origin = Origin(
+        file=path.name,
+        sha256=devices.source.sha256,
+        program=devices.program,
+        clock=devices.clock,
+        assumed=devices.assumed,
+        notes=devices.notes,
+    )
+    writer = create_run(
+        campaign.runs_folder,
+        kind=kind,
+        label=label,
+        devices=devices.records,
+        started=started,
+        cfid_version=__version__,
+        facts=campaign.rig.facts,
+        origin=origin,
+    )
+    with writer:
+        for device, blocks in devices.blocks.items():
+            for block in blocks:
+                writer.append(device, tuple(block.T))
+    assumed = f" Assumed: {'; '.join(devices.assumed)}." if devices.assumed else ""
+    run = Run(folder=writer.folder, header=writer.header)
+    return Imported(run=run, understood=f"{devices.understood}{assumed}", notes=devices.notes)
+
+
+def _is_flown(name: str) -> bool:
+    """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
+    return bool(_FLOWN.fullmatch(name))
+
+
+def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) -> str:
+    return pattern.sub("_", name).strip("_.") or "series"
+
+
+def _finite_columns(series: Series) -> npt.NDArray[np.bool_]:
+    """Return which columns (1 + channels,) have only finite numbers; raises DataError where the times do not serve."""
+    finite = np.ones(1 + len(series.names), dtype=bool)
+    last = -np.inf
+    for block in series.blocks():
+        finite &= np.isfinite(block).all(axis=0)
+        if not finite[0] or np.any(np.diff(block[:, 0], prepend=last) < 0):
+            raise DataError("its times go back, or are missing.")
+        last = block[-1, 0]
+    return finite
+
+
+def _columns(series: Series, chosen: npt.NDArray[np.bool_]) -> Iterator[Array]:
+    for block in series.blocks():
+        yield block[:, chosen]
+
+
+def _changes(series: Series, motors: Sequence[str]) -> Iterator[Array]:
+    """Yield the rows (m, 5) in which a command of a motor is another than before."""
+    places = [0, *(1 + series.names.index(name) for name in motors)]
+    last = np.full((1, len(motors)), np.nan)
+    for block in series.blocks():
+        rows = block[:, places]
+        changed = np.any(rows[:, 1:] != np.vstack([last, rows[:-1, 1:]]), axis=1)
+        last = rows[-1:, 1:]
+        yield rows[changed]

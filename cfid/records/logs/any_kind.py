@@ -1,0 +1,49 @@
+"""Read a recording of any kind as a log: its content tells which, not its name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from cfid.errors import DataError
+from cfid.records.files import sha256_of
+from cfid.records.logs.blackbox import BEGIN as BLACKBOX
+from cfid.records.logs.blackbox import read_blackbox
+from cfid.records.logs.log import FlightLog
+from cfid.records.logs.table import read_table_log
+from cfid.records.logs.ulog import BEGIN as ULOG
+from cfid.records.logs.ulog import read_ulog
+from cfid.records.logs.usd import MAGIC, read_usd
+from cfid.records.parameters import Source
+from cfid.records.tables.schema import Foreign
+
+_BINARY: tuple[tuple[bytes, Callable[[Path, Source], FlightLog]], ...] = (
+    (bytes([MAGIC]), read_usd),
+    (ULOG, read_ulog),
+    (BLACKBOX, read_blackbox),
+)
+NO_OPTIONS = Foreign()
+
+
+def is_binary_log(path: Path) -> bool:
+    """Return whether a file is a log of a vehicle that is no table: uSD card, ULog or blackbox."""
+    return _binary_reader(path) is not None
+
+
+def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
+    """Read a log; `reading` states what a table does not: time unit or rate, lines to skip, the time column.
+
+    Raises DataError or ConfigError as the reader of its kind.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: no such file." if not path.is_dir() else f"{path}: a folder, not a file.")
+    source = Source(str(path), sha256_of(path))
+    reader = _binary_reader(path)
+    return reader(path, source) if reader else read_table_log(path, source, reading)
+
+
+def _binary_reader(path: Path) -> Callable[[Path, Source], FlightLog] | None:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(32)
+    except OSError:
+        return None
+    return next((reader for sign, reader in _BINARY if begin.startswith(sign)), None)

@@ -1,0 +1,94 @@
+"""Read the blackbox logs of Betaflight and its relatives with orangebox: a series for every log of the file."""
+
+import logging
+import re
+import struct
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cfid.errors import DataError
+from cfid.records.extras import optional_library
+from cfid.records.logs.log import Array, Channel, FlightLog, Series, in_memory, printable
+from cfid.records.parameters import Source
+
+BEGIN = b"H Product:Blackbox"
+
+_TIME = "time"
+_GYRO = re.compile(r"gyro(?:ADC|Unfilt)\[\d\]")
+_PLAIN = re.compile(r"(?:motor|eRPM|debug|rcCommand)\[\d\]|loopIteration")
+
+
+def read_blackbox(path: Path, source: Source) -> FlightLog:
+    """Read a blackbox file.
+
+    Raises ConfigError without orangebox, DataError for a file that it cannot read, or that has no frame.
+    """
+    orangebox = optional_library("orangebox", extra="blackbox", what="a blackbox log")
+    logging.getLogger("orangebox").addHandler(logging.NullHandler())  # it reports headers that it does without
+    series: list[Series] = []
+    notes: list[str] = []
+    program, logs = "", 1
+    for number in count(1):
+        if number > logs:
+            break
+        try:
+            parser = orangebox.Parser.load(str(path), number)
+        except Exception as fault:  # a damaged file may make it raise anything
+            raise DataError(f"{path}: not readable as a blackbox log: {type(fault).__name__}.") from None
+        logs = parser.reader.log_count
+        program = program or printable(str(parser.headers.get("Firmware revision", "unknown firmware")))
+        frames, fault_name = _frames(parser)
+        if fault_name:
+            notes.append(f"log {number} of {logs} has a frame that cannot be read; {len(frames)} before it are used.")
+        if len(frames):
+            series.append(_series(f"log{number}", parser, frames))
+    if not series:
+        raise DataError(f"{path}: a blackbox file without a whole frame.")
+    return FlightLog(
+        path=path,
+        source=source,
+        program=f"blackbox log of {program}",
+        clock="times are the flight controller's, since it started",
+        series=tuple(series),
+        notes=tuple(notes),
+    )
+
+
+def _frames(parser: Any) -> tuple[Array, str]:
+    """Return the frames (n, fields), NaN where a field has no value yet, and what ended them before their end."""
+    rows, fault_name = [], ""
+    try:
+        for frame in parser.frames():
+            rows.append([np.nan if value == "" else float(value) for value in frame.data])
+    except Exception as fault:  # as above
+        fault_name = type(fault).__name__
+    whole = [row for row in rows if len(row) == len(parser.field_names)]
+    return np.array(whole, dtype=np.float64).reshape(len(whole), len(parser.field_names)), fault_name
+
+
+def _series(name: str, parser: Any, frames: Array) -> Series:
+    names, headers = list(parser.field_names), parser.headers
+    place = names.index(_TIME)
+    channels = [_channel(each, headers) for each in names if each != _TIME]
+    values = [frames[:, at] for at in range(len(names)) if at != place]
+    return in_memory(name, frames[:, place] * 1e-6, channels, values)
+
+
+def _channel(name: str, headers: Any) -> Channel:
+    if _GYRO.fullmatch(name) and (scale := _float_of(headers.get("gyro_scale"))):
+        return Channel(name, "deg/s", scale)
+    if name.startswith("accSmooth") and isinstance(one_g := headers.get("acc_1G"), int) and one_g > 0:
+        return Channel(name, "g", 1 / one_g)
+    return Channel(printable(name), "1" if _PLAIN.fullmatch(name) else "")
+
+
+def _float_of(word: object) -> float:
+    """Return the float whose bits a header states in hexadecimal, 0.0 for anything else."""
+    bits = int(word, 16) if isinstance(word, str) and re.fullmatch("0x[0-9a-fA-F]{1,8}", word) else word
+    if not isinstance(bits, int) or not 0 <= bits < 1 << 32:
+        return 0.0
+    value = float(struct.unpack("<f", struct.pack("<I", bits))[0])
+    return value if np.isfinite(value) else 0.0

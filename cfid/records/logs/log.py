@@ -1,0 +1,157 @@
+"""A recording as named channels in SI units, whoever made it; read block by block, so that its size does not matter."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.records.parameters import Source
+from cfid.units import RPM, USUAL_GRAVITY_MPS2
+
+Array = npt.NDArray[np.float64]
+
+BLOCK_ROWS = 1 << 16  # 65536 rows of 50 channels are 26 MB
+
+_LISTED = 8  # series, and channels of unknown unit, that one line names
+_UNIT_WORDS = {"": "an unknown unit", "1": "plain numbers"}
+
+# Units that logs are written in: the SI unit, and how many of it one is. A g is that of the firmware's own estimator.
+_SI: dict[str, tuple[str, float]] = {
+    "g": ("m/s^2", USUAL_GRAVITY_MPS2),
+    "deg": ("rad", math.pi / 180),
+    "deg/s": ("rad/s", math.pi / 180),
+    "mrad/s": ("rad/s", 1e-3),
+    "rpm": ("rad/s", RPM),
+    "mm": ("m", 1e-3),
+    "mm/s": ("m/s", 1e-3),
+    "mm/s^2": ("m/s^2", 1e-3),
+    "mV": ("V", 1e-3),
+    "mbar": ("Pa", 100.0),
+    "gauss": ("T", 1e-4),
+}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a log: its name, and the unit that the log has it in.
+
+    The unit is "1" for a plain number, "" where it is unknown; `scale` is one step of a count in that unit.
+    """
+
+    name: str
+    own_unit: str = ""
+    scale: float = 1.0
+
+    @property
+    def unit(self) -> str:
+        """The SI unit."""
+        return _SI.get(self.own_unit, (self.own_unit, 1.0))[0]
+
+    @property
+    def factor(self) -> float:
+        """The value in its SI unit over the raw number."""
+        return self.scale * _SI.get(self.own_unit, ("", 1.0))[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """Channels that were sampled together.
+
+    `blocks()` yields arrays (m, 1 + channels) in order: time in s by the log's clock, then raw numbers, NaN where the
+    log has none.
+    """
+
+    name: str
+    rows: int
+    channels: tuple[Channel, ...]
+    blocks: Callable[[], Iterator[Array]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The channels' names."""
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def time_s(self) -> Array:
+        """The times (rows,) in s by the log's clock."""
+        return self._column(0)
+
+    def values(self, name: str) -> Array:
+        """Return a channel (rows,) in its SI unit; ValueError for another name."""
+        place = self.names.index(name)
+        return self._column(1 + place) * self.channels[place].factor
+
+    def _column(self, place: int) -> Array:
+        return np.concatenate([block[:, place] for block in self.blocks()] or [np.zeros(0)])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlightLog:
+    """A recording of a vehicle, or of another device, in one or several series.
+
+    `program` names the format and who writes it, `clock` what the times are. `assumed` are sentences on what the file
+    does not state, `notes` on what is damaged or missing.
+    """
+
+    path: Path
+    source: Source
+    program: str
+    clock: str
+    series: tuple[Series, ...]
+    assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def channel(self, name: str) -> tuple[Array, Array]:
+        """Return times (n,) in s and values (n,) in SI of a channel; of several of that name, the one with most rows.
+
+        Raises DataError naming the channels there are.
+        """
+        having = [series for series in self.series if name in series.names]
+        if not having:
+            there = "; ".join(f"{series.name}: {', '.join(series.names)}" for series in self.series)
+            raise DataError(f"{self.path}: no channel {name}; it has {there}.")
+        series = max(having, key=lambda one: one.rows)
+        return series.time_s, series.values(name)
+
+    @property
+    def understood(self) -> str:
+        """One line: the format, and of each series its rows, rate and channels with their units as read."""
+        first = sorted(self.series, key=lambda one: not any(channel.own_unit for channel in one.channels))[:_LISTED]
+        more = f"; and {len(self.series) - _LISTED} more series" if len(self.series) > _LISTED else ""
+        return f"{self.path.name}: {self.program}; {self.clock}; {'; '.join(map(_described, first))}{more}."
+
+
+def in_memory(name: str, time_s: Array, channels: Sequence[Channel], values: Sequence[Array]) -> Series:
+    """Return a series of arrays (n,), one a channel."""
+
+    def blocks() -> Iterator[Array]:
+        for begin in range(0, len(time_s), BLOCK_ROWS):
+            part = slice(begin, begin + BLOCK_ROWS)
+            yield np.column_stack([time_s[part], *(np.asarray(each[part], dtype=np.float64) for each in values)])
+
+    return Series(name=name, rows=len(time_s), channels=tuple(channels), blocks=blocks)
+
+
+def printable(text: str, length: int = 60) -> str:
+    """Return a name that a file holds, for a terminal: no control characters, and of limited length."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)[:length]
+
+
+def _described(series: Series) -> str:
+    first = next(series.blocks(), np.zeros((0, 1)))[:, 0]
+    steps = np.diff(first)
+    rate = f" at {1 / np.median(steps[steps > 0]):.0f} Hz" if np.any(steps > 0) else ""
+    by_unit: dict[str, list[str]] = {}
+    for channel in series.channels:
+        by_unit.setdefault(_UNIT_WORDS.get(channel.own_unit, channel.own_unit), []).append(channel.name)
+    columns = ", ".join(f"{_listed(names)} in {unit}" for unit, names in by_unit.items())
+    return f"{series.name}, {series.rows} rows{rate}: {columns}"
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return " ".join(names[:_LISTED]) + more

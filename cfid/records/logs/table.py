@@ -1,0 +1,154 @@
+"""Read logs that are tables: of the Crazyflie's client, NanoBench, Crazyswarm2's simulator, and any other with times.
+
+The header tells which: variables of the firmware keep their names, `imu_acc_x` and the like get them back.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from cfid.errors import DataError
+from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
+from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
+from cfid.records.parameters import Source
+from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.matlab import is_matlab
+from cfid.records.tables.schema import TIME, Foreign, TableSchema
+from cfid.records.tables.table import CsvTable
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, times_of
+
+_SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
+_VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
+_BLOCK_NAME = re.compile(r"[a-z]+_(?P<group>[A-Za-z]+)_(?P<variable>\w+)")  # NanoBench: log block and variable
+_NANOBENCH = {
+    **dict.fromkeys(("px", "py", "pz"), "m"),
+    **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
+    **dict.fromkeys(("qx", "qy", "qz", "qw"), "1"),
+    **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
+    **dict.fromkeys(("wx_vicon", "wy_vicon", "wz_vicon"), "rad/s"),
+}
+_CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
+_CLIENT = "CSV log of the Crazyflie client"
+
+
+def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
+    """Read a table with a time column, or with a rate, as one series; columns that are no numbers are left out.
+
+    Raises DataError for a file that is no table of numbers, or whose time has no unit that fits; ConfigError where an
+    option contradicts the file.
+    """
+    table = next(_tables(path, source.sha256, reading))
+    time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
+    named = [name for name in table.names if name and name != time]
+    program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
+    assumed: tuple[str, ...] = ()
+    if table.names[0] == "Timestamp" and named and all(map(_VARIABLE.fullmatch, named)):
+        program = _CLIENT
+        if reading.time_unit is None:
+            reading = replace(reading, time_unit="ms")
+            assumed = ("Timestamp is in ms, as that program writes it",)
+    elif "wx_vicon" in named:
+        program = "CSV log of NanoBench"
+        channels = tuple(Channel(name, _NANOBENCH[name]) if name in _NANOBENCH else _nanobench(name) for name in named)
+    elif set(named) == set(_CRAZYSWARM):
+        program = "CSV file of Crazyswarm2's simulator"
+        channels = tuple(Channel(name, _CRAZYSWARM[name]) for name in named)
+    elif any(channel.own_unit for channel in channels):
+        assumed = ("columns with the firmware's names are in the firmware's units",)
+    raw = table.numbers([time])[:, 0] if time else np.zeros(2)
+    stated = reading.time_unit is not None
+    _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
+    faults, rows, cut = _checked(path, source.sha256, reading, time, named)
+    if len(faults) == len(named):
+        raise DataError(next(iter(faults.values()), f"{path}: no column beside the time."))
+    kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
+    found = tuple(channel for _, channel in kept)
+    blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept])
+    return FlightLog(
+        path=path,
+        source=source,
+        program=program,
+        clock=_clock(table, time, reading),
+        series=(Series(name="log", rows=rows, channels=found, blocks=blocks),),
+        assumed=(*assumed, *assumptions(found)),
+        notes=(*notes, *(f"left out: {fault}" for fault in faults.values()), *((CUT_LINE,) if cut else ())),
+    )
+
+
+def _firmware(name: str) -> Channel:
+    """Return the channel of a column that may have the name of a variable of the firmware."""
+    variable = crazyflie_channel(name)
+    return variable if variable.own_unit else Channel(printable(name))
+
+
+def _nanobench(name: str) -> Channel:
+    """Return the channel of a column of NanoBench: `imu_gyro_x` is `gyro.x`."""
+    match = _BLOCK_NAME.fullmatch(name)
+    variable = crazyflie_channel(f"{match['group']}.{match['variable']}" if match else name)
+    return variable if variable.own_unit else Channel(printable(name))
+
+
+def _clock(table: CsvTable, time: str | None, reading: Foreign) -> str:
+    if time is None:
+        return f"times are of --rate-hz {reading.rate_hz:g}"
+    unit = {1.0: "s", 1e-3: "ms", 1e-6: "us"}[float(seconds_of(table, time, np.ones(1), unit=reading.time_unit)[0])]
+    return f"times are column {printable(time)} in {unit}"
+
+
+def _tables(path: Path, sha256: str, reading: Foreign) -> Iterator[CsvTable]:
+    return table_blocks(path, sha256=sha256, skip_lines=reading.skip_lines, columns=reading.columns)
+
+
+def _checked(
+    path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]
+) -> tuple[dict[str, str], int, bool]:
+    """Return the fault of each column that is not numbers, the number of rows, and whether the file is cut."""
+    faults: dict[str, str] = {}
+    rows, last, cut = 0, -np.inf, False
+    for table in _tables(path, sha256, reading):
+        cut = table.cut
+        if not table.filled:
+            continue
+        good = [name for name in names if name not in faults]
+        try:
+            values = table.numbers([*_given(time), *good])
+        except DataError:
+            for name in good:
+                try:
+                    table.numbers([name])
+                except DataError as fault:
+                    faults[name] = str(fault)
+            values = table.numbers([*_given(time), *(name for name in good if name not in faults)])
+        rows += len(values)
+        if time is not None:
+            back = np.flatnonzero(np.diff(values[:, 0], prepend=last) < 0)
+            if len(back):
+                raise DataError(
+                    f"{path}:{table.line_of_row(int(back[0]))}: time goes back. Was the clock set, or are two "
+                    "recordings in one file?"
+                )
+            last = values[-1, 0]
+    return faults, rows, cut
+
+
+def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> Iterator[Array]:
+    begun = 0
+    for table in _tables(path, sha256, reading):
+        if not table.filled:
+            continue
+        values = table.numbers([*_given(time), *names])
+        if time is None:
+            assert reading.rate_hz is not None
+            values = np.column_stack([(begun + np.arange(len(values))) / reading.rate_hz, values])
+        else:
+            values[:, 0] = seconds_of(table, time, values[:, 0], unit=reading.time_unit)
+        begun += len(values)
+        yield values
+
+
+def _given(time: str | None) -> tuple[str, ...]:
+    return () if time is None else (time,)

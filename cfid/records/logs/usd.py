@@ -1,0 +1,224 @@
+"""Read the binary logs of the Crazyflie's uSD-card deck, versions 1 and 2.
+
+A header names event types and their variables with Python's struct letters; records of event id, stamp and values
+follow; a CRC32 of everything before it ends the file. All numbers are little-endian.
+"""
+
+import mmap
+import struct
+import zlib
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
+from cfid.records.logs.log import BLOCK_ROWS, Array, FlightLog, Series, printable
+from cfid.records.parameters import Source
+
+Bytes = npt.NDArray[np.uint8]
+
+MAGIC = 0xBC
+
+_BEGIN_BYTES = 5  # magic, version, number of events
+_CRC_BYTES = 4
+_LETTERS = "BbHhIiQqefd"  # of numbers, of the same size in numpy as in Python's struct
+_LONGEST_NAME = 200  # bytes; without an end of a name within so many, the header is damaged
+
+
+class _Version(NamedTuple):
+    stamp: str  # of a record, in numpy's notation
+    seconds: float
+    clock: str
+
+
+_VERSIONS = {
+    1: _Version("<u4", 1e-3, "times are milliseconds of the vehicle's scheduler"),
+    2: _Version(
+        "<u8",
+        1e-6,
+        "times are the vehicle's microseconds, not corrected: on a Crazyflie 2.x with firmware up to 2026.08 they run "
+        "at 84/85 of real time",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class _Event:
+    name: str
+    names: tuple[str, ...]
+    record: np.dtype[np.void]  # id, stamp, then the values under numbers
+
+
+class _Records(NamedTuple):
+    """Where the whole records of each event begin, how many there are, and why reading ended, "" at the end."""
+
+    offsets: dict[int, npt.NDArray[np.int64]]
+    end: int
+    fault: str
+
+
+def read_usd(path: Path, source: Source) -> FlightLog:
+    """Read a log. A cut or damaged one gives the whole records before the fault, and notes it.
+
+    Raises DataError for another file, a damaged header, and a log without a whole record.
+    """
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # a large file stays on the disk
+    version, events, begin = _header(path, data)
+    end = len(data) - _CRC_BYTES
+    whole = end >= begin and zlib.crc32(memoryview(data)[:end]) == int.from_bytes(data[end:], "little")
+    found = _records(data, events, begin, end if whole else len(data))
+    notes = _faults(found, len(data), whole=whole)
+    stop, wrong = min((_first_damage(data, event, found.offsets[number]) for number, event in events.items()))
+    notes += (wrong,) if wrong else ()
+    series = []
+    for number, event in events.items():
+        offsets = found.offsets[number][found.offsets[number] < stop]
+        if len(offsets):
+            channels = tuple(map(crazyflie_channel, event.names))
+            blocks = partial(_blocks, data, event, offsets, version.seconds)
+            series.append(Series(name=event.name, rows=len(offsets), channels=channels, blocks=blocks))
+    if not series:
+        raise DataError(f"{path}: a uSD-card log without one whole record. {' '.join(notes)}")
+    empty = [event.name for number, event in events.items() if not len(found.offsets[number])]
+    return FlightLog(
+        path=path,
+        source=source,
+        program=f"Crazyflie uSD-card log, version {data[1]}",
+        clock=version.clock,
+        series=tuple(series),
+        assumed=assumptions(tuple(channel for one in series for channel in one.channels)),
+        notes=(*notes, *((f"no record of {', '.join(empty)}.",) if empty else ())),
+    )
+
+
+def _header(path: Path, data: mmap.mmap) -> tuple[_Version, dict[int, _Event], int]:
+    """Return the version, the events by their ids, and where the records begin."""
+    if len(data) < _BEGIN_BYTES:
+        raise DataError(f"{path}: a uSD-card log that was cut after {len(data)} bytes, in its header.")
+    number, count = struct.unpack_from("<HH", data, 1)
+    if number not in _VERSIONS:
+        raise DataError(f"{path}: a uSD-card log of version {number}; versions 1 and 2 are known.")
+    events: dict[int, _Event] = {}
+    place = _BEGIN_BYTES
+    try:
+        for _ in range(count):
+            (event,) = struct.unpack_from("<H", data, place)
+            name, place = _text(data, place + 2)
+            (variables,) = struct.unpack_from("<H", data, place)
+            place += 2
+            words = []
+            for _ in range(variables):
+                word, place = _text(data, place)
+                words.append(word)
+            if event in events:
+                raise ValueError(f"two event types have the id {event}")
+            events[event] = _event(name, words, _VERSIONS[number])
+    except (ValueError, struct.error) as fault:
+        raise DataError(f"{path}: the header of this uSD-card log is cut or damaged: {fault}.") from None
+    if not events:
+        raise DataError(f"{path}: a uSD-card log without event types: nothing was configured to be logged.")
+    return _VERSIONS[number], events, place
+
+
+def _text(data: mmap.mmap, begin: int) -> tuple[str, int]:
+    end = data.find(b"\0", begin, begin + _LONGEST_NAME)
+    if end < 0:
+        raise ValueError(f"no end of the name at byte {begin}")
+    return printable(data[begin:end].decode("ascii", "replace"), _LONGEST_NAME), end + 1
+
+
+def _event(name: str, words: list[str], version: _Version) -> _Event:
+    kinds = []
+    for word in words:
+        letter = word[-2:-1]
+        if not letter or word[-3:] != f"({letter})" or letter not in _LETTERS:
+            raise ValueError(f"'{word}' is no variable with its type")
+        kinds.append(f"<{letter}")
+    fields = [("id", "<u2"), ("stamp", version.stamp), *((str(at), kind) for at, kind in enumerate(kinds))]
+    return _Event(name, tuple(word[:-3] for word in words), np.dtype(fields))
+
+
+def _records(data: mmap.mmap, events: dict[int, _Event], begin: int, end: int) -> _Records:
+    """Walk from record to record; stop at an unknown event, or where the last one is not whole."""
+    sizes = {number: event.record.itemsize for number, event in events.items()}
+    offsets = {number: array("q") for number in events}
+    place, fault = begin, ""
+    while place + 2 <= end:
+        number = data[place] | data[place + 1] << 8
+        size = sizes.get(number)
+        if size is None:
+            fault = f"no event has the id {number}"
+            break
+        if place + size > end:
+            fault = "the last record is not whole"
+            break
+        offsets[number].append(place)
+        place += size
+    found = {
+        number: np.frombuffer(each, np.int64) if each else np.zeros(0, np.int64) for number, each in offsets.items()
+    }
+    return _Records(found, place, fault)
+
+
+def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
+    if whole and not found.fault:
+        return ()
+    rows = sum(map(len, found.offsets.values()))
+    if whole:
+        return (f"{found.fault} at byte {found.end} of {size}: the {rows} records before it are used.",)
+    left = size - found.end
+    if left == _CRC_BYTES:
+        return (
+            f"its CRC32 does not match: bytes are damaged, or the file was cut. All {rows} whole records are used.",
+        )
+    if found.fault.startswith("no event") and left > _CRC_BYTES:
+        return (
+            f"its CRC32 does not match, and {found.fault} at byte {found.end} of {size}: the {rows} records before "
+            "it are used.",
+        )
+    return (
+        f"the file was cut, without its CRC32: the {rows} whole records are used, {left} bytes after them are not.",
+    )
+
+
+def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> tuple[int, str]:
+    """Return where an event's first record with an impossible stamp begins, the file's size for none, and a note."""
+    stamp = event.record["stamp"]
+    parts = [offsets[at : at + BLOCK_ROWS] for at in range(0, len(offsets), BLOCK_ROWS)]
+    stamps = np.concatenate(
+        [np.zeros(0, stamp), *(_gathered(data, part + 2, stamp.itemsize).view(stamp)[:, 0] for part in parts)]
+    )
+    back = np.flatnonzero(stamps[1:] < stamps[:-1])
+    if not len(back):
+        return len(data), ""
+    at = int(back[0])
+    # A stamp that leaps ahead is the damaged one, where the next fits to the one before it.
+    first = at if at and stamps[at + 1] >= stamps[at - 1] else at + 1
+    return int(offsets[first]), (
+        f"{event.name}: the stamp of record {first + 1} of {len(offsets)} is damaged: reading stops there, at byte "
+        f"{offsets[first]} of {len(data)}."
+    )
+
+
+def _blocks(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64], seconds: float) -> Iterator[Array]:
+    for begin in range(0, len(offsets), BLOCK_ROWS):
+        part = offsets[begin : begin + BLOCK_ROWS]
+        rows = _gathered(data, part, event.record.itemsize).view(event.record)[:, 0]
+        block = np.empty((len(rows), 1 + len(event.names)))
+        block[:, 0] = rows["stamp"] * seconds
+        for at in range(len(event.names)):
+            block[:, 1 + at] = rows[str(at)]
+        yield block
+
+
+def _gathered(data: mmap.mmap, offsets: npt.NDArray[np.int64], size: int) -> Bytes:
+    """Return the bytes (n, size) from each offset on."""
+    return np.frombuffer(data, np.uint8)[offsets[:, None] + np.arange(size)]

@@ -1,0 +1,177 @@
+"""Take the table of a MATLAB file: arrays of one length, a matrix, or Simulink's struct of time and signals.
+
+Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5py.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.io import loadmat
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.extras import optional_library
+from cfid.records.tables.text import is_number
+
+Tree = Any  # a dict of trees by field, a list of trees, an array, or a text
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_BEGINS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5)
+_FEWEST_ROWS = 16  # of a recording; shorter arrays beside one are parameters
+_IN_NAMES = str.maketrans(dict.fromkeys(',;\t\r\n"', " "))
+_TIMES = ("t", "time", "timestamp")
+
+
+@dataclass(frozen=True, eq=False)
+class MatlabTable:
+    """Columns (n,) of equal length, by name; a matrix alone has no names."""
+
+    names: tuple[str, ...]
+    columns: tuple[npt.NDArray[Any], ...]
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return len(self.columns[0])
+
+
+def is_matlab(path: Path) -> bool:
+    """Return whether a file is a MATLAB file, by its first bytes."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_BEGINS[0])).startswith(_BEGINS)
+    except OSError:
+        return False
+
+
+def matlab_text(path: Path, columns: Sequence[str]) -> bytes:
+    """Return the table of a MATLAB file as CSV text, in which every number is exact; errors as of `matlab_table`."""
+    table = matlab_table(path, columns)
+    head = [",".join(table.names)] if table.names else []
+    rows = zip(*(column.tolist() for column in table.columns), strict=True)
+    return "\n".join([*head, *(",".join(map(repr, row)) for row in rows), ""]).encode()
+
+
+def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
+    """Return the table of a MATLAB file; of several the one that has the named columns, else the one with a time.
+
+    Raises DataError for a file that cannot be read or has no table, ConfigError where several fit or h5py is missing.
+    """
+    try:
+        tree = _tree(path)
+    except ConfigError:
+        raise
+    except Exception as fault:  # a damaged file may make these libraries raise anything
+        raise DataError(f"{path}: not readable as a MATLAB file: {type(fault).__name__}.") from None
+    found = [table for table in _tables(tree, path.stem) if len(table.columns[0]) > 1]
+    found = [table for table in found if table.rows >= _FEWEST_ROWS] or found
+    if not found:
+        raise DataError(
+            f"{path}: no arrays of numbers. Objects, such as tables and timeseries, cannot be read outside MATLAB: "
+            "save their time and values as arrays."
+        )
+    if columns:
+        found = [table for table in found if set(columns) <= {*table.names, *_numbers(table)}] or found
+    if len(found) > 1:
+        found = [table for table in found if any(name.lower() in _TIMES for name in table.names)] or found
+    if len(found) > 1:
+        there = "; ".join(f"{', '.join(table.names) or 'a matrix'} ({table.rows} rows)" for table in found)
+        raise ConfigError(f"{path}: several tables: {there[:300]}. Name the columns of one with --columns.")
+    return found[0]
+
+
+def _numbers(table: MatlabTable) -> tuple[str, ...]:
+    return tuple(str(1 + at) for at in range(len(table.columns)))
+
+
+def _tree(path: Path) -> Tree:
+    with path.open("rb") as file:
+        begin = file.read(len(_BEGINS[0]))
+    if begin == _BEGINS[0]:
+        content = loadmat(path, simplify_cells=True)
+        return {name: value for name, value in content.items() if not name.startswith("__")}
+    h5py = optional_library("h5py", extra="mat", what="a MATLAB file of version 7.3")
+    with h5py.File(path, "r") as file:
+        return {name: _hdf5_tree(file, file[name]) for name in file if not name.startswith("#")}
+
+
+def _hdf5_tree(file: Any, node: Any) -> Tree:
+    """Return a struct as a dict, a cell array or an array of structs as lists, text as str, and numbers as an array."""
+    if not hasattr(node, "dtype"):
+        return {name: _hdf5_tree(file, node[name]) for name in node}
+    if node.dtype == object:  # references
+        return [_hdf5_tree(file, file[each]) for each in np.ravel(node[()])]
+    if "MATLAB_empty" in node.attrs:
+        return np.zeros(0)
+    values = np.squeeze(node[()])
+    if node.attrs.get("MATLAB_class") == b"char":
+        return "".join(map(chr, np.ravel(values)))
+    return values.T  # MATLAB's arrays are stored column by column
+
+
+def _tables(tree: Tree, name: str) -> Iterator[MatlabTable]:
+    """Yield the tables in a struct, and in the structs inside it."""
+    if not isinstance(tree, Mapping):
+        return
+    if "signals" in tree:
+        yield from _simulink(tree, name)
+        return
+    arrays = {key: _columns(value) for key, value in tree.items() if _is_numeric(value)}
+    for rows in dict.fromkeys(len(columns[0]) for columns in arrays.values()):
+        group = {key: columns for key, columns in arrays.items() if len(columns[0]) == rows}
+        alone = len(group) == 1 and len(next(iter(group.values()))) > 1
+        names = tuple(each for key, columns in group.items() for each in _named(key, len(columns)))
+        yield MatlabTable(() if alone else names, tuple(each for columns in group.values() for each in columns))
+    for key, value in tree.items():
+        yield from _tables(value, key)
+
+
+def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
+    """Yield the table of a struct with `time` and `signals`, of which each has `values` and perhaps a `label`."""
+    signals = tree["signals"]
+    if isinstance(signals, Mapping) and isinstance(signals.get("values"), list):  # HDF5 has the fields of all signals
+        labels = signals.get("label") or [""] * len(signals["values"])
+        signals = [{"values": values, "label": label} for values, label in zip(signals["values"], labels, strict=True)]
+    each = [signals] if isinstance(signals, Mapping) else list(np.ravel(np.asarray(signals, dtype=object)))
+    names: list[str] = []
+    columns: list[npt.NDArray[Any]] = []
+    if _is_numeric(tree.get("time")):
+        names.append("time")
+        columns += _columns(tree["time"])
+    for number, signal in enumerate(each, start=1):
+        if _is_numeric(values := signal.get("values")):
+            label = signal.get("label")
+            own = label if isinstance(label, str) and label else name if len(each) == 1 else f"{name}_{number}"
+            names += _named(_clean(own), len(_columns(values)))
+            columns += _columns(values)
+    if columns and len({len(column) for column in columns}) == 1:
+        yield MatlabTable(tuple(names), tuple(columns))
+
+
+def _is_numeric(value: Tree) -> bool:
+    """Return whether it is an array of real numbers, of one column or more, and more than one row."""
+    return (
+        isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1 and np.squeeze(value).ndim < 3
+    )
+
+
+def _columns(value: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+    """Return the columns of an array; its longer side is time, however it lies."""
+    array = np.squeeze(value)
+    if array.dtype.kind == "b":
+        array = array.astype(np.int64)
+    if array.ndim == 1:
+        return [array]
+    return list(array if array.shape[0] < array.shape[1] else array.T)
+
+
+def _named(name: str, columns: int) -> list[str]:
+    return [name] if columns == 1 else [f"{name}_{1 + at}" for at in range(columns)]
+
+
+def _clean(label: str) -> str:
+    text = "".join(letter if letter.isprintable() else " " for letter in label.translate(_IN_NAMES)).strip()
+    return f"signal_{text}" if not text or is_number(text) else text

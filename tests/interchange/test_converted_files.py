@@ -1,0 +1,143 @@
+"""Conversion: every value comes back from the format's own reader, and no file is ever overwritten or left in part."""
+
+import csv
+import itertools
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.io import loadmat
+
+from cfid.cli.main import main
+from cfid.errors import ConfigError
+from cfid.interchange.convert import Format, convert
+from cfid.interchange.recording import recording_at
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.records.tables.schema import Foreign
+from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
+
+Columns = dict[str, npt.NDArray[np.float64]]
+Reader = Callable[[Path, str], Columns]
+
+ANGLE = np.random.default_rng(1).normal(size=1000)
+COUNTS = np.arange(1000) * 4099 - 2000
+TIME_S = 1_763_712_345.123457 + np.arange(1000) * 1e-3
+
+
+def run(folder: Path) -> Path:
+    devices = {
+        "encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=4194304.0),
+        "crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "vehicle_ms", "pm.vbat")),
+        "crossings": DeviceRecord(file="crossings.csv", columns=("t", "thrust_rec")),
+    }
+    settings = {"label": Label(axis="x"), "started": datetime(2026, 11, 21, tzinfo=UTC), "cfid_version": "0"}
+    with create_run(folder / "runs", kind="swing", devices=devices, **settings) as writer:  # type: ignore[arg-type]
+        writer.append("encoder", (TIME_S, COUNTS))
+        writer.append("crazyflie", (TIME_S[::10], np.arange(100), ANGLE[::10]))
+    return writer.folder
+
+
+def from_csv(path: Path, series: str) -> Columns:
+    with (path / f"{series}.csv" if path.is_dir() else path).open(newline="") as file:
+        head, *body = csv.reader(file)
+    return {name: np.array(column, dtype=float) for name, column in zip(head, zip(*body, strict=True), strict=True)}
+
+
+def from_parquet(path: Path, series: str) -> Columns:
+    parquet = pytest.importorskip("pyarrow.parquet", reason='pyarrow comes with pip install "cfid[parquet]"')
+    table = parquet.read_table(path / f"{series}.parquet" if path.is_dir() else path)
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def from_mat(path: Path, series: str) -> Columns:
+    content = loadmat(path, simplify_cells=True)
+    origin = content["cfid_origin"]
+    pairs = zip(origin["variable"], origin["name"], strict=True)
+    several = sum(variable.endswith("_t") for variable in origin["variable"]) > 1
+    return {name: content[each] for each, name in pairs if not several or each.startswith(f"{series}_")}
+
+
+def from_mcap(path: Path, series: str) -> Columns:
+    reader = pytest.importorskip("mcap.reader", reason='mcap comes with pip install "cfid[mcap]"')
+    with path.open("rb") as file:
+        found = [json.loads(message.data) for _, _, message in reader.make_reader(file).iter_messages(topics=[series])]
+    return {name: np.array([float(row[name]) for row in found]) for name in found[0]}
+
+
+READERS: dict[Format, Reader] = {"csv": from_csv, "parquet": from_parquet, "mat": from_mat, "mcap": from_mcap}
+LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
+
+
+def needs_library(to: Format) -> None:
+    if to in LIBRARIES:
+        pytest.importorskip(LIBRARIES[to], reason=f'comes with pip install "cfid[{to}]"')
+
+
+@pytest.mark.parametrize("to", READERS)
+def test_every_value_of_a_run_comes_back(tmp_path: Path, to: Format) -> None:
+    needs_library(to)
+    recording = recording_at(run(tmp_path), Foreign())
+    convert(recording, to, tmp_path / "out")
+    encoder = READERS[to](tmp_path / "out", "encoder")
+    np.testing.assert_array_equal(encoder["t"], [float(f"{time:.6f}") for time in TIME_S])
+    np.testing.assert_array_equal(encoder["phi"], COUNTS)
+    np.testing.assert_array_equal(READERS[to](tmp_path / "out", "crazyflie")["pm.vbat"], ANGLE[::10])
+    assert recording.notes == ("crossings has no rows.",)
+
+
+@pytest.mark.parametrize("to", READERS)
+def test_every_value_of_a_log_comes_back(tmp_path: Path, to: Format) -> None:
+    needs_library(to)
+    records = [(event, at, (*values[:3], float("nan"))) for event, at, values in rows(500)]
+    recording = recording_at(written(tmp_path, bytes_of([FIXED, POSE], records)), Foreign())
+    (path,) = convert(recording, to, tmp_path / "out")
+    found = READERS[to](path, "fixedFrequency")
+    np.testing.assert_array_equal(found["gyro.x"], np.arange(500) / 8)  # as the firmware logs it, in deg/s
+    np.testing.assert_array_equal(found["t"], recording.series[0].time_s)
+    assert np.isnan(found["acc.z"]).all()
+
+
+def test_units_and_origin_are_in_the_file(tmp_path: Path) -> None:
+    convert(recording_at(written(tmp_path, single()), Foreign()), "mat", tmp_path / "out.mat")
+    origin = loadmat(tmp_path / "out.mat", simplify_cells=True)["cfid_origin"]
+    assert ["".join(unit) for unit in origin["unit"]] == ["s", "deg/s", "1", "", "g"]
+    assert len(origin["sha256"]) == 64
+    assert "uSD-card log" in origin["program"]
+
+
+@pytest.mark.parametrize("to", ["csv", "mat"])
+def test_a_file_that_is_there_is_left_as_it_is(tmp_path: Path, to: Format) -> None:
+    (tmp_path / "out").write_text("precious")
+    with pytest.raises(ConfigError, match="exists already"):
+        convert(recording_at(written(tmp_path, single()), Foreign()), to, tmp_path / "out")
+    with pytest.raises(ConfigError, match="exists already"):
+        convert(recording_at(run(tmp_path), Foreign()), to, tmp_path / "out")
+    assert (tmp_path / "out").read_text() == "precious"
+
+
+def test_a_failure_leaves_no_file(tmp_path: Path) -> None:
+    recording = recording_at(written(tmp_path, single()), Foreign())
+
+    def broken() -> Iterator[npt.NDArray[np.float64]]:
+        yield from itertools.islice(recording.series[0].blocks(), 1)
+        raise OSError(28, "No space left on device")
+
+    full = replace(recording, series=(replace(recording.series[0], blocks=broken),))
+    with pytest.raises(ConfigError, match="No space left on device"):
+        convert(full, "csv", tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_the_command_converts_and_states_what_it_understood(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = written(tmp_path, single())
+    with pytest.raises(SystemExit) as end:
+        main(["convert", str(log), "--to", "csv", "--out", str(tmp_path / "a.csv")])
+    assert end.value.code == 0
+    assert "Crazyflie uSD-card log, version 2" in capsys.readouterr().out
+    np.testing.assert_array_equal(from_csv(tmp_path / "a.csv", "")["motor.m1"], 60 * np.arange(100))

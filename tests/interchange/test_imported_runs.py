@@ -1,0 +1,108 @@
+"""`cfid import`: a foreign recording becomes a run that commands read like their own, with its origin, and is kept."""
+
+import hashlib
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cfid.cli.main import main
+from cfid.records.run import Run, read_run
+from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.vehicle import VEHICLE_LOG, read_commands, read_rows
+from cfid.records.tables.wrench import WrenchReading, read_wrench
+from tests.logs.usd_bytes import Record, bytes_of, written
+
+TIME_S = np.arange(3000) / 500
+ANGLE_RAD = 0.5 * np.exp(-TIME_S / 20) * np.cos(8 * TIME_S)
+MOTORS = tuple(f"motor.m{motor}(H)" for motor in (1, 2, 3, 4))
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    code("new", str(tmp_path / "campaign"))
+    return tmp_path / "campaign"
+
+
+def code(*words: str) -> int | str | None:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    return end.value.code
+
+
+def imported(campaign: Path, file: Path, *options: str) -> Run:
+    before = set((campaign / "runs").iterdir())
+    assert code("import", str(file), "--campaign", str(campaign), *options) == 0
+    (made,) = set((campaign / "runs").iterdir()) - before
+    return read_run(made)
+
+
+def flight(folder: Path) -> Path:
+    records: list[Record] = [(65535, 1000 * at, (at / 4, 0, 0, at // 50 * 1000, 7)) for at in range(200)]
+    return written(folder, bytes_of([(65535, "fixedFrequency", ("gyro.x(f)", *MOTORS))], records))
+
+
+def test_a_flight_s_log_becomes_a_run_with_its_commands_and_origin(tmp_path: Path, campaign: Path) -> None:
+    file = flight(tmp_path)
+    run = imported(campaign, file, "--note", "outdoors")
+    assert (run.header.kind, run.header.state, run.header.label.note) == ("flight", "complete", "outdoors")
+    np.testing.assert_array_equal(read_rows(run, VEHICLE_LOG).columns["gyro.x"], np.arange(200) / 4)
+    rows, commands = read_commands(run)
+    np.testing.assert_array_equal(commands, [[0, 0, at, 7] for at in (0, 1000, 2000, 3000)])
+    np.testing.assert_allclose(rows.time_s, [0, 0.05, 0.1, 0.15])
+    origin = tomllib.loads((run.folder / "run.toml").read_text())["origin"]
+    assert origin["file"] == file.name
+    assert origin["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert origin["program"] == "Crazyflie uSD-card log, version 2"
+    assert "84/85" in origin["clock"]
+
+
+def test_importing_again_makes_another_run_and_changes_neither_file_nor_run(tmp_path: Path, campaign: Path) -> None:
+    file = flight(tmp_path)
+    content = file.read_bytes()
+    first = imported(campaign, file)
+    before = {path.name: path.read_bytes() for path in first.folder.iterdir()}
+    assert imported(campaign, file).folder != first.folder
+    assert {path.name: path.read_bytes() for path in first.folder.iterdir()} == before
+    assert file.read_bytes() == content
+
+
+def test_an_imported_angle_is_the_angle_of_the_file(tmp_path: Path, campaign: Path) -> None:
+    savemat(tmp_path / "a.mat", {"time": TIME_S, "theta": ANGLE_RAD})
+    run = imported(campaign, tmp_path / "a.mat", "--angle-unit", "rad", "--axis", "x")
+    found, direct = read_angle(run.folder, Reading()), read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
+    assert run.header.kind == "swing"
+    assert found.label.axis == "x"
+    np.testing.assert_allclose(found.angle_rad, direct.angle_rad, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.time_s, direct.time_s, rtol=0, atol=1e-6)
+
+
+def test_imported_forces_are_those_of_the_file(tmp_path: Path, campaign: Path) -> None:
+    names = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+    savemat(tmp_path / "a.mat", {"t": TIME_S, **{name: at + ANGLE_RAD for at, name in enumerate(names)}})
+    run = imported(campaign, tmp_path / "a.mat", "--units", "n,nm")
+    found = read_wrench(run.folder, WrenchReading())
+    np.testing.assert_array_equal(found.force_n[:, 2], 2 + ANGLE_RAD)
+    np.testing.assert_array_equal(found.torque_nm[:, 2], 5 + ANGLE_RAD)
+
+
+def test_what_is_ambiguous_is_a_question_and_makes_no_run(
+    tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    savemat(tmp_path / "a.mat", {"time": TIME_S, "theta": ANGLE_RAD})
+    assert code("import", str(tmp_path / "a.mat"), "--campaign", str(campaign)) == 4
+    assert "give --angle-unit rad|deg" in capsys.readouterr().err
+    savemat(tmp_path / "b.mat", {"time": TIME_S, "u": ANGLE_RAD})
+    assert code("import", str(tmp_path / "b.mat"), "--campaign", str(campaign)) == 2
+    assert "give --kind angle, wrench or flight" in capsys.readouterr().err
+    assert list((campaign / "runs").iterdir()) == []
+
+
+def test_a_bad_column_is_left_out_and_named(tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    records: list[Record] = [(65535, 1000 * at, (at, float("nan"))) for at in range(50)]
+    file = written(tmp_path, bytes_of([(65535, "fixedFrequency", ("gyro.x(f)", "pm.vbat(f)"))], records))
+    run = imported(campaign, file)
+    assert list(read_rows(run, VEHICLE_LOG).columns) == ["gyro.x"]
+    assert "not finite: pm.vbat" in capsys.readouterr().err

@@ -1,0 +1,136 @@
+"""ULog and blackbox: files composed byte by byte by their formats' descriptions, read with their own libraries."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.logs.any_kind import read_log
+
+COUNT = 200
+
+
+def message(kind: str, data: bytes) -> bytes:
+    return struct.pack("<Hc", len(data), kind.encode()) + data
+
+
+def ulog() -> bytes:
+    head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000)
+    head += message("B", bytes(40))
+    head += message("F", b"vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;")
+    head += message("F", b"battery_status:uint64_t timestamp;float voltage_v;uint8_t warning;")
+    key = b"char[4] ver_hw"
+    head += message("I", bytes([len(key)]) + key + b"FMU6")
+    head += message("A", struct.pack("<BH", 0, 0) + b"vehicle_angular_velocity")
+    head += message("A", struct.pack("<BH", 0, 1) + b"battery_status")
+    rows = b""
+    for at in range(COUNT):
+        rows += message("D", struct.pack("<HQ3f", 0, 10_000 + 4000 * at, at / 8, -at, 0.5))
+        if at % 10 == 0:
+            rows += message("D", struct.pack("<HQfB", 1, 10_000 + 4000 * at, 16.5, at % 3))
+    return head + rows + message("O", struct.pack("<H", 25))
+
+
+def unsigned(value: int) -> bytes:
+    out = b""
+    while value > 127:
+        out += bytes([value & 127 | 128])
+        value >>= 7
+    return out + bytes([value])
+
+
+def signed(value: int) -> bytes:
+    return unsigned((value << 1) ^ (value >> 31))
+
+
+def blackbox() -> bytes:
+    fields = ("loopIteration", "time", "gyroADC[0]", "gyroADC[1]", "gyroADC[2]", "accSmooth[2]", "motor[0]")
+    head = [
+        "Product:Blackbox flight data recorder by Nicholas Sherlock",
+        "Data version:2",
+        "I interval:1",
+        "P interval:1",
+        "Field I name:" + ",".join(fields),
+        "Field I signed:0,0,1,1,1,1,0",
+        "Field I predictor:0,0,0,0,0,0,0",
+        "Field I encoding:1,1,0,0,0,0,1",
+        "Field P predictor:0,0,0,0,0,0,0",
+        "Field P encoding:1,1,0,0,0,0,1",
+        "Firmware revision:Betaflight 2025.12.1",
+        "gyro_scale:0x3f800000",
+        "acc_1G:2048",
+    ]
+    rows = b""
+    for at in range(COUNT):
+        values = (unsigned(at), unsigned(1000 + 500 * at), signed(at - 100), signed(-at), signed(0), signed(2048))
+        rows += b"I" + b"".join(values) + unsigned(1000 + at)
+    return "".join(f"H {line}\n" for line in head).encode() + rows + b"E\xffEnd of log\0"
+
+
+def written(folder: Path, content: bytes) -> Path:
+    (folder / "log").write_bytes(content)
+    return folder / "log"
+
+
+@pytest.mark.parametrize(("content", "extra"), [(ulog(), "ulog"), (blackbox(), "blackbox")])
+def test_a_missing_library_is_named_with_its_extra(tmp_path: Path, content: bytes, extra: str) -> None:
+    try:
+        __import__({"ulog": "pyulog", "blackbox": "orangebox"}[extra])
+    except ImportError:
+        with pytest.raises(ConfigError, match=rf'pip install "cfid\[{extra}\]"'):
+            read_log(written(tmp_path, content))
+    else:
+        pytest.skip("the library is installed")
+
+
+def test_topics_of_a_ulog_file_are_series_in_px4_s_units(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    log = read_log(written(tmp_path, ulog()))
+    time_s, rate = log.channel("xyz[0]")
+    np.testing.assert_allclose(time_s, 0.01 + 0.004 * np.arange(COUNT))
+    np.testing.assert_array_equal(rate, np.arange(COUNT) / 8)
+    assert {series.name: series.rows for series in log.series} == {
+        "vehicle_angular_velocity": 200,
+        "battery_status": 20,
+    }
+    (rates,) = (series for series in log.series if series.name == "vehicle_angular_velocity")
+    assert [channel.unit for channel in rates.channels] == ["rad/s"] * 3
+    assert "FMU6" in log.program
+    assert "1 dropouts, of 0.025 s" in log.notes[0]
+
+
+def test_a_ulog_file_that_its_library_wrote_is_read_alike(tmp_path: Path) -> None:
+    pyulog = pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    pyulog.ULog(str(written(tmp_path, ulog()))).write_ulog(str(tmp_path / "again"))
+    np.testing.assert_array_equal(read_log(tmp_path / "again").channel("xyz[1]")[1], -np.arange(COUNT))
+
+
+def test_a_ulog_file_without_data_ends_in_a_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    with pytest.raises(DataError, match=r"without data|not readable as a ULog file"):
+        read_log(written(tmp_path, ulog()[:60]))
+
+
+def test_frames_of_a_blackbox_log_are_rows_in_si_units(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    log = read_log(written(tmp_path, blackbox()))
+    time_s, rate = log.channel("gyroADC[0]")
+    np.testing.assert_allclose(time_s, 1e-3 + 5e-4 * np.arange(COUNT))
+    np.testing.assert_allclose(rate, np.radians(np.arange(COUNT) - 100.0))
+    np.testing.assert_allclose(log.channel("accSmooth[2]")[1], 9.81)
+    np.testing.assert_array_equal(log.channel("motor[0]")[1], 1000 + np.arange(COUNT))
+    assert "Betaflight 2025.12.1" in log.program
+
+
+def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    log = read_log(written(tmp_path, blackbox()[:-200]))
+    assert 150 < log.series[0].rows < COUNT
+    assert "has a frame that cannot be read" in log.notes[0]
+
+
+def test_two_blackbox_logs_in_one_file_are_two_series(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    assert [series.rows for series in read_log(written(tmp_path, 2 * blackbox())).series] == [COUNT, COUNT]

@@ -1,0 +1,78 @@
+"""Logs in CSV files: each program's header is recognised, variables get the firmware's names and their units."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError
+from cfid.records.logs.any_kind import read_log
+from cfid.records.tables.blocks import BLOCK_BYTES
+from cfid.records.tables.schema import Foreign
+from tests.places import DATA
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "log.txt").write_text(text)
+    return folder / "log.txt"
+
+
+def lines(head: str, row: str, count: int = 40, step: float = 10) -> str:
+    return "\n".join([head, *(row.format(t=1000 + step * at, x=at / 4) for at in range(count)), ""])
+
+
+def test_the_client_s_log_is_in_milliseconds_and_firmware_units(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("Timestamp,stabilizer.roll,gyro.z", "{t:.0f},{x},{x}")))
+    time_s, rate = log.channel("gyro.z")
+    np.testing.assert_allclose(time_s, 1 + 0.01 * np.arange(40))
+    np.testing.assert_allclose(rate, np.radians(np.arange(40) / 4))
+    assert log.program == "CSV log of the Crazyflie client"
+    assert log.assumed == ("Timestamp is in ms, as that program writes it",)
+
+
+def test_crazyswarm2_s_simulator_is_recognised(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("timestamp,x,y,z,qw,qx,qy,qz", "{t},{x},0,1,1,0,0,0", step=0.01)))
+    assert log.program == "CSV file of Crazyswarm2's simulator"
+    assert [channel.unit for channel in log.series[0].channels] == ["m"] * 3 + ["1"] * 4
+
+
+def test_a_time_whose_unit_cannot_be_is_a_question(tmp_path: Path) -> None:
+    path = written(tmp_path, lines("time,a", "{t},{x}"))
+    with pytest.raises(DataError, match="--time-unit ms"):
+        read_log(path)
+    assert read_log(path, Foreign(time_unit="ms")).channel("a")[0][-1] == pytest.approx(1.39)
+
+
+def test_a_column_of_words_is_left_out_and_named(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, lines("time,a,state,b", "{t},{x},flying,{x}", step=0.01)))
+    assert log.series[0].names == ("a", "b")
+    assert "'flying' in column 'state' is not a number" in log.notes[0]
+
+
+def test_a_table_of_several_blocks_is_one_log_and_its_cut_line_is_noted(tmp_path: Path) -> None:
+    path = written(tmp_path, lines("time,a", "{t},{x!r}", count=80_000, step=0.01) + "9000.01,3")
+    assert path.stat().st_size > BLOCK_BYTES
+    log = read_log(path)
+    np.testing.assert_array_equal(log.channel("a")[1], np.arange(80_000) / 4)
+    assert len(list(log.series[0].blocks())) > 1
+    assert "last line was cut" in log.notes[-1]
+
+
+def test_a_fault_far_down_names_its_line(tmp_path: Path) -> None:
+    rows = lines("time,a", "{t},{x}", count=60_000, step=0.01).splitlines()
+    rows[50_000] = "1.0,2"
+    with pytest.raises(DataError, match=":50001: time goes back"):
+        read_log(written(tmp_path, "\n".join([*rows, ""])))
+
+
+def test_nanobench_is_read_with_the_firmware_s_names() -> None:
+    path = DATA / "flights" / "nanobench_B2_circle_fast_rep2.csv"
+    if not path.exists():
+        pytest.skip("the public flights are not beside this project")
+    log = read_log(path)
+    assert log.program == "CSV log of NanoBench"
+    time_s, acceleration = log.channel("acc.z")
+    assert np.median(np.diff(time_s)) == pytest.approx(0.01, rel=1e-3)
+    assert np.median(acceleration) == pytest.approx(9.81, rel=0.05)
+    assert {"motor.m1", "pm.vbat", "stateEstimate.vx", "wx_vicon", "gyro.y"} <= set(log.series[0].names)
+    assert log.channel("stateEstimate.roll")[1].max() < np.pi

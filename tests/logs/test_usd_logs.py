@@ -1,0 +1,117 @@
+"""Logs of the uSD-card deck: what the firmware writes is read value by value, and damage is named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import DataError
+from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.log import FlightLog
+from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
+from tests.places import DATA
+
+
+def gyro(log: FlightLog) -> list[float]:
+    return list(np.degrees(log.channel("gyro.x")[1]))
+
+
+def test_every_type_of_number_and_two_events_are_read(tmp_path: Path) -> None:
+    poses = [(3, 5_000_500 + 10_000 * at, (200, 0.5 * at, 65535, -32768, -(2**31))) for at in range(5)]
+    log = read_log(written(tmp_path, bytes_of([POSE, FIXED], sorted(rows(50) + poses, key=lambda row: row[1]))))
+
+    time_s, motor = log.channel("motor.m1")
+    np.testing.assert_array_equal(motor, 60 * np.arange(50))
+    np.testing.assert_allclose(time_s, 5 + 1e-3 * np.arange(50), rtol=1e-15)
+    np.testing.assert_array_equal(log.channel("pm.state")[1], np.arange(50) - 50)
+    np.testing.assert_array_equal(log.channel("x")[1], 0.5 * np.arange(5))
+    assert [set(log.channel(name)[1]) for name in ("source", "count", "low", "wide")] == [
+        {200.0},
+        {65535.0},
+        {-32768.0},
+        {-(2.0**31)},
+    ]
+    assert log.notes == ()
+
+
+def test_units_become_si_and_what_is_assumed_is_stated(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, single()))
+    np.testing.assert_allclose(log.channel("acc.z")[1], -1.5 * 9.81)
+    np.testing.assert_allclose(log.channel("gyro.x")[1], np.radians(np.arange(100) / 8))
+    assert log.assumed == ("1 g is 9.81 m/s^2",)
+    assert "acc.z in g" in log.understood
+    assert "pm.state in an unknown unit" in log.understood
+    assert "100 rows at 1000 Hz" in log.understood
+
+
+def test_the_clock_is_stated_and_not_corrected(tmp_path: Path) -> None:
+    assert "84/85 of real time" in read_log(written(tmp_path, single())).clock
+    log = read_log(written(tmp_path, bytes_of([FIXED], [(e, at // 1000, v) for e, at, v in rows(100)], version=1)))
+    assert "84/85" not in log.clock
+    assert log.channel("gyro.x")[0][-1] == pytest.approx(5.099)
+
+
+@pytest.mark.parametrize("missing", [1, 4, 5, 17, 23, 24, 60])
+def test_a_cut_log_gives_its_whole_records_and_reports_the_cut(tmp_path: Path, missing: int) -> None:
+    size = 2 + 8 + 13
+    log = read_log(written(tmp_path, single()[:-missing]))
+    whole = 100 - max(0, -(-(missing - 4) // size))
+    assert gyro(log) == pytest.approx([at / 8 for at in range(whole)])
+    assert len(log.notes) == 1
+    assert "cut" in log.notes[0]
+    assert f"{whole} whole records" in log.notes[0]
+
+
+def test_a_changed_byte_is_found_by_the_crc(tmp_path: Path) -> None:
+    content = bytearray(single())
+    content[-10] ^= 1
+    (note,) = read_log(written(tmp_path, bytes(content))).notes
+    assert "CRC32 does not match" in note
+
+
+def test_reading_stops_at_a_record_of_no_known_event(tmp_path: Path) -> None:
+    content = bytearray(single())
+    content[-4 - 40 * 23] ^= 0x55
+    log = read_log(written(tmp_path, bytes(content)))
+    assert len(gyro(log)) == 60
+    assert "no event has the id" in log.notes[0]
+    assert "60 records before it" in log.notes[0]
+
+
+@pytest.mark.parametrize(("stamp", "kept"), [(2**40, 60), (1, 60)])
+def test_reading_stops_at_a_stamp_that_cannot_be(tmp_path: Path, stamp: int, kept: int) -> None:
+    records = rows(100)
+    records[60] = (65535, stamp, records[60][2])
+    log = read_log(written(tmp_path, bytes_of([FIXED], records)))
+    assert len(gyro(log)) == kept
+    assert "record 61 of 100 is damaged: reading stops there" in log.notes[0]
+
+
+@pytest.mark.parametrize("length", [1, 4, 9, 30, 50])
+def test_a_log_cut_in_its_header_ends_in_a_sentence(tmp_path: Path, length: int) -> None:
+    with pytest.raises(DataError, match=r"cut or damaged|was cut after"):
+        read_log(written(tmp_path, single()[:length]))
+
+
+def test_an_unknown_version_and_an_unknown_type_are_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="version 7; versions 1 and 2"):
+        read_log(written(tmp_path, b"\xbc\x07\0" + single()[3:]))
+    with pytest.raises(DataError, match=r"'gyro.x\(Z\)' is no variable"):
+        read_log(written(tmp_path, single().replace(b"gyro.x(f)", b"gyro.x(Z)")))
+
+
+def test_control_characters_of_a_name_never_reach_the_terminal(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, single().replace(b"pm.state", b"pm.\x1b[2Je")))
+    assert "\x1b" not in log.understood
+
+
+@pytest.mark.parametrize(("name", "count", "rate_hz"), [("10", 50496, 1011), ("15", 62774, 1011)])
+def test_public_logs_are_read_whole(name: str, count: int, rate_hz: int) -> None:
+    path = DATA / "flights" / f"eschmann_log{name}.usd"
+    if not path.exists():
+        pytest.skip("the public flights are not beside this project")
+    log = read_log(path)
+    assert log.notes == ()
+    assert log.series[0].rows == count
+    assert f"at {rate_hz} Hz" in log.understood  # 1000 Hz by a clock that runs at 84/85
+    assert np.median(log.channel("acc.z")[1][:1000]) == pytest.approx(9.81, rel=0.01)

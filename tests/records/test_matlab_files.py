@@ -1,0 +1,131 @@
+"""Angles in MATLAB files: each way in which classrooms save them gives the angle that a CSV file gives."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.records.tables.wrench import WrenchReading, read_wrench
+
+TIME_S = np.arange(400) / 100
+ANGLE_RAD = 0.5 * np.exp(-TIME_S / 3) * np.cos(7 * TIME_S)
+Contents = dict[str, Any]
+
+
+def signals(*values: Any, labels: tuple[str, ...] = ("theta",)) -> Any:
+    entries = [{"values": each, "label": label} for each, label in zip(values, labels, strict=True)]
+    return entries[0] if len(entries) == 1 else np.array(entries, dtype=object)
+
+
+def same(record: AngleRecord) -> bool:
+    pairs = ((record.angle_rad, ANGLE_RAD), (record.time_s, TIME_S))
+    return all(len(a) == len(b) and np.allclose(a, b, rtol=0, atol=1e-14) for a, b in pairs)
+
+
+WAYS: dict[str, tuple[Contents, Contents]] = {
+    "columns": ({"t": TIME_S[:, None], "theta": ANGLE_RAD[:, None]}, {}),
+    "rows": ({"time": TIME_S[None], "angle": ANGLE_RAD[None], "m": 0.1, "p": [1.0, 2.0, 3.0]}, {}),
+    "matrix": ({"data": np.column_stack([TIME_S, ANGLE_RAD])}, {}),
+    "a To File block": ({"ans": np.vstack([TIME_S, ANGLE_RAD])}, {}),
+    "struct": ({"run": {"time": TIME_S, "theta": ANGLE_RAD}}, {}),
+    "structure with time": ({"theta": {"time": TIME_S, "signals": signals(ANGLE_RAD, labels=("",))}}, {}),
+    "two signals": ({"o": {"time": TIME_S, "signals": signals(ANGLE_RAD, TIME_S, labels=("theta", "u"))}}, {}),
+    "other names": ({"Time": TIME_S, "Data": ANGLE_RAD, "u": np.zeros(400)}, {"columns": ("Time", "Data")}),
+    "two experiments": (
+        {"a": {"t": TIME_S, "theta": ANGLE_RAD}, "b": {"t": TIME_S[:50], "phi": ANGLE_RAD[:50]}},
+        {"columns": ("t", "theta")},
+    ),
+    "no time": ({"theta": ANGLE_RAD}, {"rate_hz": 100.0}),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_an_angle_is_the_same_however_a_mat_file_has_it(tmp_path: Path, way: str) -> None:
+    contents, reading = WAYS[way]
+    savemat(tmp_path / "swing.data", contents)  # recognised by its content
+    assert same(read_angle(tmp_path / "swing.data", Reading(angle_unit="rad", **reading)))
+
+
+def test_options_state_the_units_of_a_mat_file_as_of_a_csv_file(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"t": 1e3 * TIME_S, "theta_deg": np.degrees(ANGLE_RAD)})
+    with pytest.raises(DataError, match="--time-unit ms"):
+        read_angle(tmp_path / "a.mat", Reading())
+    record = read_angle(tmp_path / "a.mat", Reading(time_unit="ms"))
+    np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=1e-14)
+
+
+def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
+    names = ("Fx_n", "Fy_n", "Fz_n", "Tx_nm", "Ty_nm", "Tz_nm")
+    savemat(tmp_path / "a.mat", {"t": TIME_S, **{name: at + ANGLE_RAD for at, name in enumerate(names)}})
+    np.testing.assert_array_equal(read_wrench(tmp_path / "a.mat", WrenchReading()).torque_nm[:, 2], 5 + ANGLE_RAD)
+
+
+def test_two_tables_are_a_question_that_names_the_option(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"a": {"t": TIME_S, "x": ANGLE_RAD}, "b": {"t": TIME_S, "theta": ANGLE_RAD}})
+    with pytest.raises(ConfigError, match=r"several tables: t, x \(400 rows\); t, theta \(400 rows\).*--columns"):
+        read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
+
+
+@pytest.mark.parametrize("length", [130, 400, 3000])
+def test_a_cut_mat_file_ends_in_a_sentence(tmp_path: Path, length: int) -> None:
+    savemat(tmp_path / "a.mat", {"t": TIME_S, "theta": ANGLE_RAD})
+    (tmp_path / "a.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:length])
+    with pytest.raises(DataError, match=r"a\.mat: (?:not readable as a MATLAB file|no arrays of numbers)"):
+        read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
+
+
+def test_a_mat_file_without_arrays_is_refused_with_a_way_out(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"note": "hello", "m": 1.0})
+    with pytest.raises(DataError, match=r"no arrays of numbers.*save their time and values as arrays"):
+        read_angle(tmp_path / "a.mat", Reading())
+
+
+def test_version_7_3_without_its_library_names_the_extra(tmp_path: Path) -> None:
+    try:
+        import h5py  # noqa: F401
+    except ImportError:
+        (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
+        with pytest.raises(ConfigError, match=r'pip install "cfid\[mat\]"'):
+            read_angle(tmp_path / "a.mat", Reading())
+    else:
+        pytest.skip("h5py is installed")
+
+
+def _structure(file: Any) -> None:
+    group = file.create_group("theta")
+    group["time"] = TIME_S[None]
+    group.create_group("signals")["values"] = ANGLE_RAD[None]
+
+
+def _two_signals(file: Any) -> None:
+    import h5py
+
+    group = file.create_group("out")
+    group["time"] = TIME_S[None]
+    references = file.create_group("#refs#")
+    references["a"], references["b"] = ANGLE_RAD[None], TIME_S[None]
+    for name, text in (("la", "theta"), ("lb", "u")):
+        references[name] = np.array([list(map(ord, text))], dtype=np.uint16).T
+        references[name].attrs["MATLAB_class"] = np.bytes_("char")
+    inside = group.create_group("signals")
+    for field, places in (("values", "ab"), ("label", ("la", "lb"))):
+        inside.create_dataset(field, (2, 1), h5py.ref_dtype)[:, 0] = [references[place].ref for place in places]
+
+
+def _matrix(file: Any) -> None:
+    file["data"] = np.vstack([TIME_S, ANGLE_RAD])
+
+
+@pytest.mark.parametrize("fill", [_structure, _two_signals, _matrix])
+def test_version_7_3_is_read_as_version_5(tmp_path: Path, fill: Callable[[Any], None]) -> None:
+    h5py = pytest.importorskip("h5py", reason='h5py comes with pip install "cfid[mat]"')
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        fill(file)
+    with (tmp_path / "a.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\x02IM")
+    assert same(read_angle(tmp_path / "a.mat", Reading(angle_unit="rad")))
