@@ -31,6 +31,7 @@ class _Part(NamedTuple):
     fit: PointFit
     values: dict[str, Any]
     outward: Array
+    own: Array | None = None  # covariance that is not the fit's
 
 
 def map_parameters(found: MotorMap) -> dict[str, Parameter]:
@@ -47,8 +48,8 @@ def table_parameter(points: MotorPoints) -> dict[str, Parameter]:
     return {"motor.table": Parameter(value=rows)}
 
 
-def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Parameter]:
-    """Return the inverse of the thrust map, and section 3.3.1's check of the map."""
+def inverse_parameters(inverse: InverseMap) -> dict[str, Parameter]:
+    """Return the inverse of the thrust map."""
 
     root = {
         "coefficients": inverse.coefficients.tolist(),
@@ -59,8 +60,12 @@ def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Pa
         "round_trip_command": inverse.round_trip_command,
         "round_trip_n": inverse.round_trip_n,
     }
+    return {"motor.command_of_thrust": Parameter(value=[root])}
+
+
+def maximum_parameters(most: MaximumThrust) -> dict[str, Parameter]:
+    """Return section 3.3.1's check of the map."""
     return {
-        "motor.command_of_thrust": Parameter(value=[root]),
         "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n),
         "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg),
     }
@@ -77,8 +82,10 @@ def covariances(
 
     A rejected voltage cubic is kept apart, so that it can be removed alone.
     """
-    together = [*([_of_map(found, most)] if found else []), *(_of_speed(over_speed) if over_speed else ())]
-    cubic = [_of_voltage(voltage)] if voltage else []
+    by_volts = most is not None and most.volts is not None
+    of_map = [_of_map(found, None if by_volts else most)] if found else []
+    together = [*of_map, *(_of_speed(over_speed) if over_speed else ())]
+    cubic = [_of_voltage(voltage, most if by_volts else None)] if voltage else []
     if voltage is not None and voltage.rejected:
         return (*_joint(together), *_joint(cubic))
     return _joint([*together, *cubic])
@@ -91,23 +98,30 @@ def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
         return ()
     outward = block_diag(*(part.outward for part in known))
     values = {key: value for part in known for key, value in part.values.items()}
-    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T)
+    own = block_diag(*(np.zeros((len(part.outward),) * 2) if part.own is None else part.own for part in known))
+    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T + own)
 
 
 def _of_map(found: MotorMap, most: MaximumThrust | None) -> _Part:
     values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
-    outward = np.eye(found.fit.order + 1)
-    if most is not None:
-        full = np.vander([float(FULL_COMMAND)], found.fit.order + 1)
-        outward = np.vstack([outward, full, full * most.hover_mass_kg / most.thrust_n])
-        values |= {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
-    return _Part(PointFit(found.fit, found.windows), values, outward)
+    part = _Part(PointFit(found.fit, found.windows), values, np.eye(found.fit.order + 1))
+    return part if most is None else _with_maximum(part, most, float(FULL_COMMAND))
 
 
-def _of_voltage(found: VoltageComparison) -> _Part:
+def _of_voltage(found: VoltageComparison, most: MaximumThrust | None) -> _Part:
     values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
     fit = PointFit(found.by_voltage, np.eye(len(found.used))[found.used])
-    return _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
+    part = _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
+    return part if most is None else _with_maximum(part, most, float(most.volts or 0.0))
+
+
+def _with_maximum(part: _Part, most: MaximumThrust, at: float) -> _Part:
+    """Return a part with the largest thrust and its mass, which its polynomial has `at` a command or a voltage."""
+    ratio = most.hover_mass_kg / most.thrust_n
+    full, own = np.vander([at], part.fit.fit.order + 1), np.zeros((len(part.outward) + 2,) * 2)
+    own[-2:, -2:] = most.beyond_std_n**2 * np.outer([1, ratio], [1, ratio])
+    values = {**part.values, "motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
+    return _Part(part.fit, values, np.vstack([part.outward, full, full * ratio]), own)
 
 
 def _of_speed(found: SpeedThrustMap) -> tuple[_Part, _Part]:
@@ -167,15 +181,22 @@ def _aicc_line(found: MotorMap) -> list[str]:
     return [f"corrected AIC above the best: {orders}"]
 
 
-def inverse_lines(inverse: InverseMap, most: MaximumThrust) -> list[str]:
-    """Return range and round trip of the inverse, and what can hover."""
+def inverse_lines(inverse: InverseMap) -> list[str]:
+    """Return range and round trip of the inverse."""
     low, high = inverse.thrust_range_n
     return [
         f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
         f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
         f"{1e3 * inverse.round_trip_n:.2g} mN by rounding",
-        f"at most {most.thrust_n:.4g} N a motor, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: four "
-        f"motors hover {1e3 * most.hover_mass_kg:.4g} g",
+    ]
+
+
+def maximum_lines(most: MaximumThrust) -> list[str]:
+    """Return what can hover, and at which voltage of the battery."""
+    at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
+    return [
+        f"at most {most.thrust_n:.4g} N a motor{at}, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: "
+        f"four motors hover {1e3 * most.hover_mass_kg:.4g} g",
     ]
 
 
