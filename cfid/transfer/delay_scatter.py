@@ -37,7 +37,7 @@ def search_with_scatter(series: Sequence[Sequence[Response]], shape: Shape) -> t
     for _ in range(_ROUNDS):
         scatter_s = delay_scatter_s(responses, model_at(points, found.values, shape), taken=taken)
         points = points_of(series, scatter_s=scatter_s)
-        found = search(points, shape)
+        found = search(points, shape, polar=True)
     return (points, found, scatter_s) if deviance(points, found) + _CLEARLY < before else best
 
 
@@ -49,8 +49,7 @@ def delay_scatter_s(responses: Sequence[Response], model: Complex, *, taken: int
     value = np.array([own.value for own in responses])
     omega, size = np.array([own.frequency_rad_s for own in responses]), np.abs(value)
     across = np.stack([-value.imag, value.real], axis=1) / size[:, np.newaxis]
-    apart = np.stack([(value - model).real, (value - model).imag], axis=1)
-    late_s = np.sum(across * apart, axis=1) / (omega * size)
+    late_s = np.angle(model / value) / omega
     noise = np.einsum("ni,nij,nj->n", across, np.array([own.covariance for own in responses]), across)
     known = noise / (omega * size) ** 2 + np.array([own.start_std_s for own in responses]) ** 2
     freedom = len(late_s) - taken

@@ -101,11 +101,15 @@ def model_at(points: Points, values: Array, shape: Shape) -> Complex:
     return np.asarray(plant * np.exp(-1j * points.omega_rad_s * delays))
 
 
-def search(points: Points, shape: Shape) -> Found:
-    """Return the parameters of the least cost that the guesses lead to."""
+def search(points: Points, shape: Shape, *, polar: bool = False) -> Found:
+    """Return the parameters of the least cost that the guesses lead to.
+
+    `polar` compares sizes and phases, which a late start does not mix, however late it is.
+    """
 
     def residual(values: Array) -> Array:
-        return whitened(points, points.value - model_at(points, values, shape))
+        model = model_at(points, values, shape)
+        return whitened(points, points.value * np.log(points.value / model) if polar else points.value - model)
 
     return min((_minimise(residual, guess) for guess in _guesses(points, shape)), key=lambda found: found.cost)
 

@@ -31,6 +31,7 @@ from cfid.sim.truth_file import SimTruth, draw_vehicle
 
 STEPS = tuple(range(8000, 64001, 8000))
 MODERATE_STEPS = tuple(range(8000, 56001, 8000))
+REPEATED = 40000
 HOLD_S, REST_S = 2.5, 1.0
 FULL_COMMAND = 65535
 
@@ -100,7 +101,15 @@ def _friction(campaign: Campaign, truth: SimTruth, runs: Sequence[SimulatedRun])
 
 def thrust_and_torque(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
     """A staircase on the load cell: the maps' coefficients, and the thrust at full command."""
-    path = _staircase(campaign, truth, rng, STEPS)
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, STEPS))
+
+
+def repeated_step(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same, of a staircase whose first step is repeated at its end."""
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, (REPEATED, *STEPS, REPEATED)))
+
+
+def _maps(campaign: Campaign, truth: SimTruth, path: Path) -> Measured:
     known = {name: true for name, true in true_motors(truth).items() if name.startswith(("motor.thrust_poly", _TORQUE))}
     rotors, gravity_mps2 = truth.rotors, campaign.rig.site.gravity_mps2
     fastest_rad_s = float(rotors.steady_rad_per_s(np.array(FULL_COMMAND), volts=rotors.nominal_v))

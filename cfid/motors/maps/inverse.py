@@ -16,6 +16,7 @@ from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, ROTORS
 
 _MAXIMUM = ("motor.max_thrust_n", "motor.hover_mass_kg")
+_FURTHER = 2.0
 _ROUNDS = 20  # of thrust and voltage at full command, which follow from each other
 _FAR = 0.95  # of the full command: where less was measured, the maximum is extrapolated
 _NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
@@ -50,13 +51,15 @@ class MaximumThrust:
     """One motor's thrust at full command by the map, and the largest that was measured; what four could hover with.
 
     `beyond_std_n` is the part of the standard uncertainty that is not the polynomial's own: what it may miss beyond
-    the points. `volts` is the battery's voltage for which the thrust is stated, None where it is by the command.
+    the points. `volts` is the battery's voltage for which the thrust is stated, by the polynomial `by_volts` of motor
+    voltage; both None where it is by the command.
     """
 
     thrust_n: float
     std_n: float
     beyond_std_n: float
     volts: float | None
+    by_volts: PolynomialFit | None
     measured_n: float
     measured_command: float
     hover_mass_kg: float
@@ -106,6 +109,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
         std_n=std,
         beyond_std_n=beyond_std,
         volts=None,
+        by_volts=None,
         measured_n=float(thrust_map.y[largest]),
         measured_command=float(thrust_map.command[largest]),
         hover_mass_kg=hover_mass_kg(thrust_n=thrust, gravity_mps2=gravity_mps2),
@@ -114,14 +118,17 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     )
 
 
-def on_battery(most: MaximumThrust, voltage: VoltageComparison) -> MaximumThrust | None:
+def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -> MaximumThrust | None:
     """Return the largest thrust by motor voltage, at that to which the battery sags then; None where that is no better.
 
     The power of a rotor goes with thrust to the power of 1.5, and so, nearly, does the battery's fall in voltage.
     """
-    if voltage.better != "voltage" or voltage.rejected:
+    if voltage.better != "voltage":
         return None
-    fit, load = voltage.by_voltage, np.maximum(voltage.value, 0.0) ** 1.5
+    # Of the order of the map: the firmware's cubic has to rise over all voltages, and may miss beyond the points.
+    std = voltage.by_command.point_std
+    fit = fit_polynomial(voltage.motor_volts, voltage.value, order=order, std=std if np.all(std > 0) else None)
+    load = np.maximum(voltage.value, 0.0) ** 1.5
     battery = voltage.motor_volts * FULL_COMMAND / voltage.command
     line = fit_linear(np.stack([np.ones(len(load)), load], axis=1), battery, noise_known=False)
     thrust = most.thrust_n
@@ -131,23 +138,25 @@ def on_battery(most: MaximumThrust, voltage: VoltageComparison) -> MaximumThrust
         thrust = float(fit.at(volts))
     volts_std = math.sqrt(float(at @ line.covariance @ at) + float(np.mean(line.residual**2)))
     beyond_std = math.hypot(missed(fit, volts), float(fit.slope_at(np.array([volts]))[0]) * volts_std)
-    std = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
+    total = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
     ratio = most.hover_mass_kg / most.thrust_n
     return replace(
         most,
         thrust_n=thrust,
-        std_n=std,
+        std_n=total,
         beyond_std_n=beyond_std,
         volts=volts,
+        by_volts=fit,
         hover_mass_kg=ratio * thrust,
-        hover_mass_std_kg=ratio * std,
+        hover_mass_std_kg=ratio * total,
     )
 
 
 def missed(fit: PolynomialFit, at: float) -> float:
-    """Return by how much more than its uncertainty the polynomial misses the last points as far ahead as `at` is.
+    """Return by how much the polynomial may miss at a place as far ahead of the points as `at`, beyond its uncertainty.
 
-    They are predicted by the points that lie as far below them. Zero where these are too few, or `at` is not ahead.
+    That is twice by how much it misses the last points from those that lie as far below: a misfit grows with every step
+    ahead. Zero where these are too few, or `at` is not ahead.
     """
     last = float(fit.x.max())
     below = fit.x <= min(2 * last - at, 0.999 * last)
@@ -158,7 +167,7 @@ def missed(fit: PolynomialFit, at: float) -> float:
     shorter = fit_polynomial(fit.x[below], value[below], order=fit.order, std=None if std is None else std[below])
     miss = float(np.mean(value[end])) - float(shorter.at(last))
     own = float(shorter.std_at(last)[0]) ** 2 + (0.0 if std is None else float(np.mean(std[end] ** 2)))
-    return math.sqrt(max(miss**2 - own, 0.0)) if math.isfinite(own) else abs(miss)
+    return _FURTHER * (math.sqrt(max(miss**2 - own, 0.0)) if math.isfinite(own) else abs(miss))
 
 
 def hover_mass_kg(*, thrust_n: float, gravity_mps2: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
+from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.shared_points import PointFit, joint_covariance
 from cfid.findings import Finding, texts
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
@@ -82,10 +83,10 @@ def covariances(
 
     A rejected voltage cubic is kept apart, so that it can be removed alone.
     """
-    by_volts = most is not None and most.volts is not None
-    of_map = [_of_map(found, None if by_volts else most)] if found else []
-    together = [*of_map, *(_of_speed(over_speed) if over_speed else ())]
-    cubic = [_of_voltage(voltage, most if by_volts else None)] if voltage else []
+    together = [*([_of_map(found, most)] if found else []), *(_of_speed(over_speed) if over_speed else ())]
+    if most is not None and most.by_volts is not None and voltage is not None:
+        together.append(_of_maximum(most, most.by_volts, voltage))
+    cubic = [_of_voltage(voltage)] if voltage else []
     if voltage is not None and voltage.rejected:
         return (*_joint(together), *_joint(cubic))
     return _joint([*together, *cubic])
@@ -104,24 +105,42 @@ def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
 
 def _of_map(found: MotorMap, most: MaximumThrust | None) -> _Part:
     values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
-    part = _Part(PointFit(found.fit, found.windows), values, np.eye(found.fit.order + 1))
-    return part if most is None else _with_maximum(part, most, float(FULL_COMMAND))
+    outward, own = np.eye(found.fit.order + 1), np.zeros((found.fit.order + 1,) * 2)
+    if most is not None and most.by_volts is None:
+        values |= _maximum(most)
+        outward = np.vstack([outward, _to_maximum(most, found.fit.order, float(FULL_COMMAND))])
+        own = block_diag(own, _beyond(most))
+    return _Part(PointFit(found.fit, found.windows), values, outward, own)
 
 
-def _of_voltage(found: VoltageComparison, most: MaximumThrust | None) -> _Part:
+def _of_maximum(most: MaximumThrust, fit: PolynomialFit, voltage: VoltageComparison) -> _Part:
+    outward = _to_maximum(most, fit.order, most.volts or 0.0)
+    return _Part(PointFit(fit, _windows(voltage)), _maximum(most), outward, _beyond(most))
+
+
+def _maximum(most: MaximumThrust) -> dict[str, Any]:
+    return {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
+
+
+def _to_maximum(most: MaximumThrust, order: int, at: float) -> Array:
+    """Return how the largest thrust and its mass follow from a polynomial (2, order + 1) `at` a command or voltage."""
+    full = np.vander([at], order + 1)
+    return np.vstack([full, full * most.hover_mass_kg / most.thrust_n])
+
+
+def _beyond(most: MaximumThrust) -> Array:
+    """Return the covariance (2, 2) of the largest thrust and its mass by what is not the polynomial's own."""
+    both = np.array([1.0, most.hover_mass_kg / most.thrust_n])
+    return np.asarray(most.beyond_std_n**2 * np.outer(both, both))
+
+
+def _windows(found: VoltageComparison) -> Array:
+    return np.eye(len(found.used))[found.used]
+
+
+def _of_voltage(found: VoltageComparison) -> _Part:
     values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
-    fit = PointFit(found.by_voltage, np.eye(len(found.used))[found.used])
-    part = _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
-    return part if most is None else _with_maximum(part, most, float(most.volts or 0.0))
-
-
-def _with_maximum(part: _Part, most: MaximumThrust, at: float) -> _Part:
-    """Return a part with the largest thrust and its mass, which its polynomial has `at` a command or a voltage."""
-    ratio = most.hover_mass_kg / most.thrust_n
-    full, own = np.vander([at], part.fit.fit.order + 1), np.zeros((len(part.outward) + 2,) * 2)
-    own[-2:, -2:] = most.beyond_std_n**2 * np.outer([1, ratio], [1, ratio])
-    values = {**part.values, "motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
-    return _Part(part.fit, values, np.vstack([part.outward, full, full * ratio]), own)
+    return _Part(PointFit(found.by_voltage, _windows(found)), values, np.eye(len(found.lowest_first))[::-1])
 
 
 def _of_speed(found: SpeedThrustMap) -> tuple[_Part, _Part]:

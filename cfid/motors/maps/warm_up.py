@@ -10,7 +10,8 @@ from cfid.findings import Finding, warning
 from cfid.motors.points import Array, MotorPoints
 from cfid.units import DEAD_COMMAND
 
-_LARGEST_IN_STD = 3.0
+_LARGEST_IN_STD = 4.0
+_LEFT = 2.0
 _SAGGED = 0.005  # of the battery's voltage: where it changed by more, so did the thrust itself
 
 
@@ -18,8 +19,8 @@ def warm_up(points: MotorPoints, vbat_v: Array | None, name: str) -> tuple[tuple
     """Return the drift of a run's load cell as a cause of error, with a finding; neither where none is found.
 
     Points (n,) are in the order in which they were recorded. The drift is the weighted mean of the relative changes
-    from the first to the last time that each command was held, its standard uncertainty the whole of it: neither the
-    first nor the last thrust is known to be the right one.
+    from the first to the last time that each command was held, its standard uncertainty twice that: the last thrust
+    need not be the right one either, as a drift that has not ended may go on for as much again.
     """
     if points.thrust_n is None or points.thrust_std_n is None:
         return (), ()
@@ -41,7 +42,9 @@ def warm_up(points: MotorPoints, vbat_v: Array | None, name: str) -> tuple[tuple
     text = (
         f"{name}: {len(changes)} command(s) held again gave {100 * found:+.1f} % of the first thrust more, "
         f"{abs(found) / found_std:.0f} standard uncertainties (limit {_LARGEST_IN_STD:g}): did the load cell warm up? "
-        "The uncertainties contain the change. Switch the load cell on half an hour before the first step."
+        "The uncertainties contain twice that. Switch the load cell on half an hour before the first step."
     )
     keys = ("motor.thrust_poly", "motor.torque_poly", "motor.max_thrust_n", "motor.hover_mass_kg")
-    return (Cause(f"drift of the load cell in {name}", abs(found)),), (warning("load-cell-drifted", text, *keys),)
+    return (Cause(f"drift of the load cell in {name}", _LEFT * abs(found)),), (
+        warning("load-cell-drifted", text, *keys),
+    )
