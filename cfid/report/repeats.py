@@ -109,7 +109,7 @@ def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
     )
 
 
-def _effects(section: Section, key: str) -> dict[str, Effects]:
+def _effects(section: Section, key: str) -> Mapping[str, Effects]:
     """Return what each cause that fits share does to the numbers of a parameter, by their place in it."""
     found: dict[str, dict[str, float]] = {}
     value = section.parameters[key].value

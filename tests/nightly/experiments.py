@@ -31,7 +31,6 @@ from cfid.sim.truth_file import SimTruth, draw_vehicle
 
 STEPS = tuple(range(8000, 64001, 8000))
 MODERATE_STEPS = tuple(range(8000, 56001, 8000))
-REPEATED = 40000
 HOLD_S, REST_S = 2.5, 1.0
 FULL_COMMAND = 65535
 
@@ -104,9 +103,9 @@ def thrust_and_torque(campaign: Campaign, truth: SimTruth, rng: np.random.Genera
     return _maps(campaign, truth, _staircase(campaign, truth, rng, STEPS))
 
 
-def repeated_step(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
-    """The same, of a staircase whose first step is repeated at its end."""
-    return _maps(campaign, truth, _staircase(campaign, truth, rng, (REPEATED, *STEPS, REPEATED)))
+def up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same, of a staircase up and down."""
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1])))
 
 
 def _maps(campaign: Campaign, truth: SimTruth, path: Path) -> Measured:

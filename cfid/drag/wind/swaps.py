@@ -53,21 +53,15 @@ def swap_findings(filed: Filed) -> tuple[Finding, ...]:
     shifted, references = _shifted_references(filed, off, size)
     wrong = [*references, *_lost_settings(filed, typical, common), *_lost_runs(filed, off - shifted, size)]
     drifted = [one.text for one in wrong if one.severity == "warning"]
+    more = [f"{len(drifted) - 1} more drift too."] if len(drifted) > 1 else []
     return (
         *_unordered(filed.references),
         *(one for one in wrong if one.severity == "rejection"),
-        *((warning("drag-forces-drift", f"{drifted[0]}{_more(len(drifted))}", "drag.*"),) if drifted else ()),
+        *((warning("drag-forces-drift", " ".join([drifted[0], *more]), "drag.*"),) if drifted else ()),
     )
 
 
-def _more(count: int) -> str:
-    return f" {count - 1} more drift too." if count > 1 else ""
-
-
-def _judged(code: str, text: str, question: str, *, drifts: bool) -> Finding:
-    """Return a rejection with its question, or a warning where the forces before and after are off by as much."""
-    if not drifts:
-        return rejection(code, f"{text}: {question}", "drag.*")
+def _drift(text: str) -> Finding:
     drift = "those recorded before and after by nearly as much: does the tare drift, or the battery sag?"
     return warning("drag-forces-drift", f"{text}, {drift}", "drag.*")
 
@@ -130,8 +124,9 @@ def _shifted_references(filed: Filed, off: Array, size: Array) -> tuple[Array, l
             shifts[rows] = shift
             name = filed.references[int(command)][0]
             text = f"all forces at command {command:.0f} are off by {_newtons(shift)}"
-            question = f"is the reference {name} of another command, or was there wind?"
-            found.append(_judged("drag-reference-off", text, question, drifts=_drifts(each, time_s, place)))
+            question = f"{text}: is the reference {name} of another command, or was there wind?"
+            drifts = _drifts(each, time_s, place)
+            found.append(_drift(text) if drifts else rejection("drag-reference-off", question, "drag.*"))
     return shifts, found
 
 
@@ -149,24 +144,25 @@ def _lost_settings(filed: Filed, typical: Array, common: Array) -> list[Finding]
                 f"typically {_newtons(speed[setting] * typical[row])}, where all winds together give "
                 f"{_newtons(speed[setting] * common[row])}"
             )
-            question = "are angle and wind speed those of its files?"
-            found.append(_judged("drag-wind-off", text, question, drifts=_drifts(off, time_s, setting)))
+            question = f"{text}: are angle and wind speed those of its files?"
+            drifts = _drifts(off, time_s, setting)
+            found.append(_drift(text) if drifts else rejection("drag-wind-off", question, "drag.*"))
     return found
 
 
 def _lost_runs(filed: Filed, off: Array, size: Array) -> list[Finding]:
     distance = np.linalg.norm(off, axis=1)
     gross = (distance > _GROSS_RUN * np.median(distance)) & (distance > _GROSS_PART * size)
-    return [
-        _judged(
-            "drag-run-off",
+    found = []
+    for row in np.flatnonzero(gross).tolist():
+        text = (
             f"{filed.names[row]}: its force is off by {_newtons(off[row])} from that of other commands in its wind "
-            "setting",
-            "is it the file of another run?",
-            drifts=_drifts(off, filed.time_s, row),
+            "setting"
         )
-        for row in np.flatnonzero(gross).tolist()
-    ]
+        question = f"{text}: is it the file of another run?"
+        drifts = _drifts(off, filed.time_s, row)
+        found.append(_drift(text) if drifts else rejection("drag-run-off", question, "drag.*"))
+    return found
 
 
 def _newtons(force: Array) -> str:

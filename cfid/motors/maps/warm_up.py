@@ -6,11 +6,12 @@ import numpy as np
 
 from cfid.estimate.common_causes import Cause
 from cfid.estimate.linear import weighted_mean
+from cfid.estimate.propagation import widened
 from cfid.findings import Finding, warning
 from cfid.motors.points import Array, MotorPoints
 from cfid.units import DEAD_COMMAND
 
-_LARGEST_IN_STD = 4.0
+_LARGEST_IN_STD = 3.0
 _LEFT = 2.0
 _SAGGED = 0.005  # of the battery's voltage: where it changed by more, so did the thrust itself
 
@@ -35,8 +36,10 @@ def warm_up(points: MotorPoints, vbat_v: Array | None, name: str) -> tuple[tuple
         return (), ()
     change, own = np.array(changes).T
     mean = weighted_mean(change, std=own)
-    scatter = math.sqrt(float(np.sum((mean.residual / own) ** 2)) / max(mean.degrees_of_freedom, 1))
-    found, found_std = float(mean.values[0]), float(mean.std[0]) * max(scatter, 1.0)
+    found, found_std, freedom = float(mean.values[0]), float(mean.std[0]), mean.degrees_of_freedom
+    if freedom:
+        scatter = math.sqrt(float(np.sum((mean.residual / own) ** 2)) / freedom)
+        found_std = widened(found_std * max(scatter, 1.0), freedom)
     if abs(found) <= _LARGEST_IN_STD * found_std:
         return (), ()
     text = (

@@ -56,4 +56,4 @@ def _felt(driven: Array, speed: Array) -> Array:
     if not used.any() or np.ptp(driven[used]) < _OTHER * driven[used].max():
         return np.ones(len(speed))
     standing = np.polynomial.polynomial.polyfit(driven[used], speed[used], 1)[0]
-    return np.clip(1 - standing / np.maximum(speed, 1e-9), 0.5, 1.0)
+    return np.asarray(np.clip(1 - standing / np.maximum(speed, 1e-9), 0.5, 1.0))
