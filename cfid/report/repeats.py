@@ -9,7 +9,14 @@ import numpy as np
 
 from cfid.estimate.repetition import LEAST_PROBABILITY, repeats
 from cfid.quantities.lookup import find
+from cfid.quantities.values import numbers
+from cfid.records.covariances import shaped_as
+from cfid.records.parameters import Section
 from cfid.report.measurements import Measurement
+
+Effects = Mapping[str, float]  # of one standard uncertainty of causes that fits share, by their name
+
+_OWN = 1e-3  # of a standard uncertainty: what is left without common causes is no less, as it is a rounded difference
 
 
 @dataclass(frozen=True)
@@ -34,8 +41,9 @@ class Made:
 class Repeat:
     """A quantity's readings, one for each measurement (None: it lacks it), and the test of those that count.
 
-    Mean, chi-squared and `probability` are those of `estimate.repetition`: uncertainties may have common causes, which
-    repetition does not average out. Drift is the last reading less the first.
+    Mean, chi-squared and `probability` are those of `estimate.repetition`. A cause of error that all readings name, as
+    the gain of their load cell, makes none of their differences: test and drift leave it out, the mean's uncertainty
+    contains it. Drift is the last reading less the first.
     All None where fewer than two readings count.
     """
 
@@ -83,16 +91,33 @@ def repeated_fits(measured: Mapping[str, Sequence[Measurement]]) -> tuple[Repeat
 
 def _quantities(several: Sequence[Measurement]) -> tuple[Repeat, ...]:
     readings: dict[tuple[str, str], list[RepeatReading | None]] = {}
+    effects: dict[str, list[Effects]] = {}
     for place, measurement in enumerate(several):
         section = measurement.fit.section
         for key, parameter in section.parameters.items():
+            moved = _effects(section, key)
             for entry in () if _of_the_run(key) else parameter.numbers(key):
-                row = readings.setdefault((f"{key} {entry.place}".rstrip(), parameter.unit), [None] * len(several))
+                name = f"{key} {entry.place}".rstrip()
+                row = readings.setdefault((name, parameter.unit), [None] * len(several))
                 if entry.value is not None:
                     row[place] = RepeatReading(entry.value, entry.std, key not in section.rejected and bool(entry.std))
+                    effects.setdefault(name, [{}] * len(several))[place] = moved.get(entry.place, {})
     return tuple(
-        compared(quantity, unit, tuple(row)) for (quantity, unit), row in readings.items() if _is_repeated(row)
+        compared(quantity, unit, tuple(row), tuple(effects[quantity]))
+        for (quantity, unit), row in readings.items()
+        if _is_repeated(row)
     )
+
+
+def _effects(section: Section, key: str) -> Mapping[str, Effects]:
+    """Return what each cause that fits share does to the numbers of a parameter, by their place in it."""
+    found: dict[str, dict[str, float]] = {}
+    value = section.parameters[key].value
+    for cause, moved in section.common.items():
+        if key in moved:
+            for number in numbers(key, value, shaped_as(key, moved[key], value)):
+                found.setdefault(number.place, {})[cause] = number.std or 0.0
+    return found
 
 
 def _of_the_run(key: str) -> bool:
@@ -106,19 +131,29 @@ def _is_repeated(row: Sequence[RepeatReading | None]) -> bool:
     return len(there) > 1 and any(reading.std for reading in there)
 
 
-def compared(quantity: str, unit: str, readings: tuple[RepeatReading | None, ...]) -> Repeat:
-    """Return readings of one quantity with their mean, drift and chi-squared."""
-    counting = [(one.value, one.std) for one in readings if one is not None and one.counts and one.std]
+def compared(
+    quantity: str, unit: str, readings: tuple[RepeatReading | None, ...], effects: tuple[Effects, ...] = ()
+) -> Repeat:
+    """Return readings of one quantity with their mean, drift and chi-squared; `effects` of causes on each of them."""
+    beside = effects or ({},) * len(readings)
+    counting = [
+        (one.value, one.std, own)
+        for one, own in zip(readings, beside, strict=True)
+        if one is not None and one.counts and one.std
+    ]
     if len(counting) < 2:
         return Repeat(quantity, unit, readings, None, None, None, 0, None, None, None)
-    values, stds = np.array(counting).T
+    values, whole = np.array([one[:2] for one in counting]).T
+    shared = set.intersection(*(set(own) for *_, own in counting))
+    moved = np.array([[own[cause] for cause in sorted(shared)] for *_, own in counting]).reshape(len(values), -1)
+    stds = np.sqrt(np.maximum(whole**2 - np.sum(moved**2, axis=1), (_OWN * whole) ** 2))
     found = repeats(time_s=np.arange(len(values), dtype=np.float64), value=values, std=stds)
     return Repeat(
         quantity=quantity,
         unit=unit,
         readings=readings,
         mean=found.mean,
-        mean_std=found.mean_std,
+        mean_std=math.hypot(found.mean_std, *moved.mean(axis=0)),
         chi_squared=found.chi_squared,
         freedom=found.freedom,
         probability=found.probability,

@@ -6,7 +6,7 @@ the load cell by a network. It is never bounded.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.special import chdtrc
 from cfid.errors import FitError
 from cfid.estimate.linear import propagated, std_of
 from cfid.findings import Finding, rejection, warning
+from cfid.transfer.delay_scatter import scatter_findings, search_with_scatter
 from cfid.transfer.frequency_response import SETTLE_S, Response, respond
 from cfid.transfer.likelihood import (
     SHAPES,
@@ -26,12 +27,11 @@ from cfid.transfer.likelihood import (
     dynamic_unknowns,
     dynamics_of,
     model_at,
-    points_of,
-    search,
     unknowns,
 )
 from cfid.transfer.model import Complex, Dynamics, Form
 from cfid.transfer.sines.alignment import SineSeries
+from cfid.transfer.uneven import Uneven, uneven_rates
 
 Array = npt.NDArray[np.float64]
 
@@ -89,7 +89,8 @@ class TransferFit:
     `numerator` and `denominator` are in rising powers of z^-1 at `sample_s`. `covariance` belongs to static gain,
     lags, lead (if free) and the series' delays (if free), in this order: of the noise, inflated where chi-squared
     exceeds its degrees of freedom, and of errors that runs share. `model` (n,) are the model's values for the responses
-    of all series in a row. `misfit` is the systematic difference between them, relative.
+    of all series in a row. `misfit` is the systematic difference between them, relative. `delay_scatter_s` is by how
+    much delays differ from run to run, `uneven` how the motor slows down otherwise than it speeds up, where it does.
     """
 
     shape: Shape
@@ -106,6 +107,8 @@ class TransferFit:
     chi_squared: float
     degrees_of_freedom: int
     misfit: float
+    delay_scatter_s: float = 0.0
+    uneven: Uneven | None = None
 
     @property
     def time_constant_s(self) -> float:
@@ -159,6 +162,8 @@ class TransferFit:
     def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
         """Return what speaks against the transfer function, which has the quantities `keys`."""
         found = [] if self.probability >= LEAST_PROBABILITY else [self._misfit(keys)]
+        found += scatter_findings(self.delay_scatter_s, keys)
+        found += self.uneven.findings(keys) if self.uneven is not None else ()
         gain_n, std_n = self.dynamics.static_gain_n, self.std.static_gain_n
         if not self.has_gain:
             noise = (
@@ -223,11 +228,14 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
         )
     if len({response.form for series in measured for response in series.responses}) > 1:
         raise FitError("responses of two forms cannot be fitted together: take all of them in one.")
-    points = points_of([series.responses for series in measured])
-    found = search(points, shape)
+    points, found, scatter_s = search_with_scatter([series.responses for series in measured], shape)
     if not (np.isfinite(found.cost) and np.all(np.isfinite(found.values)) and found.values[0] != 0):
         raise FitError("no transfer function follows these responses: look at the Bode figure.")
-    return _result(measured, points, shape, found)
+    alike = [response for series in measured for response in series.responses]
+    uneven = uneven_rates(alike, lag_s=max(dynamics_of(found.values, shape).lags_s))
+    if uneven is not None:
+        points = points._replace(shared=np.vstack([points.shared, uneven.raised * points.value]))
+    return replace(_result(measured, points, shape, found), delay_scatter_s=scatter_s, uneven=uneven)
 
 
 def fit_shapes(measured: Sequence[MeasuredSeries]) -> dict[Shape, TransferFit]:

@@ -36,7 +36,8 @@ class Response:
 
     `value` refers to the samples u[n]; the hold that makes stairs of them is the model's business. An error of the
     run's start turns it and leaves its size: `start_std_s` is the run's own, `shared_s` are those of other runs too.
-    `harmonics` are the second and third over the first. `mean_n` is the thrust about which the sine went.
+    `harmonics` are the second and third over the first, and `second` is the second with its phase against that of the
+    first, by which it does not depend on the start. `mean_n` is the thrust about which the sine went.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Response:
     shared_s: Mapping[str, float]
     harmonics: tuple[float, ...]
     mean_n: float
+    second: complex = 0j
 
     @property
     def std(self) -> float:
@@ -101,6 +103,7 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
         shared_s=run.shared_s,
         harmonics=tuple((np.abs(phasors[1:]) / max(abs(phasors[0]), 1e-300)).tolist()),
         mean_n=float(force.mean()),
+        second=complex(phasors[1] * np.conj(phasors[0]) ** 2 / abs(phasors[0]) ** 3),
     )
 
 

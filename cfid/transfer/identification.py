@@ -10,7 +10,7 @@ from cfid.transfer.estimation import MeasuredSeries, TransferFit, corrected_aic,
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.model import Form
-from cfid.transfer.sines.alignment import RecordedSine, Sign, SineSeries, align
+from cfid.transfer.sines.alignment import RecordedSine, Sign, SineSeries, align, with_end
 from cfid.wire.app import SAMPLES_PER_S
 
 _ROUNDING = 1e-3  # by which a frequency may exceed the cut-off
@@ -50,8 +50,9 @@ def identify_all(
     findings = []
     used = {}
     for name, runs in series.items():
-        kept, left_out = _within(name, runs, cutoff_hz)
-        findings += left_out
+        slow, too_fast = _within(name, runs, cutoff_hz)
+        kept, without_end = with_end(slow)
+        findings += [*too_fast, *without_end]
         if kept:
             used[name] = kept
     if not used:

@@ -51,13 +51,13 @@ class Found(NamedTuple):
     cost: float
 
 
-def points_of(series: Sequence[Sequence[Response]]) -> StackedResponses:
-    """Put the responses of all series in a row."""
+def points_of(series: Sequence[Sequence[Response]], *, scatter_s: float = 0.0) -> StackedResponses:
+    """Put the responses of all series in a row; `scatter_s` is the standard deviation of their delays, run by run."""
     responses = [response for own in series for response in own]
     value = np.array([response.value for response in responses])
     omega = np.array([response.frequency_rad_s for response in responses])
     along = np.stack([-value.imag, value.real], axis=1)  # where a late start turns the response to
-    turned = along * (omega * [response.start_std_s for response in responses])[:, None]
+    turned = along * (omega * np.hypot([response.start_std_s for response in responses], scatter_s))[:, None]
     floor = (_EXACT * np.abs(value)) ** 2
     noise = np.array([response.covariance for response in responses]) + floor[:, None, None] * np.eye(2)
     covariance = noise + turned[:, :, None] * turned[:, None, :]
@@ -101,11 +101,15 @@ def model_at(points: StackedResponses, values: Array, shape: Shape) -> Complex:
     return np.asarray(plant * np.exp(-1j * points.omega_rad_s * delays))
 
 
-def search(points: StackedResponses, shape: Shape) -> Found:
-    """Return the parameters of the least cost that the guesses lead to."""
+def search(points: StackedResponses, shape: Shape, *, polar: bool = False) -> Found:
+    """Return the parameters of the least cost that the guesses lead to.
+
+    `polar` compares sizes and phases, which a late start does not mix, however late it is.
+    """
 
     def residual(values: Array) -> Array:
-        return whitened(points, points.value - model_at(points, values, shape))
+        model = model_at(points, values, shape)
+        return whitened(points, points.value * np.log(points.value / model) if polar else points.value - model)
 
     return min((_minimise(residual, guess) for guess in _guesses(points, shape)), key=lambda found: found.cost)
 
@@ -113,6 +117,14 @@ def search(points: StackedResponses, shape: Shape) -> Found:
 def whitened(points: StackedResponses, apart: Complex) -> Array:
     """Return differences of responses (n,) over their uncertainties, real and imaginary parts in turn (2n,)."""
     return np.asarray((points.whitener @ np.stack([apart.real, apart.imag], axis=1)[:, :, None]).ravel())
+
+
+def deviance(points: StackedResponses, found: Found) -> float:
+    """Return minus twice the logarithm of the likelihood, less a constant, of noise that is inflated as it scatters."""
+    count = len(found.jacobian)
+    inflation = max(1.0, found.cost / max(count - len(found.values), 1))
+    determined = float(np.sum(np.log(np.abs(np.linalg.det(points.whitener)))))
+    return count * float(np.log(inflation)) + found.cost / inflation - 2 * determined
 
 
 def covariance_of(points: StackedResponses, found: Found) -> Array:

@@ -16,7 +16,7 @@ from cfid.records.run import Run
 from cfid.transfer.figures import verification_figure  # matplotlib takes longer to load than the comparison
 from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.model import DifferenceEquation
-from cfid.transfer.sines.alignment import Sign, SineRun, SineSeries, align
+from cfid.transfer.sines.alignment import Sign, SineRun, SineSeries, align, with_end
 from cfid.transfer.sines.data import SineSet, read_sines
 from cfid.transfer.verification import Verification, verify_run
 
@@ -97,9 +97,8 @@ def verify(
     known = Function.of_quantities(function.quantities, function.sources) if isinstance(function, Result) else function
     if still := [run.name for run in sines.runs if run.sine.periods == 0]:
         raise DataError(f"{still[0]}: has no frequency, and nothing to compare: leave it out.")
-    compared = [
-        one for recorded in sines.series.values() for one in _compared(align(recorded, sign=sign), known, settle_s)
-    ]
+    whole = [with_end(recorded) for recorded in sines.series.values()]
+    compared = [one for recorded, _ in whole for one in _compared(align(recorded, sign=sign), known, settle_s)]
     keys = _distinct(own.name.partition(" (")[2].removesuffix(")").removesuffix(".csv") for _, own in compared)
     names = _distinct(own.name for _, own in compared)
     found = [(_quantities(f"tf.verify.{key}", own), own) for key, (_, own) in zip(keys, compared, strict=True)]
@@ -117,6 +116,7 @@ def verify(
         },
         findings=(
             *sines.findings,
+            *(finding for _, lost in whole for finding in lost),
             *_reused(known, sines),
             *(finding for quantities, own in found for finding in own.findings(tuple(quantities))),
         ),

@@ -35,8 +35,8 @@ def exchanged(runs: list[WindForce], *pairs: tuple[int, int]) -> list[WindForce]
     """Return runs of which some have each other's files."""
     swapped = list(runs)
     for i, j in pairs:
-        swapped[i] = replace(runs[i], force_n=runs[j].force_n, force_std_n=runs[j].force_std_n)
-        swapped[j] = replace(runs[j], force_n=runs[i].force_n, force_std_n=runs[i].force_std_n)
+        swapped[i] = replace(runs[i], force_n=runs[j].force_n, force_std_n=runs[j].force_std_n, at_s=runs[j].at_s)
+        swapped[j] = replace(runs[j], force_n=runs[i].force_n, force_std_n=runs[i].force_std_n, at_s=runs[i].at_s)
     return swapped
 
 
@@ -273,6 +273,32 @@ def test_a_reference_that_was_exchanged_with_a_run_in_wind_is_named(air: Air) ->
 
     expected = f"is the reference {runs[pair[0]].name} of another command, or was there wind?"
     assert any(expected in text for text in rejections)
+
+
+def timed(runs: list[WindForce]) -> list[WindForce]:
+    return [replace(run, at_s=1.8e9 + 30.0 * place) for place, run in enumerate(runs)]
+
+
+def test_forces_that_drift_smoothly_in_time_are_no_exchanged_files(runs: list[WindForce]) -> None:
+    turns = np.linspace(0, 2 * np.pi, len(runs))
+    drifting = [
+        replace(run, force_n=run.force_n + np.array([0.0, 0.0, 0.03 * math.sin(turn)]))
+        for run, turn in zip(timed(runs), turns, strict=True)
+    ]
+    (warned,) = [one for one in reduce_forces(drifting).findings if one.code == "drag-forces-drift"]
+
+    assert texts(drifting) == []
+    assert "does the tare drift, or the battery sag?" in warned.text
+    assert texts([replace(run, at_s=math.nan) for run in drifting])
+
+
+def test_files_exchanged_in_a_series_with_times_are_named(runs: list[WindForce]) -> None:
+    series = timed(runs)
+    for pair in (
+        (run_at(runs, 20000, 48.4, wind=2), run_at(runs, 30000, 48.4, wind=2)),
+        (run_at(runs, 40000, 0.0, wind=4), run_at(runs, 40000, 77.9, wind=4)),
+    ):
+        assert len(texts(exchanged(series, pair))) == 2
 
 
 def test_a_load_cell_that_is_turned_otherwise_contradicts_the_wind(runs: list[WindForce]) -> None:

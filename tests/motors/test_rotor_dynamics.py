@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from cfid.errors import FitError
 from cfid.motors.steps.estimation import fit_rotor_model, fit_steps
 from cfid.motors.steps.model import command_steps, followed
+from cfid.motors.steps.sag import Battery
 from tests.motors.sentences import rejections
 
 Array = npt.NDArray[np.float64]
@@ -99,3 +100,34 @@ def test_no_step_and_too_few_samples_are_refused() -> None:
         fit_steps(time_s=TIME_S, value=TIME_S, steps=())
     with pytest.raises(FitError, match="fewer than 8 samples"):
         fit_steps(time_s=TIME_S[::50], value=TIME_S[::50], steps=STEPS)
+
+
+def test_on_a_battery_that_sags_the_time_constant_is_that_with_a_supply() -> None:
+    inner_v, hold_s, tau_s = 0.35, 1.5, 0.06  # of 4 V at the highest speed
+    at_s = np.arange(0.0, hold_s, 0.005)
+    commands = (0.0, 20000.0, 0.0, 40000.0, 0.0, 60000.0)
+    time_s = np.concatenate([place * hold_s + at_s for place in range(len(commands))])
+    speed, volts, now = [], [], 0.0
+    for command in commands:
+
+        def rate(_: float, w: Array, command: float = command) -> Array:
+            leads_to = (400 + 0.04 * command * (4.0 - inner_v * (w / 2500) ** 3) / 3.8) * (command > 0)
+            return np.asarray((leads_to - w) / tau_s)
+
+        course = solve_ivp(rate, (0, hold_s), [now], t_eval=at_s, rtol=1e-8, atol=1e-6).y[0]
+        speed.append(course)
+        volts.append(4.0 - inner_v * (course / 2500) ** 3)
+        now = float(course[-1])
+    measured = np.concatenate(speed) + np.random.default_rng(3).normal(0, 1.0, len(time_s))
+    held = np.repeat(commands, len(at_s))
+    battery = Battery(time_s[::20], np.concatenate(volts)[::20])  # ten times a second
+    steps = command_steps(time_s=time_s, command=held)
+    rising = [one for one in fit_steps(time_s=time_s, value=measured, steps=steps, battery=battery) if one.rising]
+    plain = [one for one in fit_steps(time_s=time_s, value=measured, steps=steps) if one.rising]
+
+    assert [one.time_constant_s for one in rising] == pytest.approx([tau_s] * 3, rel=0.02)
+    assert all(abs(one.time_constant_s - tau_s) < 3 * one.time_constant_std_s for one in rising)
+    assert plain[-1].time_constant_s < 0.9 * tau_s
+    assert all(one.sag == 0 for one in plain)
+    model = fit_rotor_model(time_s=time_s, value=measured, steps=steps, battery=battery)
+    assert model.rising[0] + 2 * model.rising[1] * 2000 == pytest.approx(1 / tau_s, rel=0.05)

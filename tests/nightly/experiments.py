@@ -100,7 +100,15 @@ def _friction(campaign: Campaign, truth: SimTruth, runs: Sequence[SimulatedRun])
 
 def thrust_and_torque(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
     """A staircase on the load cell: the maps' coefficients, and the thrust at full command."""
-    path = _staircase(campaign, truth, rng, STEPS)
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, STEPS))
+
+
+def up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same, of a staircase up and down."""
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1])))
+
+
+def _maps(campaign: Campaign, truth: SimTruth, path: Path) -> Measured:
     known = {name: true for name, true in true_motors(truth).items() if name.startswith(("motor.thrust_poly", _TORQUE))}
     rotors, gravity_mps2 = truth.rotors, campaign.rig.site.gravity_mps2
     fastest_rad_s = float(rotors.steady_rad_per_s(np.array(FULL_COMMAND), volts=rotors.nominal_v))

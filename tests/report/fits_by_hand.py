@@ -84,6 +84,7 @@ def put(
     rejected: str = "",
     warnings: Sequence[str] = (),
     method: str = "default",
+    common: Mapping[str, Mapping[str, list[float]]] | None = None,
     **more: Any,
 ) -> Fit:
     """Keep a fit as a command does: in fits/ and as the last of its kind in parameters.toml."""
@@ -94,6 +95,7 @@ def put(
         accepted=not rejected,
         sources=tuple(Source(f"runs/{source}/data.csv", source.encode().hex().zfill(64)) for source in sources),
         parameters=parameters,
+        common=common or {},
         rejected=dict.fromkeys(parameters, rejected) if rejected else {},
     )
     command = more.pop("command", {"tf": "tf identify"}.get(name, f"fit {name.partition(' ')[0]}"))

@@ -1,5 +1,6 @@
 """Several measurements of one quantity: which count, whether they agree, and how they drift."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,27 @@ def test_readings_within_their_deviations_agree(campaign: Campaign) -> None:
     assert quantity.mean_std == pytest.approx(0.1)  # what both may have in common does not average out
     assert quantity.drift == pytest.approx(0.1)
     assert quantity.drift_std == pytest.approx(0.1 * 2**0.5)
+
+
+def test_the_scale_that_readings_share_hides_no_difference_between_them(campaign: Campaign) -> None:
+    gain = {"gain of Tz": {"motor.torque_poly": [0.6]}}
+    put_torque(campaign, 6.0, "a", 0, std=math.hypot(0.1, 0.6), common=gain)
+    put_torque(campaign, 6.5, "b", 1, std=math.hypot(0.1, 0.6), common=gain)
+    quantity = slope_of(campaign)
+
+    assert quantity.agrees is False
+    assert quantity.chi_squared == pytest.approx(0.5**2 / 0.02)
+    assert quantity.drift_std == pytest.approx(0.1 * 2**0.5)
+    assert quantity.mean_std is not None
+    assert quantity.mean_std > 0.6
+
+
+def test_the_scales_of_two_instruments_count_in_a_difference(campaign: Campaign) -> None:
+    for place, cell in enumerate(("first", "second")):
+        std, common = math.hypot(0.1, 0.6), {f"gain of the {cell} cell": {"motor.torque_poly": [0.6]}}
+        put_torque(campaign, 6.0 + 0.5 * place, cell, place, std=std, common=common)
+
+    assert slope_of(campaign).agrees
 
 
 def test_readings_far_apart_do_not_agree(campaign: Campaign) -> None:

@@ -101,6 +101,7 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
         except FitError as error:
             unknown.append(error)
             continue
+        made = replace(made, at_s=staircase.began_s + (point.begin_s + point.end_s) / 2)
         findings += _vibration_used(typed, setting)
         forces.append(made if volts is None else replace(made, volts=float(volts[place])))
     if not forces:
@@ -129,6 +130,8 @@ def _reduce_row(row: IndexedRun, how: WindReading) -> ReducedRecording:
         mean = _averaged(row, record, how)
         findings += [*mean.findings, *_vibration_used(row.tach_rpm, row.setting)]
         made = _force(mean, record, row.tach_rpm, facts, name=row.name, command=row.command, at=row.setting)
+        if record.begin_s is not None:
+            made = replace(made, at_s=record.begin_s + sum(mean.window_s) / 2)
     else:
         still = np.zeros(3)
         made = WindForce(name=row.name, command=row.command, setting=row.setting, force_n=still, force_std_n=still)

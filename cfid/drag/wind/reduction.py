@@ -27,7 +27,7 @@ class WindForce:
     """The mean force (3,) at one command in one wind setting, body frame, with its standard uncertainty (3,).
 
     `rotor_rad_s` is the speed of one rotor for all four, which a reference does not need; `volts` that of the battery,
-    NaN where it was not logged.
+    NaN where it was not logged. `at_s` is when it was measured, in Unix seconds, NaN where that is unknown.
     """
 
     name: str
@@ -37,6 +37,7 @@ class WindForce:
     force_std_n: Array
     rotor_rad_s: float = 0.0
     volts: float = math.nan
+    at_s: float = math.nan
 
     @property
     def windy(self) -> bool:
@@ -53,6 +54,7 @@ class _Reference(NamedTuple):
     name: str
     force_n: Array
     std_n: Array
+    at_s: float
 
 
 def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
@@ -73,7 +75,15 @@ def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
     experiments, spread = _experiments(windy, references)
     left_out = [standing_left_out(f"{len(standing)} run(s) in wind with standing rotors")] if standing else []
     thrusts = {command: (reference.name, reference.force_n) for command, reference in references.items()}
-    swaps = swap_findings(Filed(experiments=experiments, names=[one.name for one in windy], references=thrusts))
+    swaps = swap_findings(
+        Filed(
+            experiments=experiments,
+            names=[one.name for one in windy],
+            references=thrusts,
+            time_s=np.array([one.at_s for one in windy]),
+            reference_s={command: reference.at_s for command, reference in references.items()},
+        )
+    )
     lift_n = np.array([references[one.command].force_n[2] / ROTORS for one in windy])
     markers = marker_findings(
         experiments.command, experiments.speed_sum_rad_s / ROTORS, lift_n, quantities=("drag.*",), single=False
@@ -137,6 +147,7 @@ def _references(forces: Sequence[WindForce]) -> dict[int, _Reference]:
             name=", ".join(one.name for one in there),
             force_n=np.mean([one.force_n for one in there], axis=0),
             std_n=np.linalg.norm(std, axis=0) / len(there),
+            at_s=float(np.mean([one.at_s for one in there])),
         )
     return found
 

@@ -1,10 +1,14 @@
 """Forces that contradict the wind or the command they are filed under, as when two recordings were exchanged.
 
-Only gross contradictions are found. Forces of one wind are compared with each other first, as no model of drag is
-needed for that: divided by the rotors' speed they are nearly the same. The measure is their median distance.
+Only gross contradictions are found. A force that is off by as much as those before and after it drifts with them: that
+is a load cell's tare or a battery that sags, and no exchange.
+
+Forces of one wind are compared with each other first, as no model of drag is needed for that: divided by the rotors'
+speed they are nearly the same. The measure is their median distance.
 """
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,23 +16,30 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.drag.experiments import DragExperiments
-from cfid.findings import Finding, rejection
+from cfid.findings import Finding, rejection, warning
 
 Array = npt.NDArray[np.float64]
 
 _GROSS_RUN, _GROSS_REFERENCE = 6.0, 4.0  # times the median distance
 _GROSS_PART = 0.5  # of the force that one coefficient for everything means
 _GROSS_SETTING = 0.75  # of that force, for a whole wind setting
+_SMOOTH = 0.5  # of what a force is off by: neighbours in time that are off by as much leave less
+_APART_S = 1.0  # between times at which forces were measured one after the other: else their clocks are their own
 _FEWEST = 4  # experiments in a setting, from where their median stands against one that is wrong
 
 
 @dataclass(frozen=True, kw_only=True)
 class Filed:
-    """Experiments with the names (n,) of their runs, and the references by command: name, force (3,), body frame."""
+    """Experiments with the names (n,) of their runs, and the references by command: name, force (3,), body frame.
+
+    `time_s` (n,) and `reference_s` by command are when they were recorded, NaN where that is unknown.
+    """
 
     experiments: DragExperiments
     names: Sequence[str]
     references: Mapping[int, tuple[str, Array]]
+    time_s: Array
+    reference_s: Mapping[int, float]
 
 
 def swap_findings(filed: Filed) -> tuple[Finding, ...]:
@@ -40,12 +51,32 @@ def swap_findings(filed: Filed) -> tuple[Finding, ...]:
     off = experiments.force_n - speed * typical
     size = np.linalg.norm(speed * common, axis=1)
     shifted, references = _shifted_references(filed, off, size)
+    wrong = [*references, *_lost_settings(filed, typical, common), *_lost_runs(filed, off - shifted, size)]
+    drifted = [one.text for one in wrong if one.severity == "warning"]
+    more = [f"{len(drifted) - 1} more drift too."] if len(drifted) > 1 else []
     return (
         *_unordered(filed.references),
-        *references,
-        *_lost_settings(experiments, typical, common),
-        *_lost_runs(filed, off - shifted, size),
+        *(one for one in wrong if one.severity == "rejection"),
+        *((warning("drag-forces-drift", " ".join([drifted[0], *more]), "drag.*"),) if drifted else ()),
     )
+
+
+def _drift(text: str) -> Finding:
+    drift = "those recorded before and after by nearly as much: does the tare drift, or the battery sag?"
+    return warning("drag-forces-drift", f"{text}, {drift}", "drag.*")
+
+
+def _drifts(off: Array, time_s: Array, place: int) -> bool:
+    """Return whether one of the offsets (m, 3), taken at times (m,), continues those before and after it."""
+    if len(off) <= 2 or not np.diff(np.sort(time_s)).min() > _APART_S:  # nan neither
+        return False
+    order = np.argsort(time_s, kind="stable")
+    own, rank = off[order], int(np.flatnonzero(order == place)[0])
+    inside = 0 < rank < len(own) - 1
+    one, other = (rank - 1, rank + 1) if inside else (1, 2) if rank == 0 else (rank - 1, rank - 2)
+    expected = (own[one] + own[other]) / 2 if inside else 2 * own[one] - own[other]
+    left = np.linalg.norm(off[place] - expected)
+    return bool(left < _SMOOTH * np.linalg.norm(off[place]))
 
 
 def _common(experiments: DragExperiments) -> Array:
@@ -83,47 +114,55 @@ def _shifted_references(filed: Filed, off: Array, size: Array) -> tuple[Array, l
     """Return what grossly wrong references add to all forces at their command (n, 3), and findings."""
     shifts, found = np.zeros_like(off), []
     yardstick = _GROSS_REFERENCE * float(np.median(np.linalg.norm(off, axis=1)))
-    for command in np.unique(filed.experiments.command):
+    commands = np.unique(filed.experiments.command)
+    each = np.array([np.median(off[filed.experiments.command == command], axis=0) for command in commands])
+    time_s = np.array([filed.reference_s.get(int(command), math.nan) for command in commands])
+    for place, (command, shift) in enumerate(zip(commands, each, strict=True)):
         rows = filed.experiments.command == command
-        shift = np.median(off[rows], axis=0)
         distance = float(np.linalg.norm(shift))
         if rows.sum() >= _FEWEST and distance > max(yardstick, _GROSS_PART * float(np.median(size[rows]))):
             shifts[rows] = shift
-            text = (
-                f"all forces at command {command:.0f} are off by {_newtons(shift)}: is the reference "
-                f"{filed.references[int(command)][0]} of another command, or was there wind?"
-            )
-            found.append(rejection("drag-reference-off", text, "drag.*"))
+            name = filed.references[int(command)][0]
+            text = f"all forces at command {command:.0f} are off by {_newtons(shift)}"
+            question = f"{text}: is the reference {name} of another command, or was there wind?"
+            drifts = _drifts(each, time_s, place)
+            found.append(_drift(text) if drifts else rejection("drag-reference-off", question, "drag.*"))
     return shifts, found
 
 
-def _lost_settings(experiments: DragExperiments, typical: Array, common: Array) -> list[Finding]:
-    found = []
-    for setting in range(experiments.settings):
-        row = int(np.flatnonzero(experiments.setting == setting)[0])
+def _lost_settings(filed: Filed, typical: Array, common: Array) -> list[Finding]:
+    experiments, found = filed.experiments, []
+    rows = [np.flatnonzero(experiments.setting == setting) for setting in range(experiments.settings)]
+    speed = np.array([np.median(experiments.speed_sum_rad_s[own]) for own in rows])
+    first = np.array([own[0] for own in rows])
+    off = speed[:, np.newaxis] * (typical - common)[first]
+    time_s = np.array([np.mean(filed.time_s[own]) for own in rows])
+    for setting, row in enumerate(first.tolist()):
         if np.linalg.norm(typical[row] - common[row]) > _GROSS_SETTING * np.linalg.norm(common[row]):
-            speed = float(np.median(experiments.speed_sum_rad_s[experiments.setting == setting]))
             text = (
                 f"forces in wind of {experiments.wind_mps[row]:.2f} m/s at {experiments.angle_deg[row]:g} degrees are "
-                f"typically {_newtons(speed * typical[row])}, where all winds together give "
-                f"{_newtons(speed * common[row])}: are angle and wind speed those of its files?"
+                f"typically {_newtons(speed[setting] * typical[row])}, where all winds together give "
+                f"{_newtons(speed[setting] * common[row])}"
             )
-            found.append(rejection("drag-wind-off", text, "drag.*"))
+            question = f"{text}: are angle and wind speed those of its files?"
+            drifts = _drifts(off, time_s, setting)
+            found.append(_drift(text) if drifts else rejection("drag-wind-off", question, "drag.*"))
     return found
 
 
 def _lost_runs(filed: Filed, off: Array, size: Array) -> list[Finding]:
     distance = np.linalg.norm(off, axis=1)
     gross = (distance > _GROSS_RUN * np.median(distance)) & (distance > _GROSS_PART * size)
-    return [
-        rejection(
-            "drag-run-off",
+    found = []
+    for row in np.flatnonzero(gross).tolist():
+        text = (
             f"{filed.names[row]}: its force is off by {_newtons(off[row])} from that of other commands in its wind "
-            "setting: is it the file of another run?",
-            "drag.*",
+            "setting"
         )
-        for row in np.flatnonzero(gross).tolist()
-    ]
+        question = f"{text}: is it the file of another run?"
+        drifts = _drifts(off, filed.time_s, row)
+        found.append(_drift(text) if drifts else rejection("drag-run-off", question, "drag.*"))
+    return found
 
 
 def _newtons(force: Array) -> str:

@@ -8,9 +8,10 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_polynomial, fit_power
-from cfid.findings import Finding, rejection
+from cfid.estimate.scatter import scattered_std
+from cfid.findings import Finding, rejection, warning
 from cfid.motors.points import Array
-from cfid.units import DEAD_COMMAND
+from cfid.units import COVERAGE_95, DEAD_COMMAND
 
 THESIS_SPEED = (0.04076521, 380.8359)  # rad/s of a command, eq. 3.4, second series
 USUAL_SQUARE_N_S2 = 2.0e-8  # thrust per speed squared of 45 mm propellers: 1.8e-8 to 2.2e-8 in all public data
@@ -22,6 +23,8 @@ _OTHER_MOTORS = 1.33  # ratio of speeds at one command that other motors and pro
 _FEWEST = 5  # points that say what is usual among them
 _FAR = 0.25  # of the largest command, from where speeds lie close to a line
 _EXCHANGED = 0.25  # of the sum of squares that is left once two commands are exchanged
+_MORE = 3  # different values of half of the points more than the order, to compare it
+_LARGEST_IN_STD = 3.0  # between halves, of the standard uncertainties of both
 _SAME_STEP = 0.8  # share of a staircase's steps that make it one
 
 _MARKERS = "check the number of its reflective markers."
@@ -106,6 +109,32 @@ def exchange_findings(command: Array, value: Array, *, order: int, quantities: S
         f"{means[second]:.4g}: were their files exchanged? The points describe one curve once they are."
     )
     return (rejection("commands-exchanged", text, *quantities),)
+
+
+def half_findings(x: Array, y: Array, std: Array, *, order: int, quantities: Sequence[str]) -> tuple[Finding, ...]:
+    """Warn where the first half of points (n,), in the order of recording, gives another curve than the second.
+
+    They are compared at the largest value that both reach.
+    """
+    middle = len(x) // 2
+    halves = [(x[part], y[part], std[part]) for part in (slice(middle), slice(middle, None))]
+    at = min((float(own.max()) for own, *_ in halves if len(own)), default=0.0)
+    if any(len(np.unique(own)) < order + _MORE or own.min() >= at for own, *_ in halves):
+        return ()
+    found = []
+    for own, value, noise in halves:
+        wide = scattered_std(own, value, noise, order=order, robust=True)
+        fit = fit_polynomial(own, value, order=order, std=wide, robust=True)
+        found.append((float(fit.at(at)), float(fit.confidence([at])[0]) / COVERAGE_95))
+    (first, first_std), (second, second_std) = found
+    apart = abs(first - second) / math.hypot(first_std, second_std)
+    if not apart > _LARGEST_IN_STD:
+        return ()
+    text = (
+        f"the first half of the points gives {first:.4g} at {at:.4g}, the second {second:.4g}: {apart:.1f} standard "
+        f"uncertainties apart (limit {_LARGEST_IN_STD:g}). Did the battery sag, or the load cell drift?"
+    )
+    return (warning("map-halves-differ", text, *quantities),)
 
 
 def _squares(x: Array, y: Array, order: int) -> float:

@@ -117,7 +117,7 @@ def thrust(
         gravity_mps2=workplace.rig.site.gravity_mps2,
         order=fit.chosen(2),
         robust=fit.robust,
-        stand=stand.known(),
+        stand=replace(stand.known(), facts=workplace.rig.facts),
         scales=None if verify is None else find_recording(str(verify), workplace),
         method=method,
     )

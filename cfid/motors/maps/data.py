@@ -13,6 +13,7 @@ from cfid.findings import Finding, warning
 from cfid.motors.data import RunStaircase, channels_of, reduce_run, without_dead
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.maps.thesis import reduce_thesis
+from cfid.motors.maps.warm_up import warm_up
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
@@ -115,16 +116,25 @@ def _evidence(
             speed, std, about_speed = speeds_from_vibration(settled, record, rotors, motors=motors)
         points = replace(points_of(settled, motors=motors), speed_rad_s=speed, speed_std_rad_s=std)
     thrust_n = channels_of(record, flip_fz=bool(stand.flip_fz))[:, FZ]
+    vbat_v = found.volts(settled)
+    drifts, about_drift = warm_up(points, vbat_v, record.name)
     return Evidence(
         points=points,
-        vbat_v=found.volts(settled),
+        vbat_v=vbat_v,
         lines=tuple(line_of(point, record.name) for point in found.reduced.points),
-        findings=(*record.findings, *staircase_findings(found.reduced, record.name), *found.dead, *about_speed),
+        findings=(
+            *record.findings,
+            *staircase_findings(found.reduced, record.name),
+            *found.dead,
+            *about_speed,
+            *about_drift,
+        ),
         sources=found.sources,
         reduced=(Reduced(name=record.name, time_s=record.time_s, thrust_n=thrust_n, staircase=found.reduced),),
         paths=(record.path,),
         expected=expected,
         loadcells=(stand.facts,),
+        drifts=drifts,
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cfid.estimate.common_causes import Cause
 from cfid.estimate.staircase import Point, Staircase
 from cfid.findings import Finding, note
 from cfid.motors.points import MotorPoints, joined
@@ -15,7 +16,7 @@ from cfid.records.parameters import Source
 
 Array = npt.NDArray[np.float64]
 
-_GATHERED = ("lines", "findings", "sources", "reduced", "paths", "expected", "loadcells", "tachometers")
+_GATHERED = ("lines", "findings", "sources", "reduced", "paths", "expected", "loadcells", "drifts", "tachometers")
 _ASSUMED = (
     "1 marker of the tachometer is assumed, as in version 0.1: no rig.toml stated it when this was recorded, and it "
     "was not given."
@@ -62,7 +63,8 @@ class Reduced:
 class Evidence:
     """Steady points of one motor, their battery voltages where known, and where they come from.
 
-    `loadcells` and `tachometers` are the facts of the rigs whose load cell felt them and whose tachometer showed them.
+    `loadcells` and `tachometers` are the facts of the rigs whose load cell felt them and whose tachometer showed them,
+    `drifts` those of load cells within a recording.
     """
 
     points: MotorPoints
@@ -74,6 +76,7 @@ class Evidence:
     paths: tuple[Path, ...] = ()
     expected: tuple[int, ...] = ()
     loadcells: tuple[RigFacts, ...] = ()
+    drifts: tuple[Cause, ...] = ()
     tachometers: tuple[RigFacts, ...] = ()
 
 

@@ -1,17 +1,23 @@
 """The inverse of a thrust map for a controller: the command for a thrust, and the largest thrust."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import PolynomialFit
+from cfid.estimate.linear import fit_linear
+from cfid.estimate.polynomials import PolynomialFit, fit_polynomial
 from cfid.findings import Finding, warning
 from cfid.motors.maps.estimation import MotorMap
+from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.points import Array
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 
+_MAXIMUM = ("motor.max_thrust_n", "motor.hover_mass_kg")
+_FURTHER = 2.0
+_ROUNDS = 20  # of thrust and voltage at full command, which follow from each other
 _NEAR = 0.1  # of it: where no less was measured, the inverse is extrapolated downwards
 
 
@@ -41,10 +47,18 @@ class InverseMap:
 
 @dataclass(frozen=True, kw_only=True)
 class MaximumThrust:
-    """One motor's thrust at full command by the map, and the largest that was measured; what four could hover with."""
+    """One motor's thrust at full command by the map, and the largest that was measured; what four could hover with.
+
+    `beyond_std_n` is the part of the standard uncertainty that is not the polynomial's own: what it may miss beyond
+    the points. `volts` is the battery's voltage for which the thrust is stated, by the polynomial `by_volts` of motor
+    voltage; both None where it is by the command.
+    """
 
     thrust_n: float
     std_n: float
+    beyond_std_n: float
+    volts: float | None
+    by_volts: PolynomialFit | None
     measured_n: float
     measured_command: float
     hover_mass_kg: float
@@ -83,20 +97,76 @@ def invert(thrust_map: MotorMap) -> InverseMap:
 def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrust:
     """Return the thrust at full command and the mass that four motors hover with (section 3.3.1)."""
     fit = thrust_map.fit
-    thrust, std = float(fit.at(FULL_COMMAND)), float(fit.std_at(FULL_COMMAND)[0])
     largest, highest = int(np.argmax(thrust_map.y)), float(thrust_map.command.max())
     far = highest < NEAR_FULL * FULL_COMMAND
     text = f"the thrust at command {FULL_COMMAND} is extrapolated: {highest:.0f} is the largest that was measured."
-    beyond = warning("maximum-extrapolated", text, "motor.max_thrust_n", "motor.hover_mass_kg")
+    beyond = warning("maximum-extrapolated", text, *_MAXIMUM)
+    thrust, beyond_std = float(fit.at(FULL_COMMAND)), missed(fit, FULL_COMMAND)
+    std = math.hypot(float(fit.std_at(FULL_COMMAND)[0]), beyond_std)
     return MaximumThrust(
         thrust_n=thrust,
         std_n=std,
+        beyond_std_n=beyond_std,
+        volts=None,
+        by_volts=None,
         measured_n=float(thrust_map.y[largest]),
         measured_command=float(thrust_map.command[largest]),
         hover_mass_kg=hover_mass_kg(thrust_n=thrust, gravity_mps2=gravity_mps2),
         hover_mass_std_kg=hover_mass_kg(thrust_n=std, gravity_mps2=gravity_mps2),
         findings=(beyond,) if far else (),
     )
+
+
+def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -> MaximumThrust | None:
+    """Return the largest thrust by motor voltage, at that to which the battery sags then; None where that is no better.
+
+    The power of a rotor goes with thrust to the power of 1.5, and so, nearly, does the battery's fall in voltage.
+    """
+    if voltage.better != "voltage":
+        return None
+    # Of the order of the map: the firmware's cubic has to rise over all voltages, and may miss beyond the points.
+    std = voltage.by_command.point_std
+    fit = fit_polynomial(voltage.motor_volts, voltage.value, order=order, std=std if np.all(std > 0) else None)
+    load = np.maximum(voltage.value, 0.0) ** 1.5
+    battery = voltage.motor_volts * FULL_COMMAND / voltage.command
+    line = fit_linear(np.stack([np.ones(len(load)), load], axis=1), battery, noise_known=False)
+    thrust = most.thrust_n
+    for _ in range(_ROUNDS):
+        at = np.array([1.0, max(thrust, 0.0) ** 1.5])
+        volts = float(at @ line.values)
+        thrust = float(fit.at(volts))
+    volts_std = math.sqrt(float(at @ line.covariance @ at) + float(np.mean(line.residual**2)))
+    beyond_std = math.hypot(missed(fit, volts), float(fit.slope_at(np.array([volts]))[0]) * volts_std)
+    total = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
+    ratio = most.hover_mass_kg / most.thrust_n
+    return replace(
+        most,
+        thrust_n=thrust,
+        std_n=total,
+        beyond_std_n=beyond_std,
+        volts=volts,
+        by_volts=fit,
+        hover_mass_kg=ratio * thrust,
+        hover_mass_std_kg=ratio * total,
+    )
+
+
+def missed(fit: PolynomialFit, at: float) -> float:
+    """Return by how much the polynomial may miss at a place as far ahead of the points as `at`, beyond its uncertainty.
+
+    That is twice by how much it misses the last points from those that lie as far below: a misfit grows with every step
+    ahead. Zero where these are too few, or `at` is not ahead.
+    """
+    last = float(fit.x.max())
+    below = fit.x <= min(2 * last - at, 0.999 * last)
+    if at <= last or len(np.unique(fit.x[below])) <= fit.order + 1:
+        return 0.0
+    value, end = fit.at(fit.x) + fit.residual, fit.x > 0.999 * last
+    std = fit.point_std if np.all(fit.point_std > 0) else None  # nan neither
+    shorter = fit_polynomial(fit.x[below], value[below], order=fit.order, std=None if std is None else std[below])
+    miss = float(np.mean(value[end])) - float(shorter.at(last))
+    own = float(shorter.std_at(last)[0]) ** 2 + (0.0 if std is None else float(np.mean(std[end] ** 2)))
+    return _FURTHER * (math.sqrt(max(miss**2 - own, 0.0)) if math.isfinite(own) else abs(miss))
 
 
 def hover_mass_kg(*, thrust_n: float, gravity_mps2: float) -> float:

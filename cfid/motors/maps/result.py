@@ -12,6 +12,7 @@ from cfid.errors import ConfigError, FitError
 from cfid.estimate.common_causes import (
     force_scales,
     power_law,
+    scales_of_weights,
     tachometer_scales,
     thrust_in_torque,
     torque_scales,
@@ -23,12 +24,13 @@ from cfid.motors.maps.data import of_run
 from cfid.motors.maps.estimation import GIVEN_BY, OVER_SPEED, Method, MotorMap, Order, SpeedThrustMap
 from cfid.motors.maps.evidence import Evidence, Stand, together
 from cfid.motors.maps.figures import map_figure, speed_thrust_figure, staircase_figure, voltage_figure
-from cfid.motors.maps.inverse import invert, maximum_thrust
+from cfid.motors.maps.inverse import invert, maximum_thrust, on_battery
 from cfid.motors.maps.scales import ScalesCheck, scales_thrust_n, verify_thrust
 from cfid.motors.maps.table_data import of_table, read_scales
 from cfid.motors.maps.voltage import KEY, VoltageComparison, compare_thrust
 from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
+from cfid.records.facts import RigFacts
 from cfid.records.parameters import Parameter
 from cfid.records.result import Figures, Result
 from cfid.records.run import Run
@@ -87,15 +89,20 @@ def fit_thrust(
     given = None
     try:
         inverse = invert(mapped)
-        parameters |= values.inverse_parameters(inverse, most)
-        lines += [] if values.is_rejected(mapped) else values.inverse_lines(inverse, most)
+        parameters |= values.inverse_parameters(inverse) | values.maximum_parameters(most)
+        lines += [] if values.is_rejected(mapped) else values.inverse_lines(inverse)
         given = most
         findings += inverse.findings
     except FitError as error:
         findings.append(rejection("inverse-not-given", str(error), "motor.command_of_thrust"))
     voltage, about_voltage = _by_voltage(found, max_thrust_n=given.thrust_n if given else None)
+    if given is not None and voltage is not None and (sagging := on_battery(given, voltage, order=mapped.fit.order)):
+        given, findings = sagging, [*(one for one in findings if one not in given.findings), *sagging.findings]
+        parameters |= values.maximum_parameters(given)
+    if given is not None and not values.is_rejected(mapped):
+        lines += values.maximum_lines(given)
     over_speed, about_speed = _by_speed(found, method, robust=robust)
-    verification, about_scales = _verified(mapped, scales, (stand or Stand()).motors, gravity_mps2)
+    verification, about_scales = _verified(mapped, scales, stand or Stand(), found.loadcells, gravity_mps2)
     beside = _Beside(
         parameters={
             **parameters,
@@ -109,6 +116,7 @@ def fit_thrust(
             "voltage_rms_n": voltage.voltage_rms if voltage else None,
             "command_rms_n": voltage.command_rms if voltage else None,
             "better_form": voltage.better if voltage else None,
+            "max_thrust_at_v": given.volts if given else None,
             "verification_rms_n": verification.rms_n if verification else None,
             "verification_rms_percent": verification.rms_percent if verification else None,
             "verification_gain": verification.gain if verification else None,
@@ -241,15 +249,17 @@ def _by_speed(found: Evidence, method: Method, *, robust: bool) -> tuple[SpeedTh
 
 
 def _verified(
-    mapped: MotorMap, scales: Path | None, motors: int | None, gravity_mps2: float
+    mapped: MotorMap, scales: Path | None, stand: Stand, loadcells: Sequence[RigFacts], gravity_mps2: float
 ) -> tuple[ScalesCheck | None, Sequence[Finding]]:
     """Compare the map with scales: of a run, or of a table."""
     if scales is None:
         return None, ()
-    command, grams, ran = read_scales(scales, motors)
+    read = read_scales(scales, stand.motors, stand.facts)
+    causes = [*scales_of_weights([read.facts]), *force_scales(loadcells)]
+    stds = [cause.std for cause in causes if cause.std is not None]
     try:
-        thrust_n = scales_thrust_n(command, grams, motors=ran, gravity_mps2=gravity_mps2)
-        return verify_thrust(mapped, command=command, thrust_n=thrust_n), ()
+        thrust_n = scales_thrust_n(read.command, read.grams, motors=read.motors, gravity_mps2=gravity_mps2)
+        return verify_thrust(mapped, command=read.command, thrust_n=thrust_n, scale_stds=stds), ()
     except FitError as error:
         return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
 
@@ -281,9 +291,10 @@ def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
         drawings=drawings,
         folder=found.paths[0].parent if found.paths else Path(),
     )
+    drifts = dict.fromkeys(found.drifts, 1 / max(len(found.reduced), 1))
     measured = {
-        "N": force_scales(found.loadcells),
-        "N m": torque_scales(found.loadcells),
+        "N": force_scales(found.loadcells) | drifts,
+        "N m": torque_scales(found.loadcells) | drifts,
         "rad/s": tachometer_scales(found.tachometers),
     }
     talk = (

@@ -1,6 +1,7 @@
 """Verify the thrust map with scales under the vehicle (section 3.3.1, figure 3.9)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,8 @@ class ScalesCheck:
 
     `difference_n` is instrument less map, `percent` the same of the map's, nan where that is zero. `rms_n` and
     `rms_percent` are over the points of a running motor. `gain` is the instrument's thrust over the map's, by least
-    squares, with the standard uncertainty that the scatter of three points or more gives it, else nan.
+    squares, with the standard uncertainty that the scatter of three points or more gives it, else nan, and the scales
+    of both instruments.
     """
 
     command: Array
@@ -49,8 +51,12 @@ def scales_thrust_n(command: Array, grams: Array, *, motors: int, gravity_mps2: 
     return np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
 
 
-def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> ScalesCheck:
+def verify_thrust(
+    thrust_map: MotorMap, *, command: Array, thrust_n: Array, scale_stds: Sequence[float] = ()
+) -> ScalesCheck:
     """Compare thrusts (n,) of one motor with the map at their commands (n,).
+
+    `scale_stds` are the relative standard uncertainties of scales of either instrument.
 
     Raises FitError when no motor ran.
     """
@@ -74,5 +80,5 @@ def verify_thrust(thrust_map: MotorMap, *, command: Array, thrust_n: Array) -> S
         rms_n=float(np.sqrt(np.mean(difference[running] ** 2))),
         rms_percent=float(np.sqrt(np.mean(percent[running] ** 2))),
         gain=gain,
-        gain_std=math.sqrt(scatter / float(ours @ ours)),
+        gain_std=math.hypot(math.sqrt(scatter / float(ours @ ours)), *(gain * std for std in scale_stds)),
     )

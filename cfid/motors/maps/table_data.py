@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -117,25 +118,34 @@ def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
     )
 
 
-def read_scales(path: Path, motors: int | None) -> tuple[Array, Array, int]:
-    """Return commands (n,), grams (n,) and how many motors ran, of a run of scales or of a table. Raises DataError."""
+class ScalesRecord(NamedTuple):
+    """What scales showed: commands (n,), grams (n,), how many motors ran, and the facts of the rig."""
+
+    command: Array
+    grams: Array
+    motors: int
+    facts: RigFacts
+
+
+def read_scales(path: Path, motors: int | None, facts: RigFacts) -> ScalesRecord:
+    """Read a run of scales, or a table, which was recorded with `facts`. Raises DataError."""
     run = run_at(path)
     if run is not None:
         return _scales_of_run(run)
     table = read_stand_table(path)
     if table.grams is None:
         raise DataError(f"{path}: no column 'grams': the scales' display at each cmd.")
-    return table.command, table.grams, motors or 1
+    return ScalesRecord(table.command, table.grams, motors or 1, facts)
 
 
-def _scales_of_run(run: Run) -> tuple[Array, Array, int]:
+def _scales_of_run(run: Run) -> ScalesRecord:
     """Take typed readings, or the mean of what the scales sent in the second half of each step."""
     motors = len(run.header.asked.get("motors", ())) or 1
     if holds(run, READINGS):
         rows = read_rows(run, READINGS)
         if "grams" not in rows.columns:
             raise DataError(f"{rows.source.path}: no column 'grams': this is no run of `cfid log scales`.")
-        return rows.columns["command"], rows.columns["grams"], motors
+        return ScalesRecord(rows.columns["command"], rows.columns["grams"], motors, run.header.rig)
     if not holds(run, "scales"):
         raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
     shown, (log, commands) = read_rows(run, "scales"), read_commands(run)
@@ -146,4 +156,4 @@ def _scales_of_run(run: Run) -> tuple[Array, Array, int]:
         if inside.any():
             command.append(step)
             grams.append(shown.columns["grams"][inside].mean())
-    return np.array(command), np.array(grams), motors
+    return ScalesRecord(np.array(command), np.array(grams), motors, run.header.rig)

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
+from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.shared_points import PointFit, joint_covariance
 from cfid.findings import texts
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
@@ -29,6 +30,7 @@ class _Part(NamedTuple):
     fit: PointFit
     values: dict[str, Any]
     outward: Array
+    own: Array | None = None  # covariance that is not the fit's
 
 
 def map_parameters(found: MotorMap) -> dict[str, Parameter]:
@@ -45,8 +47,8 @@ def table_parameter(points: MotorPoints) -> dict[str, Parameter]:
     return {"motor.table": Parameter(value=rows)}
 
 
-def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Parameter]:
-    """Return the inverse of the thrust map, and section 3.3.1's check of the map."""
+def inverse_parameters(inverse: InverseMap) -> dict[str, Parameter]:
+    """Return the inverse of the thrust map."""
 
     root = {
         "coefficients": inverse.coefficients.tolist(),
@@ -57,8 +59,12 @@ def inverse_parameters(inverse: InverseMap, most: MaximumThrust) -> dict[str, Pa
         "round_trip_command": inverse.round_trip_command,
         "round_trip_n": inverse.round_trip_n,
     }
+    return {"motor.command_of_thrust": Parameter(value=[root])}
+
+
+def maximum_parameters(most: MaximumThrust) -> dict[str, Parameter]:
+    """Return section 3.3.1's check of the map."""
     return {
-        "motor.command_of_thrust": Parameter(value=[root]),
         "motor.max_thrust_n": Parameter(value=most.thrust_n, std=most.std_n),
         "motor.hover_mass_kg": Parameter(value=most.hover_mass_kg, std=most.hover_mass_std_kg),
     }
@@ -76,6 +82,8 @@ def covariances(
     A rejected voltage cubic is kept apart, so that it can be removed alone.
     """
     together = [*([_of_map(found, most)] if found else []), *(_of_speed(over_speed) if over_speed else ())]
+    if most is not None and most.by_volts is not None and voltage is not None:
+        together.append(_of_maximum(most, most.by_volts, voltage))
     cubic = [_of_voltage(voltage)] if voltage else []
     if voltage is not None and voltage.rejected:
         return (*_joint(together), *_joint(cubic))
@@ -89,23 +97,48 @@ def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
         return ()
     outward = block_diag(*(part.outward for part in known))
     values = {key: value for part in known for key, value in part.values.items()}
-    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T)
+    own = block_diag(*(np.zeros((len(part.outward),) * 2) if part.own is None else part.own for part in known))
+    return covariance_between(values, outward @ joint_covariance([part.fit for part in known]) @ outward.T + own)
 
 
 def _of_map(found: MotorMap, most: MaximumThrust | None) -> _Part:
     values: dict[str, Any] = {f"motor.{found.quantity}_poly": found.fit.coefficients.tolist()}
-    outward = np.eye(found.fit.order + 1)
-    if most is not None:
-        full = np.vander([float(FULL_COMMAND)], found.fit.order + 1)
-        outward = np.vstack([outward, full, full * most.hover_mass_kg / most.thrust_n])
-        values |= {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
-    return _Part(PointFit(found.fit, found.windows), values, outward)
+    outward, own = np.eye(found.fit.order + 1), np.zeros((found.fit.order + 1,) * 2)
+    if most is not None and most.by_volts is None:
+        values |= _maximum(most)
+        outward = np.vstack([outward, _to_maximum(most, found.fit.order, float(FULL_COMMAND))])
+        own = block_diag(own, _beyond(most))
+    return _Part(PointFit(found.fit, found.windows), values, outward, own)
+
+
+def _of_maximum(most: MaximumThrust, fit: PolynomialFit, voltage: VoltageComparison) -> _Part:
+    outward = _to_maximum(most, fit.order, most.volts or 0.0)
+    return _Part(PointFit(fit, _windows(voltage)), _maximum(most), outward, _beyond(most))
+
+
+def _maximum(most: MaximumThrust) -> dict[str, Any]:
+    return {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg}
+
+
+def _to_maximum(most: MaximumThrust, order: int, at: float) -> Array:
+    """Return how the largest thrust and its mass follow from a polynomial (2, order + 1) `at` a command or voltage."""
+    full = np.vander([at], order + 1)
+    return np.vstack([full, full * most.hover_mass_kg / most.thrust_n])
+
+
+def _beyond(most: MaximumThrust) -> Array:
+    """Return the covariance (2, 2) of the largest thrust and its mass by what is not the polynomial's own."""
+    both = np.array([1.0, most.hover_mass_kg / most.thrust_n])
+    return np.asarray(most.beyond_std_n**2 * np.outer(both, both))
+
+
+def _windows(found: VoltageComparison) -> Array:
+    return np.eye(len(found.used))[found.used]
 
 
 def _of_voltage(found: VoltageComparison) -> _Part:
     values = {"motor.thrust_voltage_poly": found.lowest_first.tolist()}
-    fit = PointFit(found.by_voltage, np.eye(len(found.used))[found.used])
-    return _Part(fit, values, np.eye(len(found.lowest_first))[::-1])
+    return _Part(PointFit(found.by_voltage, _windows(found)), values, np.eye(len(found.lowest_first))[::-1])
 
 
 def _of_speed(found: SpeedThrustMap) -> tuple[_Part, _Part]:
@@ -165,15 +198,22 @@ def _aicc_line(found: MotorMap) -> list[str]:
     return [f"corrected AIC above the best: {orders}"]
 
 
-def inverse_lines(inverse: InverseMap, most: MaximumThrust) -> list[str]:
-    """Return range and round trip of the inverse, and what can hover."""
+def inverse_lines(inverse: InverseMap) -> list[str]:
+    """Return range and round trip of the inverse."""
     low, high = inverse.thrust_range_n
     return [
         f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
         f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
         f"{1e3 * inverse.round_trip_n:.2g} mN by rounding",
-        f"at most {most.thrust_n:.4g} N a motor, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: four "
-        f"motors hover {1e3 * most.hover_mass_kg:.4g} g",
+    ]
+
+
+def maximum_lines(most: MaximumThrust) -> list[str]:
+    """Return what can hover, and at which voltage of the battery."""
+    at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
+    return [
+        f"at most {most.thrust_n:.4g} N a motor{at}, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: "
+        f"four motors hover {1e3 * most.hover_mass_kg:.4g} g",
     ]
 
 

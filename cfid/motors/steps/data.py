@@ -8,12 +8,13 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.findings import Finding, note
+from cfid.motors.steps.sag import Battery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
 from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable
-from cfid.records.tables.vehicle import VEHICLE_LOG, begin_s, holds, read_commands, read_rows, told_speeds_rad_s
+from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, begin_s, holds, read_commands, read_rows, told_speeds_rad_s
 from cfid.records.tables.wrench import LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
 
@@ -27,7 +28,7 @@ _SURE = 0.02  # of a speed: where its standard uncertainty is larger, within a s
 class SpeedRecord:
     """Speeds (n,) in rad/s at times (n,) in seconds, and the commands (m,) that hold from times (m,) on.
 
-    Each speed is a mean over `blur_s`, NaN where it is not known.
+    Each speed is a mean over `blur_s`, NaN where it is not known. The battery's voltage is by the same clock.
     """
 
     name: str
@@ -37,6 +38,7 @@ class SpeedRecord:
     command_time_s: Array
     command: Array
     blur_s: float = 0.0
+    battery: Battery | None = None
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
 
@@ -59,6 +61,7 @@ def of_table(table: StandTable) -> SpeedRecord:
         speed_rad_s=speed,
         command_time_s=table.time_s,
         command=table.command,
+        battery=None if table.vbat_v is None else Battery(table.time_s, table.vbat_v),
         findings=table.findings,
         sources=(table.source,),
     )
@@ -72,7 +75,7 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
     ran = [motor for motor in MOTORS if commands[:, motor - 1].any()]
     speeds = {} if rows is None else told_speeds_rad_s(rows)
     if rows is None or not ran or not all(motor in speeds for motor in ran):
-        return _of_vibration(run, log.time_s, command, log.source, reading)
+        return _of_vibration(run, log, command, reading, rows)
     return SpeedRecord(
         name=run.folder.name,
         path=run.folder,
@@ -80,26 +83,32 @@ def of_run(run: Run, reading: WrenchReading) -> SpeedRecord:
         speed_rad_s=np.mean([speeds[motor] for motor in ran], axis=0),
         command_time_s=log.time_s - rows.time_s[0],
         command=command,
+        battery=_battery(rows, rows.time_s[0]),
         sources=(rows.source, log.source),
     )
 
 
-def _of_vibration(
-    run: Run, command_time_s: Array, command: Array, source: Source, reading: WrenchReading
-) -> SpeedRecord:
+def _of_vibration(run: Run, commands: Rows, command: Array, reading: WrenchReading, rows: Rows | None) -> SpeedRecord:
     record = read_wrench(run.folder, reading)
     channels = quiet_channels(record)
     ridge = speed_ridge(time_s=record.time_s, wrench=channels, window_s=_BLUR_S, step_s=_STEP_S)
     sure = ridge.std_rad_per_s < _SURE * ridge.speed_rad_per_s  # and not NaN
+    clock_s = begin_s(run.device_file(LOADCELL))
     text = "this vehicle reports no speed: it is estimated from the load cell's vibration, absent at standstill."
     return SpeedRecord(
         name=run.folder.name,
         path=run.folder,
         time_s=ridge.time_s,
         speed_rad_s=np.where(sure, ridge.speed_rad_per_s, np.nan),
-        command_time_s=command_time_s - begin_s(run.device_file(LOADCELL)),
+        command_time_s=commands.time_s - clock_s,
         command=command,
         blur_s=_BLUR_S,
+        battery=None if rows is None else _battery(rows, clock_s),
         findings=(*record.findings, note("speed-from-vibration", text, "dynamics.*")),
-        sources=(record.source, source),
+        sources=(record.source, commands.source),
     )
+
+
+def _battery(rows: Rows, clock_s: float) -> Battery | None:
+    volts = rows.columns.get("pm.vbat")
+    return None if volts is None else Battery(rows.time_s - clock_s, volts)

@@ -5,16 +5,18 @@ Takes speeds, as a tachometer, `rotor_speed` or the vehicle's own log gives them
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares, nnls
 
 from cfid.estimate.blocks import block_means
-from cfid.estimate.linear import sandwich
+from cfid.estimate.correlated_noise import noise_covariance
+from cfid.estimate.linear import gain_of
 from cfid.findings import Finding, rejection, texts
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, StepData
+from cfid.motors.steps.sag import Battery, sags
 
 Array = npt.NDArray[np.float64]
 
@@ -22,6 +24,8 @@ _QUICKEST, _SLOWEST = 1e-3, 10.0  # time constants over the time a command holds
 _SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
 _EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
 _HELD = 1.5  # time constants that a step needs to show where it leads
+_MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
+_SAG_STD = 0.25  # of what a battery's sag changes: its voltage follows the load late, and is read ten times a second
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +34,7 @@ class StepFit:
 
     Without a speed before the command the delay is unknown: 0, with the standard uncertainty NaN.
     `explained` is the part of the variance that the lag explains (r^2), averaged over a quarter of a time constant.
+    `sag` is by which part of its final value the speed that it leads to fell with the battery's voltage, see `sags`.
     """
 
     step: CommandStep
@@ -40,6 +45,7 @@ class StepFit:
     delay_s: float
     delay_std_s: float
     explained: float
+    sag: float
     findings: tuple[Finding, ...]
 
     @property
@@ -52,10 +58,14 @@ class StepFit:
         """Whether a first-order lag describes the step."""
         return not texts(self.findings, "rejection")
 
+    @property
+    def lag(self) -> Lag:
+        """The lag with a supply of constant voltage."""
+        return Lag(self.delay_s, self.from_rad_per_s, self.to_rad_per_s, 1 / self.time_constant_s, 0.0)
+
     def speed_at(self, time_s: Array) -> Array:
         """Return the lag's speeds (n,) at times (n,) by the clock of the steps."""
-        lag = Lag(self.delay_s, self.from_rad_per_s, self.to_rad_per_s, 1 / self.time_constant_s, 0.0)
-        return lag.speed(time_s - self.step.at_s)
+        return self.lag.sagging(self.sag).speed(time_s - self.step.at_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,17 +101,19 @@ def fit_steps(
     steps: Sequence[CommandStep],
     thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
+    battery: Battery | None = None,
 ) -> tuple[StepFit, ...]:
     """Fit a first-order lag in speed to each step: from, to, time constant and delay, by least squares.
 
     `value` (n,) at times (n,) is the speed in rad/s (NaN where unknown), or with `thrust_per_speed_squared_n_s2` the
     thrust in N, whose root is what lags; with 1 in its place, speeds come out as roots of a newton. `blur_s` is the
-    window that each speed was read from, as by `speed_ridge`. Uncertainties allow for correlated residuals.
+    window that each speed was read from, as by `speed_ridge`. Uncertainties allow for correlated noise. With a
+    `battery`, by the same clock, the time constants are those with a supply of constant voltage.
 
     Raises FitError when there is no step, or one with too few samples.
     """
     data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
-    return tuple(_fit_step(data, part) for part in data.parts)
+    return tuple(fit for fit, _ in _fit_each(data, battery))
 
 
 def fit_rotor_model(
@@ -111,6 +123,7 @@ def fit_rotor_model(
     steps: Sequence[CommandStep],
     thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
+    battery: Battery | None = None,
 ) -> RotorModel:
     """Fit the rotor model of four coefficients to all steps at once, by output error.
 
@@ -123,19 +136,19 @@ def fit_rotor_model(
     below zero, so that every speed is stable; a delay; and where each step begins and leads. See `fit_steps`.
     """
     data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
-    lags = [_fit_step(data, part) for part in data.parts]
+    lags, noises = zip(*_fit_each(data, battery), strict=True)
     measured = np.concatenate([part.value for part in data.parts])
 
     def residual(p: Array) -> Array:
         ways = [p[1:3] if lag.rising else p[3:5] for lag in lags]
         levels = p[5:].reshape(-1, 2)
-        each = zip(data.parts, levels, ways, strict=True)
-        shown = [data.shown(part, Lag(p[0], *level, *way)) for part, level, way in each]
+        each = zip(data.parts, levels, ways, lags, strict=True)
+        shown = [data.shown(part, Lag(p[0], *level, *way).sagging(lag.sag)) for part, level, way, lag in each]
         return np.asarray(np.concatenate(shown) - measured)
 
     start, least = _start(lags), np.array([-math.inf, 0.0, 0.0, 0.0, 0.0] + [-math.inf] * 2 * len(lags))
     fit = least_squares(residual, start, x_scale=np.maximum(np.abs(start), 1e-3), bounds=(least, math.inf))
-    covariance = _covariance(fit)
+    covariance = _covariance(fit, data.parts, noises)
     std, found = np.sqrt(np.diag(covariance)), np.where(fit.active_mask != 0, 0.0, fit.x)
     for first, way in ((1, True), (3, False)):
         if not any(lag.rising == way for lag in lags):
@@ -159,7 +172,19 @@ def fit_rotor_model(
     )
 
 
-def _fit_step(data: StepData, part: Part) -> StepFit:
+def _fit_each(data: StepData, battery: Battery | None) -> list[tuple[StepFit, Array]]:
+    """Fit a lag to each step, with the covariance of its noise (m, m) in the means of `_thinned`."""
+    fits = [_fit_step(data, part, 0.0) for part in data.parts]
+    steps = [part.step for part in data.parts]
+    found = sags(battery, steps, [fit.lag for fit, _ in fits])
+    for place in np.flatnonzero(found):
+        plain, (fit, noise) = fits[place][0], _fit_step(data, data.parts[place], float(found[place]))
+        unsure = _SAG_STD * abs(fit.time_constant_s - plain.time_constant_s)
+        fits[place] = replace(fit, time_constant_std_s=math.hypot(fit.time_constant_std_s, unsure)), noise
+    return fits
+
+
+def _fit_step(data: StepData, part: Part, sag: float) -> tuple[StepFit, Array]:
     time, value = part.time_s, part.value
     hold_s = part.step.until_s - part.step.at_s
     after = value[time >= 0]
@@ -177,12 +202,13 @@ def _fit_step(data: StepData, part: Part) -> StepFit:
 
     def residual(p: Array) -> Array:
         first, last, tau, delay = whole(p, 0.0)
-        return data.shown(part, Lag(delay, first, last, 1 / tau, 0.0)) - value
+        return data.shown(part, Lag(delay, first, last, 1 / tau, 0.0).sagging(sag)) - value
 
     fit = least_squares(residual, start[:free], x_scale=scale[:free], bounds=(least[:free], most[:free]))
-    found, std = whole(fit.x, 0.0), whole(_deviations(fit), math.nan)
+    noise = _noise(data, part, fit)
+    found, std = whole(fit.x, 0.0), whole(np.sqrt(np.diag(_covariance(fit, [part], [noise]))), math.nan)
     explained = _explained(fit.fun, value, round(_SMOOTH * fit.x[2] / part.interval_s))
-    return StepFit(
+    lag = StepFit(
         step=part.step,
         from_rad_per_s=float(found[0]),
         to_rad_per_s=float(found[1]),
@@ -191,8 +217,10 @@ def _fit_step(data: StepData, part: Part) -> StepFit:
         delay_s=float(found[3]),
         delay_std_s=float(std[3]),
         explained=explained,
+        sag=sag,
         findings=_rejections(hold_s, fit.x[2], std[2], explained),
     )
+    return lag, noise
 
 
 def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> tuple[Finding, ...]:
@@ -226,14 +254,31 @@ def _explained(residual: Array, value: Array, length: int) -> float:
     return float(1 - np.var(noise) / np.var(signal))
 
 
-def _deviations(fit: OptimizeResult) -> Array:
-    """Return one standard deviation per parameter (p,); see `_covariance`."""
-    return np.asarray(np.sqrt(np.diag(_covariance(fit))))
+def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:
+    """Return the covariance (m, m) of the noise in the means of a step's samples."""
+    time_s, residual = (_thinned(part, column) for column in (part.time_s, fit.fun))
+    return noise_covariance(_thinned(part, fit.jac.T).T, residual, data.correlations(time_s))
 
 
-def _covariance(fit: OptimizeResult) -> Array:
-    """Return the parameters' covariance (p, p), residuals being as correlated as they are; NaN at a bound."""
+def _covariance(fit: OptimizeResult, parts: Sequence[Part], noises: Sequence[Array]) -> Array:
+    """Return the parameters' covariance (p, p), NaN at a bound, of noise with covariances (m, m) in each part."""
     free = fit.active_mask == 0
+    ends = np.cumsum([len(part.time_s) for part in parts])[:-1]
+    each = zip(parts, np.split(fit.jac[:, free], ends), strict=True)
+    rows = [_thinned(part, own.T).T for part, own in each]
+    weight = np.repeat([math.sqrt(_block(part)) for part in parts], [len(own) for own in rows])
+    gain = gain_of(weight[:, np.newaxis] * np.vstack(rows)) * weight
+    columns = np.split(gain, np.cumsum([len(own) for own in rows])[:-1], axis=1)
+    found = sum(own @ noise @ own.T for own, noise in zip(columns, noises, strict=True))
     covariance = np.full((len(fit.x), len(fit.x)), math.nan)
-    covariance[np.ix_(free, free)] = sandwich(fit.jac[:, free], fit.fun, longest=len(fit.fun) // 4)
+    covariance[np.ix_(free, free)] = found
     return covariance
+
+
+def _thinned(part: Part, value: Array) -> Array:
+    """Return means (..., m) of neighbouring samples of a step (..., n)."""
+    return block_means(value, length=_block(part))
+
+
+def _block(part: Part) -> int:
+    return -(-len(part.time_s) // _MOST)

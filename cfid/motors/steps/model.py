@@ -1,7 +1,7 @@
 """A rotor that follows steps of its command, by the rotor model, and what a measurement of it would show."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 BEFORE = 0.1  # of the time since the command before, that shows where a step begins
 _FEWEST = 8  # samples of a step
 _FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
+_RATES_AT = (0.211, 0.789)  # of a step: a rate that is a parabola over the speed is met best by the line through these
+_TIMES = 6  # correlation times that are tried
 # A straight line through phases takes speeds with a parabola's weight: Gauss' nodes and weights for that.
 _NODES, _WEIGHTS = roots_jacobi(6, 1, 1)
 
@@ -61,6 +63,21 @@ class Lag(NamedTuple):
         grown = np.exp(np.minimum(rate * np.maximum(time_s - self.delay_s, 0.0), 500.0))
         return self.end - gap * rate / ((rate - self.quadratic * gap) * grown + self.quadratic * gap)
 
+    def sagging(self, sag: float) -> "Lag":
+        """Return the same rotor on a battery: the speed it leads to falls with the cube of its speed, to `end`.
+
+        It falls by the part `sag` from standstill to there. The rates are those of the motor, to be met by a line.
+        """
+        if not sag or self.end == self.begin or self.end <= 0:
+            return self
+        speed = self.begin + (self.end - self.begin) * np.array(_RATES_AT)
+        part = speed / self.end
+        nearer = 1 + sag * (1 + part + part**2)  # (leads to - speed) / (end - speed)
+        leads_to = self.end * (1 + sag * (1 - part**3))
+        rate = nearer * (self.linear + self.quadratic * (leads_to + speed))
+        quadratic = float((rate[1] - rate[0]) / (speed[1] - speed[0]))
+        return self._replace(linear=float(rate[0]) - quadratic * float(self.end + speed[0]), quadratic=quadratic)
+
 
 class Part(NamedTuple):
     """Samples (n,) about one step, their times counted from it."""
@@ -98,6 +115,19 @@ class StepData:
         else:
             speed = lag.speed(part.time_s)
         return np.asarray(speed if self._factor is None else self._factor * speed**2)
+
+    def correlations(self, time_s: Array) -> Iterator[Array]:
+        """Yield how noise of several correlation times makes the values at times (n,) correlate, (n, n) each."""
+        apart = np.abs(np.subtract.outer(time_s, time_s))[..., np.newaxis]
+        shift, weight = np.zeros(1), np.ones(1)
+        if self._blur_s > 0:
+            apart = np.subtract.outer(time_s, time_s)[..., np.newaxis]
+            shift = self._blur_s / 2 * np.subtract.outer(_NODES, _NODES).ravel()
+            weight = np.outer(_WEIGHTS, _WEIGHTS).ravel()
+        shortest = self._blur_s / 5 or 2 * float(np.median(np.diff(time_s)))
+        for each_s in np.geomspace(shortest, max(float(np.ptp(time_s)) / 2, 2 * shortest), _TIMES):
+            found = np.exp(-np.abs(apart + shift) / each_s) @ weight
+            yield found / found[0, 0]
 
 
 def _part(time_s: Array, value: Array, step: CommandStep) -> Part:

@@ -6,7 +6,7 @@ from math import isnan
 from pathlib import Path
 
 from cfid.errors import CfidError, FitError
-from cfid.findings import Finding, rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.steps.data import SpeedRecord, of_run, of_table
 from cfid.motors.steps.estimation import RotorModel, StepFit, fit_rotor_model, fit_steps
 from cfid.motors.steps.figures import dynamics_figure
@@ -32,8 +32,8 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     try:
         steps, left_out = _steps(record)
         time_s, speed, blur_s = record.time_s, record.speed_rad_s, record.blur_s
-        lags = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s)
-        model = fit_rotor_model(time_s=time_s, value=speed, steps=steps, blur_s=blur_s)
+        lags = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
+        model = fit_rotor_model(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
@@ -58,6 +58,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         findings=(
             *record.findings,
             *left_out,
+            *_sagged(lags),
             *(finding for lag in lags for finding in _of_row(lag)),
             *(model.findings if accepted else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
         ),
@@ -85,6 +86,15 @@ def _steps(record: SpeedRecord) -> tuple[tuple[CommandStep, ...], tuple[Finding,
     missed = len(steps) - len(seen)
     text = f"{missed} of {len(steps)} steps have too few speeds for a fit."
     return seen, (warning("steps-left-out", text, "dynamics.*"),) if missed else ()
+
+
+def _sagged(lags: Sequence[StepFit]) -> tuple[Finding, ...]:
+    most = max(lags, key=lambda lag: lag.sag)
+    text = (
+        f"the battery sagged under the rotor, by which the speed it led to fell by up to {100 * most.sag:.1f} % "
+        f"({_name(most)}): time constants and rotor model are those with a supply of constant voltage."
+    )
+    return (note("steps-battery-sagged", text, "dynamics.*"),) if most.sag else ()
 
 
 def _of_row(lag: StepFit) -> Sequence[Finding]:

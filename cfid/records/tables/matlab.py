@@ -6,7 +6,7 @@ Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -151,7 +151,7 @@ def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
         yield MatlabTable(tuple(names), tuple(columns))
 
 
-def _is_numeric(value: Tree) -> bool:
+def _is_numeric(value: Tree) -> TypeGuard[npt.NDArray[Any]]:
     """Return whether it is an array of real numbers, of one column or more, and more than one row."""
     return (
         isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1 and np.squeeze(value).ndim < 3

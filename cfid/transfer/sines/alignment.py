@@ -122,6 +122,18 @@ def held(commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S) -> Array
     return np.asarray(np.concatenate([[0.0], commands, [0.0]])[place + 1])
 
 
+def with_end(recorded: Sequence[RecordedSine]) -> tuple[list[RecordedSine], tuple[Finding, ...]]:
+    """Return the runs whose last report came, and a warning about the others; all runs where none has it."""
+    lost = [run for run in recorded if len(run.reports.command) and run.reports.command[-1] != 0]
+    if not lost or len(lost) == len(recorded):
+        return list(recorded), ()
+    text = (
+        f"{', '.join(run.name for run in lost)}: the report of the end is missing, by the radio or as the run was cut "
+        f"short. {len(lost)} of {len(recorded)} runs left out."
+    )
+    return [run for run in recorded if run not in lost], (warning("sine-without-end", text, "tf.*"),)
+
+
 def align(recorded: Sequence[RecordedSine], *, sign: Sign = "auto") -> SineSeries:
     """Find when each sample was played, by on-board stamps if all runs have them, else by each sine's phase.
 
