@@ -36,7 +36,7 @@ _AGAIN_S = 0.02
 _BACK_S = 1.0  # a vehicle is ready again within 0.16 s of a timeout
 _SPIN_UP_S = 2.5  # the firmware gives rotors 2 s to reach their idle speed
 _DISARMED_S = 0.6
-_UNREPORTED_S = 1.0  # of twenty reports a second, so that a link has to lose nearly all
+_UNANSWERED = 20  # polls in turn, so that a link has to lose nearly everything for a second
 
 
 class Supervisor:
@@ -181,12 +181,11 @@ class SupervisorLog:
         self._rows: list[tuple[float, VehicleState]] = []
         self._states: list[VehicleState] = []
         self._next: DelayedCall | None = None
-        self._started_s = np.inf
+        self._unanswered = 0  # polls, which a suspended program does not send
         supervisor.watch(self._take)
 
     def start(self) -> None:
         """Begin to poll."""
-        self._started_s = self._loop.seconds()
         self._poll()
 
     def take(self) -> Block:
@@ -223,19 +222,21 @@ class SupervisorLog:
         state, uri = self._supervisor.state, self._vehicle.uri
         if state is not None and state.remedy:
             return f"{uri}: the vehicle is {state.name}: {state.remedy}."
-        unreported_s = self._vehicle.silent_s(max(self._supervisor.seen_s, self._started_s))
-        if self._next is None or not self._supervisor.reports or unreported_s < _UNREPORTED_S:
+        if not self._supervisor.reports or self._unanswered <= _UNANSWERED:
             return ""
+        unreported_s = EVERY_S * self._unanswered
         return f"{uri}: the vehicle has not reported its state for {unreported_s:.1f} s: does another program use it?"
 
     def _poll(self) -> None:
         self._next = self._loop.callLater(EVERY_S, self._poll)
+        self._unanswered += 1
         try:
             self._supervisor.ask()
         except DeviceError:  # the instruments that command the vehicle report it
             return
 
     def _take(self, state: VehicleState, arrived_s: float) -> None:
+        self._unanswered = 0
         if not self._states or state != self._states[-1]:
             self._states.append(state)
             self._rows.append((arrived_s, state))

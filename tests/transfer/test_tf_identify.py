@@ -104,7 +104,7 @@ def test_a_sine_that_is_too_fast_is_left_out_with_a_note(tf: Here, both: Path) -
     content = found(tf, "--index", both, "--cutoff-hz", 6.5)
 
     assert {row["l"] for row in content["parameters"]["tf.frequency_response"]["value"]} == set(PERIODS[1:-2])
-    assert "first: l = 75, 100 above the cut-off of 6.5 Hz left out." in sentences(content)
+    assert "first, second: l = 75, 100 above the cut-off of 6.5 Hz left out." in sentences(content)
 
 
 def test_files_of_the_thesis_kind_need_no_stamps_of_the_vehicle(
