@@ -8,7 +8,7 @@ import pytest
 from cfid.errors import DataError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import FlightLog
-from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
+from tests.logs.usd_bytes import FIXED, POSE, Record, bytes_of, rows, single, written
 from tests.places import DATA
 
 
@@ -17,7 +17,7 @@ def gyro(log: FlightLog) -> list[float]:
 
 
 def test_every_type_of_number_and_two_events_are_read(tmp_path: Path) -> None:
-    poses = [(3, 5_000_500 + 10_000 * at, (200, 0.5 * at, 65535, -32768, -(2**31))) for at in range(5)]
+    poses: list[Record] = [(3, 5_000_500 + 10_000 * at, (200, 0.5 * at, 65535, -32768, -(2**31))) for at in range(5)]
     log = read_log(written(tmp_path, bytes_of([POSE, FIXED], sorted(rows(50) + poses, key=lambda row: row[1]))))
 
     time_s, motor = log.channel("motor.m1")

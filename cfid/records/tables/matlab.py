@@ -6,7 +6,7 @@ Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -138,11 +138,13 @@ def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
     each = [signals] if isinstance(signals, Mapping) else list(np.ravel(np.asarray(signals, dtype=object)))
     names: list[str] = []
     columns: list[npt.NDArray[Any]] = []
-    if _is_numeric(tree.get("time")):
+    time = tree.get("time")
+    if _is_numeric(time):
         names.append("time")
-        columns += _columns(tree["time"])
+        columns += _columns(time)
     for number, signal in enumerate(each, start=1):
-        if _is_numeric(values := signal.get("values")):
+        values = signal.get("values")
+        if _is_numeric(values):
             label = signal.get("label")
             own = label if isinstance(label, str) and label else name if len(each) == 1 else f"{name}_{number}"
             names += _named(_clean(own), len(_columns(values)))
@@ -151,7 +153,7 @@ def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
         yield MatlabTable(tuple(names), tuple(columns))
 
 
-def _is_numeric(value: Tree) -> bool:
+def _is_numeric(value: Tree) -> TypeGuard[npt.NDArray[Any]]:
     """Return whether it is an array of real numbers, of one column or more, and more than one row."""
     return (
         isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1 and np.squeeze(value).ndim < 3
