@@ -221,4 +221,5 @@ def _blocks(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64], seco
 
 def _gathered(data: mmap.mmap, offsets: npt.NDArray[np.int64], size: int) -> Bytes:
     """Return the bytes (n, size) from each offset on."""
-    return np.asarray(np.frombuffer(data, np.uint8)[offsets[:, None] + np.arange(size)])
+    found: Bytes = np.frombuffer(data, np.uint8)[offsets[:, None] + np.arange(size)]
+    return found

@@ -138,11 +138,13 @@ def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
     each = [signals] if isinstance(signals, Mapping) else list(np.ravel(np.asarray(signals, dtype=object)))
     names: list[str] = []
     columns: list[npt.NDArray[Any]] = []
-    if _is_numeric(tree.get("time")):
+    time = tree.get("time")
+    if _is_numeric(time):
         names.append("time")
-        columns += _columns(tree["time"])
+        columns += _columns(time)
     for number, signal in enumerate(each, start=1):
-        if _is_numeric(values := signal.get("values")):
+        values = signal.get("values")
+        if _is_numeric(values):
             label = signal.get("label")
             own = label if isinstance(label, str) and label else name if len(each) == 1 else f"{name}_{number}"
             names += _named(_clean(own), len(_columns(values)))
