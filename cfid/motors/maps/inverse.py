@@ -101,7 +101,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
     far = highest < NEAR_FULL * FULL_COMMAND
     text = f"the thrust at command {FULL_COMMAND} is extrapolated: {highest:.0f} is the largest that was measured."
     beyond = warning("maximum-extrapolated", text, *_MAXIMUM)
-    thrust, beyond_std = float(fit.at(FULL_COMMAND)), missed(fit, FULL_COMMAND)
+    thrust, beyond_std = float(fit.at(FULL_COMMAND)), missed(fit, FULL_COMMAND) if far else 0.0
     std = math.hypot(float(fit.std_at(FULL_COMMAND)[0]), beyond_std)
     return MaximumThrust(
         thrust_n=thrust,
@@ -136,7 +136,8 @@ def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -
         volts = float(at @ line.values)
         thrust = float(fit.at(volts))
     volts_std = math.sqrt(float(at @ line.covariance @ at) + float(np.mean(line.residual**2)))
-    beyond_std = math.hypot(missed(fit, volts), float(fit.slope_at(np.array([volts]))[0]) * volts_std)
+    ahead = missed(fit, volts) if voltage.command.max() < _FAR * FULL_COMMAND else 0.0
+    beyond_std = math.hypot(ahead, float(fit.slope_at(np.array([volts]))[0]) * volts_std)
     total = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
     ratio = most.hover_mass_kg / most.thrust_n
     return replace(

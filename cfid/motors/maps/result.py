@@ -96,7 +96,7 @@ def fit_thrust(
     except FitError as error:
         findings.append(rejection("inverse-not-given", str(error), "motor.command_of_thrust"))
     voltage, about_voltage = _by_voltage(found, max_thrust_n=given.thrust_n if given else None)
-    if given is not None and voltage is not None and (sagging := on_battery(given, voltage, order=mapped.fit.order)):
+    if method == "default" and given and voltage and (sagging := on_battery(given, voltage, order=mapped.fit.order)):
         given, findings = sagging, [*(one for one in findings if one not in given.findings), *sagging.findings]
         parameters |= values.maximum_parameters(given)
     if given is not None and not values.is_rejected(mapped):

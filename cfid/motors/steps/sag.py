@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 _BEFORE_S = 0.5
 _NOTABLE = 0.003  # of the voltage: what changes less may be the noise of its reading
 _OTHER = 0.1  # of the largest command times voltage, from where others tell how speeds go with it
-_APART = 0.1  # of the cubes of two speeds, from where the load differs enough to tell what it does
+_APART = 0.5  # of the cube of the larger speed: what changes the load by less shows too little of its sag
 
 
 class Battery(NamedTuple):
@@ -35,7 +35,7 @@ class Battery(NamedTuple):
 def sags(battery: Battery | None, steps: Sequence[CommandStep], lags: Sequence[Lag]) -> Array:
     """Return by which part of its final value the speed (n,) falls that each step leads to, from standstill to there.
 
-    Zero where the voltage hardly changed, where it was not measured, and at command 0, which the battery does not feed.
+    Zero where voltage or load hardly changed, where none was measured, and at command 0, which no battery feeds.
     """
     found = np.zeros(len(steps))
     if battery is None:
