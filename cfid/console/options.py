@@ -51,6 +51,14 @@ FlipFz = Annotated[
         rich_help_panel="What was measured",
     ),
 ]
+EscUs = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FROM:TO",
+        help="Pulse widths of a motor controller, in microseconds, at commands 0 and 65535; default: 1000:2000.",
+        rich_help_panel="What was measured",
+    ),
+]
 Swings = Annotated[
     list[str] | None,
     typer.Argument(
@@ -232,6 +240,16 @@ def finite(value: float, option: str) -> float:
     if not abs(value) < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be a number.")
     return value
+
+
+def pulses_us(text: str | None) -> tuple[float, float] | None:
+    """Parse --esc-us. Raises ConfigError for anything but two rising widths above zero."""
+    from cfid.console.lists import span
+
+    if text is None:
+        return None
+    low, high = span(text, "--esc-us", unit="microseconds", example="1000:2000")
+    return positive(low, "--esc-us"), high
 
 
 def _default(field: "Field[Any]") -> Any:
