@@ -21,8 +21,12 @@ Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' app
 
 
 MassKg = Annotated[
-    float | None,
-    typer.Option(help="Mass of the swinging body; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG),
+    str | None,
+    typer.Option(
+        metavar="KG[:STD]",
+        help="Mass of the swinging body; without a standard uncertainty, rig.toml's.",
+        rich_help_panel=_RIG,
+    ),
 ]
 GravityMps2 = Annotated[
     float | None, typer.Option(help="Local gravity; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG)

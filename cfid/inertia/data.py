@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cfid.errors import ConfigError, DataError, FitError
-from cfid.findings import Finding, warning
+from cfid.findings import Finding
 from cfid.records.parameters import Source
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
@@ -48,7 +48,7 @@ class MeasuredSwings:
     def findings(self, resting_on: Callable[[str], tuple[str, ...]]) -> tuple[Finding, ...]:
         """Return the findings about recordings and swings; `resting_on` has the quantities that rest on a mount."""
         return (
-            *(warning("recording", text) for record in self.records for text in record.notes),
+            *(finding for record in self.records for finding in record.findings),
             *(
                 replace(finding, text=f"{mount}: {finding.text}", quantities=resting_on(mount))
                 for mount, finding in self.found

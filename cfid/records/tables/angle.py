@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
+from cfid.findings import Finding, note, warning
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
@@ -21,10 +22,10 @@ from cfid.records.tables.times import (
     TIME_COLUMN,
     Facts,
     column_name,
+    complete_rows,
     facts_of,
     gaps,
     losses,
-    numbers_of,
     run_at,
     times_of,
     unit_of,
@@ -36,7 +37,9 @@ AngleUnit = Literal["counts", "rad", "deg"]
 ENCODER = "encoder"
 
 _ANGLE = Column(
-    "angle", column_name("phi|angle|theta|position", ("rad", "deg", "counts")), "of angle (phi, angle, theta)"
+    "angle",
+    column_name(r"(?:phi|angle|theta|alpha|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
+    "of angle (phi, angle, theta)",
 )
 SCHEMA = TableSchema(columns=(TIME_COLUMN, _ANGLE), words=("TIME", "ANGLE"))
 
@@ -51,7 +54,10 @@ class Reading(Foreign):
 
 @dataclass(frozen=True, kw_only=True)
 class AngleRecord:
-    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample."""
+    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
+
+    `understood` states how a file outside a run was read.
+    """
 
     path: Path
     source: Source
@@ -60,11 +66,18 @@ class AngleRecord:
     angle_rad: Array
     notes: tuple[str, ...]
     run: str | None = None
+    understood: str = ""
 
     @property
     def name(self) -> str:
         """The run's name, or the file's."""
         return self.run or self.path.stem
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """How the file was read, and what is to be known of the recording."""
+        read = (note("file-read", self.understood),) if self.understood else ()
+        return (*read, *(warning("recording", text) for text in self.notes))
 
 
 def read_angle(path: Path, reading: Reading) -> AngleRecord:
@@ -86,7 +99,7 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     )
     found, rows = _read(file, own, run.header.label, own=True)
     notes = [*losses(run, record, rows), *gaps(facts_of(run, ENCODER, Facts))]
-    named = tuple(f"{path.name}: {note}" for note in notes)
+    named = tuple(f"{path.name}: {text}" for text in notes)
     return replace(found, run=path.resolve().name, notes=named + found.notes)
 
 
@@ -140,18 +153,23 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     table = open_table(path, skip_lines=reading.skip_lines)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
-    values = numbers_of(table, list(places.values()))
+    table, values, gaps_notes = complete_rows(table, list(places.values()), own=own)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "--angle-unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
-    if table.cut:
-        notes += (CUT_LINE,)
+    notes = (*gaps_notes, *notes, *angle.notes, *((CUT_LINE,) if table.cut else ()))
+    step_s, degrees = float(np.median(np.diff(time))), np.degrees(angle.angle_rad)
+    understood = (
+        f"{path.name}: {len(values)} rows {1e3 * step_s:.4g} ms apart, angle from column '{angle_name}', from "
+        f"{degrees.min():.1f} to {degrees.max():.1f} degrees{table.layout}."
+    )
     record = AngleRecord(
         path=path,
         source=Source(str(path), table.sha256),
         label=label,
         time_s=time[angle.rows] - time[angle.rows[0]],
         angle_rad=angle.angle_rad,
-        notes=tuple(f"{path.name}: {note}" for note in notes + angle.notes),
+        notes=tuple(f"{path.name}: {text}" for text in notes),
+        understood="" if own else understood,
     )
     return record, len(values)

@@ -207,9 +207,7 @@ def _understood(table: CsvTable, found: Found, timing: Timing, rows: int) -> str
     if timing.time_s is not None:
         length_s = float(timing.time_s[-1] - timing.time_s[0])
         kind = f"a recording of {length_s:.4g} s in {rows} rows, {(rows - 1) / length_s:.3g} Hz"
-    above = f", below {table.preamble} lines that are no header" if table.preamble else ""
-    comma = ", with decimal commas" if table.decimal == "," else ""
-    return f"{kind}: {columns}{above}{comma}."
+    return f"{kind}: {columns}{table.layout}."
 
 
 def _unused_note(table: CsvTable, found: Found) -> tuple[str, ...]:

@@ -116,6 +116,12 @@ class CsvTable:
         """The columns' names, for a message."""
         return short(", ".join(self.names), 200)
 
+    @property
+    def layout(self) -> str:
+        """What is unusual about the file's layout, for the line that states how it was read."""
+        above = f", below {self.preamble} lines that are no header" if self.preamble else ""
+        return above + (", with decimal commas" if self.decimal == "," else "")
+
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, that holds a row, counted from 0."""
         return self._first_line + int(np.flatnonzero(self._fields_of_lines()[0])[row])

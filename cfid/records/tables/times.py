@@ -33,6 +33,7 @@ _UNITS: dict[str, tuple[str, ...]] = {
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
 _NO_TIME = "Is this the time column? See --columns and --rate-hz."
 _FEWEST_ROWS = 16
+_MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
@@ -141,6 +142,22 @@ def numbers_of(table: CsvTable, columns: Sequence[str]) -> Array:
     if len(values) < _FEWEST_ROWS:
         raise DataError(f"{table.path}: {len(values)} rows; a recording has at least {_FEWEST_ROWS}.")
     return values
+
+
+def complete_rows(table: CsvTable, columns: Sequence[str], *, own: bool) -> tuple[CsvTable, Array, tuple[str, ...]]:
+    """Return the named columns as `numbers_of`, without the few rows that lack a number, their table, and a note.
+
+    In a file of cfid's `own` every row is complete. Raises DataError naming the first row where many lack one.
+    """
+    if own:
+        return table, numbers_of(table, columns), ()
+    known = table.known_numbers(columns)
+    bad = np.flatnonzero(~np.isfinite(known).all(axis=1))
+    if not len(bad) or len(bad) > _MISSING_SHARE * len(known):
+        return table, numbers_of(table, columns), ()
+    line, table = table.line_of_row(int(bad[0])), table.without(bad)
+    text = f"{len(bad)} of {len(known)} rows lack a number (first: line {line}) and are left out."
+    return table, numbers_of(table, columns), (text,)
 
 
 def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | None) -> Array:
