@@ -13,8 +13,9 @@ import numpy as np
 from cfid.records.parameters import Source
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
-from cfid.records.tables.stand_times import Timing, in_order, timing_of
+from cfid.records.tables.stand_times import Timing, timing_of
 from cfid.records.tables.table import Array, CsvTable, open_table
+from cfid.records.tables.text import short
 from cfid.records.tables.times import CUT_LINE
 from cfid.units import ROTORS, USUAL_GRAVITY_MPS2
 
@@ -81,12 +82,10 @@ def read_stand_table(
     """
     table, found, read_notes = columns_of(open_table(path, skip_lines=skip_lines))
     command, command_notes = commands_of(table, found, esc_us)
-    time = found.get("time_s")
-    order, order_notes = (None, ()) if time is None else in_order(time.raw[:, 0])
-    if order is not None:
-        command = command[order]
-        found = {quantity: columns._replace(raw=columns.raw[order]) for quantity, columns in found.items()}
     timing = timing_of(table, found, command, unit=time_unit, rate_hz=rate_hz)
+    if timing.order is not None:
+        command = command[timing.order]
+        found = {quantity: columns._replace(raw=columns.raw[timing.order]) for quantity, columns in found.items()}
     thrust, thrust_notes = _thrust(found, command, gravity_mps2)
     torque, torque_notes = _torque(found, command)
     speeds, speed_notes = _speeds(found, command, thrust, settled=timing.time_s is None)
@@ -96,7 +95,6 @@ def read_stand_table(
         *thrust_notes,
         *torque_notes,
         *timing.notes,
-        *order_notes,
         *speed_notes,
         *read_notes,
         *_unused_note(table, found),
@@ -213,4 +211,4 @@ def _understood(table: CsvTable, found: Found, timing: Timing, rows: int) -> str
 def _unused_note(table: CsvTable, found: Found) -> tuple[str, ...]:
     used = {name for columns in found.values() for name in columns.names}
     unused = [name for name in table.names if name and name not in used]
-    return (f"not used: {', '.join(unused)}.",) if unused else ()
+    return (f"not used: {short(', '.join(unused), 120)}.",) if unused else ()

@@ -22,14 +22,18 @@ _JITTER_SHARE = 0.05
 
 
 class Timing(NamedTuple):
-    """Times (n,) in seconds, None for settled points; the rate that made them, None where a column gave them."""
+    """Times (n,) in seconds, None for settled points; the rate that made them, None where a column gave them.
+
+    `order` is the order of times in which the rows have to be taken, None where they are in it.
+    """
 
     time_s: Array | None
     rate_hz: float | None
     notes: tuple[str, ...]
+    order: npt.NDArray[np.intp] | None = None
 
 
-def in_order(time: Array) -> tuple[npt.NDArray[np.intp] | None, tuple[str, ...]]:
+def _in_order(time: Array) -> tuple[npt.NDArray[np.intp] | None, tuple[str, ...]]:
     """Return the order of rows whose times (n,) go back a little now and then, None where none is to be changed."""
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0)
@@ -53,13 +57,16 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
     kind = found["command"].head.kind if "command" in found else ""
     if "time_s" in found and rate_hz is None and len(command) > 1:
         column = found["time_s"]
+        raw, (order, jitter) = column.raw[:, 0], _in_order(column.raw[:, 0])
         name = column.names[0]
         stated = unit_of(table, TIME_COLUMN.called, name, unit, "--time-unit")
         slowest_s = _SLOWEST_S if stated is None else np.inf
-        times, notes = times_of(table, name, column.raw[:, 0], unit=unit, rate_hz=None, slowest_s=slowest_s)
+        times, notes = times_of(
+            table, name, raw if order is None else raw[order], unit=unit, rate_hz=None, slowest_s=slowest_s
+        )
         step_s = float(np.median(np.diff(times)))
         if step_s < _SETTLED_S:
-            return Timing(times, None, notes)
+            return Timing(times, None, (*notes, *jitter), order)
         text = f"rows are {step_s:.2g} s apart: each is taken as a settled point."
         return Timing(None, None, (*notes, text))
     if rate_hz is None and kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED):
