@@ -1,4 +1,4 @@
-"""A table with times is a recording: reduced step by step, or refused; a part that is spoilt does not spoil the rest."""
+"""A table with times is a recording: reduced step by step, or refused; a spoilt part does not spoil the rest."""
 
 import math
 from pathlib import Path
