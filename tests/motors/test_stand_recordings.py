@@ -61,12 +61,12 @@ def fitted(folder: Path, one: Sweep) -> Result:
     return fit_thrust(write(folder, one), gravity_mps2=9.81)
 
 
-def off(result: Result) -> float:
-    """Return by how many standard uncertainties k is off."""
+def off(result: Result, *, widest: float = 0.01) -> float:
+    """Return by how many standard uncertainties k is off; these are at most a part `widest` of it."""
     found = result.quantities[KEY]
     assert isinstance(found.value, float)
     assert isinstance(found.std, float)
-    assert found.std < 0.01 * K
+    assert found.std < widest * K
     return abs(found.value - K) / found.std
 
 
@@ -117,5 +117,5 @@ def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path
     dead = (one.time_s > 8.0) & (one.time_s < 12.2)
     result = fitted(tmp_path, one._replace(thrust_n=np.where(dead, math.nan, one.thrust_n)))
 
-    assert off(result) < 3
+    assert off(result, widest=0.02) < 3  # four points are left
     assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)

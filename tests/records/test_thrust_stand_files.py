@@ -122,7 +122,7 @@ def test_rows_seconds_apart_are_settled_points_and_that_is_said(tmp_path: Path) 
     table = read(tmp_path, text_of())
 
     assert table.time_s is None
-    assert "stand.csv: rows are 4 s apart: each is taken as a settled point." in table.notes
+    assert "stand.csv: rows are 3.9 s apart: each is taken as a settled point." in table.notes
     assert table.understood.startswith("stand.csv: 4 settled points: command from 'ESC signal (µs)', torque from")
 
 
