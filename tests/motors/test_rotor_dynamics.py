@@ -99,3 +99,14 @@ def test_no_step_and_too_few_samples_are_refused() -> None:
         fit_steps(time_s=TIME_S, value=TIME_S, steps=())
     with pytest.raises(FitError, match="fewer than 8 samples"):
         fit_steps(time_s=TIME_S[::50], value=TIME_S[::50], steps=STEPS)
+
+
+def test_a_lag_that_is_longer_than_its_step_is_judged_without_a_warning() -> None:
+    time_s = np.arange(10) / 8
+    step = command_steps(time_s=time_s, command=np.where(time_s < 0.1, 0.0, 30000.0))
+    (ramp,) = fit_steps(time_s=time_s, value=100.0 + 5 * time_s, steps=step)
+    (still,) = fit_steps(time_s=time_s, value=np.full(10, 100.0), steps=step)
+
+    assert "its final speed is not known" in " ".join(rejections(ramp))
+    assert still.explained == 0
+    assert not still.accepted

@@ -178,7 +178,7 @@ def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
     if table.time_s is None or shown is None:
         raise DataError(f"{table.path}: a record over time without a thrust or a speed cannot be reduced.")
     command_time_s, commands = _log(table)
-    if commands is None:
+    if command_time_s is None or commands is None:
         raise DataError(f"{table.path}: speeds alone without commands give no map.")
     try:
         found = reduce_speeds(table.time_s, shown[:, np.newaxis], command_time_s, commands)
