@@ -1,13 +1,14 @@
 """The program `cfid` with the commands of the table, and the one place where errors become exit codes."""
 
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
 from cfid.cli.groups import LazyGroup
-from cfid.console.messages import fault
+from cfid.console.messages import fault, note
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -39,15 +40,27 @@ def cfid(
     """
 
 
+def _as_sentence(message: Warning | str, category: type[Warning], *_place: object, **_more: object) -> None:
+    """Print what a library warns of without the place in its source; drop what only its developers can act on."""
+    if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | FutureWarning | ResourceWarning):
+        text = str(message).strip().partition("\n")[0].rstrip(".")
+        note(f"a library that cfid uses warns: {text}.")
+
+
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the program with its arguments, or with `words`. Expected errors print a sentence and set the exit code."""
+    """Run the program with its arguments, or with `words`.
+
+    Expected errors print a sentence and set the exit code; warnings of libraries print a sentence.
+    """
     from cfid.errors import CfidError
 
-    try:
-        app(words, prog_name="cfid")
-    except CfidError as error:
-        fault(str(error))
-        sys.exit(error.exit_code)
+    with warnings.catch_warnings():
+        warnings.showwarning = _as_sentence
+        try:
+            app(words, prog_name="cfid")
+        except CfidError as error:
+            fault(str(error))
+            sys.exit(error.exit_code)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Parse an option's list of numbers with commas between, or its span FROM:TO."""
+"""Parse an option's list of numbers with commas between, its span FROM:TO, or its number with an uncertainty."""
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from cfid.errors import ConfigError
 
@@ -43,6 +43,32 @@ def span(text: str, option: str, *, unit: str, example: str) -> tuple[float, flo
     if not (0 <= low < high < math.inf):
         raise ConfigError(f"{option} {text}: should be FROM:TO in {unit}, from 0 on and rising, as {example}.")
     return low, high
+
+
+class Measured(NamedTuple):
+    """A number that somebody measured, and its standard uncertainty, None where they were not given."""
+
+    value: float | None
+    std: float | None
+
+
+def measured(text: str | None, option: str) -> Measured:
+    """Return a number above zero, with its standard uncertainty where one follows a colon.
+
+    Raises ConfigError that names the option.
+    """
+    if text is None:
+        return Measured(None, None)
+    number, colon, spread = text.partition(":")
+    try:
+        value, std = _number(number, float), _number(spread, float) if colon else None
+    except ValueError:
+        value = std = math.nan
+    if not (0 < value < math.inf and (std is None or 0 <= std < value)):
+        raise ConfigError(
+            f"{option} {text}: has to be above zero, a number alone or with its standard uncertainty, as 0.23:0.001."
+        )
+    return Measured(value, std)
 
 
 def _number(word: str, kind: type[Value]) -> Value:

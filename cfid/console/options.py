@@ -21,8 +21,12 @@ Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' app
 
 
 MassKg = Annotated[
-    float | None,
-    typer.Option(help="Mass of the swinging body; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG),
+    str | None,
+    typer.Option(
+        metavar="KG[:STD]",
+        help="Mass of the swinging body; without a standard uncertainty, rig.toml's.",
+        rich_help_panel=_RIG,
+    ),
 ]
 GravityMps2 = Annotated[
     float | None, typer.Option(help="Local gravity; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG)
@@ -48,6 +52,14 @@ FlipFz = Annotated[
     typer.Option(
         "--flip-fz/--no-flip-fz",
         help="Fz counts downwards: change its sign; default: the run's, else rig.toml's.",
+        rich_help_panel="What was measured",
+    ),
+]
+EscUs = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FROM:TO",
+        help="Pulse widths of a motor controller, in microseconds, at commands 0 and 65535; default: 1000:2000.",
         rich_help_panel="What was measured",
     ),
 ]
@@ -232,6 +244,16 @@ def finite(value: float, option: str) -> float:
     if not abs(value) < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be a number.")
     return value
+
+
+def pulses_us(text: str | None) -> tuple[float, float] | None:
+    """Parse --esc-us. Raises ConfigError for anything but two rising widths above zero."""
+    from cfid.console.lists import span
+
+    if text is None:
+        return None
+    low, high = span(text, "--esc-us", unit="microseconds", example="1000:2000")
+    return positive(low, "--esc-us"), high
 
 
 def _default(field: "Field[Any]") -> Any:

@@ -280,11 +280,12 @@ def steady_stretch(
     """
     from_s, to_s = window
     block_s = max(SMOOTHED_S, hold_s, (to_s - from_s) / _MOST_BLOCKS)
-    count = max(round((to_s - from_s) / block_s), 0)
-    if count < _FEWEST_BLOCKS:
-        short = f"only {max(to_s - from_s, 0):.2g} s of it are left after {LAGS} time constants"
-        return Stretch(from_s, max(from_s, to_s), short if count < fewest else "")
     inside = slow.between(from_s, to_s)
+    count = min(max(round((to_s - from_s) / block_s), 0), len(inside.value))
+    if count < _FEWEST_BLOCKS:
+        left = f"{len(inside.value)} samples in " if block_s * len(inside.value) < to_s - from_s else ""
+        short = f"only {left}{max(to_s - from_s, 0):.2g} s of it are left after {LAGS} time constants"
+        return Stretch(from_s, max(from_s, to_s), short if count < fewest else "")
     length = len(inside.value) // count
     runs = Runs.of(block_means(inside.value, length=length)[:count], fewest=_FEWEST_BLOCKS)
     whole = runs.size == count

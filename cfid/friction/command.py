@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import Workplace, open_workplace, read_recording
+from cfid.console.lists import measured
 from cfid.console.options import (
     CutOptions,
     Delivery,
@@ -16,11 +17,11 @@ from cfid.console.options import (
     ReadingOptions,
     RigOptions,
     flat,
-    optional_positive,
     positive,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
+from cfid.units import MM
 
 if TYPE_CHECKING:
     from cfid.records.tables.angle import AngleRecord
@@ -40,7 +41,9 @@ def friction(
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
-    radius_mm: Annotated[float | None, typer.Option(help="Radius of the axis that the line is wound around.")] = None,
+    radius_mm: Annotated[
+        str | None, typer.Option(metavar="MM[:STD]", help="Radius of the axis that the line is wound around.")
+    ] = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
 ) -> None:
@@ -54,11 +57,12 @@ def friction(
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
     words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
-    radius_mm = optional_positive(radius_mm, "--radius-mm")
+    radius = measured(radius_mm, "--radius-mm")
     found = result.fit(
         _read_weights(words, reading, workplace),
         rig=None if workplace.borrowed else workplace.rig,
-        radius_m=None if radius_mm is None else radius_mm / 1000,
+        radius_m=None if radius.value is None else MM * radius.value,
+        radius_std_m=None if radius.std is None else MM * radius.std,
         gravity_mps2=gravity_mps2,
         from_s=cut.from_s,
         to_s=cut.to_s,

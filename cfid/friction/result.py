@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cfid.errors import ConfigError, DataError, check_positive
-from cfid.findings import Finding, warning
+from cfid.findings import Finding, taken_as_exact, warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.figures import drops_figure, friction_figure
@@ -27,7 +27,7 @@ def fit(
     *,
     rig: Rig | None = None,
     radius_m: float | None = None,
-    radius_std_m: float = 0.0,
+    radius_std_m: float | None = None,
     gravity_mps2: float | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
@@ -50,7 +50,8 @@ def fit(
         radius_m, radius_std_m, line = _lever_m(rig, thesis=method == "thesis")
         notes += line
     else:
-        notes = ()
+        notes = () if radius_std_m is not None else (taken_as_exact("radius", VISCOUS, COULOMB, SETUP_INERTIA),)
+        radius_std_m = radius_std_m or 0.0
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
     measured = [_measured(record, **setup) for record in records]
     if method == "thesis":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import Workplace, open_workplace
+from cfid.console.lists import measured
 from cfid.console.options import (
     Delivery,
     GravityMps2,
@@ -20,7 +21,6 @@ from cfid.console.options import (
     Swings,
     WindowOptions,
     flat,
-    optional_positive,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
@@ -52,8 +52,15 @@ def inertia(
     from cfid.inertia import result
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    mass_kg = optional_positive(mass_kg, "--mass-kg")
-    fit = partial(result.fit, mass_kg=mass_kg, gravity_mps2=gravity_mps2, method=method, plan=plan)
+    mass = measured(mass_kg, "--mass-kg")
+    fit = partial(
+        result.fit,
+        mass_kg=mass.value,
+        mass_std_kg=mass.std,
+        gravity_mps2=gravity_mps2,
+        method=method,
+        plan=plan,
+    )
     _fit_swings(fit, runs, body="crazyflie", window=window, reading=reading, workplace=workplace, delivery=delivery)
 
 
@@ -78,8 +85,14 @@ def testbody(
     from cfid.inertia import testbody_result
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
-    mass_kg = optional_positive(mass_kg, "--mass-kg")
-    fit = partial(testbody_result.fit_testbody, mass_kg=mass_kg, gravity_mps2=gravity_mps2, method=method)
+    mass = measured(mass_kg, "--mass-kg")
+    fit = partial(
+        testbody_result.fit_testbody,
+        mass_kg=mass.value,
+        mass_std_kg=mass.std,
+        gravity_mps2=gravity_mps2,
+        method=method,
+    )
     _fit_swings(fit, runs, body="testbody", window=window, reading=reading, workplace=workplace, delivery=delivery)
 
 

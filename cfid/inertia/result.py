@@ -36,6 +36,7 @@ def fit(
     *,
     rig: Rig | None = None,
     mass_kg: float | None = None,
+    mass_std_kg: float | None = None,
     gravity_mps2: float | None = None,
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
@@ -54,7 +55,7 @@ def fit(
     """
     given = records_of(swings)
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
-    body = vehicle(rig, mass_kg)
+    body = vehicle(rig, mass_kg, mass_std_kg)
     measured = measure(given, body="crazyflie", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
     around = surroundings(rig, gravity_mps2, measured.fixture)

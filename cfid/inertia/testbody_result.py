@@ -25,6 +25,7 @@ def fit_testbody(
     *,
     rig: Rig | None = None,
     mass_kg: float | None = None,
+    mass_std_kg: float | None = None,
     gravity_mps2: float | None = None,
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
@@ -36,7 +37,7 @@ def fit_testbody(
     """
     given = records_of(swings)
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
-    body = drawn_body(rig, mass_kg)
+    body = drawn_body(rig, mass_kg, mass_std_kg)
     measured = measure(given, body="testbody", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
     around = surroundings(rig, gravity_mps2, measured.fixture)

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import open_workplace, read_recording
+from cfid.console.lists import measured
 from cfid.console.options import (
     CutOptions,
     Delivery,
@@ -16,7 +17,6 @@ from cfid.console.options import (
     RigOptions,
     WindowOptions,
     flat,
-    optional_positive,
 )
 from cfid.console.outcome import deliver
 
@@ -31,7 +31,9 @@ def swing(
     reading: ReadingOptions,
     delivery: Delivery,
     axis: Annotated[str | None, typer.Option(help="Mount it swung about; default: the run's label.")] = None,
-    distance_m: Annotated[float | None, typer.Option(help="From the axis to the centre of mass.")] = None,
+    distance_m: Annotated[
+        str | None, typer.Option(metavar="M[:STD]", help="From the axis to the centre of mass.")
+    ] = None,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
@@ -45,12 +47,15 @@ def swing(
     from cfid.swing import arguments, result
 
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
     found = result.fit(
         read_recording(run, reading.reading(), workplace),
         axis=axis,
         rig=None if workplace.borrowed else workplace.rig,
-        mass_kg=optional_positive(mass_kg, "--mass-kg"),
-        distance_m=optional_positive(distance_m, "--distance-m"),
+        mass_kg=mass.value,
+        mass_std_kg=mass.std,
+        distance_m=distance.value,
+        distance_std_m=distance.std,
         gravity_mps2=gravity_mps2,
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),

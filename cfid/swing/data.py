@@ -84,28 +84,32 @@ def peaks_on(axis: str | None, peaks: int | Mapping[str, int] | None) -> int | N
     return peaks.get(axis or "") if isinstance(peaks, Mapping) else peaks
 
 
-def vehicle(rig: Rig, mass_kg: float | None) -> SwungBody:
-    """Return the vehicle of rig.toml; `mass_kg` replaces its mass. Raises ConfigError for a mass of zero or less."""
+def vehicle(rig: Rig, mass_kg: float | None, mass_std_kg: float | None = None) -> SwungBody:
+    """Return the vehicle of rig.toml; `mass_kg` and `mass_std_kg` replace its own.
+
+    Raises ConfigError for a mass of zero or less.
+    """
     check_positive(mass_kg=mass_kg)
     given = rig.vehicle
     return SwungBody(
         mass_kg=given.mass_kg if mass_kg is None else mass_kg,
-        mass_std_kg=given.mass_std_kg,
+        mass_std_kg=given.mass_std_kg if mass_std_kg is None else mass_std_kg,
         centre_m=MM * np.array(given.centre_of_mass_mm),
         centre_std_m=MM * np.array(given.centre_of_mass_std_mm),
         mounts=rig.mounts,
     )
 
 
-def drawn_body(rig: Rig, mass_kg: float | None) -> TestBody:
-    """Return the test body of rig.toml; `mass_kg` replaces its mass.
+def drawn_body(rig: Rig, mass_kg: float | None, mass_std_kg: float | None = None) -> TestBody:
+    """Return the test body of rig.toml; `mass_kg` and `mass_std_kg` replace its own.
 
     Raises ConfigError when rig.toml describes none, and for a mass of zero or less.
     """
     check_positive(mass_kg=mass_kg)
     if rig.testbody is None:
         raise ConfigError("rig.toml describes no test body: add [testbody] with its cuboids and mounts.")
-    return rig.testbody if mass_kg is None else rig.testbody.model_copy(update={"mass_kg": mass_kg})
+    given = {"mass_kg": mass_kg, "mass_std_kg": mass_std_kg}
+    return rig.testbody.model_copy(update={key: value for key, value in given.items() if value is not None})
 
 
 def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwing | None = None) -> Surroundings:
@@ -124,22 +128,27 @@ def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwi
     )
 
 
+Given = tuple[float | None, float | None]  # a number and its standard uncertainty, where given
+
+
 def body_of_swing(
-    rig: Rig | None, *, axis: str | None, body: str | None, mass_kg: float | None, distance_m: float | None
+    rig: Rig | None, *, axis: str | None, body: str | None, mass: Given, distance: Given
 ) -> tuple[SwungBody, str] | None:
     """Return the body that swung and its mount's name, or None where only a frequency can be found.
 
-    Mass and distance given as numbers make a mount of their own; else the axis has to be a mount of the rig.
+    A mass and a distance that were given, each with its standard uncertainty, make a mount of their own; else the axis
+    has to be a mount of the rig.
     Raises ConfigError where one of them is missing.
     """
+    (mass_kg, mass_std_kg), (distance_m, distance_std_m) = mass, distance
     if distance_m is not None:
-        return _given_body(mass_kg, distance_m)
+        return _given_body(mass_kg, mass_std_kg or 0.0, distance_m, distance_std_m or 0.0)
     if rig is None or axis is None or body == FIXTURE:
         if mass_kg is not None:
             raise ConfigError("a mass alone gives no inertia: give the distance too, or a rig.toml and the axis.")
         return None
     is_test_body = body == "testbody"
-    swung = swung_test_body(drawn_body(rig, mass_kg)) if is_test_body else vehicle(rig, mass_kg)
+    swung = swung_test_body(drawn_body(rig, *mass)) if is_test_body else vehicle(rig, *mass)
     check_mounts([axis], swung.mounts, table="testbody.mounts" if is_test_body else "mounts")
     return swung, axis
 
@@ -155,14 +164,20 @@ def check_mounts(names: Iterable[str], mounts: Mapping[str, Mount], *, table: st
             raise ConfigError(f"'{name}' is no mount of this rig.toml (it has: {there}): add [{table}.{name}].")
 
 
-def _given_body(mass_kg: float | None, distance_m: float) -> tuple[SwungBody, str]:
+def _given_body(
+    mass_kg: float | None, mass_std_kg: float, distance_m: float, distance_std_m: float
+) -> tuple[SwungBody, str]:
     if mass_kg is None:
         raise ConfigError("a distance alone gives no inertia: give the mass too.")
     check_positive(mass_kg=mass_kg, distance_m=distance_m)
-    mount = Mount(point_mm=(0.0, distance_m / MM, 0.0), direction=(1, 0, 0))
-    return (
-        SwungBody(
-            mass_kg=mass_kg, mass_std_kg=0.0, centre_m=np.zeros(3), centre_std_m=np.zeros(3), mounts={_GIVEN: mount}
-        ),
-        _GIVEN,
+    mount = Mount(
+        point_mm=(0.0, distance_m / MM, 0.0), point_std_mm=(0.0, distance_std_m / MM, 0.0), direction=(1, 0, 0)
     )
+    body = SwungBody(
+        mass_kg=mass_kg,
+        mass_std_kg=mass_std_kg,
+        centre_m=np.zeros(3),
+        centre_std_m=np.zeros(3),
+        mounts={_GIVEN: mount},
+    )
+    return body, _GIVEN

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import contributions
-from cfid.findings import Finding, note, rejection, warning
+from cfid.findings import Finding, note, rejection, taken_as_exact, warning
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs, implausible_quantities
 from cfid.records.result import Figures, Result
@@ -49,7 +49,9 @@ def fit(
     axis: str | None = None,
     rig: Rig | None = None,
     mass_kg: float | None = None,
+    mass_std_kg: float | None = None,
     distance_m: float | None = None,
+    distance_std_m: float | None = None,
     gravity_mps2: float | None = None,
     peaks: int | Mapping[str, int] | None = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
@@ -71,7 +73,8 @@ def fit(
         record = labelled(record, axis=axis)
     axis = record.label.axis
     rig = rig_around([record], rig)
-    body = body_of_swing(rig, axis=axis, body=record.label.body, mass_kg=mass_kg, distance_m=distance_m)
+    mass, distance = (mass_kg, mass_std_kg), (distance_m, distance_std_m)
+    body = body_of_swing(rig, axis=axis, body=record.label.body, mass=mass, distance=distance)
     around = surroundings(rig or thesis_rig(), gravity_mps2)
     check_peaks(peaks, [axis] if axis else [])
     swing = swing_in(record, peaks=peaks_on(axis, peaks), smallest_peak_rad=smallest_peak_rad, from_s=from_s, to_s=to_s)
@@ -90,9 +93,10 @@ def fit(
             *found.findings,
             *implausible_quantities(quantities, rig),
             *(() if body is None or inertia is None else _body_findings(body[0], inertia, rig)),
+            *(() if distance_m is None else _exact(mass=mass_std_kg, distance=distance_std_m)),
         ),
         sources=(record.source,),
-        lines=(_window_line(swing), *found.lines),
+        lines=(_window_line(swing), *found.lines, *(() if inertia is None else (inertia.budget,))),
         drawings=found.drawings,
         folder=record.path.parent,
     )
@@ -209,6 +213,7 @@ class _Inertia:
     about_centre_kg_m2: float
     about_centre_std: float
     distance_m: float
+    budget: str
     quantities: Mapping[str, Parameter]
 
 
@@ -234,7 +239,10 @@ def _inertia(found: _SwingEstimate, body: SwungBody, mount: str, around: Surroun
         return np.concatenate([one.about_axis_kg_m2, one.about_centre_kg_m2])
 
     inertia, about_centre = map(float, both(axis_inertias.values))
-    inertia_std, centre_std = map(float, np.linalg.norm(contributions(both, axis_inertias.inputs), axis=1))
+    parts = contributions(both, axis_inertias.inputs)
+    inertia_std, centre_std = map(float, np.linalg.norm(parts, axis=1))
+    groups = [given.group for given in axis_inertias.inputs]
+    shares = {group: np.linalg.norm(parts[0][[one == group for one in groups]]) for group in dict.fromkeys(groups)}
     quantities = {_INERTIA: Parameter(value=inertia, std=inertia_std or None)}
     for key, name in _DAMPING.items():
         ratio, ratio_std = getattr(values, name), getattr(std, name)
@@ -245,6 +253,8 @@ def _inertia(found: _SwingEstimate, body: SwungBody, mount: str, around: Surroun
         about_centre_kg_m2=about_centre,
         about_centre_std=centre_std,
         distance_m=float(axis_inertias.evaluate(axis_inertias.values).distance_m[0]),
+        budget="standard uncertainty of the inertia: "
+        + ", ".join(f"{group} {100 * abs(share / inertia):.2g} %" for group, share in shares.items() if share),
         quantities=quantities,
     )
 
@@ -258,6 +268,11 @@ def _body_findings(body: SwungBody, inertia: _Inertia, rig: Rig | None) -> tuple
         ),
         note("swing-stiffness-unseen", _STIFFNESS, _INERTIA),
     )
+
+
+def _exact(**stds: float | None) -> list[Finding]:
+    """Return notes on numbers that were given without a standard uncertainty."""
+    return [taken_as_exact(name, _INERTIA) for name, std in stds.items() if std is None]
 
 
 def _window_quality(swing: FreeSwing) -> dict[str, Any]:

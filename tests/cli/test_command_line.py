@@ -36,6 +36,19 @@ def test_every_command_has_help_with_an_example(cfid: Cfid, command: str) -> Non
     assert f"Example: cfid {example}" in " ".join(said.stdout.split())
 
 
+def test_a_warning_of_a_library_is_a_sentence_without_a_place_in_its_source() -> None:
+    words = (
+        "import warnings\nfrom cfid.cli import main\n"
+        "def app(words, prog_name):\n"
+        "    warnings.warn('invalid value in divide\\n  ret = x / y', RuntimeWarning)\n"
+        "    warnings.warn('np.old is gone', FutureWarning)\n"
+        "main.app = app\nmain.main([])\n"
+    )
+    said = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+
+    assert said.stderr.strip() == "note: a library that cfid uses warns: invalid value in divide."
+
+
 def test_an_unknown_option_is_a_usage_error(cfid: Cfid) -> None:
     assert cfid("fit", "swing", "x.csv", "--nonsense").returncode == 2
 

@@ -1,8 +1,8 @@
-"""Lists with commas and spans, as every option takes them."""
+"""Lists with commas, spans and measured numbers, as every option takes them."""
 
 import pytest
 
-from cfid.console.lists import comma_list, span
+from cfid.console.lists import comma_list, measured, span
 from cfid.console.vehicle import motors_of
 from cfid.errors import ConfigError
 from cfid.sim.faults import parse_faults
@@ -32,6 +32,15 @@ def test_a_span_rises_from_zero_on() -> None:
     for text in ("4", "4:4", "8:4", "-1:4", "1:2:3", "nan:4", "0:inf", "a:b"):
         with pytest.raises(ConfigError, match=f"--window {text}: should be FROM:TO in seconds"):
             span(text, "--window", unit="seconds", example="4:8")
+
+
+def test_a_measured_number_may_have_a_standard_uncertainty() -> None:
+    assert measured("0.23:0.001", "--distance-m") == (0.23, 0.001)
+    assert measured("0.23", "--distance-m") == (0.23, None)
+    assert measured(None, "--distance-m") == (None, None)
+    for text in ("0", "-1", "0.2:", "0.2:-1", "0.2:0.3", "0.2:1:2", "nan", "0.2:nan", "a", ":0.1", ""):
+        with pytest.raises(ConfigError, match=f"--distance-m {text}: has to be above zero, a number alone or with"):
+            measured(text, "--distance-m")
 
 
 def test_faults_come_with_commas_or_one_by_one() -> None:

@@ -131,3 +131,14 @@ def test_on_a_battery_that_sags_the_time_constant_is_that_with_a_supply() -> Non
     assert all(one.sag == 0 for one in plain)
     model = fit_rotor_model(time_s=time_s, value=measured, steps=steps, battery=battery)
     assert model.rising[0] + 2 * model.rising[1] * 2000 == pytest.approx(1 / tau_s, rel=0.05)
+
+
+def test_a_lag_that_is_longer_than_its_step_is_judged_without_a_warning() -> None:
+    time_s = np.arange(10) / 8
+    step = command_steps(time_s=time_s, command=np.where(time_s < 0.1, 0.0, 30000.0))
+    (ramp,) = fit_steps(time_s=time_s, value=100.0 + 5 * time_s, steps=step)
+    (still,) = fit_steps(time_s=time_s, value=np.full(10, 100.0), steps=step)
+
+    assert "its final speed is not known" in " ".join(rejections(ramp))
+    assert still.explained == 0
+    assert not still.accepted

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import ConfigError, DataError
+from cfid.findings import texts
 from cfid.records.tables.angle import AngleRecord, Reading, counts_per_turn, read_angle
 from cfid.wire.rls import encode_positions
 
@@ -64,6 +65,10 @@ HEADS = {
     "t [µs],phi [°]": (1e6, 180 / np.pi),
     "time/ms,angle/degrees": (1e3, 180 / np.pi),
     "when,t_s,speed,phi [radians]": (1.0, 1.0),
+    "timestamp,theta1_rad": (1.0, 1.0),
+    "time,pos [deg]": (1.0, 180 / np.pi),
+    "timestamp,enc_rad": (1e3, 1.0),
+    "timestamp,alpha_rad": (1e6, 1.0),
     '"t [s]","angle, deg"': (1.0, 180 / np.pi),
 }
 
@@ -76,7 +81,33 @@ def test_names_and_units_are_read_from_the_head(tmp_path: Path, head: str) -> No
     record = read(tmp_path, f"{head}\n" + "".join(f"{before}{t:.6f}{middle},{a:.9f}\n" for t, a in rows))
     assert record.time_s == pytest.approx(TIME_S, abs=1e-9)
     assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
-    assert record.notes == ()
+    guessed = f"time is read in {'us' if time_scale > 1e3 else 'ms'}, by its step of {time_scale / 1e3:g}"
+    unnamed = head.startswith("timestamp,") and time_scale > 1
+    assert record.notes == ((f"swing.csv: {guessed} (--time-unit).",) if unnamed else ())
+
+
+def test_rows_as_a_spreadsheet_in_europe_writes_them_are_read(tmp_path: Path) -> None:
+    rows = "".join(f"{t:.3f};{np.degrees(a):.6f}\n" for t, a in zip(TIME_S, ANGLE_RAD, strict=True))
+    text = "Pendulum 3; 21.11.\n# Fs = 1000\nZeit\n\ntime;theta1\ns;deg\n" + rows.replace(".", ",")
+    record = read(tmp_path, text)
+    assert record.time_s == pytest.approx(TIME_S, abs=1e-9)
+    assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-7)
+    assert texts(record.findings, "note")[0] == (
+        f"swing.csv: 2000 rows 1 ms apart, angle from column 'theta1 [deg]', from {np.degrees(ANGLE_RAD.min()):.1f} to "
+        f"{np.degrees(ANGLE_RAD.max()):.1f} degrees, below 3 lines that are no header, with decimal commas."
+    )
+
+
+def test_a_stretch_without_numbers_is_left_out_and_a_long_one_refused(tmp_path: Path) -> None:
+    lines = text_of(TIME_S, ANGLE_RAD, "t,phi_rad").splitlines()
+    lines[501:601] = [line.split(",")[0] + ",nan" for line in lines[501:601]]
+    record = read(tmp_path, "\n".join([*lines, ""]))
+    kept = np.r_[0:500, 600:2000]
+    assert record.time_s == pytest.approx(TIME_S[kept], abs=1e-9)
+    assert record.angle_rad == pytest.approx(ANGLE_RAD[kept], abs=1e-8)
+    assert record.notes == ("swing.csv: 100 of 2000 rows lack a number (first: line 502) and are left out.",)
+    lines[601:901] = [line.split(",")[0] + "," for line in lines[601:901]]
+    assert "swing.csv:502: 'nan' in column 'phi_rad' is not a number" in refusal(tmp_path, "\n".join([*lines, ""]))
 
 
 @pytest.mark.parametrize(
@@ -158,17 +189,15 @@ def test_a_column_of_decimal_commas_is_never_read_as_two(tmp_path: Path) -> None
     assert "decimal commas" in refusal(tmp_path, "".join(seconds.splitlines(keepends=True)[:900]))
 
 
-def test_decimal_commas_are_refused_in_every_setting(tmp_path: Path) -> None:
-    for between in (";", "\t", " ", ","):
-        for head in ("t,phi", ""):
-            for time_unit in ("s", "ms", "us"):
-                rows = "".join(
-                    f"{t:.3f}{between}{a:.3f}\n".replace(".", ",")
-                    for t, a in zip(1e3 * TIME_S, 100 * np.degrees(ANGLE_RAD), strict=True)
-                )
-                text = head.replace(",", between) + "\n" * bool(head) + rows
-                said = refusal(tmp_path, text, time_unit=time_unit, counts_per_turn=4194304.0)
-                assert "decimal points" in said
+def test_decimal_commas_between_commas_are_refused_in_every_setting(tmp_path: Path) -> None:
+    for head in ("t,phi\n", ""):
+        for time_unit in ("s", "ms", "us"):
+            rows = "".join(
+                f"{t:.3f},{a:.3f}\n".replace(".", ",")
+                for t, a in zip(1e3 * TIME_S, 100 * np.degrees(ANGLE_RAD), strict=True)
+            )
+            said = refusal(tmp_path, head + rows, time_unit=time_unit, counts_per_turn=4194304.0)
+            assert "decimal points" in said
 
 
 # Time
@@ -327,9 +356,21 @@ def test_words_read_with_another_count_of_a_turn_are_refused(tmp_path: Path) -> 
     assert "give --counts-per-turn rls-13bit-in-22" in said
 
 
-def test_an_angle_with_fractions_needs_a_unit_and_is_no_count(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("unit", "scale"), [("rad", 1.0), ("deg", 180 / np.pi)])
+def test_a_swing_shows_its_unit_by_its_range_and_that_is_said(tmp_path: Path, unit: str, scale: float) -> None:
+    record = read(tmp_path, text_of(TIME_S, scale * ANGLE_RAD))
+    assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
+    assert f"column 'phi' is read in {unit}, by its range of" in record.notes[0]
+
+
+@pytest.mark.parametrize("values", [20 * TIME_S, 10 * ANGLE_RAD], ids=["a spin", "a swing of 9 somethings"])
+def test_a_range_that_may_be_of_either_unit_is_asked_about(tmp_path: Path, values: npt.NDArray[np.float64]) -> None:
+    said = refusal(tmp_path, text_of(TIME_S, values))
+    assert "may be radians or degrees: give --angle-unit rad|deg" in said
+
+
+def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
     text = text_of(TIME_S, ANGLE_RAD)
-    assert "names no unit and is not whole counts: give --angle-unit rad|deg" in refusal(tmp_path, text)
     for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):
         assert "has fractions: give --angle-unit rad|deg" in refusal(tmp_path, text, **options)
 

@@ -54,7 +54,7 @@ def test_a_table_of_one_motor_is_read_as_it_says(tmp_path: Path) -> None:
     assert np.asarray(table.torque_nm).tolist() == [0, 3e-5, 9e-4]
     assert np.asarray(table.mean_speed_rad_s).tolist() == [0, 462, 2989]
     assert np.asarray(table.vbat_v).tolist() == [4.1, 4.1, 3.6]
-    assert (table.motors, table.speeds, table.time_s, table.rate_hz, table.findings) == (None, "motor", None, None, ())
+    assert (table.motors, table.speeds, table.time_s, table.rate_hz, notes_of(table)) == (None, "motor", None, None, ())
     assert table.source.sha256 == hashlib.sha256(table.path.read_bytes()).hexdigest()
     assert dict(table.columns)["thrust_n"] == ("thrust_n",)
 
@@ -176,6 +176,37 @@ def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
     assert "cf2.1-stock-prop.csv: not used: v[V], i[A], p[W]." in notes_of(table)
 
 
+# What is missing or wrong in a part
+
+
+def test_a_field_that_is_no_number_is_missing_and_named(tmp_path: Path) -> None:
+    table = read(tmp_path, "cmd,thrust_n,torque_nm\n0,0,0\n2000,nan,1\n4000,0.2,\n6000,lost,3\n")
+
+    assert np.array_equal(np.asarray(table.thrust_n), [0, np.nan, 0.2, np.nan], equal_nan=True)
+    assert np.array_equal(np.asarray(table.torque_nm), [0, 1, np.nan, 3], equal_nan=True)
+    assert "stand.csv: 'thrust_n' is no number in 2 of 4 rows (first: line 3)." in notes_of(table)
+    assert "stand.csv: 'torque_nm' is no number in 1 of 4 rows (first: line 4)." in notes_of(table)
+
+
+def test_a_row_without_a_command_is_left_out_and_a_column_of_text_is_not_used(tmp_path: Path) -> None:
+    table = read(tmp_path, "cmd,thrust_n,torque_nm\n0,0,off\n,0.1,off\n4000,0.2,on\n")
+
+    assert table.command.tolist() == [0, 4000]
+    assert np.asarray(table.thrust_n).tolist() == [0, 0.2]
+    assert table.torque_nm is None
+    assert "stand.csv: 'torque_nm' holds no number: it is not used." in notes_of(table)
+    assert "stand.csv: 1 rows without a time or command (first: line 3) are left out." in texts(
+        table.findings, "warning"
+    )
+
+
+def test_a_column_of_an_unknown_unit_is_named_where_it_is_not_needed(tmp_path: Path) -> None:
+    table = read(tmp_path, "cmd,thrust_n,vbat[mV]\n1,4,4100\n")
+
+    assert table.vbat_v is None
+    assert "stand.csv: column 'vbat[mV]' has no known unit." in notes_of(table)
+
+
 # Refusals
 
 
@@ -187,14 +218,13 @@ def test_bitcrazes_ramp_of_2021_is_a_record_over_time() -> None:
         ("cmd,lift\n1,4\n", "nothing measured among cmd, lift. Known names: cmd"),
         ("cmd,thrust\n1,4\n", "column 'thrust' has no known unit. Known names: cmd"),
         ("cmd,thrust[lbs]\n1,4\n", "column 'thrust[lbs]' has no known unit"),
-        ("cmd,thrust_n,vbat[mV]\n1,4,4100\n", "column 'vbat[mV]' has no known unit"),
-        ("pwm[us],thrust_n\n1,4\n", "column 'pwm[us]' has no known unit"),
+        ("pwm[ms],thrust_n\n1,4\n", "column 'pwm[ms]' has no known unit"),
         ("cmd,weight[g],thrust[N]\n1,4,2\n", "more than one column of thrust: weight[g], thrust[N]. Leave one"),
         ("cmd,pwm,thrust_n\n1,4,2\n", "more than one column of command: cmd, pwm"),
         ("pwm,rpm1,rpm_mean\n1,4,2\n", "more than one column of speeds: rpm1, rpm_mean"),
         ("1,4\n2,5\n", "no header for its 2 columns. Known names: cmd"),
-        ("cmd,thrust_n\n2000,0.1\n4000,nan\n", "stand.csv:3: 'nan' in column 'thrust_n' is not a number"),
-        ("cmd,thrust_n\n2000,0.1\n4000,\n", "stand.csv:3: column 'thrust_n' is empty"),
+        ("cmd,thrust_n\n2000,bad\n4000,nan\n", "nothing measured among cmd, thrust_n. Known names: cmd"),
+        ("cmd,thrust_n\n2000,0.1\n4000\n", "stand.csv:3: 1 fields where the file has 2 columns"),
         ("pwm,thrust_n\n2000,0.1\n-4000,0.1\n", "stand.csv:3: -4000 in column 'pwm': a command is zero or more"),
         ("cmd,thrust_n\n2000,0.1\n70000,0.1\n", "stand.csv:3: 70000 in column 'cmd': the largest is 65535"),
         (

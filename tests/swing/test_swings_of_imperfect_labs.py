@@ -134,6 +134,19 @@ def test_a_mass_in_grams_and_a_distance_in_millimetres_are_rejected_with_their_u
     assert "swing.natural_frequency_squared_s2" not in heavy.rejected
 
 
+def test_uncertainties_of_mass_and_distance_are_lines_of_the_budget_and_none_is_taken_as_exact() -> None:
+    record, key = recorded(encoded(one_swing()[1], np.random.default_rng(5)), Label()), "swing.axis_inertia_kg_m2"
+    exact = cfid.swing.fit(record, mass_kg=0.028, distance_m=0.023)
+    known = cfid.swing.fit(record, mass_kg=0.028, mass_std_kg=0.00028, distance_m=0.023, distance_std_m=0.00046)
+    value, alone, together = exact.quantities[key].value, exact.quantities[key].std, known.quantities[key].std
+
+    assert together == pytest.approx(math.hypot(alone, 0.01 * value, 0.02 * value), rel=0.01)
+    assert any("mass 1 %, mount distances 2 %" in line for line in known.lines)
+    codes = [[one.text for one in result.findings if one.code == "input-taken-as-exact"] for result in (exact, known)]
+    assert [len(texts) for texts in codes] == [2, 0]
+    assert "the mass is taken as exact" in codes[0][0]
+
+
 def test_any_other_body_may_have_any_mass(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(new_rig_text().replace('platform = "cf2"', 'platform = "other"'))

@@ -14,6 +14,7 @@ from cfid.motors.vibration.data import Rotors
 from cfid.records.run import refuse_contradiction, run_holding
 from cfid.records.tables.stand import read_stand_table
 from cfid.records.tables.times import run_at
+from cfid.records.tables.wrench import holds_wrench
 from cfid.units import FULL_COMMAND
 
 
@@ -28,20 +29,28 @@ def read_evidence(
     kind: str,
     method: str,
     rotors: Rotors | None = None,
+    esc_us: tuple[float, float] | None = None,
 ) -> Evidence:
-    """Read COMMAND=FILE, RUN and a table, and put all their points together; missing speeds of
+    """Read COMMAND=FILE, RUN and tables, and put all their points together; missing speeds of
     `rotors` are estimated from vibration.
 
     Without any of them the campaign's complete runs of a `kind` are taken.
 
     Raises ConfigError when there is nothing to read, DataError and FitError that name the file.
     """
-    site, parts = workplace.rig.site, []
-    if table is not None:
+
+    def of_stand(path: Path) -> Evidence:
         read = read_stand_table(
-            table, gravity_mps2=site.gravity_mps2, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines
+            path,
+            gravity_mps2=workplace.rig.site.gravity_mps2,
+            rate_hz=reading.rate_hz,
+            skip_lines=reading.skip_lines,
+            time_unit=reading.time_unit,
+            esc_us=esc_us,
         )
-        parts.append(of_table(read, known, workplace.facts))
+        return of_table(read, known, workplace.facts)
+
+    parts = [] if table is None else [of_stand(table)]
     for word in _meant(words, parts, workplace, kind):
         command, equals, file = word.partition("=")
         if equals and not Path(word).exists():
@@ -52,12 +61,15 @@ def read_evidence(
             parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:
             path = find_recording(word, workplace)
-            if (run := run_at(path)) is None:
-                raise DataError(f"{path}: no run folder; a file needs its command: write COMMAND={path}.")
-            parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
+            if (run := run_at(path)) is not None:
+                parts.append(of_run(run, known, scale.reading(reading), rotors=rotors))
+            elif holds_wrench(path, scale.reading(reading)):
+                raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
+            else:
+                parts.append(of_stand(path))
     if not parts:
         raise ConfigError(
-            "nothing to fit: give COMMAND=FILE ..., a RUN of `cfid log thrust` or speed, or --table FILE."
+            "nothing to fit: give a thrust stand's CSV file, COMMAND=FILE ..., or a RUN of `cfid log thrust` or speed."
         )
     if not any(len(part.points.command) for part in parts):
         raise FitError(" ".join(["no step settles.", *(part.findings[-1].text for part in parts if part.findings)]))

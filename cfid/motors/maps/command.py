@@ -10,6 +10,7 @@ from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import span
 from cfid.console.options import (
     Delivery,
+    EscUs,
     FlipFz,
     GravityMps2,
     LoadCellOptions,
@@ -18,6 +19,7 @@ from cfid.console.options import (
     ReadingOptions,
     RigOptions,
     flat,
+    pulses_us,
 )
 from cfid.console.outcome import deliver
 from cfid.errors import ConfigError
@@ -33,8 +35,8 @@ _INPUT = "What was measured"
 Words = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="COMMAND=FILE|RUN ...",
-        help="Load-cell files by command, or runs of cfid log; default: all complete ones.",
+        metavar="FILE|COMMAND=FILE|RUN ...",
+        help="Thrust stands' CSV files, load-cell files by command, or runs; default: all complete ones.",
     ),
 ]
 
@@ -57,6 +59,7 @@ class StandOptions:
         typer.Option(metavar="FROM:TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
     ] = None
     flip_fz: FlipFz = None
+    esc_us: EscUs = None
 
     def known(self) -> "Stand":
         """Return them as the fits take them. Raises ConfigError for an invalid window."""
@@ -64,6 +67,11 @@ class StandOptions:
 
         window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4:8")
         return Stand(motors=self.motors, markers=self.markers, window_s=window_s, flip_fz=self.flip_fz)
+
+    @property
+    def pulses_us(self) -> tuple[float, float] | None:
+        """The pulse widths of commands 0 and 65535. Raises ConfigError for an invalid range."""
+        return pulses_us(self.esc_us)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +120,15 @@ def thrust(
     workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
     result = fit_thrust(
         read_evidence(
-            runs or [], reading, scale, workplace, known=stand.known(), table=stand.table, kind="thrust", method=method
+            runs or [],
+            reading,
+            scale,
+            workplace,
+            known=stand.known(),
+            table=stand.table,
+            kind="thrust",
+            method=method,
+            esc_us=stand.pulses_us,
         ),
         gravity_mps2=workplace.rig.site.gravity_mps2,
         order=fit.chosen(2),
@@ -159,6 +175,7 @@ def speed(
             kind="speed",
             method=method,
             rotors=rotors,
+            esc_us=stand.pulses_us,
         ),
         order=fit.chosen(1),
         robust=fit.robust,
@@ -188,7 +205,15 @@ def torque(
 
     workplace = open_workplace(rig)
     found = read_evidence(
-        runs or [], reading, scale, workplace, known=stand.known(), table=stand.table, kind="thrust", method=method
+        runs or [],
+        reading,
+        scale,
+        workplace,
+        known=stand.known(),
+        table=stand.table,
+        kind="thrust",
+        method=method,
+        esc_us=stand.pulses_us,
     )
     _deliver(fit_torque(found, order=fit.chosen(1), robust=fit.robust, method=method), workplace, delivery)
 

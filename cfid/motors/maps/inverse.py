@@ -136,7 +136,7 @@ def on_battery(most: MaximumThrust, voltage: VoltageComparison, *, order: int) -
         volts = float(at @ line.values)
         thrust = float(fit.at(volts))
     volts_std = math.sqrt(float(at @ line.covariance @ at) + float(np.mean(line.residual**2)))
-    ahead = missed(fit, volts) if voltage.command.max() < _FAR * FULL_COMMAND else 0.0
+    ahead = missed(fit, volts) if voltage.command.max() < NEAR_FULL * FULL_COMMAND else 0.0
     beyond_std = math.hypot(ahead, float(fit.slope_at(np.array([volts]))[0]) * volts_std)
     total = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
     ratio = most.hover_mass_kg / most.thrust_n

@@ -1,5 +1,6 @@
 """Steady points from tables: settled points, a thrust stand's record over time, readings of scales."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -7,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import CfidError, DataError
-from cfid.estimate.staircase import mean_beside, reduce_staircase
+from cfid.errors import CfidError, DataError, FitError
+from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_staircase
+from cfid.findings import Finding
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
@@ -17,8 +19,13 @@ from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
 from cfid.records.tables.vehicle import READINGS, holds, read_commands, read_rows
+from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
+
+_LEAST_HELD_S = 0.2  # five time constants of the fastest rotor
+_TOGETHER = 0.8  # of the rows with a thrust that have a torque
+_MOST_NAMED = 8  # steps left out that have a sentence each
 
 
 def of_table(table: StandTable, stand: Stand, facts: RigFacts = NONE_STATED) -> Evidence:
@@ -60,39 +67,106 @@ def _of_points(table: StandTable, stand: Stand) -> Evidence:
 
 
 def _of_record(table: StandTable, stand: Stand) -> Evidence:
-    """Reduce a thrust stand's record over time: thrust, speed and battery in the steady window of each command."""
+    """Reduce a thrust stand's record over time: thrust, torque, speed and battery where each command is steady."""
     assert table.time_s is not None
     if table.thrust_n is None:
         return _of_speeds(table, stand)
-    changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
+    channels, known = _forces(table)
+    command_time_s, commands = _log(table)
     try:
         found = reduce_staircase(
-            time_s=table.time_s,
-            channels=table.thrust_n[:, np.newaxis],
-            command_time_s=table.time_s[changes],
-            commands=np.outer(table.command[changes], (1, 0, 0, 0)),  # the table states how many motors ran
+            time_s=table.time_s[known],
+            channels=channels[known],
+            command_time_s=command_time_s,
+            commands=commands,
             thrust=0,
         )
         settled = found.steady()
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
     shown, volts = (
-        None if column is None else mean_beside(settled, table.time_s, column)
+        None if column is None else _beside(settled, table.time_s, column)
         for column in (table.square_mean_speed_rad_s, table.vbat_v)
     )
     speed, findings = (None, ()) if shown is None else stand.divided(shown, table.path.name)
-    points = per_motor(points_of(settled, thrust=0), motors=1 if table.motors is not None else stand.motors or 1)
+    points = points_of(settled, thrust=0)
+    if channels.shape[1] > 1:
+        points = replace(
+            points,
+            torque_nm=np.array([step.mean[1] for step in settled]),
+            torque_std_nm=np.array([step.std_of_mean[1] for step in settled]),
+            torque_shared_nm=np.array([step.tare_shares[:, 1] for step in settled]),
+        )
+    if commands is None:
+        points = replace(points, command=np.full(len(settled), np.nan))
+    points = per_motor(points, motors=1 if table.motors is not None else stand.motors or 1)
     return Evidence(
         points=replace(points, speed_rad_s=speed),
         vbat_v=volts,
-        lines=tuple(line_of(point, table.path.name) for point in found.points),
-        findings=(*table.findings, *findings, *staircase_findings(found, table.path.name)),
+        lines=tuple(line_of(point, table.path.name) for point in settled),
+        findings=(*table.findings, *findings, *_few(staircase_findings(found, table.path.name), found)),
         sources=(table.source,),
         reduced=(
-            Reduced(name=table.path.stem, time_s=table.time_s, thrust_n=table.thrust_n, staircase=found, thrust=0),
+            Reduced(
+                name=table.path.stem,
+                time_s=table.time_s[known],
+                thrust_n=table.thrust_n[known],
+                staircase=found,
+                thrust=0,
+            ),
         ),
         paths=(table.path,),
     )
+
+
+def _forces(table: StandTable) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return thrust, and torque where it was recorded with it (n, 1 or 2), and the rows (n,) where they are known.
+
+    A stand may read its load cells less often than the rest.
+    """
+    assert table.thrust_n is not None
+    known = np.isfinite(table.thrust_n)
+    if table.torque_nm is None:
+        return table.thrust_n[:, np.newaxis], known
+    both = known & np.isfinite(table.torque_nm)
+    if both.sum() < _TOGETHER * known.sum():
+        return table.thrust_n[:, np.newaxis], known
+    return np.column_stack([table.thrust_n, table.torque_nm]), both
+
+
+def _log(table: StandTable) -> tuple[Array | None, Array | None]:
+    """Return when commands begin (m,) and the commands (m, 4), both None where the table has none.
+
+    Raises FitError for a recording in which no command is held: it is motion, not steps.
+    """
+    assert table.time_s is not None
+    if np.isnan(table.command).all():
+        return None, None
+    changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
+    begin_s, command = table.time_s[changes], table.command[changes]
+    held_s = np.diff(begin_s, append=table.time_s[-1])[command > DEAD_COMMAND]
+    if len(held_s) and held_s.max() < _LEAST_HELD_S:
+        raise FitError(
+            f"{table.path}: unsteady: of {len(held_s)} commands none is held for longer than {held_s.max():.2g} s, and "
+            f"a rotor settles in no less than {_LEAST_HELD_S:g} s. Hold each command for some seconds."
+        )
+    return begin_s, np.outer(command, (1, 0, 0, 0))  # the table states how many motors ran
+
+
+def _beside(settled: Sequence[Point], time_s: Array, value: Array) -> Array:
+    """Return the means (p,) of what is known of values (n,) in the windows of points."""
+    known = np.isfinite(value)
+    return mean_beside(settled, time_s[known], value[known])
+
+
+def _few(findings: Sequence[Finding], found: Staircase) -> tuple[Finding, ...]:
+    """Return the findings, many steps that were left out as one."""
+    left_out = [one for one in findings if one.code == "step-left-out"]
+    if len(left_out) <= _MOST_NAMED:
+        return tuple(findings)
+    others = [one for one in findings if one.code != "step-left-out"]
+    text = f"{len(left_out)} of {len(found.points)} steps are left out. The first: {left_out[0].text}"
+    return (*others, replace(left_out[0], sentence=text, where=()))
 
 
 def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
@@ -100,11 +174,11 @@ def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
     shown = table.square_mean_speed_rad_s
     if table.time_s is None or shown is None:
         raise DataError(f"{table.path}: a record over time without a thrust or a speed cannot be reduced.")
-    changes = np.flatnonzero(np.diff(table.command, prepend=np.nan))
+    command_time_s, commands = _log(table)
+    if command_time_s is None or commands is None:
+        raise DataError(f"{table.path}: speeds alone without commands give no map.")
     try:
-        found = reduce_speeds(
-            table.time_s, shown[:, np.newaxis], table.time_s[changes], np.outer(table.command[changes], (1, 0, 0, 0))
-        )
+        found = reduce_speeds(table.time_s, shown[:, np.newaxis], command_time_s, commands)
         settled = found.steady()
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
@@ -112,7 +186,7 @@ def _of_speeds(table: StandTable, stand: Stand) -> Evidence:
     return Evidence(
         points=MotorPoints(command=np.array([float(point.command or 0) for point in settled]), speed_rad_s=speed),
         lines=tuple(line_of(point, table.path.name) for point in found.points),
-        findings=(*table.findings, *findings, *speed_findings(found, table.path.name)),
+        findings=(*table.findings, *findings, *_few(speed_findings(found, table.path.name), found)),
         sources=(table.source,),
         paths=(table.path,),
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.console.options import Delivery, EscUs, LoadCellOptions, ReadingOptions, RigOptions, flat, pulses_us
 from cfid.console.outcome import deliver
 
 
@@ -16,9 +16,10 @@ def dynamics(
     *,
     runs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="RUN ...", help="A run with steps: speeds reported, or in the vibration."),
+        typer.Argument(metavar="FILE|RUN", help="A run with steps, or a stand's CSV file with speeds over time."),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
+    esc_us: EscUs = None,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
@@ -28,7 +29,7 @@ def dynamics(
 
     Example: [bold]cfid fit dynamics 2026-11-21_083012_speed[/bold]
     """
-    from cfid.errors import ConfigError, DataError
+    from cfid.errors import ConfigError
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
     from cfid.records.tables.stand import read_stand_table
@@ -36,15 +37,21 @@ def dynamics(
 
     workplace = open_workplace(rig)
     if not runs and table is None:
-        raise ConfigError("nothing to fit: give a RUN with steps, or --table FILE.")
+        raise ConfigError("nothing to fit: give a RUN with steps, or a thrust stand's CSV file.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    if table is not None:
-        record = of_table(read_stand_table(table, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines))
-    else:
-        path = find_recording((runs or [])[0], workplace)
-        if (run := run_at(path)) is None:
-            raise DataError(f"{path}: no run folder; steps need the commands that a run has.")
+    path = table or find_recording((runs or [])[0], workplace)
+    run = run_at(path)
+    if run is not None:
         record = of_run(run, scale.reading(reading))
+    else:
+        stand = read_stand_table(
+            path,
+            rate_hz=reading.rate_hz,
+            skip_lines=reading.skip_lines,
+            time_unit=reading.time_unit,
+            esc_us=pulses_us(esc_us),
+        )
+        record = of_table(stand)
     result = replace(fit(record), folder=workplace.figures_beside([record.path]))
     deliver(result, delivery, workplace.campaign, workplace.own_rig)

@@ -52,8 +52,8 @@ class SpeedRecord:
 def of_table(table: StandTable) -> SpeedRecord:
     """Take a thrust stand's record over time. Raises DataError for a table of settled points."""
     speed = table.square_mean_speed_rad_s
-    if table.time_s is None or speed is None:
-        raise DataError(f"{table.path}: no speeds over time: there is no step to fit.")
+    if table.time_s is None or speed is None or np.isnan(table.command).all():
+        raise DataError(f"{table.path}: no speeds and commands over time: there is no step to fit.")
     return SpeedRecord(
         name=table.path.stem,
         path=table.path,

@@ -250,8 +250,10 @@ def _start(lags: Sequence[StepFit]) -> Array:
 
 
 def _explained(residual: Array, value: Array, length: int) -> float:
-    noise, signal = (block_means(series, length=max(length, 1)) for series in (residual, value))
-    return float(1 - np.var(noise) / np.var(signal))
+    """Return the part of the variance (r^2) that is explained, 0 where nothing varies."""
+    length = min(max(length, 1), len(value) // 2)  # a slow lag is longer than its step
+    noise, signal = (block_means(series, length=length) for series in (residual, value))
+    return float(1 - np.var(noise) / np.var(signal)) if np.var(signal) > 0 else 0.0
 
 
 def _noise(data: StepData, part: Part, fit: OptimizeResult) -> Array:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, of_recording, texts
+from cfid.findings import Finding, note, of_recording, texts
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
@@ -22,11 +22,11 @@ from cfid.records.tables.times import (
     TIME_COLUMN,
     Facts,
     column_name,
+    complete_rows,
     facts_of,
     file_name,
     gaps,
     losses,
-    numbers_of,
     run_at,
     times_of,
     unit_of,
@@ -38,7 +38,9 @@ AngleUnit = Literal["counts", "rad", "deg"]
 ENCODER = "encoder"
 
 _ANGLE = Column(
-    "angle", column_name("phi|angle|theta|position", ("rad", "deg", "counts")), "of angle (phi, angle, theta)"
+    "angle",
+    column_name(r"(?:phi|angle|theta|alpha|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
+    "of angle (phi, angle, theta)",
 )
 SCHEMA = TableSchema(columns=(TIME_COLUMN, _ANGLE), words=("TIME", "ANGLE"))
 
@@ -155,18 +157,23 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
-    values = numbers_of(table, list(places.values()))
+    table, values, gaps_notes = complete_rows(table, list(places.values()), own=own)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "--angle-unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
-    if table.cut:
-        notes += (CUT_LINE,)
+    notes = (*gaps_notes, *notes, *angle.notes, *((CUT_LINE,) if table.cut else ()))
+    step_s, degrees = float(np.median(np.diff(time))), np.degrees(angle.angle_rad)
+    understood = (
+        f"{len(values)} rows {1e3 * step_s:.4g} ms apart, angle from column '{angle_name}', from "
+        f"{degrees.min():.1f} to {degrees.max():.1f} degrees{table.layout}."
+    )
+    read = () if own else (note("file-read", understood).at(path.name),)
     record = AngleRecord(
         path=path,
         source=Source(str(path), table.sha256),
         label=label,
         time_s=time[angle.rows] - time[angle.rows[0]],
         angle_rad=angle.angle_rad,
-        findings=of_recording(file_name(path, own=own), notes + angle.notes),
+        findings=(*read, *of_recording(file_name(path, own=own), notes)),
     )
     return record, len(values)

@@ -16,6 +16,8 @@ Rows = npt.NDArray[np.intp]
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
 _JUMP_SHARE = 0.01  # of samples that may jump
 _JUMP_RAD = np.pi / 2  # between two samples; at half a turn the direction is ambiguous
+_LOOKED_AT = 500  # samples whose way shows a swing
+_LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more than radians can be; its way over that
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
 _EXACT = 2.0**53  # above it, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that stays below may as well be one of fewer bits
@@ -46,18 +48,32 @@ def continuous_angle(
     whole = bool(np.all(values == np.round(values)))
     if unit is None and (whole or counts_per_turn is not None):
         unit = "counts"
+    notes: tuple[str, ...] = ()
+    if unit is None:
+        unit = _unit_by_range(values)
+        notes = (f"column '{column}' is read in {unit}, by its range of {np.ptp(values):.4g} (--angle-unit).",)
     if unit is None:
         raise DataError(
-            f"{table.path}: column '{column}' names no unit and is not whole counts: give --angle-unit rad|deg."
+            f"{table.path}: column '{column}' names no unit, is not whole counts, and its range of "
+            f"{np.ptp(values):.4g} may be radians or degrees: give --angle-unit rad|deg."
         )
     if unit != "counts":
         turns = values / (360.0 if unit == "deg" else 2 * np.pi)
-        return _joined(table, turns, np.arange(len(values)), ())
+        return _joined(table, turns, np.arange(len(values)), notes)
     if not whole:
         raise DataError(
             f"{table.path}: column '{column}' is read as counts but has fractions: give --angle-unit rad|deg."
         )
     return _from_counts(table, counts_per_turn, values.astype(np.int64))
+
+
+def _unit_by_range(values: Array) -> str | None:
+    """Return the unit of angles (n,): radians within a turn, degrees to and fro over more; None where both may be."""
+    span = float(np.ptp(values))
+    if np.abs(values).max() <= 2 * np.pi:
+        return "rad"
+    way = float(np.abs(np.diff(values[:: max(len(values) // _LOOKED_AT, 1)])).sum())
+    return "deg" if span > _LEAST_SWING_DEG and way > _TO_AND_FRO * span else None
 
 
 def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Counts) -> Angle:

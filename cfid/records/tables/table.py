@@ -17,16 +17,16 @@ import pandas as pd  # half of the start-up time of a fit, and not needed to ref
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import sha256_of
+from cfid.records.tables.head import COMMENT, POINTS, head_of
 from cfid.records.tables.matlab import is_matlab, matlab_text
 from cfid.records.tables.text import (
-    TextLine,
+    NUMBER,
     fields_of,
     filled_lines,
     has_comma,
+    has_decimal_commas,
     is_finite,
-    is_number,
     read_text,
-    separator_of,
     short,
     whole_lines,
 )
@@ -36,7 +36,6 @@ Places = npt.NDArray[np.intp]
 
 _SPACE = 32
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
-_POINTS = "Numbers need decimal points, and no comma inside."
 _REPAIR = "Repair or cut that line."
 
 
@@ -44,7 +43,8 @@ _REPAIR = "Repair or cut that line."
 class CsvTable:
     """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
-    A column is selected by its name, or by its number counted from 1.
+    A column is selected by its name, or by its number counted from 1. `preamble` is how many lines were left out
+    above the header.
     """
 
     path: Path
@@ -52,6 +52,8 @@ class CsvTable:
     names: tuple[str, ...]
     has_head: bool
     cut: bool
+    preamble: int
+    decimal: str
     _body: bytes
     _first_line: int
     _separator: str | None  # None: any run of spaces and tabs
@@ -64,11 +66,37 @@ class CsvTable:
         """
         places = [self.place(name) for name in columns]
         rows = self._rows()
+        if rows is not None and _holds_truths(rows):
+            self._check_lines(places)
         values = None if rows is None else self._parsed(rows, places)
         if values is None or not np.all(np.isfinite(values)):
             self._check_lines(places)
             raise DataError(f"{self.path}: not readable as a table of numbers.")
         return values
+
+    def known_numbers(self, columns: Sequence[str]) -> Array:
+        """Return the named columns, shape (rows, columns), nan where a field is no finite number.
+
+        Raises DataError naming the line of the first row that has a wrong number of fields.
+        """
+        places = [self.place(name) for name in columns]
+        rows = self._rows()
+        if rows is None:
+            self._check_lines(())
+            raise DataError(f"{self.path}: not readable as a table.")
+        values = None if _holds_truths(rows) else self._parsed(rows, places)
+        if values is None:
+            values = self._fields_parsed(rows, places)
+        return np.where(np.isfinite(values), values, np.nan)
+
+    def without(self, rows: Sequence[int] | Places) -> "CsvTable":
+        """Return the table without some rows, counted from 0; the others keep their lines."""
+        fields, ends = self._fields_of_lines()
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        body, lines = bytearray(self._body), np.flatnonzero(fields)[np.asarray(rows, np.intp)]
+        for start, end in zip(starts[lines].tolist(), ends[lines].tolist(), strict=True):
+            body[start:end] = b" " * (end - start)
+        return replace(self, _body=bytes(body))
 
     def place(self, column: str) -> int:
         """Return the position of a column, counted from 0.
@@ -96,12 +124,19 @@ class CsvTable:
         Only the first block of a large file has a header.
         """
         text, cut = whole_lines(content)
-        return replace(self, cut=cut, _body=text, _first_line=self._first_line + self._body.count(b"\n"))
+        first_line = self._first_line + self._body.count(b"\n")
+        return replace(self, cut=cut, _body=_without_comments(text), _first_line=first_line)
 
     @property
     def filled(self) -> bool:
         """Whether it has any row."""
         return bool(self._body.strip())
+
+    @property
+    def layout(self) -> str:
+        """What is unusual about the file's layout, for the line that states how it was read."""
+        above = f", below {self.preamble} lines that are no header" if self.preamble else ""
+        return above + (", with decimal commas" if self.decimal == "," else "")
 
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, that holds a row, counted from 0."""
@@ -128,25 +163,33 @@ class CsvTable:
         return np.frombuffer(table._body, np.uint8)[kept].tobytes()
 
     def _parsed(self, rows: bytes, places: list[int]) -> Array | None:
-        # pandas reads a column of `true` alone as ones. Searching for one letter first is much faster.
-        if any(word[-1:] in rows and word in rows for word in _TRUTHS):
-            self._check_lines(places)
         try:
-            frame = pd.read_csv(
-                io.BytesIO(rows),
-                sep=self._separator or r"\s+",
-                header=None,
-                usecols=sorted(set(places)),
-                dtype=np.float64,
-                skipinitialspace=b" " in rows or b"\t" in rows,  # looking for spaces takes a third of the time
-                quoting=csv.QUOTE_NONE,
-                na_filter=False,
-                encoding="latin-1",
-            )
+            values: Array = self._frame(rows, places, np.float64)[places].to_numpy()
         except (ValueError, OverflowError):
             return None
-        values: Array = frame[places].to_numpy()
         return values
+
+    def _fields_parsed(self, rows: bytes, places: list[int]) -> Array:
+        """Return the columns (rows, columns) field by field, nan where one is no number; slow."""
+        fields = self._frame(rows, places, str)[places]
+        spelt = fields.apply(lambda column: column.str.strip().str.replace(self.decimal, "."))
+        known = spelt.apply(lambda column: column.str.fullmatch(NUMBER))
+        values: Array = spelt.where(known).astype(np.float64).to_numpy()
+        return values
+
+    def _frame(self, rows: bytes, places: list[int], kind: type) -> "pd.DataFrame":
+        return pd.read_csv(
+            io.BytesIO(rows),
+            sep=self._separator or r"\s+",
+            header=None,
+            usecols=sorted(set(places)),
+            dtype=kind,
+            skipinitialspace=b" " in rows or b"\t" in rows,  # looking for spaces takes a third of the time
+            quoting=csv.QUOTE_NONE,
+            na_filter=False,
+            decimal=self.decimal,
+            encoding="latin-1",
+        )
 
     def _unquoted(self) -> "CsvTable":
         lines = self._body.decode("latin-1").split("\n")
@@ -194,22 +237,28 @@ class CsvTable:
             return f"zero bytes in the middle of the file. {_REPAIR}"
         fields = fields_of(line, self._separator)
         if len(fields) != len(self.names):
-            advice = _POINTS if self._separator == "," and len(fields) > len(self.names) else _REPAIR
+            advice = POINTS if self._separator == "," and len(fields) > len(self.names) else _REPAIR
             return f"{len(fields)} fields where the file has {len(self.names)} columns. {advice}"
         for place in places:
             field, column = fields[place], f"column '{self.names[place]}'"
             if not field:
                 return f"{column} is empty. {_REPAIR}"
-            if not is_finite(field):
-                return f"'{short(field)}' in {column} is not a number. {_POINTS if has_comma(field) else _REPAIR}"
+            if not is_finite(field.replace(self.decimal, ".")):
+                return f"'{short(field)}' in {column} is not a number. {POINTS if has_comma(field) else _REPAIR}"
         return None
 
 
-def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = ()) -> CsvTable:
-    """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header of one line.
+def _holds_truths(rows: bytes) -> bool:
+    """Return whether `true` is among the fields, columns of which pandas reads as ones."""
+    return any(word[-1:] in rows and word in rows for word in _TRUTHS)  # one letter is searched for much faster
 
-    A MATLAB file is taken as the CSV file of its arrays; where it has several tables, `columns` choose one. A last line
-    without its newline is left out, since a cut number may look plausible, and `cut` is set.
+
+def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = ()) -> CsvTable:
+    """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header.
+
+    A MATLAB file is taken as the CSV file of its arrays; where it has several tables, `columns` choose one.
+    Lines above the header and lines of comments are left out; between semicolons, tabs and spaces, numbers may have
+    decimal commas. A last line without its newline is left out, since a cut number may look plausible; `cut` is set.
 
     Raises DataError when the file is missing, empty or not a table of numbers.
     """
@@ -226,62 +275,24 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
     text, cut = whole_lines(content)
     if not text or text.isspace():
         raise DataError(f"{path}: its only line has no end: the recording was cut before its first row.")
-    lines = filled_lines(text, skip=skip_lines)
-    first = next(lines, None)
-    if first is None:
-        count = text.count(b"\n")
-        raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that --skip-lines leaves out.")
-    separator = separator_of(first.text)
-    names = fields_of(re.sub(r"^\s*[#%]+\s*", "", first.text), separator)
-    has_head = _is_head(path, first, names)
-    row = next(lines, None) if has_head else first
-    if row is None:
-        raise DataError(f"{path}: a header and no rows; nothing was recorded.")
-    fields = fields_of(row.text, separator)
-    if not any(is_number(field) or has_comma(field) for field in fields):
-        raise DataError(
-            f"{path}: not a CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
-            "A longer header can be left out with --skip-lines."
-        )
+    head = head_of(path, text, skip_lines=skip_lines)
+    body = _without_comments(text[head.row.begin :])
     return CsvTable(
         path=path,
         sha256=sha256,
-        names=_fitted(names, fields) if has_head else _numbered(fields),
-        has_head=has_head,
+        names=head.names,
+        has_head=head.has_head,
         cut=cut,
-        _body=text[row.begin :],
-        _first_line=row.number,
-        _separator=separator,
+        preamble=head.preamble,
+        decimal="," if has_decimal_commas(body, head.separator) else ".",
+        _body=body,
+        _first_line=head.row.number,
+        _separator=head.separator,
     )
 
 
-def _is_head(path: Path, line: TextLine, fields: Sequence[str]) -> bool:
-    """Return whether a line is a header, not a row.
-
-    Raises DataError for a line that is neither: a damaged first row must not pass as a header.
-    """
-    numbers = sum(is_number(field) for field in fields)
-    commas = any(has_comma(field) for field in fields)
-    if numbers == 0 and not commas:
-        return True
-    if numbers == len(fields) - (not fields[-1]):
-        return False
-    text = short(line.text.strip())
-    raise DataError(
-        f"{path}:{line.number}: '{text}' is neither a header nor a row of numbers: leave it out with --skip-lines, or "
-        f"repair it. {_POINTS}"
-    )
-
-
-def _numbered(row: list[str]) -> tuple[str, ...]:
-    """Return the columns' numbers; a separator at the end of the row adds no column."""
-    return tuple(str(i + 1) if field or i + 1 < len(row) else "" for i, field in enumerate(row))
-
-
-def _fitted(names: list[str], row: list[str]) -> tuple[str, ...]:
-    """Return the columns' names, where a separator at the end of every row, or of the header alone, is ignored."""
-    if len(row) == len(names) + 1 and not row[-1]:
-        return (*names, "")
-    if len(names) == len(row) + 1 and not names[-1]:
-        return tuple(names[:-1])
-    return tuple(names)
+def _without_comments(body: bytes) -> bytes:
+    """Return the body with its comments blanked out, so that lines keep their numbers."""
+    if not any(sign in body for sign in (b"#", b"%", b"//")):
+        return body
+    return re.sub(rf"(?m)^{COMMENT}[^\n]*".encode(), lambda found: b" " * len(found.group()), body)

@@ -16,9 +16,13 @@ _OTHER_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\0\0\xfe\xff")  # UTF-16 and UTF-32
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 _LOOKED_AT = 4096  # bytes at the start of a file, where text has no control characters
 _DARK = re.compile(r"[^\x00-\x20]+")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?[\d.,']*\d,\d[\d.,']*(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+_FIELD = rb"(?m)(?:^|[;\t ])[ ]*[+-]?(%s)(?:[eE][+-]?\d+)?[ \r]*(?=[;\t ]|$)"
+_DECIMAL_COMMA = re.compile(_FIELD % rb"\d+,\d+")
+_DECIMAL_POINT = re.compile(_FIELD % rb"\d*\.\d+")
+_THOUSANDS = re.compile(rb"[1-9]\d{0,2},\d{3}")
 
 
 class TextLine(NamedTuple):
@@ -107,17 +111,25 @@ def fields_of(line: str, separator: str | None) -> list[str]:
 
 def is_number(field: str) -> bool:
     """Return whether a field is written as a number; nan and inf count."""
-    return bool(_NUMBER.fullmatch(field) or _NOT_FINITE.fullmatch(field))
+    return bool(NUMBER.fullmatch(field) or _NOT_FINITE.fullmatch(field))
 
 
 def is_finite(field: str) -> bool:
     """Return whether a field is a finite number, with a decimal point or without."""
-    return bool(_NUMBER.fullmatch(field)) and math.isfinite(float(field))
+    return bool(NUMBER.fullmatch(field)) and math.isfinite(float(field))
 
 
 def has_comma(field: str) -> bool:
     """Return whether a field is a number with a comma inside, decimal or of thousands."""
     return bool(_COMMA_NUMBER.fullmatch(field))
+
+
+def has_decimal_commas(body: bytes, separator: str | None) -> bool:
+    """Return whether the numbers of a table's body have decimal commas; commas of thousands are none."""
+    if separator == "," or b"," not in body:
+        return False
+    decimal = any(not _THOUSANDS.fullmatch(match.group(1)) for match in _DECIMAL_COMMA.finditer(body))
+    return decimal and not _DECIMAL_POINT.search(body)
 
 
 def short(text: str, length: int = 40) -> str:

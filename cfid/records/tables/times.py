@@ -31,7 +31,9 @@ _UNITS: dict[str, tuple[str, ...]] = {
     "counts": ("counts", "count"),
 }
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
+_NO_TIME = "Is this the time column? See --columns and --rate-hz."
 _FEWEST_ROWS = 16
+_MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
@@ -147,6 +149,22 @@ def numbers_of(table: CsvTable, columns: Sequence[str]) -> Array:
     return values
 
 
+def complete_rows(table: CsvTable, columns: Sequence[str], *, own: bool) -> tuple[CsvTable, Array, tuple[str, ...]]:
+    """Return the named columns as `numbers_of`, without the few rows that lack a number, their table, and a note.
+
+    In a file of cfid's `own` every row is complete. Raises DataError naming the first row where many lack one.
+    """
+    if own:
+        return table, numbers_of(table, columns), ()
+    known = table.known_numbers(columns)
+    bad = np.flatnonzero(~np.isfinite(known).all(axis=1))
+    if not len(bad) or len(bad) > _MISSING_SHARE * len(known):
+        return table, numbers_of(table, columns), ()
+    line, table = table.line_of_row(int(bad[0])), table.without(bad)
+    text = f"{len(bad)} of {len(known)} rows lack a number (first: line {line}) and are left out."
+    return table, numbers_of(table, columns), (text,)
+
+
 def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | None) -> Array:
     """Return a time column's values (n,) in seconds, by the file's own clock.
 
@@ -156,19 +174,27 @@ def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | Non
 
 
 def times_of(
-    table: CsvTable, column: str | None, raw: Array, *, unit: TimeUnit | None, rate_hz: float | None, own: bool = False
+    table: CsvTable,
+    column: str | None,
+    raw: Array,
+    *,
+    unit: TimeUnit | None,
+    rate_hz: float | None,
+    own: bool = False,
+    slowest_s: float = _SLOWEST_S,
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the times (n,) in seconds since the first, and notes.
 
     `raw` (n,) are the column's values; with a rate, column and values are ignored. `own` marks a run of cfid, whose
-    unit is known at any rate. Raises DataError when time goes back, stands still or has another unit, ConfigError for
-    an invalid rate.
+    unit is known at any rate. A unit that neither the column's name nor `unit` states is the only one in which
+    intervals are at most `slowest_s`. Raises DataError when time goes back, stands still or has another unit,
+    ConfigError for an invalid rate.
     """
     if rate_hz is not None:
         if not 0 < rate_hz < np.inf:
             raise ConfigError(f"--rate-hz {rate_hz:g}: has to be above zero.")
         return np.arange(len(raw)) / rate_hz, ()
-    known = unit_of(table, TIME_COLUMN.called, column or "", unit, "--time-unit") or "s"
+    stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "--time-unit")
     with np.errstate(over="ignore"):
         intervals = np.diff(raw)
     backwards = np.flatnonzero(intervals < 0)
@@ -176,30 +202,44 @@ def times_of(
         row = int(backwards[0]) + 1
         raise DataError(
             f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
-            f"{known}. Was the clock set, or are two recordings in one file?"
+            f"{stated or 's'}. Was the clock set, or are two recordings in one file?"
         )
     if not np.any(intervals):
         raise DataError(
             f"{table.path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, are there decimal "
             "commas, or is this not the time column? See --columns and --rate-hz."
         )
-    notes = () if own else _check_unit(table.path, raw[0], intervals, known)
+    known = stated or ("s" if own else _unit_by_step(intervals, slowest_s))
+    notes = () if own else _check_unit(table.path, raw[0], intervals, known, slowest_s)
+    if not own and stated is None and known != "s":
+        notes += (f"time is read in {known}, by its step of {np.median(intervals[intervals > 0]):g} (--time-unit).",)
     repeated = int(np.count_nonzero(intervals == 0))
     if repeated > _REPEATED_SHARE * len(raw):
         notes += (f"{repeated} of {len(raw)} samples repeat the time of the previous one.",)
     return np.asarray((raw - raw[0]) * SECONDS[known]), notes
 
 
-def _check_unit(path: Path, first: float, intervals: Array, unit: str) -> tuple[str, ...]:
-    """Refuse a time unit that gives an impossible sampling interval, and propose a possible one."""
+def _unit_by_step(intervals: Array, slowest_s: float) -> str:
+    """Return the one unit that gives a possible sampling interval, s where seconds do or where several are possible."""
+    fitting = _fitting(intervals, slowest_s)
+    few_repeat = np.count_nonzero(intervals == 0) < len(intervals) / 2
+    return fitting[0] if len(fitting) == 1 and few_repeat else "s"
+
+
+def _fitting(intervals: Array, slowest_s: float) -> list[str]:
     # The median of the positive ones: time stamps of a block repeat, and a pause is one long interval.
     interval = float(np.median(intervals[intervals > 0]))
-    fitting = [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= _SLOWEST_S]
+    return [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= slowest_s]
+
+
+def _check_unit(path: Path, first: float, intervals: Array, unit: str, slowest_s: float) -> tuple[str, ...]:
+    """Refuse a time unit that gives an impossible sampling interval, and propose a possible one."""
+    interval, fitting = float(np.median(intervals[intervals > 0])), _fitting(intervals, slowest_s)
     dates = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= first * scale <= _UNIX_S[1]]
     dated = f" It starts at {first:.0f}, which is a date (Unix time) in {dates[0]}." if dates else ""
     better = dates if dates and dates[0] in fitting else fitting
     if unit not in fitting or (better is dates and unit not in dates):
-        advice = f"Give --time-unit {better[0]}." if better else "Is this the time column? See --columns and --rate-hz."
+        advice = f"Give --time-unit {' or '.join(better)}." if better else _NO_TIME
         seconds = f"{interval * SECONDS[unit]:.3g}"
         raise DataError(f"{path}: read in {unit}, the time column has {seconds} s between samples.{dated} {advice}")
     if unit == better[0]:

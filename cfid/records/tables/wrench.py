@@ -25,11 +25,11 @@ from cfid.records.tables.times import (
     TIME_COLUMN,
     Facts,
     column_name,
+    complete_rows,
     facts_of,
     file_name,
     gaps,
     losses,
-    numbers_of,
     run_at,
     seconds_of,
     times_of,
@@ -167,12 +167,13 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
     places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
     axes, time_name = [places[axis] for axis in AXES], places.get(TIME)
-    values = numbers_of(table, list(places.values()))
+    table, values, missing = complete_rows(table, list(places.values()), own=own)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     wrench = values[:, time_name is not None :][:, : len(AXES)]
     scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
     words = _words(table, values[:, -1]) if _STATUS in places else None
+    notes = missing + notes
     notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
     notes += (CUT_LINE,) if table.cut else ()
     return WrenchRecord(

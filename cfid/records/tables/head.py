@@ -1,0 +1,144 @@
+"""Find where the rows of a CSV file begin, what separates their fields, and what its header calls them."""
+
+import re
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from cfid.errors import DataError
+from cfid.records.tables.text import TextLine, fields_of, filled_lines, has_comma, is_number, separator_of, short
+
+POINTS = "Numbers need decimal points, and no comma inside."
+COMMENT = r"[ \t]*(?:#|%|//)"
+
+_MOST_LINES = 60  # in which the rows have to begin
+_UNITS = re.compile(
+    r"s|sec|ms|[uµμ]s|hz|rad|deg|°|degrees|counts?|(?:rad|deg|°|m)/s2?|rpm|n|k?gf?|n[·*.]?m|m?v|a|w|m?m|%|-",
+    re.IGNORECASE,
+)
+
+
+class Head(NamedTuple):
+    """Names of the columns ('1', '2', ... without a header), the separator, the first row; lines left out above."""
+
+    names: tuple[str, ...]
+    has_head: bool
+    separator: str | None
+    row: TextLine
+    preamble: int = 0
+
+
+def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
+    """Return a table's head, which may stand below lines of prose or comments, and above a line of units.
+
+    Raises DataError where no row of numbers follows.
+    """
+    lines = list(islice(filled_lines(text, skip=skip_lines), _MOST_LINES))
+    if not lines:
+        count = text.count(b"\n")
+        raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that --skip-lines leaves out.")
+    heads = (_head_at(lines, place) for place in range(len(lines)))
+    return next((head for head in heads if head is not None), None) or _of_first_line(path, lines)
+
+
+def _head_at(lines: Sequence[TextLine], place: int) -> Head | None:
+    """Return the head that begins at a line, if two rows of its width follow."""
+    line, below = lines[place], [one for one in lines[place + 1 :] if not _is_comment(one)]
+    separator = separator_of(line.text)
+    names = _names(line, separator)
+    if _numbers(names):
+        return _without_names(lines, place, below, separator)
+    if _are_rows(below[:2], separator, len(names)):
+        return Head(_fitted(names, fields_of(below[0].text, separator)), True, separator, below[0], place)
+    if not _are_rows(below[1:3], separator, len(names)):
+        return None
+    units = fields_of(below[0].text, separator)
+    units = [unit.strip("[]()") for unit in units]
+    if len(units) != len(names) or not all(_UNITS.fullmatch(unit) for unit in units if unit):
+        return None
+    named = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+    return Head(_fitted(named, fields_of(below[1].text, separator)), True, separator, below[1], place)
+
+
+def _without_names(
+    lines: Sequence[TextLine], place: int, below: Sequence[TextLine], separator: str | None
+) -> Head | None:
+    """Return the head of rows that have none, unless a line above may be their header or a damaged row."""
+    fields = fields_of(lines[place].text, separator)
+    width = len(fields)
+    above = [fields_of(line.text, separator) for line in lines[:place]]
+    damaged = any(len(one) == width and _numbers(one) for one in above)
+    damaged |= bool(above) and not _numbers(above[-1]) and len(above[-1]) > 1
+    whole = _numbers(fields) == len([field for field in fields if field])
+    if damaged or not whole or _is_comment(lines[place]) or not _are_rows([lines[place], *below[:1]], separator, width):
+        return None
+    return Head(_numbered(fields), False, separator, lines[place], place)
+
+
+def _of_first_line(path: Path, lines: Sequence[TextLine]) -> Head:
+    """Return the head of a file whose first line is its header or its first row."""
+    first, separator = lines[0], separator_of(lines[0].text)
+    names = _names(first, separator)
+    has_head = _is_head(path, first, names)
+    if has_head and len(lines) == 1:
+        raise DataError(f"{path}: a header and no rows; nothing was recorded.")
+    row = lines[1] if has_head else first
+    fields = fields_of(row.text, separator)
+    if not _numbers(fields):
+        raise DataError(
+            f"{path}: not a CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
+            "A longer header can be left out with --skip-lines."
+        )
+    return Head(_fitted(names, fields) if has_head else _numbered(fields), has_head, separator, row)
+
+
+def _is_head(path: Path, line: TextLine, fields: Sequence[str]) -> bool:
+    """Return whether a line is a header, not a row.
+
+    Raises DataError for a line that is neither: a damaged first row must not pass as a header.
+    """
+    if not _numbers(fields):
+        return True
+    if sum(is_number(field) for field in fields) == len(fields) - (not fields[-1]):
+        return False
+    text = short(line.text.strip())
+    raise DataError(
+        f"{path}:{line.number}: '{text}' is neither a header nor a row of numbers: leave it out with --skip-lines, or "
+        f"repair it. {POINTS}"
+    )
+
+
+def _names(line: TextLine, separator: str | None) -> list[str]:
+    return fields_of(re.sub(rf"^{COMMENT}+\s*", "", line.text), separator)
+
+
+def _is_comment(line: TextLine) -> bool:
+    return re.match(COMMENT, line.text) is not None
+
+
+def _numbers(fields: Sequence[str]) -> int:
+    """Return how many fields are numbers, with a decimal point or a comma."""
+    return sum(is_number(field) or has_comma(field) for field in fields)
+
+
+def _are_rows(lines: Sequence[TextLine], separator: str | None, width: int) -> bool:
+    """Return whether two lines are rows of a table that wide; one separator at the end adds no column."""
+    rows = [fields_of(line.text, separator) for line in lines]
+    if len(rows) < 2 or len(rows[0]) != len(rows[1]) or abs(len(rows[0]) - width) > 1:
+        return False
+    return all(_numbers(row) and (len(row) <= width or not row[-1]) for row in rows)
+
+
+def _numbered(row: list[str]) -> tuple[str, ...]:
+    """Return the columns' numbers; a separator at the end of the row adds no column."""
+    return tuple(str(i + 1) if field or i + 1 < len(row) else "" for i, field in enumerate(row))
+
+
+def _fitted(names: list[str], row: list[str]) -> tuple[str, ...]:
+    """Return the columns' names, where a separator at the end of every row, or of the header alone, is ignored."""
+    if len(row) == len(names) + 1 and not row[-1]:
+        return (*names, "")
+    if len(names) == len(row) + 1 and not names[-1]:
+        return tuple(names[:-1])
+    return tuple(names)

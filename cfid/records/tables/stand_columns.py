@@ -1,0 +1,154 @@
+"""Take the columns of a table of motors: which are used, what is missing in them, and which values cannot be."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError, DataError
+from cfid.records.tables.stand_heads import HEADS, Head, check_heads, heads_of
+from cfid.records.tables.table import Array, CsvTable
+from cfid.units import FULL_COMMAND
+
+USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
+
+_MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
+_ROW_BY_ROW = ("time_s", "command")  # without them a row says nothing
+
+
+class Columns(NamedTuple):
+    """The columns of one quantity as in the file, (n, s), nan where a field is no number."""
+
+    head: Head
+    names: tuple[str, ...]
+    raw: Array
+
+    @property
+    def value(self) -> Array:
+        """The columns in SI units."""
+        return self.raw * self.head.factor
+
+
+Found = Mapping[str, Columns]
+
+
+def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
+    """Return the columns of each quantity, the table without the rows that were left out, and notes.
+
+    A column without any number is not used, a row without a time or a command left out. Raises DataError when a
+    quantity has several columns, when commands or measurements are missing, and for impossible values.
+    """
+    if not table.has_head:
+        raise DataError(f"{table.path}: no header for its {len(table.names)} columns. Known names: {HEADS}.")
+    called = heads_of(table.names)
+    names = [name for columns in called.values() for _, name in columns]
+    values = dict(zip(names, table.known_numbers(names).T, strict=True))
+    empty = [name for name, value in values.items() if not np.isfinite(value).any()]
+    used = {quantity: [one for one in columns if one[1] not in empty] for quantity, columns in called.items()}
+    used = {quantity: columns for quantity, columns in used.items() if columns}
+    notes = [f"'{name}' holds no number: it is not used." for name in empty]
+    notes += _one_of_two_speeds(used, values)
+    notes += check_heads(table, used, empty)
+    found = {
+        quantity: Columns(columns[0][0], tuple(n for _, n in columns), np.column_stack([values[n] for _, n in columns]))
+        for quantity, columns in used.items()
+    }
+    _check(table, found)
+    known = [np.isfinite(found[quantity].raw).all(axis=1) for quantity in _ROW_BY_ROW if quantity in found]
+    bad = np.flatnonzero(~np.all(known, axis=0)) if known else np.empty(0, np.intp)
+    notes += _missing(table, found, bad)
+    if len(bad):
+        table = table.without(bad)
+        found = {quantity: one._replace(raw=np.delete(one.raw, bad, axis=0)) for quantity, one in found.items()}
+    return table, found, tuple(notes)
+
+
+def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | None) -> tuple[Array, tuple[str, ...]]:
+    """Return commands (n,) from 0 to 65535, nan where the file has none, and notes on how pulse widths were read.
+
+    Raises ConfigError for a range of pulse widths that is none, DataError for pulses longer than it.
+    """
+    column = found.get("command")
+    if column is None:
+        return np.full(len(next(iter(found.values())).raw), np.nan), ()
+    if column.head.kind != "esc":
+        if esc_us is not None:
+            raise ConfigError(f"{table.path}: --esc-us is for pulse widths, but '{column.names[0]}' is none.")
+        return column.value[:, 0], ()
+    low, high = esc_us or USUAL_ESC_US
+    raw = column.raw[:, 0]
+    if raw.max() > high:
+        line = table.line_of_row(int(np.argmax(raw)))
+        raise DataError(
+            f"{table.path}:{line}: {raw.max():g} us in '{column.names[0]}' is longer than the full throttle of "
+            f"--esc-us {low:g}:{high:g}: give the range of this motor controller."
+        )
+    notes = [f"pulse widths are read as --esc-us {low:g}:{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
+    if (below := int(np.count_nonzero(raw < low))) > 0:
+        notes.append(f"{below} rows have pulses below {low:g} us: motors stand there, command 0.")
+    return np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND), tuple(notes)
+
+
+def turned(value: Array, drive: Array) -> tuple[Array, bool]:
+    """Return values (n,) whose size grows with a drive (n,), a command or speed, and whether their sign was changed."""
+    known = np.isfinite(value) & np.isfinite(drive)
+    if known.sum() < 2 or np.ptp(drive[known]) == 0:
+        return value, False
+    half = (drive[known].min() + drive[known].max()) / 2
+    falls = np.median(value[known][drive[known] >= half]) < np.median(value[known][drive[known] < half])
+    return (-value, True) if falls else (value, False)
+
+
+def _one_of_two_speeds(called: dict[str, list[tuple[Head, str]]], values: Mapping[str, Array]) -> list[str]:
+    """Leave one of an electrical and an optical speed in place: the one that is seen in more rows."""
+    speeds = called.get("speeds_rad_s", [])
+    if len(speeds) != 2 or any(head.kind != "motor" for head, _ in speeds):
+        return []
+    seen = [int(np.count_nonzero(np.nan_to_num(values[name]))) for _, name in speeds]
+    if not any(seen):
+        del called["speeds_rad_s"]
+        return [f"'{speeds[0][1]}' and '{speeds[1][1]}' are 0 throughout: no speed is used."]
+    best = int(np.argmax(seen))
+    called["speeds_rad_s"] = [speeds[best]]
+    other, name = speeds[1 - best][1], speeds[best][1]
+    return [f"the speed is '{name}', not 0 in {seen[best]} rows; '{other}' is not 0 in {seen[1 - best]}."]
+
+
+def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[str]:
+    """Return notes on rows that are left out, and on values that are missing in the others."""
+    notes = []
+    if len(bad):
+        notes.append(
+            f"{len(bad)} rows without a time or command (first: line {table.line_of_row(int(bad[0]))}) are left out."
+        )
+    for quantity, columns in found.items():
+        for name, value in zip(columns.names, columns.raw.T, strict=True):
+            rows = np.setdiff1d(np.flatnonzero(~np.isfinite(value)), bad)
+            if len(rows) and quantity not in _ROW_BY_ROW:
+                line = table.line_of_row(int(rows[0]))
+                notes.append(f"'{name}' is no number in {len(rows)} of {len(value)} rows (first: line {line}).")
+    return notes
+
+
+def _check(table: CsvTable, found: Found) -> None:
+    """Refuse impossible values of a quantity, naming their line."""
+    if command := found.get("command"):
+        percent, raw = command.head.kind == "percent", command.raw
+        _refuse(table, command, raw < 0, "a command is zero or more.")
+        most = 100.0 if percent else FULL_COMMAND
+        _refuse(table, command, raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
+        if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
+            raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
+    if speeds := found.get("speeds_rad_s"):
+        _refuse(table, speeds, speeds.raw < 0, "a speed is zero or more.")
+    if battery := found.get("vbat_v"):
+        wrong = (battery.raw <= 0) | (battery.raw > _MOST_VOLTS)
+        _refuse(table, battery, wrong, "no battery has that voltage. Is the column in millivolts?")
+
+
+def _refuse(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], why: str) -> None:
+    if wrong.any():
+        row, place = (int(index) for index in np.argwhere(wrong)[0])
+        here = f"{table.path}:{table.line_of_row(row)}: {column.raw[row, place]:g} in column '{column.names[place]}'"
+        raise DataError(f"{here}: {why}")

@@ -1,0 +1,140 @@
+"""What tables of motors call their columns: the quantity, the unit and its factor to SI, by the header alone."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from cfid.errors import DataError
+from cfid.records.tables.table import CsvTable
+from cfid.records.tables.times import TIME_COLUMN
+from cfid.units import FULL_COMMAND, RPM
+
+HEADS = (
+    "cmd, command or pwm (0 to 65535), pwm_percent, ESC signal (us); thrust_n, Thrust (N), (gf) or (kgf) (of what "
+    "ran), weight[g], thrust[g], thrust_total_g, thrust[N] (of four motors); torque_nm, Torque (N.m); grams (scales); "
+    "speed_rad_s, rpm, Motor Optical Speed (RPM), rpm_1, rpm_2, ... (series of one rotor), rpm1 to rpm4 (four rotors), "
+    "rpm_mean; vbat_v, vbat[V], voltage_V, Voltage (V); t"
+)
+MEASURED = ("thrust_n", "torque_nm", "speeds_rad_s", "grams")
+
+_GRAM_FORCE_N = 9.80665e-3  # by definition
+_POUND_FORCE_N, _INCH_M = 4.4482216152605, 0.0254
+_SEVERAL = ("series", "rotors")
+_STEMS = {
+    "command": ("cmd", "command", "pwm", "esc"),
+    "thrust_n": ("thrust", "weight"),
+    "torque_nm": ("torque",),
+    "vbat_v": ("vbat", "voltage"),
+    "speeds_rad_s": ("speed", "rpm", "omega", "motorelectrical", "motoroptical"),
+}
+# Bytes of the micro and middle-dot signs that were saved in another encoding are read as signs of their own.
+_MICRO, _DOT = re.compile("[µμ�]"), re.compile("[·⋅∙•*]")
+
+
+class Head(NamedTuple):
+    """A known name of a quantity's column, without spaces and case, and its factor to SI units."""
+
+    quantity: str
+    called: str
+    factor: float = 1.0
+    kind: str = ""
+
+
+def _of_stand(quantity: str, stem: str, units: Mapping[str, float], kind: str) -> list[Head]:
+    """Return the heads of RCbenchmark's and Tyto's programs: a name, a side of a double stand, a unit in brackets."""
+    return [Head(quantity, rf"(?:{stem})[ab]?\({unit}\)", factor, kind) for unit, factor in units.items()]
+
+
+_KNOWN = (
+    Head("command", r"cmd|command"),
+    Head("command", r"pwm", kind="pwm"),
+    Head("command", r"pwm_percent|pwm\[%\]", FULL_COMMAND / 100, "percent"),
+    Head("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
+    Head("thrust_n", r"thrust_n"),
+    Head("thrust_n", r"thrust\[n\]", kind="total"),
+    Head("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
+    *_of_stand(
+        "thrust_n",
+        "thrust",
+        {
+            "n": 1.0,
+            "gf?": _GRAM_FORCE_N,
+            "kgf?": 1e3 * _GRAM_FORCE_N,
+            "lbf": _POUND_FORCE_N,
+            "ozf": _POUND_FORCE_N / 16,
+        },
+        "",
+    ),
+    Head("torque_nm", r"torque_nm"),
+    *_of_stand(
+        "torque_nm",
+        "torque",
+        {
+            r"n[.u]*m": 1.0,
+            r"n[.u]*mm": 1e-3,
+            r"lbf?[.u]*in": _POUND_FORCE_N * _INCH_M,
+            r"lbf?[.u]*ft": _POUND_FORCE_N * 12 * _INCH_M,
+            r"ozf?[.u]*in": _POUND_FORCE_N * _INCH_M / 16,
+        },
+        "",
+    ),
+    Head("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?\(v\)"),
+    Head("grams", r"grams"),
+    Head("speeds_rad_s", r"speed_rad_s", kind="motor"),
+    Head("speeds_rad_s", r"rpm", RPM, "motor"),
+    Head("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
+    Head("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),
+    Head("speeds_rad_s", r"rpm_mean", RPM, "mean"),
+    *_of_stand(
+        "speeds_rad_s",
+        "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed",
+        {"rpm": RPM, "rad/s": 1.0, "hz": 60 * RPM},
+        "motor",
+    ),
+)
+
+
+def spelt(name: str) -> str:
+    """Return a name without case and spaces, its micro and middle-dot signs in letters that every keyboard has."""
+    bare = re.sub(r"[\sâÂ]", "", name)
+    return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
+
+
+def heads_of(names: Sequence[str]) -> dict[str, list[tuple[Head, str]]]:
+    """Return the columns that are known, by quantity, each with the file's own name."""
+    called: dict[str, list[tuple[Head, str]]] = {}
+    for name in names:
+        for head in _KNOWN:
+            if re.fullmatch(head.called, spelt(name)):
+                called.setdefault(head.quantity, []).append((head, name))
+        if TIME_COLUMN.called.fullmatch(name.strip()):
+            called.setdefault("time_s", []).append((Head("time_s", "", kind="time"), name))
+    return called
+
+
+def check_heads(
+    table: CsvTable, called: Mapping[str, Sequence[tuple[Head, str]]], empty: Sequence[str]
+) -> tuple[str, ...]:
+    """Refuse several columns of one quantity and a table of nothing measured; name columns without a known unit.
+
+    `empty` are the names of columns without any number.
+    """
+    for quantity, columns in called.items():
+        names = ", ".join(name for _, name in columns)
+        if len(columns) > 1 and (columns[0][0].kind not in _SEVERAL or len({head for head, _ in columns}) > 1):
+            what = quantity.partition("_")[0]
+            raise DataError(f"{table.path}: more than one column of {what}: {names}. Leave one, rename the others.")
+    unknown = [
+        name
+        for name in table.names
+        if name not in empty
+        and not any(name == of for columns in called.values() for _, of in columns)
+        and any(spelt(name).startswith(stems) and quantity not in called for quantity, stems in _STEMS.items())
+    ]
+    without = {"thrust_n", "speeds_rad_s"} <= called.keys()  # thrust over speed needs no command
+    if ("command" in called or without) and any(quantity in called for quantity in MEASURED):
+        return tuple(f"column '{name}' has no known unit." for name in unknown)
+    if unknown:
+        raise DataError(f"{table.path}: column '{unknown[0]}' has no known unit. Known names: {HEADS}.")
+    lacks = "nothing measured" if "command" in called else "no motor command"
+    raise DataError(f"{table.path}: {lacks} among {table.listing}. Known names: {HEADS}.")

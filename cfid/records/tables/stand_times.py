@@ -1,0 +1,81 @@
+"""Times of a table of motors: a recording over time, or settled points that were taken one after another."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.records.tables.schema import TimeUnit
+from cfid.records.tables.stand_columns import Found
+from cfid.records.tables.table import Array, CsvTable
+from cfid.records.tables.times import TIME_COLUMN, times_of, unit_of
+
+STAND_RATE_HZ = 100.0  # of Bitcraze's thrust stand, whose files have no time
+
+_HELD_ROWS = 5  # of one command, on average: from there on a table without times is a recording
+_MOST_TYPED = 200  # settled points that a program writes without a time
+_SETTLED_S = 1.0  # between rows: a rotor settles in less
+_SLOWEST_S = 2.0  # between rows of a recording
+_JITTER_S = 0.1  # by which times of a program on a desktop may go back
+_JITTER_SHARE = 0.05
+
+
+class Timing(NamedTuple):
+    """Times (n,) in seconds, None for settled points; the rate that made them, None where a column gave them.
+
+    `order` is the order of times in which the rows have to be taken, None where they are in it.
+    """
+
+    time_s: Array | None
+    rate_hz: float | None
+    notes: tuple[str, ...]
+    order: npt.NDArray[np.intp] | None = None
+
+
+def _in_order(time: Array) -> tuple[npt.NDArray[np.intp] | None, tuple[str, ...]]:
+    """Return the order of rows whose times (n,) go back a little now and then, None where none is to be changed."""
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0)
+    if not len(back) or len(back) > max(_JITTER_SHARE * len(time), 1):
+        return None, ()
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    if -steps.min() > max(_JITTER_S, 2 * usual):
+        return None, ()
+    text = f"time goes back in {len(back)} rows, by {-steps.min():.3g} at most: rows are taken in the order of times."
+    return np.argsort(time, kind="stable"), (text,)
+
+
+def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit | None, rate_hz: float | None) -> Timing:
+    """Return the times of rows with commands (n,), nan without any.
+
+    A table with times is a recording, unless its rows are so far apart that each has settled. One without is a
+    recording where its commands, of a kind that programs write, are held. Raises DataError and ConfigError as
+    `times_of`, and for pulse widths that are held without a time or rate.
+    """
+    held = len(command) / (1 + np.count_nonzero(np.diff(command)))
+    kind = found["command"].head.kind if "command" in found else ""
+    if "time_s" in found and rate_hz is None and len(command) > 1:
+        column = found["time_s"]
+        raw, (order, jitter) = column.raw[:, 0], _in_order(column.raw[:, 0])
+        name = column.names[0]
+        stated = unit_of(table, TIME_COLUMN.called, name, unit, "--time-unit")
+        slowest_s = _SLOWEST_S if stated is None else np.inf
+        times, notes = times_of(
+            table, name, raw if order is None else raw[order], unit=unit, rate_hz=None, slowest_s=slowest_s
+        )
+        step_s = float(np.median(np.diff(times)))
+        if step_s < _SETTLED_S:
+            return Timing(times, None, (*notes, *jitter), order)
+        text = f"rows are {step_s:.2g} s apart: each is taken as a settled point."
+        return Timing(None, None, (*notes, text))
+    if rate_hz is None and kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED):
+        raise DataError(
+            f"{table.path}: {len(command)} rows are a recording, and no column is its time: give --rate-hz."
+        )
+    if rate_hz is None and (not kind or held < _HELD_ROWS):
+        return Timing(None, None, ())
+    rate = STAND_RATE_HZ if rate_hz is None else rate_hz
+    times, notes = times_of(table, None, command, unit=None, rate_hz=rate)
+    assumed = f"a record over time without a time column: {rate:g} Hz is assumed (--rate-hz)."
+    return Timing(times, rate, (*notes, *([assumed] if rate_hz is None else [])))

@@ -1,0 +1,121 @@
+"""A table with times is a recording: reduced step by step, or refused; a spoilt part does not spoil the rest."""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.errors import FitError
+from cfid.motors.maps import fit_thrust
+from cfid.records.result import Result
+
+Array = npt.NDArray[np.float64]
+
+K = 6.0e-8  # N s^2/rad^2
+HOLD_S, RATE_HZ = 4.0, 40.0
+PULSES_US = (1000, 1200, 1350, 1500, 1650, 1800, 1000)
+LAG_S, CELL_LAG_S = 0.12, 0.35  # of the rotor, and of the stand's filter on the load cell
+KEY = "motor.thrust_per_speed_squared_n_s2"
+
+
+class Sweep(NamedTuple):
+    """A stepped sweep as a stand shows it, (n,) each."""
+
+    time_s: Array
+    pulse_us: Array
+    thrust_n: Array
+    speed_rad_s: Array
+
+
+def sweep(seed: int = 3) -> Sweep:
+    """Return what a rotor and a load cell with lags of first order do, integrated in small steps."""
+    rng, fine = np.random.default_rng(seed), 25
+    pulse = np.repeat(PULSES_US, round(HOLD_S * RATE_HZ * fine)).astype(float)
+    step_s, speed, shown = 1 / (RATE_HZ * fine), 0.0, 0.0
+    speeds, thrusts = np.empty(len(pulse)), np.empty(len(pulse))
+    for i, target in enumerate(2.6 * (pulse - 1000)):
+        speed += (target - speed) * step_s / LAG_S
+        shown += (K * speed**2 - shown) * step_s / CELL_LAG_S
+        speeds[i], thrusts[i] = speed, shown
+    rows = slice(fine - 1, None, fine)
+    count = len(pulse) // fine
+    return Sweep(
+        time_s=np.arange(count) / RATE_HZ,
+        pulse_us=pulse[rows],
+        thrust_n=thrusts[rows] + 5e-4 * rng.standard_normal(count),
+        speed_rad_s=np.maximum(speeds[rows] + 2.0 * rng.standard_normal(count), 0.0),
+    )
+
+
+def write(folder: Path, one: Sweep) -> Path:
+    path = folder / "sweep.csv"
+    rows = [",".join("" if math.isnan(x) else f"{x:.6g}" for x in row) + "," for row in zip(*one, strict=True)]
+    path.write_text("Time (s),ESC signal (µs),Thrust (N),Motor Optical Speed (rad/s),\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def fitted(folder: Path, one: Sweep) -> Result:
+    return fit_thrust(write(folder, one), gravity_mps2=9.81)
+
+
+def off(result: Result, *, widest: float = 0.01) -> float:
+    """Return by how many standard uncertainties k is off; these are at most a part `widest` of it."""
+    found = result.quantities[KEY]
+    assert isinstance(found.value, float)
+    assert isinstance(found.std, float)
+    assert found.std < widest * K
+    return abs(found.value - K) / found.std
+
+
+def test_a_stepped_sweep_gives_the_settled_truth_within_its_uncertainty(tmp_path: Path) -> None:
+    one = sweep()
+    result = fitted(tmp_path, one)
+    rows = one.pulse_us > 1000
+    as_it_stands = float(one.thrust_n[rows] @ one.speed_rad_s[rows] ** 2 / np.sum(one.speed_rad_s[rows] ** 4))
+
+    assert as_it_stands < 0.99 * K  # what an average of all rows would give
+    assert off(result) < 3
+    assert any("a recording of 27.98 s in 1120 rows, 40 Hz" in finding.text for finding in result.findings)
+
+
+def test_a_record_without_a_command_gives_the_same_by_the_changes_it_shows(tmp_path: Path) -> None:
+    from cfid.motors.maps import fit_speed
+
+    one = sweep()
+    assert off(fit_speed(write(tmp_path, one._replace(pulse_us=np.full(len(one.time_s), math.nan))))) < 3
+
+
+def test_a_flight_read_as_a_table_of_motors_is_refused_as_unsteady(tmp_path: Path) -> None:
+    time_s = np.arange(2000) / 100
+    rng = np.random.default_rng(1)
+    flown = Sweep(
+        time_s,
+        np.rint(1500 + 60 * np.sin(3 * time_s) + 20 * rng.standard_normal(2000)),
+        0.3 + 0 * time_s,
+        1500 + 0 * time_s,
+    )
+
+    with pytest.raises(FitError, match=r"unsteady: of \d+ commands none is held for longer than 0\.\d+ s"):
+        fitted(tmp_path, flown)
+
+
+def test_a_step_at_which_the_stand_was_touched_is_left_out_and_named(tmp_path: Path) -> None:
+    one = sweep()
+    touched = (one.time_s > 9.0) & (one.time_s < 12.0)
+    pushed = one.thrust_n + np.where(touched, 0.05 * (one.time_s - 9), 0.0)
+    result = fitted(tmp_path, one._replace(thrust_n=pushed))
+
+    assert off(result) < 3
+    assert any(one.code == "step-left-out" and "command 22937" in one.text for one in result.findings)
+
+
+def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path: Path) -> None:
+    one = sweep()
+    dead = (one.time_s > 8.0) & (one.time_s < 12.2)
+    result = fitted(tmp_path, one._replace(thrust_n=np.where(dead, math.nan, one.thrust_n)))
+
+    assert off(result, widest=0.02) < 3  # four points are left
+    assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)

@@ -1,0 +1,179 @@
+"""Files of RCbenchmark's and Tyto's stands, byte by byte as their programs write them and as people save them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DataError
+from cfid.findings import texts
+from cfid.records.tables.stand import StandTable, read_stand_table
+from cfid.units import RPM
+
+GF = 9.80665e-3
+NAMES = (
+    "Time (s),ESC signal (µs),Servo 1 (µs),AccX (g),Torque (N·m),Thrust (gf),Voltage (V),Current (A),"
+    "Motor Electrical Speed (RPM),Motor Optical Speed (RPM),Electrical Power (W),Vibration (g),App message"
+)
+# time, pulse, torque, thrust, voltage, electrical and optical speed
+STEPS = [
+    (0.42, 1000, 0.0, 0.0, 8.0, 0, 0),
+    (0.38, 1250, 0.001, 10.0, 7.9, 9000, 0),
+    (4.31, 1500, 0.002, 25.0, 7.8, 14000, 0),
+    (8.32, 2000, 0.004, 60.0, 7.5, 22000, 0),
+]
+
+
+def notes_of(table: StandTable) -> tuple[str, ...]:
+    return texts(table.findings, "warning")
+
+
+def text_of(rows: list[tuple[Any, ...]] = STEPS, head: str = NAMES) -> str:
+    """Return a file whose every line ends with a comma, and whose servos are absent."""
+    lines = [
+        f"{t},{esc},,0.01,{torque},{thrust},{volts},1.5,{el},{opt},12,0.2,,"
+        for t, esc, torque, thrust, volts, el, opt in rows
+    ]
+    return "\n".join([f"{head},", *lines, ""])
+
+
+def read(folder: Path, text: str | bytes, **options: Any) -> StandTable:
+    path = folder / "stand.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_stand_table(path, **options)
+
+
+def refusal(folder: Path, text: str, kind: type[Exception] = DataError, **options: Any) -> str:
+    with pytest.raises(kind) as caught:
+        read(folder, text, **options)
+    return str(caught.value)
+
+
+SPELLINGS: dict[str, str | bytes] = {
+    "as the program writes it": text_of(),
+    "a byte-order mark": "\ufeff" + text_of(),
+    "another micro sign and dot": text_of().replace("µ", "μ").replace("·", "⋅"),
+    "us and a point": text_of().replace("µ", "u").replace("·", "."),
+    "Latin-1": text_of().encode("latin-1"),
+    "UTF-8 taken for Latin-1": text_of().encode().decode("latin-1"),
+    "signs that were lost": text_of().replace("µ", "�").replace("·", "�"),
+    "CRLF": text_of().replace("\n", "\r\n"),
+    "semicolons": text_of().replace(",", ";"),
+    "semicolons and decimal commas": text_of().replace(",", ";").replace(".", ",").replace("N,m", "N.m"),
+    "the comma at the end of the rows alone": text_of().replace("message,\n", "message\n").replace(",,\n", ",\n"),
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_a_stand_is_read_the_same_with(tmp_path: Path, spelling: str) -> None:
+    table = read(tmp_path, SPELLINGS[spelling])
+
+    assert table.command.tolist() == [0, 16384, 32768, 65535]
+    assert np.asarray(table.thrust_n) == pytest.approx(GF * np.array([0, 10, 25, 60]))
+    assert np.asarray(table.torque_nm).tolist() == [0, 0.001, 0.002, 0.004]
+    assert np.asarray(table.vbat_v).tolist() == [8, 7.9, 7.8, 7.5]
+    assert np.asarray(table.speeds_rad_s)[:, 0] == pytest.approx(RPM * np.array([0, 9000, 14000, 22000]))
+    assert (table.motors, table.speeds) == (None, "motor")
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [("Thrust (N)", 1.0), ("Thrust (kgf)", 9.80665), ("Thrust (lbf)", 4.4482216), ("Thrust (ozf)", 0.27801385)],
+)
+def test_thrust_is_read_in_the_unit_of_its_column(tmp_path: Path, column: str, factor: float) -> None:
+    table = read(tmp_path, text_of(head=NAMES.replace("Thrust (gf)", column)))
+    assert np.asarray(table.thrust_n) == pytest.approx(factor * np.array([0, 10, 25, 60]))
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"), [("Torque (N·mm)", 1e-3), ("Torque (lbf·in)", 0.11298483), ("Torque (ozf·in)", 7.0615518e-3)]
+)
+def test_torque_is_read_in_the_unit_of_its_column(tmp_path: Path, column: str, factor: float) -> None:
+    table = read(tmp_path, text_of(head=NAMES.replace("Torque (N·m)", column)))
+    assert np.asarray(table.torque_nm) == pytest.approx(factor * np.array([0, 0.001, 0.002, 0.004]))
+
+
+def test_one_side_of_a_double_stand_is_read_and_two_are_asked_about(tmp_path: Path) -> None:
+    head = NAMES.replace("ESC signal", "ESC B").replace("Thrust", "Thrust B").replace("Torque", "Torque B")
+    assert read(tmp_path, text_of(head=head)).command.tolist() == [0, 16384, 32768, 65535]
+    both = text_of(head=head.replace("AccX (g)", "Thrust A (gf)"))
+    assert "more than one column of thrust: Thrust A (gf), Thrust B (gf)" in refusal(tmp_path, both)
+
+
+def test_the_range_of_pulses_is_said_where_it_is_assumed_and_can_be_given(tmp_path: Path) -> None:
+    said = "stand.csv: pulse widths are read as --esc-us 1000:2000, commands 0 to 65535."
+    assert said in notes_of(read(tmp_path, text_of()))
+    given = read(tmp_path, text_of(), esc_us=(1100.0, 2200.0))
+    assert given.command == pytest.approx(np.rint([0, 65535 * 150 / 1100, 65535 * 400 / 1100, 65535 * 900 / 1100]))
+    assert "1 rows have pulses below 1100 us: motors stand there, command 0" in " ".join(notes_of(given))
+    assert not any("--esc-us" in note for note in notes_of(given))
+    longer = refusal(tmp_path, text_of(), esc_us=(1000.0, 1900.0))
+    assert "stand.csv:5: 2000 us in 'ESC signal (µs)' is longer than the full throttle of --esc-us 1000:1900" in longer
+    assert "'cmd' is none" in refusal(tmp_path, "cmd,thrust_n\n0,0\n", ConfigError, esc_us=(1000.0, 2000.0))
+
+
+def test_a_puller_that_is_mounted_the_other_way_is_turned_and_that_is_said(tmp_path: Path) -> None:
+    rows = [(t, esc, -torque, -thrust, *rest) for t, esc, torque, thrust, *rest in STEPS]
+    table = read(tmp_path, text_of(rows))
+
+    assert np.asarray(table.thrust_n) == pytest.approx(GF * np.array([0, 10, 25, 60]))
+    assert np.asarray(table.torque_nm) == pytest.approx([0, 0.001, 0.002, 0.004])
+    assert "stand.csv: 'Thrust (gf)' falls as the motor is driven harder: its sign is changed." in texts(
+        table.findings, "warning"
+    )
+    assert "stand.csv: 'Torque (N·m)' falls as the motor is driven harder: its sign is changed." in texts(
+        table.findings, "warning"
+    )
+
+
+def test_rows_seconds_apart_are_settled_points_and_that_is_said(tmp_path: Path) -> None:
+    table = read(tmp_path, text_of())
+
+    assert table.time_s is None
+    assert "stand.csv: rows are 3.9 s apart: each is taken as a settled point." in notes_of(table)
+    assert texts(table.findings, "note")[0].startswith(
+        "stand.csv: 4 settled points: command from 'ESC signal (µs)', torque from"
+    )
+
+
+def test_rows_that_follow_quickly_are_a_recording_whose_clock_may_jitter(tmp_path: Path) -> None:
+    rows = [(f"{0.01 * i:.3f}", 1000 + 500 * (i >= 40), 0, i, 8, i, i) for i in range(80)]
+    rows[21], rows[22] = rows[22], rows[21]
+    table = read(tmp_path, text_of(rows))
+
+    assert np.asarray(table.time_s) == pytest.approx(0.01 * np.arange(80))
+    assert np.asarray(table.thrust_n) == pytest.approx(GF * np.arange(80))
+    assert "time goes back in 1 rows, by 0.01 at most" in " ".join(notes_of(table))
+    assert "a recording of 0.79 s in 80 rows, 100 Hz" in texts(table.findings, "note")[0]
+
+
+def test_load_cells_that_are_read_less_often_are_missing_in_between(tmp_path: Path) -> None:
+    rows = [(f"{0.01 * i:.3f}", 1500 if i >= 10 else "", "", i if i % 4 == 0 else "", 8, i, 0) for i in range(80)]
+    table = read(tmp_path, text_of(rows))
+
+    assert len(table.command) == 70
+    assert np.count_nonzero(np.isfinite(np.asarray(table.thrust_n))) == 17
+    notes = " ".join(notes_of(table))
+    assert "10 rows without a time or command (first: line 2) are left out." in notes
+    assert "'Thrust (gf)' is no number in 53 of 80 rows (first: line 12)." in notes
+    assert "'Torque (N·m)' holds no number: it is not used." in notes
+
+
+def test_the_speed_is_that_of_the_sensor_that_sees_the_rotor(tmp_path: Path) -> None:
+    optical = [(*row[:5], 0, row[5]) for row in STEPS]
+    assert np.asarray(read(tmp_path, text_of(optical)).speeds_rad_s)[-1] == pytest.approx(22000 * RPM)
+    neither = read(tmp_path, text_of([(*row[:5], 0, 0) for row in STEPS]))
+    assert neither.speeds_rad_s is None
+    assert any("are 0 throughout: no speed is used" in note for note in notes_of(neither))
+    lost = read(tmp_path, text_of([(*row[:5], row[5] if row[1] != 1250 else 0, 0) for row in STEPS]))
+    assert np.isnan(np.asarray(lost.speeds_rad_s)[1, 0])
+    assert any("shows 0 in 1 rows in which rotors turn" in note for note in notes_of(lost))
+
+
+def test_a_recording_without_a_time_is_asked_for_its_rate(tmp_path: Path) -> None:
+    head = "ESC signal (µs),Thrust (gf)\n"
+    held = head + "".join(f"{1000 + 100 * (i // 5)},{i}\n" for i in range(30))
+    assert "30 rows are a recording, and no column is its time: give --rate-hz" in refusal(tmp_path, held)
+    assert np.asarray(read(tmp_path, held, rate_hz=10.0).time_s)[-1] == pytest.approx(2.9)
+    assert read(tmp_path, head + "1000,0\n1500,20\n2000,60\n").time_s is None
