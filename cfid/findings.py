@@ -44,12 +44,6 @@ def rejection(code: str, text: str, *quantities: str) -> Finding:
     return Finding(code=code, severity="rejection", text=text, quantities=quantities)
 
 
-def taken_as_exact(what: str, *quantities: str) -> Finding:
-    """Return the note on a number that was given without a standard uncertainty."""
-    text = f"the {what} is taken as exact: it was given without a standard uncertainty (write NUMBER:STD)."
-    return note("input-taken-as-exact", text, *quantities)
-
-
 def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]:
     """Return the sentences of the findings of some severities, each once."""
     return tuple(dict.fromkeys(finding.text for finding in findings if finding.severity in severities))
