@@ -75,12 +75,6 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(replace(finding, where=tuple(names)) for finding, names in places.items())
 
 
-def taken_as_exact(what: str, *quantities: str) -> Finding:
-    """Return the note on a number that was given without a standard uncertainty."""
-    text = f"the {what} is taken as exact: it was given without a standard uncertainty (write NUMBER:STD)."
-    return note("input-taken-as-exact", text, *quantities)
-
-
 def texts(findings: Iterable[Finding], *severities: Severity) -> tuple[str, ...]:
     """Return the texts of the findings of some severities, each once."""
     return tuple(dict.fromkeys(finding.text for finding in merged(findings) if finding.severity in severities))

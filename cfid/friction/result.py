@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cfid.errors import ConfigError, DataError, check_positive
-from cfid.findings import Finding, taken_as_exact, warning
+from cfid.findings import Finding, warning
 from cfid.friction.drops import Drop, measure_drop
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
 from cfid.friction.figures import drops_figure, friction_figure
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities
+from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities, taken_as_exact
 from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from cfid.findings import Finding, rejection
+from cfid.findings import Finding, note, rejection
 from cfid.quantities.platforms import Platform
 from cfid.quantities.plausible import implausible, out_of_range
 from cfid.quantities.quantity import Range
@@ -69,3 +69,9 @@ def implausible_inputs(given: Iterable[Given], rig: Rig | None, *resting: str) -
 def platform_of(rig: Rig | None) -> Platform:
     """Return the platform that a rig states; without a rig any small quadrocopter."""
     return "crazyflie" if rig is None else rig.vehicle.platform
+
+
+def taken_as_exact(what: str, *quantities: str) -> Finding:
+    """Return the note on a number that was given without a standard uncertainty."""
+    text = f"the {what} is taken as exact: it was given without a standard uncertainty (write NUMBER:STD)."
+    return note("input-taken-as-exact", text, *quantities)

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.propagation import contributions
-from cfid.findings import Finding, note, rejection, taken_as_exact, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import implausible_inputs, implausible_quantities
+from cfid.records.plausibility import implausible_inputs, implausible_quantities, taken_as_exact
 from cfid.records.result import Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled

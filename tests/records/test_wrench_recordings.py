@@ -284,12 +284,15 @@ def test_columns_without_a_head_are_taken_in_their_order_and_others_by_number(tm
 
 SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
     "time going back": (lambda rows: [*rows[:100], "0.001,1,1,1,1,1,1", *rows[101:]], "fts.csv:102: time goes back"),
-    "a number that is none": (lambda rows: [*rows[:50], "0.008,1,1,nan,1,1,1"], "fts.csv:52: 'nan' in column 'Fz'"),
+    "a sixth without a number": (
+        lambda rows: [*rows[:50], *10 * ["0.008,1,1,nan,1,1,1"]],
+        "fts.csv:52: 'nan' in column 'Fz'",
+    ),
     "a row too short": (lambda rows: [*rows[:50], "0.008,1,1"], "fts.csv:52: 3 fields where the file has 7"),
     "a handful of rows": (lambda rows: rows[:9], "9 rows; a recording has at least 16"),
-    "microseconds": (
-        lambda rows: [f"{i * 143}{row[row.index(',') :]}" for i, row in enumerate(rows)],
-        "--time-unit us",
+    "milliseconds or microseconds": (
+        lambda rows: [f"{i * 50}{row[row.index(',') :]}" for i, row in enumerate(rows)],
+        "--time-unit ms or us",
     ),
 }
 
