@@ -91,9 +91,9 @@ def test_imported_forces_are_those_of_the_file(tmp_path: Path, campaign: Path) -
 def test_what_is_ambiguous_is_a_question_and_makes_no_run(
     tmp_path: Path, campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    savemat(tmp_path / "a.mat", {"time": TIME_S, "theta": ANGLE_RAD})
+    savemat(tmp_path / "a.mat", {"time": TIME_S, "phi": np.round(100 * ANGLE_RAD)})
     assert code("import", str(tmp_path / "a.mat"), "--campaign", str(campaign)) == 4
-    assert "give --angle-unit rad|deg" in capsys.readouterr().err
+    assert "give --counts-per-turn N, or --angle-unit" in capsys.readouterr().err
     savemat(tmp_path / "b.mat", {"time": TIME_S, "u": ANGLE_RAD})
     assert code("import", str(tmp_path / "b.mat"), "--campaign", str(campaign)) == 2
     assert "give --kind angle, wrench or flight" in capsys.readouterr().err

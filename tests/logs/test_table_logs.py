@@ -36,10 +36,11 @@ def test_crazyswarm2_s_simulator_is_recognised(tmp_path: Path) -> None:
     assert [channel.unit for channel in log.series[0].channels] == ["m"] * 3 + ["1"] * 4
 
 
-def test_a_time_whose_unit_cannot_be_is_a_question(tmp_path: Path) -> None:
+def test_a_time_without_a_unit_is_read_by_its_step_and_that_is_said(tmp_path: Path) -> None:
     path = written(tmp_path, lines("time,a", "{t},{x}"))
-    with pytest.raises(DataError, match="--time-unit ms"):
-        read_log(path)
+    log = read_log(path)
+    assert log.channel("a")[0][-1] == pytest.approx(1.39)
+    assert "is read in ms" in " ".join((*log.notes, *log.assumed))
     assert read_log(path, Foreign(time_unit="ms")).channel("a")[0][-1] == pytest.approx(1.39)
 
 

@@ -19,7 +19,7 @@ from cfid.records.tables.blocks import table_blocks
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.table import CsvTable
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, times_of
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of, time_unit_of, times_of
 
 _SCHEMA = TableSchema(columns=(TIME_COLUMN,), words=("TIME",))
 _VARIABLE = re.compile(r"\w+\.\w+")  # of the firmware
@@ -62,6 +62,8 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     raw = table.numbers([time])[:, 0] if time else np.zeros(2)
     stated = reading.time_unit is not None
     _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
+    if time is not None:
+        reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     faults, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter(faults.values()), f"{path}: no column beside the time."))

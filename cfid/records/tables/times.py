@@ -6,7 +6,7 @@ Times are checked before use; the reader of each kind interprets the other colum
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -209,7 +209,7 @@ def times_of(
             f"{table.path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, are there decimal "
             "commas, or is this not the time column? See --columns and --rate-hz."
         )
-    known = stated or ("s" if own else _unit_by_step(intervals, slowest_s))
+    known = "s" if own and stated is None else time_unit_of(table, column or "", raw, unit=unit, slowest_s=slowest_s)
     notes = () if own else _check_unit(table.path, raw[0], intervals, known, slowest_s)
     if not own and stated is None and known != "s":
         notes += (f"time is read in {known}, by its step of {np.median(intervals[intervals > 0]):g} (--time-unit).",)
@@ -219,11 +219,21 @@ def times_of(
     return np.asarray((raw - raw[0]) * SECONDS[known]), notes
 
 
-def _unit_by_step(intervals: Array, slowest_s: float) -> str:
-    """Return the one unit that gives a possible sampling interval, s where seconds do or where several are possible."""
+def time_unit_of(
+    table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | None, slowest_s: float = _SLOWEST_S
+) -> TimeUnit:
+    """Return the unit of a time column's values (n,): the one given or in its name, else the one that its step allows.
+
+    The latter is the only unit that gives a possible sampling interval, and s where several do.
+    """
+    stated = unit_of(table, TIME_COLUMN.called, column, unit, "--time-unit")
+    if stated is not None:
+        return cast(TimeUnit, stated)
+    with np.errstate(over="ignore"):
+        intervals = np.diff(raw)
     fitting = _fitting(intervals, slowest_s)
     few_repeat = np.count_nonzero(intervals == 0) < len(intervals) / 2
-    return fitting[0] if len(fitting) == 1 and few_repeat else "s"
+    return cast(TimeUnit, fitting[0]) if len(fitting) == 1 and few_repeat else "s"
 
 
 def _fitting(intervals: Array, slowest_s: float) -> list[str]:
