@@ -335,7 +335,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "an angle below zero": (change(20000, WINDS[1], angle_deg="-48.4"), "an angle of -48.4 degrees: it counts from 0"),
     "a copy of a file": (copy_file, "the same recording as"),
     "a file of another kind": (spoil_file("t,phi\n" + "0.1,2\n" * 30), "no column Fx, Fy"),
-    "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n"), "'nan' in column 'Fy' is not a number"),
+    "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n" * 400), "'nan' in column 'Fy' is not a number"),
     "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
     "a window that ends first": (change(20000, WINDS[1], from_s="4", to_s="3"), "a window begins at from_s"),
 }

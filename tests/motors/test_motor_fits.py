@@ -410,7 +410,7 @@ def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
         ("fit thrust", 2, "nothing to fit"),
         ("fit thrust abc=file.csv", 2, "'abc' is no command from 0 to 65535"),
         ("fit thrust 2000=missing.csv", 4, "no such file"),
-        ("fit thrust missing", 4, "a file needs its command"),
+        ("fit thrust missing", 4, "missing: no such file"),
         ("fit thrust 2000=x.csv --order 9", 4, ""),
         ("fit thrust 2000=x.csv --window 5", 2, "should be FROM:TO"),
         ("fit speed --table missing.csv", 4, "no such file"),

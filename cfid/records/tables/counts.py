@@ -68,9 +68,9 @@ def continuous_angle(
 
 
 def _unit_by_range(values: Array) -> str | None:
-    """Return the unit of angles (n,): radians within a turn, degrees to and fro over more; None where both may be."""
+    """Return the unit of angles (n,): radians within half a turn, degrees to and fro over more, else None."""
     span = float(np.ptp(values))
-    if np.abs(values).max() <= 2 * np.pi:
+    if np.abs(values).max() <= np.pi:
         return "rad"
     way = float(np.abs(np.diff(values[:: max(len(values) // _LOOKED_AT, 1)])).sum())
     return "deg" if span > _LEAST_SWING_DEG and way > _TO_AND_FRO * span else None
