@@ -57,7 +57,7 @@ CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
         4,
         ("over the top", "the angle's unit"),
     ),
-    "an angle without a unit": (in_unit("t,phi", 20.0), (), 4, ("names no unit", "--angle-unit")),
+    "an angle without a unit": (in_unit("t,phi", 5.0), (), 4, ("names no unit", "--angle-unit")),
     "a swing of 500 rad": (in_unit("t,phi_rad", 700.0), (), 4, ("over the top",)),
     "an empty file": (lambda _: [], (), 4, ("empty",)),
     "a head alone": (lambda lines: lines[:1], (), 4, ("no rows",)),
