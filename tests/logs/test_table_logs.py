@@ -69,7 +69,7 @@ def test_a_fault_far_down_names_its_line(tmp_path: Path) -> None:
 def test_nanobench_is_read_with_the_firmware_s_names() -> None:
     path = DATA / "flights" / "nanobench_B2_circle_fast_rep2.csv"
     if not path.exists():
-        pytest.skip("the public flights are not beside this project")
+        pytest.skip("the public flights are not here (CFID_DATA)")
     log = read_log(path)
     assert log.program == "CSV log of NanoBench"
     time_s, acceleration = log.channel("acc.z")

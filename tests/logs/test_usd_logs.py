@@ -109,7 +109,7 @@ def test_control_characters_of_a_name_never_reach_the_terminal(tmp_path: Path) -
 def test_public_logs_are_read_whole(name: str, count: int, rate_hz: int) -> None:
     path = DATA / "flights" / f"eschmann_log{name}.usd"
     if not path.exists():
-        pytest.skip("the public flights are not beside this project")
+        pytest.skip("the public flights are not here (CFID_DATA)")
     log = read_log(path)
     assert log.notes == ()
     assert log.series[0].rows == count
