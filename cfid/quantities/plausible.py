@@ -37,9 +37,9 @@ def implausible(key: str, value: Any, *, std: Any = None, platform: Platform = "
     """Return why a quantity's value is implausible as a sentence, with a guess of its unit; "" where it is plausible.
 
     An inertia matrix must also be that of a possible body, and its products are small: a quadrocopter's axes are nearly
-    principal ones. Of `other` only the body is checked, and gravity. Keys without a range pass, and so do values without
-    numbers. The range of a known vehicle is narrow: a value may lie beyond it by
-    two of its standard uncertainties.
+    principal ones. Of `other` only the body is checked, and gravity. Keys without a range pass, and so do values
+    without numbers. The range of a known vehicle is narrow: a value may lie beyond it by two of its standard
+    uncertainties.
     """
     quantity = find(key)
     if quantity is None or quantity.plausible is None:
@@ -139,7 +139,7 @@ def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
 
 
 def _product_fault(key: str, matrix: Sequence[Sequence[float]], std: Any) -> str:
-    """Return why no quadrocopter of its kind has a product of inertia, which may be two standard uncertainties larger."""
+    """Return why no quadrocopter of its kind has a product of inertia, with two standard uncertainties to spare."""
     for i, j in ((0, 1), (0, 2), (1, 2)):
         moments = math.sqrt(matrix[i][i] * matrix[j][j])
         margin = 2 * std[i][j] if is_matrix(std) else 0.0
