@@ -226,14 +226,6 @@ def positive(value: float, option: str) -> float:
     return value
 
 
-def optional_positive(value: float | None, option: str) -> float | None:
-    """Return a number that has to be above zero where it is given.
-
-    Raises ConfigError when it is not.
-    """
-    return None if value is None else positive(value, option)
-
-
 def finite(value: float, option: str) -> float:
     """Return a finite number.
 

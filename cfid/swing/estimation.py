@@ -25,12 +25,14 @@ from cfid.swing.model import (
     fit_output_error,
 )
 from cfid.swing.uncertainty import (
+    VaryingFriction,
     chosen_terms,
     drift_of_halves,
     inflation,
     scatter_of_windows,
     standard_uncertainties,
     step_error,
+    varying_friction,
 )
 
 Array = npt.NDArray[np.float64]
@@ -188,6 +190,9 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
         "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
         "scatter between windows": scatter_of_windows(swing, fit),
     }
+    varying = varying_friction(swing, fit)
+    if varying is not None:
+        shares["friction that varies"] = varying.moved_s2
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
     std[0] = math.hypot(*shares.values())
@@ -212,6 +217,7 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
             *_hand_finding(swing, fit),
             *_eccentricity_finding(fit),
             *_unfinished_finding(unfinished, shares),
+            *_varying_finding(varying),
         ),
     )
 
@@ -237,6 +243,17 @@ def _unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, flo
         "uncertainty. Use another window."
     )
     return (warning("swing-better-model-open", text, "swing.*"),)
+
+
+def _varying_finding(varying: VaryingFriction | None) -> tuple[Finding, ...]:
+    if varying is None:
+        return ()
+    text = (
+        f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
+        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is added to the uncertainty. Clean or "
+        "replace the bearing, or end the window at a higher peak."
+    )
+    return (warning("swing-friction-varies", text, "swing.*"),)
 
 
 def _split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:

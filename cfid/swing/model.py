@@ -26,12 +26,14 @@ from cfid.estimate.signals import smooth
 Array = npt.NDArray[np.float64]
 
 TERMS = ("viscous", "coulomb", "quadratic")
+PROBES = ("low speed", "low speed", "angle")  # what dry friction may vary with, unlike the model's
 ECCENTRICITY = "eccentricity"
 
 _MAX_ITERATIONS = 20
 _CONVERGED_RAD = 1e-8  # step of the predicted angle, rms
 _ON_THE_EQUATION_RAD = 1e-7
 _CONVERGED = 0.05  # of the uncertainty that white noise leaves the predicted angle
+_PROBED_RAD_PER_S = 0.3, 0.8  # speeds below which static friction is larger than sliding
 _HELD = 0.95  # Coulomb friction over gravity's pull from which on the pendulum hardly returns
 _RUNAWAY_RAD = 10.0  # a step that throws the pendulum over the top will not come back
 
@@ -170,6 +172,21 @@ def fit_output_error(
     )
 
 
+def probed(fit: OutputError, time_s: Array) -> Array:
+    """Return what all coefficients, start and probes of dry friction do to the readings, (n, 5 + 3 + 2).
+
+    The probes are excesses of dry friction below two low speeds, and one that grows with 1 - cos phi.
+    """
+    path = fit.trajectory
+    state = np.stack([path.angle_rad, path.speed_rad_per_s], axis=1).ravel()
+    columns = _linearised(state, state[:2], path.step_s, fit.coefficients, np.arange(8))[:, 1:]
+    sampler = _hermite_sampler(time_s, start_s=path.start_s, step_s=path.step_s, nodes=len(path.angle_rad))
+    harmonic = np.array(fit.eccentricity)
+    return _read_derivatives(
+        np.asarray(sampler @ state), np.asarray(sampler @ columns), harmonic, eccentric=fit.eccentric
+    )
+
+
 def _read(angle: Array, harmonic: Array) -> Array:
     """Return what an encoder reads at angles (n,)."""
     if not harmonic.any():
@@ -227,21 +244,26 @@ class _Acceleration(NamedTuple):
     value: Array
     by_angle: Array
     by_speed: Array
-    by_coefficient: Array  # (5, n)
+    by_coefficient: Array  # (5, n), or (8, n) with the probes
 
 
-def _acceleration(angle: Array, speed: Array, step: float, coefficients: Coefficients) -> _Acceleration:
+def _acceleration(
+    angle: Array, speed: Array, step: float, coefficients: Coefficients, *, probes: bool
+) -> _Acceleration:
     stiffness, viscous, coulomb, quadratic, zero = coefficients
     sine, cosine = np.sin(angle - zero), np.cos(angle - zero)
     width = _turning_width(stiffness * sine, speed, coulomb, step)
     direction = np.clip(speed / width, -1, 1)
     turning = np.abs(speed) < width
     drag = speed * np.abs(speed)
+    excess = [np.exp(-((speed / low) ** 2)) for low in _PROBED_RAD_PER_S] + [1 - cosine] if probes else []
     return _Acceleration(
         value=-stiffness * sine - viscous * speed - coulomb * direction - quadratic * drag,
         by_angle=-stiffness * cosine,
         by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
-        by_coefficient=np.stack([-sine, -speed, -direction, -drag, stiffness * cosine]),
+        by_coefficient=np.stack(
+            [-sine, -speed, -direction, -drag, stiffness * cosine, *(-direction * e for e in excess)]
+        ),
     )
 
 
@@ -270,13 +292,15 @@ def _linearised(
     of that solution with respect to the free coefficients, the start angle and the start speed.
     """
     angle, speed = state[::2], state[1::2]
-    node = _acceleration(angle, speed, step, coefficients)
+    probes = len(free) > 0 and int(free[-1]) >= len(coefficients)
+    node = _acceleration(angle, speed, step, coefficients, probes=probes)
     a, a_angle, a_speed = node.value, node.by_angle, node.by_speed
     middle = _acceleration(
         (angle[:-1] + angle[1:]) / 2 + step / 8 * (speed[:-1] - speed[1:]),
         (speed[:-1] + speed[1:]) / 2 + step / 8 * (a[:-1] - a[1:]),
         step,
         coefficients,
+        probes=probes,
     )
     left, right = _cells(a_angle, a_speed, middle, step)
     by_node, by_middle = node.by_coefficient[free], middle.by_coefficient[free]

@@ -28,14 +28,15 @@ from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log
 Method = Literal["default", "thesis"]
 
 _FREQUENCY, _INERTIA = "swing.natural_frequency_squared_s2", "swing.axis_inertia_kg_m2"
+_OTHER_BODY = {"testbody": "testbody", "fixture": "fixture"}  # the vehicle has no name here
 _DAMPING = {
     "swing.viscous_nms_per_rad": "viscous_per_s",
     "swing.coulomb_nm": "coulomb_per_s2",
     "swing.quadratic_nms2_per_rad2": "quadratic_per_rad",
 }
 _STIFFNESS = (
-    "one swing does not tell a stiff cable or bearing from gravity: 1 % of it makes the inertia 1 % too low. Swing "
-    "about the same axis at a second distance."
+    "one swing does not distinguish a stiff cable or bearing from gravity: 1 % of it makes the inertia 1 % too low. "
+    "Swing about the same axis at a second distance."
 )
 _THESIS_BIAS = (
     "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; its standard "
@@ -83,7 +84,7 @@ def fit(
     quantities = _quantities(swing, found, inertia)
     return Result(
         command="fit swing",
-        section=f"swing {axis or record.name}",
+        section=" ".join(filter(None, ("swing", _OTHER_BODY.get(record.label.body or ""), axis or record.name))),
         method=method,
         quantities=quantities,
         wanted=(_FREQUENCY, _INERTIA),

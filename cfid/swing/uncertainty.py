@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,12 +11,13 @@ from scipy.special import chdtrc
 from cfid.estimate.linear import sandwich, std_of
 from cfid.estimate.signals import correlation_inflation
 from cfid.swing.free_swing import FreeSwing
-from cfid.swing.model import ECCENTRICITY, TERMS, OutputError, first_guess, fit_output_error
+from cfid.swing.model import ECCENTRICITY, PROBES, TERMS, OutputError, first_guess, fit_output_error, probed
 
 Array = npt.NDArray[np.float64]
 
 _FINER_STEPS = (0.5, 0.7)
 _PERIODS_A_WINDOW, _MOST_WINDOWS = 4, 8
+_VARIES_STD = 4.0  # of a probe: sound swings stay below
 _SCATTERED = 0.05  # chance of windows that scatter as far, below which the model is at fault
 
 
@@ -77,6 +79,33 @@ def scatter_of_windows(swing: FreeSwing, fit: OutputError) -> float:
         return 0.0
     between = (scatter - (count - 1)) / float(weights.sum() - weights @ weights / weights.sum())
     return math.sqrt(max(between, 0.0))
+
+
+class VaryingFriction(NamedTuple):
+    """What dry friction varies with, by how many standard uncertainties it shows, and how far that moves W."""
+
+    varies_with: str
+    shown_std: float
+    moved_s2: float
+
+
+def varying_friction(swing: FreeSwing, fit: OutputError) -> VaryingFriction | None:
+    """Return the variation of dry friction that the record shows most clearly, None where none is clear.
+
+    Each probe is estimated beside all coefficients, linearly about the fit (a score test).
+    """
+    columns = probed(fit, swing.hands_off[0])
+    found = []
+    own = [i for i in range(columns.shape[1]) if not 5 <= i < 5 + len(PROBES)]
+    for i, name in enumerate(PROBES):
+        jacobian = columns[:, [*own, 5 + i]]
+        size = np.linalg.norm(jacobian, axis=0)
+        change = np.linalg.lstsq(jacobian / size, fit.residual_rad, rcond=1e-10)[0] / size
+        left = fit.residual_rad - jacobian @ change
+        std = std_of(sandwich(jacobian, left, longest=_samples_a_period(fit)))
+        found.append(VaryingFriction(name, float(abs(change[-1]) / std[-1]), float(abs(change[0]))))
+    clearest = max(found, key=lambda one: one.shown_std)
+    return clearest if clearest.shown_std > _VARIES_STD else None
 
 
 def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from cfid.errors import FitError
 from cfid.findings import Finding
 from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.inertia.redundancy import redundancy_findings
+from cfid.quantities.plausible import implausible
 from cfid.records.rig_file import Mount
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 
@@ -47,6 +48,7 @@ class Lab:
     fixture_m: float = 0.002
     stiffness_nm: float = 0.0
     exchanged: tuple[str, str] | None = None
+    inertia_kg_m2: Array = field(default_factory=lambda: TRUTH)
 
     def swings(self, rng: np.random.Generator) -> list[MountedSwing]:
         """Return the natural frequencies squared that a truth drawn anew gives on every mount."""
@@ -61,7 +63,7 @@ class Lab:
             offset = 1e-3 * np.array(POINTS_MM[name]) + rng.normal(0, self.spread["point_m"], 3) - centre
             distance = math.sqrt(offset @ offset - (offset @ axis) ** 2)
             moment = gravity * (mass * distance + self.fixture_kg * self.fixture_m) + self.stiffness_nm
-            inertia = axis @ TRUTH @ axis + mass * distance**2 + 3 * self.fixture_kg * self.fixture_m**2
+            inertia = axis @ self.inertia_kg_m2 @ axis + mass * distance**2 + 3 * self.fixture_kg * self.fixture_m**2
             measured[name] = moment / inertia * (1 + SWING_STD * rng.normal())
         if self.exchanged is not None:
             one, other = self.exchanged
@@ -163,6 +165,38 @@ def test_every_exchange_of_two_swings_is_rejected_or_named_as_one_that_would_pas
 
     # Six leave the exchanges that make another possible body; eight leave x and y, which are almost alike.
     assert len(passed) <= {6: 8, 8: 1}[len(axes)]
+
+
+def refused(fit: InertiaFit) -> bool:
+    """Whether the swings contradict a body, or the matrix a quadrocopter's."""
+    matrix, std = fit.matrix_kg_m2.tolist(), fit.std_kg_m2.tolist()
+    return fit.contradictory or bool(implausible("inertia.matrix_kg_m2", matrix, std=std))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_quadrocopter_refuses_all_exchanges_of_six_swings_but_those_that_turn_x_into_y(seed: int) -> None:
+    fits = {pair: Lab(exchanged=pair).fitted(np.random.default_rng(seed))[0] for pair in combinations(SIX, 2)}
+    accepted = [pair for pair, fit in fits.items() if not refused(fit)]
+    moments = [np.linalg.eigvalsh(fits[pair].matrix_kg_m2) for pair in accepted]
+
+    assert set(accepted) <= {("x", "y"), ("xz", "yz")}
+    # Six swings fit each labelling exactly, and the bodies differ by no more than two vehicles do.
+    assert all(fits[pair].chi_squared == 0 for pair in accepted)
+    assert moments == [pytest.approx(np.linalg.eigvalsh(TRUTH), rel=0.02)] * len(accepted)
+
+
+def test_no_sound_quadrocopter_is_refused_for_its_products() -> None:
+    rng = np.random.default_rng(9)
+    fits = []
+    for _ in range(200):
+        moments = rng.uniform((15e-6, 15e-6, 27e-6), (18e-6, 18e-6, 31e-6))
+        correlation = np.eye(3)
+        correlation[np.triu_indices(3, 1)] = rng.uniform(-0.1, 0.1, 3)  # the thesis' are up to 0.093
+        correlation += np.triu(correlation, 1).T
+        fits.append(Lab(inertia_kg_m2=correlation * np.sqrt(np.outer(moments, moments))).fitted(rng)[0])
+
+    assert not [fit for fit in fits if refused(fit) and not fit.contradictory]
+    assert sum(map(refused, fits)) < 0.02 * len(fits)  # swings contradict a body by chance once in some hundred
 
 
 def test_repeated_swings_find_the_exchange_of_two_that_are_almost_alike() -> None:

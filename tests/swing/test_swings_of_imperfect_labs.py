@@ -99,6 +99,18 @@ def test_an_eccentric_encoder_is_found_and_taken_out() -> None:
     assert abs(error * frequency) < 3.5 * fit.std.natural_frequency_squared_s2
 
 
+def test_dry_friction_that_is_larger_at_low_speed_is_named_and_widens_the_interval() -> None:
+    trials = Trials(np.random.default_rng(3), 1, stribeck=0.5)
+    time_s, angle = trials.swung(14.0)
+    fit = fit_swing(find_swing(time_s, encoded(angle[:, 0], np.random.default_rng(5))))
+    sound = fit_swing(find_swing(one_swing()[0], encoded(one_swing()[1], np.random.default_rng(5))))
+    error = fit.coefficients.natural_frequency_squared_s2 - trials.frequency_squared_s2[0]
+
+    assert "dry friction varies with low speed" in " ".join(finding.text for finding in fit.findings)
+    assert abs(error) < 1.96 * fit.std.natural_frequency_squared_s2
+    assert "swing-friction-varies" not in {finding.code for finding in sound.findings}
+
+
 def test_a_window_from_zero_changes_nothing_and_one_that_begins_at_rest_finds_the_release() -> None:
     time_s, angle, _ = one_swing()
     read = encoded(angle, np.random.default_rng(5))

@@ -37,6 +37,7 @@ from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
+from cfid.units import USUAL_GRAVITY_MPS2
 
 One = Evidence | StandTable | Run | Path | str
 Points = One | Sequence[One]
@@ -66,7 +67,7 @@ class _Beside:
 def fit_thrust(
     points: Points,
     *,
-    gravity_mps2: float,
+    gravity_mps2: float = USUAL_GRAVITY_MPS2,
     order: Order = 2,
     robust: bool = True,
     stand: Stand | None = None,

@@ -135,23 +135,23 @@ def _beside(finding: Finding) -> Any:
 
 def _quantities(windows: Sequence[RotorWindow]) -> dict[str, Parameter]:
     """Return the speeds, NaN in a window that was rejected, unless all were: then the whole key is rejected."""
+    some = any(one.speed.accepted for one in windows)
+    given = np.array([one.speed.accepted or not some for one in windows])
+    value = np.where(given, [one.speed.speed_rad_per_s for one in windows], math.nan).tolist()
+    std = np.where(given, [one.speed.std_rad_per_s for one in windows], math.nan).tolist()
     rows = [
         {
             "cmd": one.command,
-            "speed_rad_s": one.speed.speed_rad_per_s,
-            "std_rad_s": one.speed.std_rad_per_s,
+            "speed_rad_s": value[place],
+            "std_rad_s": std[place],
             "tachometer_rad_s": one.reported_rad_s,
             "rotors": len(one.speed.rotors),
             "from_s": one.begin_s,
             "to_s": one.end_s,
             "accepted": one.speed.accepted,
         }
-        for one in windows
+        for place, one in enumerate(windows)
     ]
-    some = any(one.speed.accepted for one in windows)
-    given = np.array([one.speed.accepted or not some for one in windows])
-    value = np.where(given, [one.speed.speed_rad_per_s for one in windows], math.nan).tolist()
-    std = np.where(given, [one.speed.std_rad_per_s for one in windows], math.nan).tolist()
     only = len(windows) == 1
     speed = Parameter(value=value[0] if only else value, std=std[0] if only else std)
     return {KEY: speed, "rotor.windows": Parameter(value=rows)}
