@@ -1,4 +1,4 @@
-"""`cfid fit dynamics`: how fast rotors follow their commands, from steps."""
+"""`cfid fit dynamics`: how fast rotors follow their commands, from steps, or from a command that never rests."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
 from cfid.console.outcome import deliver
 
 
@@ -16,35 +16,46 @@ def dynamics(
     *,
     runs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="RUN ...", help="A run with steps: speeds reported, or in the vibration."),
+        typer.Argument(metavar="RUN|FILE ...", help="A run with steps, a flight log, or a thrust stand's CSV file."),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
+    rotor: Annotated[int | None, typer.Option(min=1, max=4, help="The only rotor of a log to fit.")] = None,
+    cut: CutOptions,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
-    """Fit a first-order lag to each step of the command, and the rotor model of four coefficients to all.
+    """Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.
 
     Example: [bold]cfid fit dynamics 2026-11-21_083012_speed[/bold]
     """
-    from cfid.errors import ConfigError, DataError
+    from cfid.errors import ConfigError
+    from cfid.motors import lag
+    from cfid.motors.lag.data import rotor_log
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
+    from cfid.records.tables.schema import Foreign
     from cfid.records.tables.stand import read_stand_table
     from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
     if not runs and table is None:
-        raise ConfigError("nothing to fit: give a RUN with steps, or --table FILE.")
+        raise ConfigError("nothing to fit: give a RUN with steps, a flight log, or --table FILE.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
-    if table is not None:
-        record = of_table(read_stand_table(table, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines))
+    path = find_recording((runs or [])[0], workplace) if table is None else table
+    run = None if table is not None else run_at(path)
+    foreign = Foreign(reading.time_unit, reading.rate_hz, reading.skip_lines, reading.column_names)
+    log = None if run is not None or table is not None else rotor_log(path, foreign)
+    if log is not None:
+        log = log if rotor is None else log.only(rotor)
+        result = lag.fit(log.between(cut.from_s, cut.to_s))
+    elif rotor is not None or cut != CutOptions():
+        raise ConfigError(f"{path}: --rotor, --from and --to are for flight logs.")
+    elif run is not None:
+        result = fit(of_run(run, scale.reading(reading)))
     else:
-        path = find_recording((runs or [])[0], workplace)
-        if (run := run_at(path)) is None:
-            raise DataError(f"{path}: no run folder; steps need the commands that a run has.")
-        record = of_run(run, scale.reading(reading))
-    result = replace(fit(record), folder=workplace.figures_beside([record.path]))
+        result = fit(of_table(read_stand_table(path, rate_hz=reading.rate_hz, skip_lines=reading.skip_lines)))
+    result = replace(result, folder=workplace.figures_beside([path]))
     deliver(result, delivery, workplace.campaign, workplace.own_rig)
