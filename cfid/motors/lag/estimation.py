@@ -76,7 +76,8 @@ def fit_lag(pieces: Sequence[Piece], *, kind: Kind, unseen_s: float = 0.0) -> La
 
     Of kind "speed", measured is the speed in rad/s of one rotor, whose map is joined to its lag. Of kind "thrust",
     measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
-    `unseen_s` is the interval between two rows of the command, where it may have changed between them. Raises FitError for less than 200 samples.
+    `unseen_s` is the interval between two rows of the command, where it may have changed between them.
+    Raises FitError for less than 200 samples.
     """
     pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
     measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
@@ -86,7 +87,7 @@ def fit_lag(pieces: Sequence[Piece], *, kind: Kind, unseen_s: float = 0.0) -> La
         )
     shown = (_speed if kind == "speed" else _thrust)(pieces)
     start = _start(pieces, measured)
-    scale = np.append(np.full(3, max(float(np.std(measured)), 1e-12)), start[3:5].tolist() + [start[3]])
+    scale = np.append(np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]])
     low = [-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S]
     high = [np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S]
     fit = least_squares(

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection
@@ -13,6 +14,8 @@ from cfid.motors.lag.figures import lag_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Figures, Result
+
+Array = npt.NDArray[np.float64]
 
 _THRUST = "thrust of all rotors"
 _NO_LAG = "no rotor is described by a first-order lag: see the warnings."
@@ -90,7 +93,7 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], tuple[Finding, ...]]:
     return fits, tuple(warn("lag-rotor-left-out", str(error), "dynamics.*").at(name) for name, error in failed.items())
 
 
-def _mean_rates(fits: list[LagFit]) -> tuple[list[float], np.ndarray]:
+def _mean_rates(fits: list[LagFit]) -> tuple[list[float], Array]:
     """Return one over the time constants of rising and falling, means of the rotors, with their covariance (2, 2)."""
     rates = 1 / np.array([one.lag[:2] for one in fits])
     each = [np.outer(rate**2, rate**2) * one.covariance[:2, :2] for rate, one in zip(rates, fits, strict=True)]
@@ -152,7 +155,7 @@ def _commands(record: RotorLog, name: str) -> tuple[float, float]:
 
 
 def _rotor(name: str) -> int | None:
-    return None if name == _THRUST else int(name.split()[-1])
+    return None if name == _THRUST else int(name[-1])
 
 
 def _known(value: float) -> float | None:

@@ -46,7 +46,12 @@ def dynamics(
         raise ConfigError("several runs have several clocks: give one at a time.")
     path = find_recording((runs or [])[0], workplace) if table is None else table
     run = None if table is not None else run_at(path)
-    foreign = Foreign(reading.time_unit, reading.rate_hz, reading.skip_lines, reading.column_names)
+    foreign = Foreign(
+        time_unit=reading.time_unit,
+        rate_hz=reading.rate_hz,
+        skip_lines=reading.skip_lines,
+        columns=reading.column_names,
+    )
     log = None if run is not None or table is not None else rotor_log(path, foreign)
     if log is not None:
         log = log if rotor is None else log.only(rotor)
