@@ -20,7 +20,7 @@ def lag_figure(fits: Mapping[str, LagFit], *, title: str) -> Figure:
     rejections = [
         f"Rejected: {name}: {text}" for name, fit in fits.items() for text in texts(fit.findings, "rejection")
     ]
-    heights = (2.4,) * len(fits) + (0.9 * -(-len(fits) // 2),)
+    heights = (2.4,) * len(fits) + (1.1 * -(-len(fits) // 2),)
     page, grid = figure(len(heights), 2, heights_in=heights, title=title, rejections=rejections)
     for place, (name, fit) in enumerate(fits.items()):
         _draw(page.add_subplot(grid[place, :]), f"({'abcd'[place]}) {name}", fit)

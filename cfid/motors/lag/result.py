@@ -1,13 +1,13 @@
 """How rotors follow a command that never rests, in the contract's keys."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import CfidError, FitError
-from cfid.findings import Finding, note, rejection
-from cfid.findings import warning as warn
+from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag
 from cfid.motors.lag.figures import lag_figure
@@ -90,7 +90,9 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], tuple[Finding, ...]]:
             failed[f"rotor {motor}"] = error
     if not fits:
         raise next(iter(failed.values()))
-    return fits, tuple(warn("lag-rotor-left-out", str(error), "dynamics.*").at(name) for name, error in failed.items())
+    return fits, tuple(
+        warning("lag-rotor-left-out", str(error), "dynamics.*").at(name) for name, error in failed.items()
+    )
 
 
 def _mean_rates(fits: list[LagFit]) -> tuple[list[float], Array]:
@@ -102,9 +104,7 @@ def _mean_rates(fits: list[LagFit]) -> tuple[list[float], Array]:
 
 def _about(record: RotorLog, fits: Mapping[str, LagFit]) -> tuple[Finding, ...]:
     """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
-    found = [
-        warn(one.code, one.sentence, *one.quantities).at(name) for name, fit in fits.items() for one in fit.findings
-    ]
+    found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
     if record.unseen_s:
         text = (
             f"the command was logged every {1e3 * record.unseen_s:.3g} ms and may have changed between: it is taken to "
@@ -112,7 +112,7 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit]) -> tuple[Finding, ...]:
         )
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     if not record.speeds:
-        found.append(warn("lag-from-acceleration", _OF_ACCELERATION, "dynamics.*"))
+        found.append(warning("lag-from-acceleration", _OF_ACCELERATION, "dynamics.*"))
     return tuple(found)
 
 
