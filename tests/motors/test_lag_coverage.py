@@ -1,5 +1,7 @@
 """The 95 % intervals of a lag from a command that never rests hold the truth as often as they claim."""
 
+from typing import Literal
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -49,7 +51,7 @@ def flown(count: int, seed: int, *, rotors: int, noise: float, red: float) -> tu
 
 def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
     """Fit every log, and return the rows of the three numbers."""
-    kind = "speed" if commands.shape[1] == 1 else "thrust"
+    kind: Literal["speed", "thrust"] = "speed" if commands.shape[1] == 1 else "thrust"
     found, std = [], []
     for command, value in zip(commands, values, strict=True):
         fit = fit_lag([Piece(tuple(Signal(time_s, one) for one in command), Signal(time_s, value))], kind=kind)
@@ -65,6 +67,6 @@ def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("rotors", "noise", "red"), [(1, 15.0, 0.0), (1, 5.0, 15.0), (4, 0.3, 0.0), (4, 0.1, 0.3)])
 def test_intervals_hold_the_truth(rotors: int, noise: float, red: float) -> None:
-    for row in fitted(*flown(300, 18, rotors=rotors, noise=noise, red=red)):
+    for row in fitted(*flown(200, 18, rotors=rotors, noise=noise, red=red)):
         print(row, f"red {red}")
-        assert 0.93 <= row.hits / row.error.size <= 0.975
+        assert row.covers(), row

@@ -1,5 +1,6 @@
 """A log of the uSD-card deck gives the lag of its rotors, by their speeds or by the acceleration, or says why not."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.lag import fit
 from cfid.motors.lag.data import RotorLog, rotor_log
 from cfid.records.result import Result
+from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
 from tests.motors.test_lag_coverage import DELAY_S, FALLING_S, RATE_HZ, RISING_S, flown
 from tests.places import DATA
@@ -81,7 +83,7 @@ def test_one_rotor_is_fitted_alone(four: RotorLog) -> None:
 
 def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
     rows, draw = 1500, np.random.default_rng(3)
-    for name, command in (("rests", np.full(rows, 30000)), ("creeps", 30000 + np.arange(rows))):
+    for name, command in (("rests", np.full(rows, 30000.0)), ("creeps", 30000.0 + np.arange(rows))):
         (tmp_path / name).mkdir()
         speed = NEXT * (1500 + 0.01 * (command - 30000) + draw.normal(0, 5, rows))
         result = fit(read(logged(tmp_path / name, (MOTORS[0], SPEEDS[0]), command, speed)))
@@ -119,3 +121,17 @@ def test_the_thrust_of_a_real_flight_lags_as_its_authors_found() -> None:
     assert 0.04 < falling_s < 0.1  # the authors found 0.072 to 0.074 s for both ways, without a delay
     assert 0.04 < rising_s < 0.1
     assert any(one.code == "lag-from-acceleration" for one in result.findings)
+
+
+def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, four: RotorLog, cfid: Cfid) -> None:
+    shown = cfid("fit", "dynamics", four.path, "--rotor", "1", "--json")
+    assert shown.returncode == 0, shown.stderr
+    rising = json.loads(shown.stdout)["parameters"]["dynamics.rising"]["value"]
+    assert rising == [pytest.approx(1 / RISING_S, rel=0.02), 0]
+
+    stand = tmp_path / "stand.csv"
+    stand.write_text("pwm,rpm_mean\n" + "10000,5000\n" * 300)
+    refused = cfid("fit", "dynamics", stand, "--rotor", "1")
+    assert refused.returncode == 2
+    assert "are for flight logs" in refused.stderr
+    assert "no step of the command" in cfid("fit", "dynamics", stand).stderr
