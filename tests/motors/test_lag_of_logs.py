@@ -83,7 +83,8 @@ def test_one_rotor_is_fitted_alone(four: RotorLog) -> None:
 
 def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
     rows, draw = 1500, np.random.default_rng(3)
-    for name, command in (("rests", np.full(rows, 30000.0)), ("creeps", 30000.0 + np.arange(rows))):
+    commands: dict[str, Array] = {"rests": np.full(rows, 30000.0), "creeps": np.linspace(30000, 31499, rows)}
+    for name, command in commands.items():
         (tmp_path / name).mkdir()
         speed = NEXT * (1500 + 0.01 * (command - 30000) + draw.normal(0, 5, rows))
         result = fit(read(logged(tmp_path / name, (MOTORS[0], SPEEDS[0]), command, speed)))
