@@ -138,7 +138,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit dynamics": (
         "cfid.motors.steps.command:dynamics",
-        "Fit a first-order lag to each step of the command, and the rotor model of four coefficients to all.",
+        "Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.",
     ),
     "fit drag": (
         "cfid.drag.command:drag",

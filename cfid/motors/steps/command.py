@@ -1,4 +1,4 @@
-"""`cfid fit dynamics`: how fast rotors follow their commands, from steps."""
+"""`cfid fit dynamics`: how fast rotors follow their commands, from steps, or from a command that never rests."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,16 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import Delivery, EscUs, LoadCellOptions, ReadingOptions, RigOptions, flat, pulses_us
+from cfid.console.options import (
+    CutOptions,
+    Delivery,
+    EscUs,
+    LoadCellOptions,
+    ReadingOptions,
+    RigOptions,
+    flat,
+    pulses_us,
+)
 from cfid.console.outcome import deliver
 
 
@@ -16,34 +25,53 @@ def dynamics(
     *,
     runs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="FILE|RUN", help="A run with steps, or a stand's CSV file with speeds over time."),
+        typer.Argument(
+            metavar="FILE|RUN", help="A run with steps, a flight log, or a stand's CSV file with speeds over time."
+        ),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
     esc_us: EscUs = None,
+    rotor: Annotated[int | None, typer.Option(min=1, max=4, help="The only rotor of a log to fit.")] = None,
+    cut: CutOptions,
     rig: RigOptions,
     reading: ReadingOptions,
     scale: LoadCellOptions,
     delivery: Delivery,
 ) -> None:
-    """Fit a first-order lag to each step of the command, and the rotor model of four coefficients to all.
+    """Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.
 
     Example: [bold]cfid fit dynamics 2026-11-21_083012_speed[/bold]
     """
     from cfid.errors import ConfigError
+    from cfid.motors import lag
+    from cfid.motors.lag.data import rotor_log
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
+    from cfid.records.tables.schema import Foreign
     from cfid.records.tables.stand import read_stand_table
     from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
     if not runs and table is None:
-        raise ConfigError("nothing to fit: give a RUN with steps, or a thrust stand's CSV file.")
+        raise ConfigError("nothing to fit: give a RUN with steps, a flight log, or a thrust stand's CSV file.")
     if len(runs or []) + (table is not None) > 1:
         raise ConfigError("several runs have several clocks: give one at a time.")
     path = table or find_recording((runs or [])[0], workplace)
-    run = run_at(path)
-    if run is not None:
-        record = of_run(run, scale.reading(reading))
+    run = None if table is not None else run_at(path)
+    foreign = Foreign(
+        time_unit=reading.time_unit,
+        rate_hz=reading.rate_hz,
+        skip_lines=reading.skip_lines,
+        columns=reading.column_names,
+    )
+    log = None if run is not None or table is not None else rotor_log(path, foreign)
+    if log is not None:
+        log = log if rotor is None else log.only(rotor)
+        result = lag.fit(log.between(cut.from_s, cut.to_s))
+    elif rotor is not None or cut != CutOptions():
+        raise ConfigError(f"{path}: --rotor, --from and --to are for flight logs.")
+    elif run is not None:
+        result = fit(of_run(run, scale.reading(reading)))
     else:
         stand = read_stand_table(
             path,
@@ -52,6 +80,6 @@ def dynamics(
             time_unit=reading.time_unit,
             esc_us=pulses_us(esc_us),
         )
-        record = of_table(stand)
-    result = replace(fit(record), folder=workplace.figures_beside([record.path]))
+        result = fit(of_table(stand))
+    result = replace(result, folder=workplace.figures_beside([path]))
     deliver(result, delivery, workplace.campaign, workplace.own_rig)

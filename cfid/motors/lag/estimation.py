@@ -1,0 +1,223 @@
+"""Lag and static map together, by output error: what follows a command that never rests, simulated and compared.
+
+The fit is least squares. Its residuals may be correlated: their own correlation decides the uncertainties.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from cfid.errors import FitError
+from cfid.estimate.blocks import block_means
+from cfid.estimate.linear import gain_of, sandwich
+from cfid.findings import Finding, rejection, texts
+from cfid.motors.lag.model import Lag, Signal
+
+Array = npt.NDArray[np.float64]
+Kind = Literal["speed", "thrust"]
+
+SETTLING_S = 1.0  # of each piece, in which the unknown state at its begin is forgotten
+_FEWEST = 200  # samples
+_FINEST_S = 2e-3  # what is sampled closer is averaged: rotors take many times longer
+_QUICKEST_S, _SLOWEST_S, _EARLIEST_S, _LATEST_S = 1e-3, 2.0, -0.2, 0.5
+_STARTS_S, _STARTS_LATE_S = (0.015, 0.04, 0.1, 0.25), (0.0, 0.02, 0.06)
+_LOOSE = 0.2  # of a time constant: the largest accepted standard uncertainty
+_EXPLAINED: dict[Kind, float] = {"speed": 0.9, "thrust": 0.6}  # of the variance; air and vibration add to a thrust
+_SMOOTH = 0.25  # time constants over which noise is averaged before judging how much the lag explains
+_SINGULAR = 1e-7  # of a Jacobian with columns of equal length
+_COARSE = 0.5  # of a time constant: the largest interval of a command that shows it
+_CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
+_MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
+
+
+class Piece(NamedTuple):
+    """A part of a record without a break: what drives each rotor, 0 to about 1, and what was measured."""
+
+    drives: tuple[Signal, ...]
+    measured: Signal
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LagFit:
+    """A lag with its covariance (3, 3) in s^2, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u.
+
+    `explained` is the part of the variance that it explains, averaged over a quarter of a time constant, `rms` what is
+    left. `time_s`, `measured` and `shown` (n,) are what was compared.
+    """
+
+    kind: Kind
+    lag: Lag
+    covariance: Array
+    map: tuple[float, float, float]
+    explained: float
+    rms: float
+    time_s: Array
+    measured: Array
+    shown: Array
+    findings: tuple[Finding, ...]
+
+    @property
+    def std_s(self) -> Lag:
+        """The standard uncertainties of the lag."""
+        return Lag(*np.sqrt(np.diag(self.covariance)).tolist())
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the record shows a first-order lag."""
+        return not texts(self.findings, "rejection")
+
+
+def fit_lag(pieces: Sequence[Piece], *, kind: Kind, unseen_s: float = 0.0) -> LagFit:
+    """Fit time constants of rising and falling speed, the delay behind the command, and the static map, all at once.
+
+    Of kind "speed", measured is the speed in rad/s of one rotor, whose map is joined to its lag. Of kind "thrust",
+    measured is the thrust of all rotors together in any unit, quadratic in speeds that are linear in the drive.
+    `unseen_s` is the interval between two rows of the command, where it may have changed between them.
+    Raises FitError for less than 200 samples.
+    """
+    pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
+    measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
+    if len(measured) < _FEWEST:
+        raise FitError(
+            f"{len(measured)} samples after the first {SETTLING_S:g} s with the rotors running (limit {_FEWEST})."
+        )
+    shown = (_speed if kind == "speed" else _thrust)(pieces)
+    start = _start(pieces, measured)
+    scale = np.append(np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]])
+    low = [-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S]
+    high = [np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S]
+    fit = least_squares(
+        lambda p: shown(p) - measured,
+        start,
+        x_scale=scale,
+        bounds=(low, high),
+        ftol=_CLOSE,
+        xtol=_CLOSE,
+        max_nfev=_MOST_STEPS,
+    )
+    lag = Lag(*fit.x[3:].tolist())
+    columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
+    singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
+    covariance = sandwich(fit.jac, fit.fun, longest=len(measured) // 4)[3:, 3:]
+    covariance[2, 2] += unseen_s**2 / 12
+    explained = _explained(pieces, fit.fun, measured, min(lag.rising_s, lag.falling_s))
+    stds = np.sqrt(np.diag(covariance))
+    return LagFit(
+        kind=kind,
+        lag=lag,
+        covariance=np.full((3, 3), np.nan) if singular else covariance,
+        map=(float(fit.x[0]), float(fit.x[1]), float(fit.x[2])),
+        explained=explained,
+        rms=float(np.sqrt(np.mean(fit.fun**2))),
+        time_s=np.concatenate([piece.measured.time_s for piece in pieces]),
+        measured=measured,
+        shown=measured + fit.fun,
+        findings=_rejections(kind, lag, stds, explained, singular=singular, unseen_s=unseen_s),
+    )
+
+
+def _thinned(piece: Piece) -> Piece | None:
+    """Return a piece without what is unknown and without its begin, its samples at most one in 2 ms."""
+    time_s, value = piece.measured
+    known = np.isfinite(value) & (time_s >= piece.drives[0].time_s[0] + SETTLING_S)
+    time_s, value = time_s[known], value[known]
+    if len(time_s) < 2:
+        return None
+    length = max(int(_FINEST_S / np.median(np.diff(time_s))), 1)
+    measured = Signal(block_means(time_s, length=length), block_means(value, length=length))
+    return piece._replace(measured=measured, drives=tuple(map(_changes, piece.drives)))
+
+
+def _changes(drive: Signal) -> Signal:
+    """Return a drive without the rows that repeat the one before."""
+    kept = np.append(True, np.diff(drive.value) != 0)
+    return Signal(drive.time_s[kept], drive.value[kept])
+
+
+def _speed(pieces: Sequence[Piece]) -> Callable[[Array], Array]:
+    """Return the speeds (n,) over map and lag (6,): the speed that lags is that of the map."""
+
+    def shown(p: Array) -> Array:
+        lag = Lag(*p[3:].tolist())
+        targets = [drive._replace(value=p[0] + p[1] * drive.value + p[2] * drive.value**2) for (drive,), _ in pieces]
+        each = zip(targets, pieces, strict=True)
+        return np.concatenate([lag.follow(target, piece.measured.time_s) for target, piece in each])
+
+    return shown
+
+
+def _thrust(pieces: Sequence[Piece]) -> Callable[[Array], Array]:
+    """Return the thrusts (n,) over map and lag (6,): each rotor's drive lags, and the map takes it to thrust."""
+    latest: dict[Lag, Array] = {}  # most columns of a Jacobian have the same lag
+
+    def shown(p: Array) -> Array:
+        lag = Lag(*p[3:].tolist())
+        if lag not in latest:
+            latest.clear()
+            latest[lag] = _powers(pieces, lag)
+        return np.asarray(latest[lag] @ p[:3])
+
+    return shown
+
+
+def _powers(pieces: Sequence[Piece], lag: Lag) -> Array:
+    """Return one, the sum of the rotors' lagging drives and that of their squares (n, 3)."""
+    rows = []
+    for drives, (time_s, _) in pieces:
+        late = np.array([lag.follow(drive, time_s) for drive in drives])
+        rows.append(np.column_stack([np.ones(len(time_s)), late.sum(axis=0), (late**2).sum(axis=0)]))
+    return np.concatenate(rows)
+
+
+def _start(pieces: Sequence[Piece], measured: Array) -> Array:
+    """Return the best map and lag (6,) of a coarse grid, as fast upwards as downwards."""
+    best, found = np.inf, np.zeros(6)
+    for tau_s in _STARTS_S:
+        for late_s in _STARTS_LATE_S:
+            rows = _powers(pieces, Lag(tau_s, tau_s, late_s))
+            values = gain_of(rows) @ measured
+            left = float(np.sum((measured - rows @ values) ** 2))
+            if left < best:
+                best, found = left, np.append(values, [tau_s, tau_s, late_s])
+    return found
+
+
+def _explained(pieces: Sequence[Piece], residual: Array, value: Array, tau_s: float) -> float:
+    interval_s = float(np.median(np.diff(pieces[0].measured.time_s)))
+    length = max(round(_SMOOTH * tau_s / interval_s), 1)
+    noise, signal = (block_means(series, length=min(length, len(value) // 4)) for series in (residual, value))
+    return float(1 - np.var(noise) / max(float(np.var(signal)), 1e-300))
+
+
+def _rejections(
+    kind: Kind, lag: Lag, std_s: Array, explained: float, *, singular: bool, unseen_s: float
+) -> tuple[Finding, ...]:
+    """Return why a lag is rejected."""
+    keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
+    if singular:
+        text = "the command does not move enough to show a time constant: excite the rotor more."
+        return (rejection("lag-not-excited", text, *keys),)
+    found = []
+    share, way, tau_s = max(
+        (std_s[0] / lag.rising_s, "rising", lag.rising_s), (std_s[1] / lag.falling_s, "falling", lag.falling_s)
+    )
+    if not share < _LOOSE:
+        text = (
+            f"the time constant of {way} speed, {1e3 * tau_s:.0f} ms, is open by {100 * share:.0f} % "
+            f"(limit {100 * _LOOSE:.0f} %): excite the rotor more, or longer."
+        )
+        found.append(rejection("lag-not-excited", text, *keys))
+    if explained < _EXPLAINED[kind]:
+        text = f"a first-order lag explains only {100 * explained:.0f} % (limit {100 * _EXPLAINED[kind]:.0f} %)."
+        found.append(rejection("lag-misfit", text, *keys))
+    if unseen_s > _COARSE * min(lag.rising_s, lag.falling_s):
+        text = (
+            f"the command was logged every {1e3 * unseen_s:.0f} ms (limit {100 * _COARSE:.0f} % of the time "
+            f"constant, {1e3 * min(lag[:2]):.0f} ms): log faster."
+        )
+        found.append(rejection("lag-log-too-slow", text, *keys))
+    return tuple(found)

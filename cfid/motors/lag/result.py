@@ -1,0 +1,172 @@
+"""How rotors follow a command that never rests, in the contract's keys."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import CfidError, FitError
+from cfid.findings import Finding, note, rejection, warning
+from cfid.motors.lag.data import RotorLog
+from cfid.motors.lag.estimation import LagFit, fit_lag
+from cfid.motors.lag.figures import lag_figure
+from cfid.records.covariances import covariance_between
+from cfid.records.parameters import Parameter
+from cfid.records.result import Figures, Result
+
+Array = npt.NDArray[np.float64]
+
+_THRUST = "thrust of all rotors"
+_NO_LAG = "no rotor is described by a first-order lag: see the warnings."
+_OF_ACCELERATION = (
+    "the log has no rotor speeds: the lag is that of the acceleration along z behind the commands. It contains the "
+    "accelerometer's filter and the air's forces in flight: take it for an estimate."
+)
+
+
+def fit(record: RotorLog) -> Result:
+    """Return time constants of rising and falling speed and the delay behind the command: the rotors' mean, and each.
+
+    Raises FitError where no rotor runs for long enough, DataError where nothing shows how it follows.
+    """
+    try:
+        fits, left_out = _fits(record)
+    except CfidError as error:
+        raise type(error)(f"{record.path}: {str(error).removeprefix(f'{record.path}: ')}") from None
+    accepted = {name: one for name, one in fits.items() if one.accepted} or fits
+    rates, covariance = _mean_rates(list(accepted.values()))
+    delay_s = float(np.mean([one.lag.delay_s for one in accepted.values()]))
+    delay_std_s = float(np.sqrt(sum(one.std_s.delay_s**2 for one in accepted.values())) / len(accepted))
+    rates_std = np.sqrt(np.diag(covariance))
+    coefficients = {"dynamics.rising": [rates[0], 0.0], "dynamics.falling": [rates[1], 0.0]}
+    whole = np.zeros((4, 4))
+    whole[::2, ::2] = covariance
+
+    def drawings() -> Figures:
+        return {f"fit_dynamics_{record.name}": lag_figure(fits, title=record.name)}
+
+    return Result(
+        command="fit dynamics",
+        method="default",
+        quantities={
+            "dynamics.rising": Parameter(value=coefficients["dynamics.rising"], std=[float(rates_std[0]), np.nan]),
+            "dynamics.falling": Parameter(value=coefficients["dynamics.falling"], std=[float(rates_std[1]), np.nan]),
+            "dynamics.delay_s": Parameter(value=delay_s, std=delay_std_s),
+            "dynamics.time_constant_s": Parameter(value=_rows(record, fits)),
+            "dynamics.map": Parameter(value=_maps(record, fits)),
+        },
+        wanted=("dynamics.*",),
+        covariances=covariance_between(coefficients, whole),
+        quality={
+            "rotors": list(fits),
+            "rejected": sum(not one.accepted for one in fits.values()),
+            "explained": {name: one.explained for name, one in fits.items()},
+            "rms": {name: one.rms for name, one in fits.items()},
+        },
+        findings=(
+            *record.findings,
+            *left_out,
+            *_about(record, fits),
+            *(() if any(one.accepted for one in fits.values()) else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
+        ),
+        sources=record.sources,
+        lines=(*filter(None, [record.understood]), *(_line(name, one) for name, one in fits.items())),
+        drawings=drawings,
+        folder=record.path.parent,
+    )
+
+
+def _fits(record: RotorLog) -> tuple[dict[str, LagFit], tuple[Finding, ...]]:
+    """Return the fit of each rotor, or of all by the acceleration, and findings about rotors without one."""
+    if not record.speeds:
+        return {_THRUST: fit_lag(record.of_thrust(), kind="thrust", unseen_s=record.unseen_s)}, ()
+    fits: dict[str, LagFit] = {}
+    failed: dict[str, FitError] = {}
+    for motor in record.speeds:
+        try:
+            fits[f"rotor {motor}"] = fit_lag(record.of_speed(motor), kind="speed", unseen_s=record.unseen_s)
+        except FitError as error:
+            failed[f"rotor {motor}"] = error
+    if not fits:
+        raise next(iter(failed.values()))
+    return fits, tuple(
+        warning("lag-rotor-left-out", str(error), "dynamics.*").at(name) for name, error in failed.items()
+    )
+
+
+def _mean_rates(fits: list[LagFit]) -> tuple[list[float], Array]:
+    """Return one over the time constants of rising and falling, means of the rotors, with their covariance (2, 2)."""
+    rates = 1 / np.array([one.lag[:2] for one in fits])
+    each = [np.outer(rate**2, rate**2) * one.covariance[:2, :2] for rate, one in zip(rates, fits, strict=True)]
+    return rates.mean(axis=0).tolist(), np.sum(each, axis=0) / len(fits) ** 2
+
+
+def _about(record: RotorLog, fits: Mapping[str, LagFit]) -> tuple[Finding, ...]:
+    """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
+    found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
+    if record.unseen_s:
+        text = (
+            f"the command was logged every {1e3 * record.unseen_s:.3g} ms and may have changed between: it is taken to "
+            f"hold, and the delay's standard uncertainty contains {1e3 * record.unseen_s / 12**0.5:.2g} ms for that."
+        )
+        found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
+    if not record.speeds:
+        found.append(warning("lag-from-acceleration", _OF_ACCELERATION, "dynamics.*"))
+    return tuple(found)
+
+
+def _rows(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    for name, fit in fits.items():
+        low, high = _commands(record, name)
+        for rising in (True, False):
+            place = 0 if rising else 1
+            rows.append(
+                {
+                    "rotor": _rotor(name),
+                    "cmd_from": low if rising else high,
+                    "cmd_to": high if rising else low,
+                    "rising": rising,
+                    "time_constant_s": fit.lag[place],
+                    "std_s": _known(fit.std_s[place]),
+                    "delay_s": fit.lag.delay_s,
+                    "accepted": fit.accepted,
+                }
+            )
+    return rows
+
+
+def _maps(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
+    over = "cmd / 65535" if record.volts is None else "cmd / 65535 * V"
+    of = "rad/s" if record.speeds else "m/s^2"
+    return [
+        {"rotor": _rotor(name), "of": of, "over": over, **{f"c{power}": value for power, value in enumerate(fit.map)}}
+        for name, fit in fits.items()
+        if fit.accepted
+    ]
+
+
+def _commands(record: RotorLog, name: str) -> tuple[float, float]:
+    motors = [_rotor(name)] if _rotor(name) else list(record.commands)
+    on = np.concatenate([record.commands[motor].value for motor in motors if motor is not None])
+    on = on[on > 0]
+    return float(on.min()), float(on.max())
+
+
+def _rotor(name: str) -> int | None:
+    return None if name == _THRUST else int(name[-1])
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _line(name: str, fit: LagFit) -> str:
+    if not fit.accepted:
+        return f"{name}: rejected"
+    (rising, falling, delay), std = (1e3 * np.array(values) for values in (fit.lag, fit.std_s))
+    return (
+        f"{name}: rising {rising:.1f} +- {std[0]:.1f} ms, falling {falling:.1f} +- {std[1]:.1f} ms, "
+        f"delay {delay:.1f} +- {std[2]:.1f} ms, explains {100 * fit.explained:.1f} %"
+    )

@@ -1,0 +1,72 @@
+"""The 95 % intervals of a lag from a command that never rests hold the truth as often as they claim."""
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.motors.lag.estimation import Piece, fit_lag
+from cfid.motors.lag.model import Signal
+from tests.coverage_rows import Row
+
+Array = npt.NDArray[np.float64]
+
+RISING_S, FALLING_S, DELAY_S = 0.055, 0.085, 0.012
+LONG_S, STEP_S, RATE_HZ = 25.0, 2.5e-4, 100.0
+
+
+def flown(count: int, seed: int, *, rotors: int, noise: float, red: float) -> tuple[Array, Array, Array]:
+    """Return times (n,), commands (count, rotors, n) of 0 to 1, and what they give (count, n) with noise.
+
+    Of one rotor that is its speed, of several their thrust. Steps of 0.25 ms follow commands that change
+    every 20 to 90 ms.
+    """
+    draw = np.random.default_rng(seed)
+    rows = round(LONG_S * RATE_HZ)
+    hold = draw.integers(2, 10, (count, rotors, rows)).cumsum(axis=-1)
+    levels = draw.uniform(0.35, 0.85, (count, rotors, rows))
+    command = np.array(
+        [
+            [level[np.searchsorted(at, np.arange(rows), side="right")] for at, level in zip(*pair, strict=True)]
+            for pair in zip(hold, levels, strict=True)
+        ]
+    )
+    a_row, late = round(1 / RATE_HZ / STEP_S), round(DELAY_S / STEP_S)
+    target = 400 + 2600 * command - 500 * command**2 if rotors == 1 else 300 + 2400 * command
+    speed = target[..., 0].copy()
+    seen = np.empty((count, rotors, rows))
+    for step in range(rows * a_row):
+        if step % a_row == 0:
+            seen[..., step // a_row] = speed
+        leads_to = target[..., max(step - late, 0) // a_row]
+        speed += (speed - leads_to) * np.expm1(-STEP_S / np.where(leads_to > speed, RISING_S, FALLING_S))
+    value = seen[:, 0] if rotors == 1 else 1e-6 * (seen**2).sum(axis=1)
+    white = draw.standard_normal((2, count, rows))
+    slow = np.zeros((count, rows))
+    for row in range(1, rows):
+        slow[:, row] = 0.95 * slow[:, row - 1] + np.sqrt(1 - 0.95**2) * white[1, :, row]
+    return np.arange(rows) / RATE_HZ, command, value + noise * white[0] + red * slow
+
+
+def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
+    """Fit every log, and return the rows of the three numbers."""
+    kind: Literal["speed", "thrust"] = "speed" if commands.shape[1] == 1 else "thrust"
+    found, std = [], []
+    for command, value in zip(commands, values, strict=True):
+        fit = fit_lag([Piece(tuple(Signal(time_s, one) for one in command), Signal(time_s, value))], kind=kind)
+        assert fit.accepted, fit.findings
+        found.append(fit.lag)
+        std.append(fit.std_s)
+    truth = (RISING_S, FALLING_S, DELAY_S)
+    errors, stds = np.array(found) - truth, np.array(std)
+    names = ("rising", "falling", "delay")
+    return [Row(f"{kind}, {name}", errors[:, i], stds[:, i], truth[i]) for i, name in enumerate(names)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rotors", "noise", "red"), [(1, 15.0, 0.0), (1, 5.0, 15.0), (4, 0.3, 0.0), (4, 0.1, 0.3)])
+def test_intervals_hold_the_truth(rotors: int, noise: float, red: float) -> None:
+    for row in fitted(*flown(200, 18, rotors=rotors, noise=noise, red=red)):
+        print(row, f"red {red}")
+        assert row.covers(), row

@@ -1,0 +1,138 @@
+"""A log of the uSD-card deck gives the lag of its rotors, by their speeds or by the acceleration, or says why not."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.motors.lag import fit
+from cfid.motors.lag.data import RotorLog, rotor_log
+from cfid.records.result import Result
+from tests.campaigns import Cfid
+from tests.logs.usd_bytes import Event, bytes_of, written
+from tests.motors.test_lag_coverage import DELAY_S, FALLING_S, RATE_HZ, RISING_S, flown
+from tests.places import DATA
+
+Array = npt.NDArray[np.float64]
+
+MOTORS = tuple(f"motor.m{motor}(H)" for motor in (1, 2, 3, 4))
+SPEEDS = tuple(f"rpm.m{motor}(H)" for motor in (1, 2, 3, 4))
+NEXT = 30 / np.pi
+
+
+def logged(folder: Path, variables: tuple[str, ...], *columns: Array) -> Path:
+    """Write a log of columns (n,) at 100 Hz."""
+    event: Event = (65535, "fixedFrequency", variables)
+    whole = [variable.endswith("(H)") for variable in variables]
+    rows = [
+        (
+            65535,
+            5_000_000 + round(1e6 / RATE_HZ) * at,
+            [int(v) if one else float(v) for v, one in zip(row, whole, strict=True)],
+        )
+        for at, row in enumerate(zip(*columns, strict=True))
+    ]
+    return written(folder, bytes_of([event], rows))
+
+
+def read(path: Path) -> RotorLog:
+    log = rotor_log(path)
+    assert log is not None
+    return log
+
+
+def seconds(result: Result, key: str) -> float:
+    return 1 / float(result.quantities[key].value[0])
+
+
+@pytest.fixture(scope="module")
+def four(tmp_path_factory: pytest.TempPathFactory) -> RotorLog:
+    """Two rotors that follow, one whose sensor drops out, and one that shows noise."""
+    _, command, speed = flown(4, 7, rotors=1, noise=3.0, red=0.0)
+    speed[2, ::50] = 0
+    speed[3] = 1800 + 200 * np.random.default_rng(2).standard_normal(speed.shape[1])
+    columns = [*(65535 * command[:, 0]), *(NEXT * speed)]
+    return read(logged(tmp_path_factory.mktemp("log"), MOTORS + SPEEDS, *columns))
+
+
+def test_the_known_lag_comes_back_and_a_bad_rotor_condemns_no_other(four: RotorLog) -> None:
+    result = fit(four)
+    rows = result.quantities["dynamics.time_constant_s"].value
+
+    assert result.accepted
+    assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
+    assert seconds(result, "dynamics.falling") == pytest.approx(FALLING_S, rel=0.01)
+    delay = result.quantities["dynamics.delay_s"]
+    assert abs(float(delay.value) - DELAY_S) < 4 * float(delay.std)
+    assert [row["accepted"] for row in rows if row["rising"]] == [True, True, True, False]
+    assert any("rotor 3: 50 of 2500 speeds are 0 while it is driven" in one.text for one in result.findings)
+    assert any(one.where == ("rotor 4",) and one.severity == "warning" for one in result.findings)
+
+
+def test_one_rotor_is_fitted_alone(four: RotorLog) -> None:
+    result = fit(four.only(2))
+    assert [row["rotor"] for row in result.quantities["dynamics.time_constant_s"].value] == [2, 2]
+    assert result.quantities["dynamics.map"].value[0]["c1"] == pytest.approx(2600, rel=0.1)
+    assert not fit(four.only(4)).accepted
+    with pytest.raises(ConfigError, match="no rotor speeds"):
+        RotorLog(name="", path=Path("log"), commands={}, speeds={}).only(1)
+
+
+def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
+    rows, draw = 1500, np.random.default_rng(3)
+    commands: dict[str, Array] = {"rests": np.full(rows, 30000.0), "creeps": np.linspace(30000, 31499, rows)}
+    for name, command in commands.items():
+        (tmp_path / name).mkdir()
+        speed = NEXT * (1500 + 0.01 * (command - 30000) + draw.normal(0, 5, rows))
+        result = fit(read(logged(tmp_path / name, (MOTORS[0], SPEEDS[0]), command, speed)))
+        assert not result.accepted
+        assert any(one.code == "lag-not-excited" for one in result.findings)
+
+
+def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path, four: RotorLog) -> None:
+    with pytest.raises(FitError, match="limit 200"):
+        fit(four.between(0, 2.5))
+    with pytest.raises(ConfigError, match="no rows between"):
+        four.between(100, 200)
+    bare = read(logged(tmp_path, MOTORS[:1], np.full(500, 30000)))
+    with pytest.raises(DataError, match="nothing follows the commands"):
+        fit(bare)
+
+
+def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
+    time_s, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    volts = 4.0 - 0.5 * time_s / time_s[-1]
+    commands = np.round(65535 * command[0, 0] * 3.5 / volts)  # compensated: the speed does not sag
+    result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), commands, NEXT * speed[0], volts)))
+    assert result.quantities["dynamics.map"].value[0]["over"] == "cmd / 65535 * V"
+    assert result.quality["explained"]["rotor 1"] > 0.999
+
+
+@pytest.mark.slow
+def test_the_thrust_of_a_real_flight_lags_as_its_authors_found() -> None:
+    path = DATA / "flights" / "eschmann_log10.usd"
+    if not path.is_file():
+        pytest.skip("the flight log is not on this machine.")
+    result = fit(read(path).between(8.67, 38.67))  # 35 to 65 s by the log's clock, as the authors took
+    rising_s, falling_s = (seconds(result, f"dynamics.{way}") for way in ("rising", "falling"))
+    assert result.accepted
+    assert 0.04 < falling_s < 0.1  # the authors found 0.072 to 0.074 s for both ways, without a delay
+    assert 0.04 < rising_s < 0.1
+    assert any(one.code == "lag-from-acceleration" for one in result.findings)
+
+
+def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, four: RotorLog, cfid: Cfid) -> None:
+    shown = cfid("fit", "dynamics", four.path, "--rotor", "1", "--json")
+    assert shown.returncode == 0, shown.stderr
+    rising = json.loads(shown.stdout)["parameters"]["dynamics.rising"]["value"]
+    assert rising == [pytest.approx(1 / RISING_S, rel=0.02), 0]
+
+    stand = tmp_path / "stand.csv"
+    stand.write_text("pwm,rpm_mean\n" + "10000,5000\n" * 300)
+    refused = cfid("fit", "dynamics", stand, "--rotor", "1")
+    assert refused.returncode == 2
+    assert "are for flight logs" in refused.stderr
+    assert "no step of the command" in cfid("fit", "dynamics", stand).stderr
