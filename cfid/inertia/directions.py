@@ -49,7 +49,7 @@ def checking_axis(direction: Array) -> Array:
     """Return the direction (3,), in small whole numbers, of a further swing that checks those about six axes (6, 3).
 
     Its inertia follows from those of the six. One that takes something from each of them finds a wrong one, one that
-    takes another amount from each finds any two that were exchanged: (1, 1, 1) cannot tell x from y.
+    takes another amount from each finds any two that were exchanged: (1, 1, 1) does not distinguish x from y.
     """
     whole = np.array([one for one in product(range(3), range(-2, 3), range(-2, 3)) if any(one)], dtype=float)
     unit = whole / np.linalg.norm(whole, axis=1, keepdims=True)

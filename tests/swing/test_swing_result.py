@@ -1,6 +1,7 @@
 """What `cfid.swing.fit` gives to a notebook: frequency, inertia and torques, each with its standard uncertainty."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,13 @@ def test_an_inertias_uncertainty_is_that_of_frequency_mass_and_gravity_together(
 
     assert inertia.std / inertia.value == pytest.approx(expected, rel=1e-3)
     assert viscous.std / viscous.value > inertia.std / inertia.value
+
+
+def test_a_swing_of_another_body_has_a_section_of_its_own(record: AngleRecord) -> None:
+    bodies = [record, replace(record, label=Label(body="testbody")), replace(record, label=Label(body="fixture"))]
+    sections = [cfid.swing.fit(body, axis="z", mass_kg=0.03, distance_m=0.02).section for body in bodies]
+
+    assert sections == ["swing z", "swing testbody z", "swing fixture z"]
 
 
 def test_without_mass_and_distance_there_is_a_frequency_alone(record: AngleRecord) -> None:

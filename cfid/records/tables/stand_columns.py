@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.tables.stand_heads import HEADS, Head, check_heads, heads_of
+from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.units import FULL_COMMAND
 
@@ -20,7 +20,7 @@ _ROW_BY_ROW = ("time_s", "command")  # without them a row says nothing
 class Columns(NamedTuple):
     """The columns of one quantity as in the file, (n, s), nan where a field is no number."""
 
-    head: Head
+    head: ColumnHead
     names: tuple[str, ...]
     raw: Array
 
@@ -67,14 +67,14 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
 def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | None) -> tuple[Array, tuple[str, ...]]:
     """Return commands (n,) from 0 to 65535, nan where the file has none, and notes on how pulse widths were read.
 
-    Raises ConfigError for a range of pulse widths that is none, DataError for pulses longer than it.
+    Raises ConfigError for an impossible range of pulse widths, DataError for pulses longer than it.
     """
     column = found.get("command")
     if column is None:
         return np.full(len(next(iter(found.values())).raw), np.nan), ()
     if column.head.kind != "esc":
         if esc_us is not None:
-            raise ConfigError(f"{table.path}: --esc-us is for pulse widths, but '{column.names[0]}' is none.")
+            raise ConfigError(f"{table.path}: --esc-us is for pulse widths, but '{column.names[0]}' has another unit.")
         return column.value[:, 0], ()
     low, high = esc_us or USUAL_ESC_US
     raw = column.raw[:, 0]
@@ -100,7 +100,7 @@ def turned(value: Array, drive: Array) -> tuple[Array, bool]:
     return (-value, True) if falls else (value, False)
 
 
-def _one_of_two_speeds(called: dict[str, list[tuple[Head, str]]], values: Mapping[str, Array]) -> list[str]:
+def _one_of_two_speeds(called: dict[str, list[tuple[ColumnHead, str]]], values: Mapping[str, Array]) -> list[str]:
     """Leave one of an electrical and an optical speed in place: the one that is seen in more rows."""
     speeds = called.get("speeds_rad_s", [])
     if len(speeds) != 2 or any(head.kind != "motor" for head, _ in speeds):
