@@ -35,7 +35,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Origin:
+class ValueOrigin:
     """How a quantity was found, and whether it is accepted: None for values stated by hand.
 
     `recordings` counts runs of the campaign, `files` the other files that were read.
@@ -57,7 +57,7 @@ class SheetEntry:
     title: str
     equation: str
     rows: tuple[Row, ...]
-    origin: Origin | None
+    origin: ValueOrigin | None
     missing: str
 
 
@@ -89,7 +89,7 @@ def sheet_of(known: Known, commands: Mapping[str, str], stale: Stale) -> tuple[S
 
 def _mass(known: Known) -> SheetEntry:
     vehicle = known.rig.vehicle
-    origin = Origin("as rig.toml states", None, 0, 0, None, ())
+    origin = ValueOrigin("as rig.toml states", None, 0, 0, None, ())
     mass = registered("mass_kg")  # the report's JSON has another key for it
     rows = (Row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit),)
     return SheetEntry(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
@@ -118,13 +118,15 @@ def _why_missing(known: Known, section: str, commands: Mapping[str, str]) -> str
     return f"the last `cfid {command}` did not find it: see its experiment"
 
 
-def origin_of(name: str, section: Section, keys: Sequence[str], commands: Mapping[str, str], stale: Stale) -> Origin:
+def origin_of(
+    name: str, section: Section, keys: Sequence[str], commands: Mapping[str, str], stale: Stale
+) -> ValueOrigin:
     """Return the origin of quantities of a section of parameters.toml."""
     command = commands.get(name, f"fit {name}")
     method = "" if section.method == "default" else f", method {section.method}"
     paths = [PurePath(source.path) for source in section.sources]
     in_runs = [path for path in paths if path.parts[:1] == (RUNS_FOLDER,)]
-    return Origin(
+    return ValueOrigin(
         how=f"cfid {command}{method}",
         found=section.found,
         recordings=len({path.parent for path in in_runs}),  # each device of a run has a file
@@ -138,7 +140,7 @@ def _by_hand(known: Known) -> tuple[SheetGroup, ...]:
     section = known.sections.get("set")
     if section is None:
         return ()
-    origin = Origin("cfid set, by hand", section.found, 0, 0, None, ())
+    origin = ValueOrigin("cfid set, by hand", section.found, 0, 0, None, ())
     return (
         SheetGroup(
             "Measured by hand",

@@ -7,7 +7,7 @@ import numpy as np
 
 from cfid.records.rig_file import Rig
 from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun
-from cfid.sim.encoder import EncoderModel, Recording, record
+from cfid.sim.encoder import EncoderModel, EncoderRecording, record
 from cfid.sim.plants import DroppingWeight, drop
 from cfid.sim.rig import draw_testbody, record_swings
 from cfid.sim.truth import Truth
@@ -55,7 +55,7 @@ def swing_runs(
     ]
 
 
-def _encoder(recording: Recording) -> dict[str, SimulatedDevice]:
+def _encoder(recording: EncoderRecording) -> dict[str, SimulatedDevice]:
     return {"encoder": SimulatedDevice(columns=("t", "phi"), values=(recording.time_s, recording.counts))}
 
 

@@ -12,7 +12,7 @@ from cfid.sim.stepping import Array
 from cfid.wire.rls import STEPS_PER_TURN, encode_positions
 
 
-class Recording(NamedTuple):
+class EncoderRecording(NamedTuple):
     """A recording of the encoder: stamps and raw counts, each (n,)."""
 
     time_s: Array
@@ -50,7 +50,7 @@ def record(
     speed_rad_per_s: Array,
     encoder: EncoderModel,
     rng: np.random.Generator,
-) -> Recording:
+) -> EncoderRecording:
     """Poll an axis that moved by the plant's samples (each (m,), time increasing).
 
     Between them the angle is the cubic through angles and speeds: at 1 ms it misses a swing by less than
@@ -62,7 +62,7 @@ def record(
     stamps_s = np.sort(sampled_s + encoder.stamp_error_s * rng.standard_normal(sampled_s.size))
     seen_rad = sampled_rad + encoder.offset_rad
     seen_rad += encoder.eccentricity_rad * np.sin(seen_rad)
-    return Recording(stamps_s, _counts(seen_rad, word=encoder.word))
+    return EncoderRecording(stamps_s, _counts(seen_rad, word=encoder.word))
 
 
 def _sampling_instants(begin_s: float, end_s: float, *, encoder: EncoderModel, rng: np.random.Generator) -> Array:

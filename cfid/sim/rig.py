@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cfid.sim.encoder import EncoderModel, Recording, record
+from cfid.sim.encoder import EncoderModel, EncoderRecording, record
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.sim.truth import CUBE_ARM_M, CUBE_M, TrueFriction, Truth, draw_testbody, draw_truth
 
@@ -67,7 +67,7 @@ def record_swings(
     encoder: EncoderModel,
     angle_deg: tuple[float, float] = (20, 70),
     duration_s: float = 16.0,
-) -> dict[str, Recording]:
+) -> dict[str, EncoderRecording]:
     """Swing the body once in each of the named mounts and record it.
 
     A body that is mounted again meets the encoder at any angle: every swing gets its own offset in place of the

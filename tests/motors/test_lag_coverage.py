@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.lag.estimation import Piece, fit_lag
+from cfid.motors.lag.estimation import LogSegment, fit_lag
 from cfid.motors.lag.model import Signal
 from tests.coverage_rows import Row
 
@@ -54,7 +54,7 @@ def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
     kind: Literal["speed", "thrust"] = "speed" if commands.shape[1] == 1 else "thrust"
     found, std = [], []
     for command, value in zip(commands, values, strict=True):
-        fit = fit_lag([Piece(tuple(Signal(time_s, one) for one in command), Signal(time_s, value))], kind=kind)
+        fit = fit_lag([LogSegment(tuple(Signal(time_s, one) for one in command), Signal(time_s, value))], kind=kind)
         assert fit.accepted, fit.findings
         found.append(fit.lag)
         std.append(fit.std_s)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from cfid.errors import FitError
 from cfid.motors.steps.estimation import fit_rotor_model, fit_steps
 from cfid.motors.steps.model import command_steps, followed
-from cfid.motors.steps.sag import Battery
+from cfid.motors.steps.sag import LoggedBattery
 from tests.motors.sentences import rejections
 
 Array = npt.NDArray[np.float64]
@@ -120,7 +120,7 @@ def test_on_a_battery_that_sags_the_time_constant_is_that_with_a_supply() -> Non
         now = float(course[-1])
     measured = np.concatenate(speed) + np.random.default_rng(3).normal(0, 1.0, len(time_s))
     held = np.repeat(commands, len(at_s))
-    battery = Battery(time_s[::20], np.concatenate(volts)[::20])  # ten times a second
+    battery = LoggedBattery(time_s[::20], np.concatenate(volts)[::20])  # ten times a second
     steps = command_steps(time_s=time_s, command=held)
     rising = [one for one in fit_steps(time_s=time_s, value=measured, steps=steps, battery=battery) if one.rising]
     plain = [one for one in fit_steps(time_s=time_s, value=measured, steps=steps) if one.rising]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording
-from cfid.motors.lag.estimation import SETTLING_S, Piece
+from cfid.motors.lag.estimation import SETTLING_S, LogSegment
 from cfid.motors.lag.model import Signal
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
 from cfid.records.logs.log import FlightLog
@@ -72,11 +72,11 @@ class RotorLog:
         volts = 1.0 if self.volts is None else np.interp(time_s, *self.volts)
         return Signal(time_s, command / FULL_COMMAND * volts)
 
-    def of_speed(self, motor: int) -> list[Piece]:
+    def of_speed(self, motor: int) -> list[LogSegment]:
         """Return the parts in which one rotor runs, with its speed."""
         return list(self._pieces((motor,), self.speeds[motor]))
 
-    def of_thrust(self) -> list[Piece]:
+    def of_thrust(self) -> list[LogSegment]:
         """Return the parts in which all rotors run, with the acceleration, which is their thrust over the mass."""
         if self.acceleration is None:
             raise DataError(f"{self.path}: no rotor speeds (rpm.m1, ...) and no acc.z: nothing follows the commands.")
@@ -85,7 +85,7 @@ class RotorLog:
             raise DataError(f"{self.path}: no {missing}: the thrust in acc.z is that of all four.")
         return list(self._pieces(MOTORS, self.acceleration))
 
-    def _pieces(self, motors: tuple[int, ...], measured: Signal) -> Iterator[Piece]:
+    def _pieces(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
         """Yield the parts without a break that are long enough to be used."""
         time_s = self.commands[motors[0]].time_s
         runs = np.all([self.commands[motor].value > 0 for motor in motors], axis=0)
@@ -96,7 +96,7 @@ class RotorLog:
             if to_s - from_s > 2 * SETTLING_S:
                 inside = slice(first, last + 1)
                 drives = tuple(Signal(time_s[inside], self.drive(motor).value[inside]) for motor in motors)
-                yield Piece(drives, measured.between(from_s, to_s))
+                yield LogSegment(drives, measured.between(from_s, to_s))
 
 
 def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:

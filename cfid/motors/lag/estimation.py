@@ -15,7 +15,7 @@ from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich
 from cfid.findings import Finding, rejection, texts
-from cfid.motors.lag.model import Lag, Signal
+from cfid.motors.lag.model import InputLag, Signal
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["speed", "thrust"]
@@ -34,7 +34,7 @@ _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the unc
 _MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
 
 
-class Piece(NamedTuple):
+class LogSegment(NamedTuple):
     """A part of a record without a break: what drives each rotor, 0 to about 1, and what was measured."""
 
     drives: tuple[Signal, ...]
@@ -50,7 +50,7 @@ class LagFit:
     """
 
     kind: Kind
-    lag: Lag
+    lag: InputLag
     covariance: Array
     map: tuple[float, float, float]
     explained: float
@@ -61,9 +61,9 @@ class LagFit:
     findings: tuple[Finding, ...]
 
     @property
-    def std_s(self) -> Lag:
+    def std_s(self) -> InputLag:
         """The standard uncertainties of the lag."""
-        return Lag(*np.sqrt(np.diag(self.covariance)).tolist())
+        return InputLag(*np.sqrt(np.diag(self.covariance)).tolist())
 
     @property
     def accepted(self) -> bool:
@@ -71,7 +71,7 @@ class LagFit:
         return not texts(self.findings, "rejection")
 
 
-def fit_lag(pieces: Sequence[Piece], *, kind: Kind, unseen_s: float = 0.0) -> LagFit:
+def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, unseen_s: float = 0.0) -> LagFit:
     """Fit time constants of rising and falling speed, the delay behind the command, and the static map, all at once.
 
     Of kind "speed", measured is the speed in rad/s of one rotor, whose map is joined to its lag. Of kind "thrust",
@@ -99,7 +99,7 @@ def fit_lag(pieces: Sequence[Piece], *, kind: Kind, unseen_s: float = 0.0) -> La
         xtol=_CLOSE,
         max_nfev=_MOST_STEPS,
     )
-    lag = Lag(*fit.x[3:].tolist())
+    lag = InputLag(*fit.x[3:].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
     covariance = sandwich(fit.jac, fit.fun, longest=len(measured) // 4)[3:, 3:]
@@ -120,7 +120,7 @@ def fit_lag(pieces: Sequence[Piece], *, kind: Kind, unseen_s: float = 0.0) -> La
     )
 
 
-def _thinned(piece: Piece) -> Piece | None:
+def _thinned(piece: LogSegment) -> LogSegment | None:
     """Return a piece without what is unknown and without its begin, its samples at most one in 2 ms."""
     time_s, value = piece.measured
     known = np.isfinite(value) & (time_s >= piece.drives[0].time_s[0] + SETTLING_S)
@@ -138,11 +138,11 @@ def _changes(drive: Signal) -> Signal:
     return Signal(drive.time_s[kept], drive.value[kept])
 
 
-def _speed(pieces: Sequence[Piece]) -> Callable[[Array], Array]:
+def _speed(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
     """Return the speeds (n,) over map and lag (6,): the speed that lags is that of the map."""
 
     def shown(p: Array) -> Array:
-        lag = Lag(*p[3:].tolist())
+        lag = InputLag(*p[3:].tolist())
         targets = [drive._replace(value=p[0] + p[1] * drive.value + p[2] * drive.value**2) for (drive,), _ in pieces]
         each = zip(targets, pieces, strict=True)
         return np.concatenate([lag.follow(target, piece.measured.time_s) for target, piece in each])
@@ -150,12 +150,12 @@ def _speed(pieces: Sequence[Piece]) -> Callable[[Array], Array]:
     return shown
 
 
-def _thrust(pieces: Sequence[Piece]) -> Callable[[Array], Array]:
+def _thrust(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
     """Return the thrusts (n,) over map and lag (6,): each rotor's drive lags, and the map takes it to thrust."""
-    latest: dict[Lag, Array] = {}  # most columns of a Jacobian have the same lag
+    latest: dict[InputLag, Array] = {}  # most columns of a Jacobian have the same lag
 
     def shown(p: Array) -> Array:
-        lag = Lag(*p[3:].tolist())
+        lag = InputLag(*p[3:].tolist())
         if lag not in latest:
             latest.clear()
             latest[lag] = _powers(pieces, lag)
@@ -164,7 +164,7 @@ def _thrust(pieces: Sequence[Piece]) -> Callable[[Array], Array]:
     return shown
 
 
-def _powers(pieces: Sequence[Piece], lag: Lag) -> Array:
+def _powers(pieces: Sequence[LogSegment], lag: InputLag) -> Array:
     """Return one, the sum of the rotors' lagging drives and that of their squares (n, 3)."""
     rows = []
     for drives, (time_s, _) in pieces:
@@ -173,12 +173,12 @@ def _powers(pieces: Sequence[Piece], lag: Lag) -> Array:
     return np.concatenate(rows)
 
 
-def _start(pieces: Sequence[Piece], measured: Array) -> Array:
+def _start(pieces: Sequence[LogSegment], measured: Array) -> Array:
     """Return the best map and lag (6,) of a coarse grid, as fast upwards as downwards."""
     best, found = np.inf, np.zeros(6)
     for tau_s in _STARTS_S:
         for late_s in _STARTS_LATE_S:
-            rows = _powers(pieces, Lag(tau_s, tau_s, late_s))
+            rows = _powers(pieces, InputLag(tau_s, tau_s, late_s))
             values = gain_of(rows) @ measured
             left = float(np.sum((measured - rows @ values) ** 2))
             if left < best:
@@ -186,7 +186,7 @@ def _start(pieces: Sequence[Piece], measured: Array) -> Array:
     return found
 
 
-def _explained(pieces: Sequence[Piece], residual: Array, value: Array, tau_s: float) -> float:
+def _explained(pieces: Sequence[LogSegment], residual: Array, value: Array, tau_s: float) -> float:
     interval_s = float(np.median(np.diff(pieces[0].measured.time_s)))
     length = max(round(_SMOOTH * tau_s / interval_s), 1)
     noise, signal = (block_means(series, length=min(length, len(value) // 4)) for series in (residual, value))
@@ -194,7 +194,7 @@ def _explained(pieces: Sequence[Piece], residual: Array, value: Array, tau_s: fl
 
 
 def _rejections(
-    kind: Kind, lag: Lag, std_s: Array, explained: float, *, singular: bool, unseen_s: float
+    kind: Kind, lag: InputLag, std_s: Array, explained: float, *, singular: bool, unseen_s: float
 ) -> tuple[Finding, ...]:
     """Return why a lag is rejected."""
     keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")

@@ -20,7 +20,7 @@ class Signal(NamedTuple):
         return Signal(self.time_s[inside], self.value[inside])
 
 
-class Lag(NamedTuple):
+class InputLag(NamedTuple):
     """dw/dt = (c - w) / tau, tau being `rising_s` where c > w and `falling_s` elsewhere, c from `delay_s` before."""
 
     rising_s: float

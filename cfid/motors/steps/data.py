@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.findings import Finding, note
-from cfid.motors.steps.sag import Battery
+from cfid.motors.steps.sag import LoggedBattery
 from cfid.motors.vibration.data import quiet_channels
 from cfid.motors.vibration.ridge import speed_ridge
 from cfid.records.parameters import Source
@@ -38,7 +38,7 @@ class SpeedRecord:
     command_time_s: Array
     command: Array
     blur_s: float = 0.0
-    battery: Battery | None = None
+    battery: LoggedBattery | None = None
     findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
 
@@ -61,7 +61,7 @@ def of_table(table: StandTable) -> SpeedRecord:
         speed_rad_s=speed,
         command_time_s=table.time_s,
         command=table.command,
-        battery=None if table.vbat_v is None else Battery(table.time_s, table.vbat_v),
+        battery=None if table.vbat_v is None else LoggedBattery(table.time_s, table.vbat_v),
         findings=table.findings,
         sources=(table.source,),
     )
@@ -109,6 +109,6 @@ def _of_vibration(run: Run, commands: Rows, command: Array, reading: WrenchReadi
     )
 
 
-def _battery(rows: Rows, clock_s: float) -> Battery | None:
+def _battery(rows: Rows, clock_s: float) -> LoggedBattery | None:
     volts = rows.columns.get("pm.vbat")
-    return None if volts is None else Battery(rows.time_s - clock_s, volts)
+    return None if volts is None else LoggedBattery(rows.time_s - clock_s, volts)

@@ -16,7 +16,7 @@ from cfid.estimate.correlated_noise import noise_covariance
 from cfid.estimate.linear import gain_of
 from cfid.findings import Finding, rejection, texts
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, StepData
-from cfid.motors.steps.sag import Battery, sags
+from cfid.motors.steps.sag import LoggedBattery, sags
 
 Array = npt.NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def fit_steps(
     steps: Sequence[CommandStep],
     thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
-    battery: Battery | None = None,
+    battery: LoggedBattery | None = None,
 ) -> tuple[StepFit, ...]:
     """Fit a first-order lag in speed to each step: from, to, time constant and delay, by least squares.
 
@@ -123,7 +123,7 @@ def fit_rotor_model(
     steps: Sequence[CommandStep],
     thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
-    battery: Battery | None = None,
+    battery: LoggedBattery | None = None,
 ) -> RotorModel:
     """Fit the rotor model of four coefficients to all steps at once, by output error.
 
@@ -195,7 +195,7 @@ def _slopes(residual: Callable[[Array], Array], p: Array, lengths: Sequence[int]
     return slopes
 
 
-def _fit_each(data: StepData, battery: Battery | None) -> list[tuple[StepFit, Array]]:
+def _fit_each(data: StepData, battery: LoggedBattery | None) -> list[tuple[StepFit, Array]]:
     """Fit a lag to each step, with the covariance of its noise (m, m) in the means of `_thinned`."""
     fits = [_fit_step(data, part, 0.0) for part in data.parts]
     steps = [part.step for part in data.parts]

@@ -20,7 +20,7 @@ _OTHER = 0.1  # of the largest command times voltage, from where others tell how
 _APART = 0.5  # of the cube of the larger speed: what changes the load by less shows too little of its sag
 
 
-class Battery(NamedTuple):
+class LoggedBattery(NamedTuple):
     """A battery's volts (m,) at times (m,)."""
 
     time_s: Array
@@ -32,7 +32,7 @@ class Battery(NamedTuple):
         return float(inside.mean()) if len(inside) else float("nan")
 
 
-def sags(battery: Battery | None, steps: Sequence[CommandStep], lags: Sequence[Lag]) -> Array:
+def sags(battery: LoggedBattery | None, steps: Sequence[CommandStep], lags: Sequence[Lag]) -> Array:
     """Return by which part of its final value the speed (n,) falls that each step leads to, from standstill to there.
 
     Zero where voltage or load hardly changed, where none was measured, and at command 0, which no battery feeds.

@@ -53,7 +53,7 @@ class Reading(Foreign):
     counts_per_turn: CountsPerTurn | None = None
 
 
-class _Facts(Facts):
+class _EncoderFacts(Facts):
     """The further keys in run.toml of an encoder; an angle that was imported is in radians."""
 
     angle_unit: AngleUnit = "counts"
@@ -93,7 +93,7 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     file, record = run.device_file(ENCODER), run.header.devices[ENCODER]
     if len(record.columns) < 2:
         raise DataError(f"{path / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.")
-    facts = facts_of(run, ENCODER, _Facts)
+    facts = facts_of(run, ENCODER, _EncoderFacts)
     counted = facts.angle_unit == "counts"
     own = Reading(
         time_unit="s",

@@ -31,7 +31,7 @@ _STEMS = {
 _MICRO, _DOT = re.compile("[µμ�]"), re.compile("[·⋅∙•*]")
 
 
-class Head(NamedTuple):
+class ColumnHead(NamedTuple):
     """A known name of a quantity's column, without spaces and case, and its factor to SI units."""
 
     quantity: str
@@ -40,19 +40,19 @@ class Head(NamedTuple):
     kind: str = ""
 
 
-def _of_stand(quantity: str, stem: str, units: Mapping[str, float], kind: str) -> list[Head]:
+def _of_stand(quantity: str, stem: str, units: Mapping[str, float], kind: str) -> list[ColumnHead]:
     """Return the heads of RCbenchmark's and Tyto's programs: a name, a side of a double stand, a unit in brackets."""
-    return [Head(quantity, rf"(?:{stem})[ab]?\({unit}\)", factor, kind) for unit, factor in units.items()]
+    return [ColumnHead(quantity, rf"(?:{stem})[ab]?\({unit}\)", factor, kind) for unit, factor in units.items()]
 
 
 _KNOWN = (
-    Head("command", r"cmd|command"),
-    Head("command", r"pwm", kind="pwm"),
-    Head("command", r"pwm_percent|pwm\[%\]", FULL_COMMAND / 100, "percent"),
-    Head("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
-    Head("thrust_n", r"thrust_n"),
-    Head("thrust_n", r"thrust\[n\]", kind="total"),
-    Head("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
+    ColumnHead("command", r"cmd|command"),
+    ColumnHead("command", r"pwm", kind="pwm"),
+    ColumnHead("command", r"pwm_percent|pwm\[%\]", FULL_COMMAND / 100, "percent"),
+    ColumnHead("command", r"(?:esc(?:signal|throttle)?|throttle|pwm)(?:[ab]?\(us\)|\[us\]|_us)", kind="esc"),
+    ColumnHead("thrust_n", r"thrust_n"),
+    ColumnHead("thrust_n", r"thrust\[n\]", kind="total"),
+    ColumnHead("thrust_n", r"(?:weight|thrust)\[g\]|thrust_total_g", 1e-3, "total in grams"),
     *_of_stand(
         "thrust_n",
         "thrust",
@@ -65,7 +65,7 @@ _KNOWN = (
         },
         "",
     ),
-    Head("torque_nm", r"torque_nm"),
+    ColumnHead("torque_nm", r"torque_nm"),
     *_of_stand(
         "torque_nm",
         "torque",
@@ -78,13 +78,13 @@ _KNOWN = (
         },
         "",
     ),
-    Head("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?\(v\)"),
-    Head("grams", r"grams"),
-    Head("speeds_rad_s", r"speed_rad_s", kind="motor"),
-    Head("speeds_rad_s", r"rpm", RPM, "motor"),
-    Head("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
-    Head("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),
-    Head("speeds_rad_s", r"rpm_mean", RPM, "mean"),
+    ColumnHead("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?\(v\)"),
+    ColumnHead("grams", r"grams"),
+    ColumnHead("speeds_rad_s", r"speed_rad_s", kind="motor"),
+    ColumnHead("speeds_rad_s", r"rpm", RPM, "motor"),
+    ColumnHead("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
+    ColumnHead("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),
+    ColumnHead("speeds_rad_s", r"rpm_mean", RPM, "mean"),
     *_of_stand(
         "speeds_rad_s",
         "motoropticalspeed|motorelectricalspeed|motorspeed|rotationspeed|rotationalspeed",
@@ -100,20 +100,20 @@ def spelt(name: str) -> str:
     return _DOT.sub(".", _MICRO.sub("u", bare)).lower()
 
 
-def heads_of(names: Sequence[str]) -> dict[str, list[tuple[Head, str]]]:
+def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
     """Return the columns that are known, by quantity, each with the file's own name."""
-    called: dict[str, list[tuple[Head, str]]] = {}
+    called: dict[str, list[tuple[ColumnHead, str]]] = {}
     for name in names:
         for head in _KNOWN:
             if re.fullmatch(head.called, spelt(name)):
                 called.setdefault(head.quantity, []).append((head, name))
         if TIME_COLUMN.called.fullmatch(name.strip()):
-            called.setdefault("time_s", []).append((Head("time_s", "", kind="time"), name))
+            called.setdefault("time_s", []).append((ColumnHead("time_s", "", kind="time"), name))
     return called
 
 
 def check_heads(
-    table: CsvTable, called: Mapping[str, Sequence[tuple[Head, str]]], empty: Sequence[str]
+    table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead, str]]], empty: Sequence[str]
 ) -> tuple[str, ...]:
     """Refuse several columns of one quantity and a table of nothing measured; name columns without a known unit.
 

@@ -7,7 +7,7 @@ from cfid.report.comparison import ComparisonRow, PublishedComparison
 from cfid.report.content import RunLine
 from cfid.report.formats.numbers import against, cell_text, plus_minus_in, power_of_ten, printed, with_power
 from cfid.report.repeats import Repeat, RepeatedFit
-from cfid.report.sheet import Origin, Row
+from cfid.report.sheet import Row, ValueOrigin
 from cfid.report.tables import ReportTable
 
 ABOUT_SHEET = (
@@ -74,7 +74,7 @@ def verdict(accepted: bool | None) -> str:
     return "stated" if accepted is None else "accepted" if accepted else "rejected"
 
 
-def origin_text(origin: Origin) -> str:
+def origin_text(origin: ValueOrigin) -> str:
     """Return how a quantity was found, and when."""
     sources = [_counted(origin.recordings, "recording"), _counted(origin.files, "file")]
     origins = " and ".join(filter(None, sources))
