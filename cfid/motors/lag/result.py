@@ -21,7 +21,7 @@ _THRUST = "thrust of all rotors"
 _NO_LAG = "no rotor is described by a first-order lag: see the warnings."
 _OF_ACCELERATION = (
     "the log has no rotor speeds: the lag is that of the acceleration along z behind the commands. It contains the "
-    "accelerometer's filter and the air's forces in flight: take it for an estimate."
+    "accelerometer's filter and the air's forces in flight, so that it gives the order of magnitude and no rotor model."
 )
 
 
@@ -56,7 +56,7 @@ def fit(record: RotorLog) -> Result:
             "dynamics.time_constant_s": Parameter(value=_rows(record, fits)),
             "dynamics.map": Parameter(value=_maps(record, fits)),
         },
-        wanted=("dynamics.*",),
+        wanted=("dynamics.*",) if record.speeds else ("dynamics.time_constant_s",),
         covariances=covariance_between(coefficients, whole),
         quality={
             "rotors": list(fits),
@@ -112,7 +112,7 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit]) -> tuple[Finding, ...]:
         )
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     if not record.speeds:
-        found.append(warning("lag-from-acceleration", _OF_ACCELERATION, "dynamics.*"))
+        found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, "dynamics.rising", "dynamics.falling"))
     return tuple(found)
 
 
