@@ -110,7 +110,7 @@ def test_the_range_of_pulses_is_said_where_it_is_assumed_and_can_be_given(tmp_pa
     assert not any("--esc-us" in note for note in notes_of(given))
     longer = refusal(tmp_path, text_of(), esc_us=(1000.0, 1900.0))
     assert "stand.csv:5: 2000 us in 'ESC signal (µs)' is longer than the full throttle of --esc-us 1000:1900" in longer
-    assert "'cmd' is none" in refusal(tmp_path, "cmd,thrust_n\n0,0\n", ConfigError, esc_us=(1000.0, 2000.0))
+    assert "'cmd' has another unit" in refusal(tmp_path, "cmd,thrust_n\n0,0\n", ConfigError, esc_us=(1000.0, 2000.0))
 
 
 def test_a_puller_that_is_mounted_the_other_way_is_turned_and_that_is_said(tmp_path: Path) -> None:
