@@ -61,6 +61,10 @@ def main(words: Sequence[str] | None = None) -> None:
         except CfidError as error:
             fault(str(error))
             sys.exit(error.exit_code)
+        finally:
+            # Python ends by the signal, not by exit code 130, when Ctrl-C met code that was compiled at run time, also
+            # where that was handled. The next such code that ends well clears this.
+            exec("")
 
 
 if __name__ == "__main__":
