@@ -11,15 +11,8 @@ import numpy.typing as npt
 
 from cfid.findings import Finding, note, rejection
 from cfid.inertia.directions import checking_axis, matrix_rows
-from cfid.inertia.estimation import (
-    MATRIX,
-    UNKNOWNS,
-    InertiaFit,
-    Moved,
-    contradictory,
-    deviation,
-    solve,
-)
+from cfid.inertia.estimation import MATRIX, InertiaFit, contradictory, deviation, solve
+from cfid.inertia.sensitivities import UNKNOWNS, Moved
 from cfid.swing.axis_inertias import AxisInertias
 from cfid.swing.plausibility import BEYOND_STD
 

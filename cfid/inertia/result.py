@@ -11,9 +11,10 @@ from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, note, rejected, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
 from cfid.inertia.directions import icosahedron_axes, off_diagonal_gain
-from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes, moved_by_inputs
+from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes
 from cfid.inertia.figures import budget_figure
 from cfid.inertia.redundancy import distance_findings, redundancy_findings
+from cfid.inertia.sensitivities import moved_by_inputs
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs, implausible_quantities

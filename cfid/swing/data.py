@@ -1,7 +1,7 @@
 """What swung about what: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,9 +58,10 @@ def swing_in(record: AngleRecord, **window: Any) -> FreeSwing:
     Raises DataError that names the file.
     """
     try:
-        return find_swing(record.time_s, record.angle_rad, **window)
+        swing = find_swing(record.time_s, record.angle_rad, **window)
     except DataError as error:
         raise DataError(f"{record.path}: {error}") from None
+    return replace(swing, time_scale_std=record.time_scale_std)
 
 
 def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:
