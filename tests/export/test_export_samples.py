@@ -103,7 +103,8 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
     assert said.returncode == 0, said.stderr
     folder = campaign / "drawn"
     head, rows = read_csv(folder / "samples.csv")
-    packed = np.load(folder / "samples.npz")
+    with np.load(folder / "samples.npz") as file:
+        packed = dict(file)
     drones = json.loads((folder / "samples_crazyflow.json").read_text())["drones"]
     names: dict[str, Any] = {}
     exec((folder / "samples_rotorpy.py").read_text(), names)
@@ -236,7 +237,8 @@ def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, camp
 
     folder = campaign / "exports"
     texts = {name: (folder / name).read_text() for name in ("samples.csv", "samples_rotorpy.py", FILES["crazyflow"])}
-    texts["samples.npz"] = " ".join(np.load(folder / "samples.npz")["about"].tolist())
+    with np.load(folder / "samples.npz") as file:
+        texts["samples.npz"] = " ".join(file["about"].tolist())
     texts["screen"] = " ".join(said.stderr.split())
     for name, text in texts.items():
         assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in text, name
