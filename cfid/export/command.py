@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import note
+from cfid.console.messages import in_options, note
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
@@ -180,7 +180,7 @@ def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
 
 def _print_keys(title: str, words: list[str]) -> None:
     for word in words:
-        typer.echo(f"  {title}: {word}")
+        typer.echo(f"  {title}: {in_options(word)}")
 
 
 def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:

@@ -142,7 +142,7 @@ def open_campaign(folder: str | Path | None = None) -> Campaign:
     """
     found = find_campaign(None if folder is None else Path(folder), start=Path.cwd())
     if found is None:
-        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
+        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; `folder` names one.")
     return found
 
 

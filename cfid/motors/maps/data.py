@@ -79,7 +79,7 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
 def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
     """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
     ran = run.header.asked.get("motors")
-    refuse_contradiction(run.folder.name, {"--motors": stand.motors}, {"--motors": ran and len(ran)})
+    refuse_contradiction(run.folder.name, {"`motors`": stand.motors}, {"`motors`": ran and len(ran)})
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)

@@ -96,7 +96,7 @@ def _nanobench(name: str) -> Channel:
 
 def _clock(table: CsvTable, time: str | None, reading: Foreign) -> str:
     if time is None:
-        return f"times are of --rate-hz {reading.rate_hz:g}"
+        return f"times are those of {reading.rate_hz:g} Hz"
     unit = {1.0: "s", 1e-3: "ms", 1e-6: "us"}[float(seconds_of(table, time, np.ones(1), unit=reading.time_unit)[0])]
     return f"times are column {printable(time)} in {unit}"
 
