@@ -152,7 +152,7 @@ def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
     if str(word) != LAST:
         return word if word.exists() else campaign.runs_folder / word
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    of_kind = [run.folder for run in runs if run.header.kind.partition("_")[0] == kind]  # a sine's ends with its l
+    of_kind = [run.folder for run in runs if run.header.family == kind]
     if not of_kind:
         raise ConfigError(f"last: {campaign.runs_folder} has no run of `cfid log {kind}` yet.")
     return of_kind[-1]

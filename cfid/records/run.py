@@ -105,6 +105,11 @@ class RunHeader(_Section):
     origin: Origin | None = None
     devices: dict[str, DeviceRecord] = {}
 
+    @property
+    def family(self) -> str:
+        """The kind without its part after an underscore, which numbers its runs: `sine` of a `sine_l13`."""
+        return self.kind.partition("_")[0]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Run:

@@ -94,7 +94,7 @@ class SineInputs:
             return []
         if not words and workplace.campaign is None:
             raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
-        return chosen(words, workplace.campaign, suits=lambda run: run.header.kind.startswith("sine"), wanted="sines")
+        return chosen(words, workplace.campaign, suits=lambda run: run.header.family == "sine", wanted="sines")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -126,7 +126,7 @@ def _requested(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
     from cfid.records.run import read_run
 
     run = read_run(interrupted(word, campaign, kind="sine"))
-    if not run.header.kind.startswith("sine"):
+    if run.header.family != "sine":
         raise ConfigError(f"{run.folder}: is no run of `cfid log sine` that could be resumed.")
     return run.header.asked
 
