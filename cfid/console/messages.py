@@ -9,7 +9,7 @@ import typer
 
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Any other option is its setting's name with hyphens.
-_RENAMED = {"folder": "--campaign", "from_s": "--from", "to_s": "--to"}
+_RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to_s": "--to"}
 
 
 def in_options(text: str) -> str:

@@ -32,7 +32,7 @@ def export(
         typer.Option(metavar="FILE|-", help="File to write; - is stdout. Default: in the campaign's folder exports."),
     ] = None,
     count: Annotated[
-        int | None, typer.Option("--n", min=1, help="Number of vehicles (samples). Default: 1000.")
+        int | None, typer.Option("--samples", "--n", min=1, help="Number of vehicles (samples). Default: 1000.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers (samples). Default: 1.")] = None,
     force: Annotated[
@@ -73,7 +73,7 @@ def export(
         write_samples(known, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
         return
     if count is not None or seed is not None:
-        raise ConfigError("--n and --seed go with `cfid export samples`: a file has the measured numbers.")
+        raise ConfigError("--samples and --seed go with `cfid export samples`: a file has the measured numbers.")
     wanted, vehicle = target_named(target), known.vehicle
     text = text_of(wanted, vehicle)  # first the refusals that --force does not lift
     refuse(wanted, known, force=force)

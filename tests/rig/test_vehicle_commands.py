@@ -330,6 +330,7 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
         ("log sine --l 4 --amplitude 30001", "--amplitude 30001: above 30000 the sine is clipped; --force allows it."),
         ("log thrust some-run", "some-run: a run is named to resume it: write --resume some-run."),
         ("log sine --l 4 --n 0", "Invalid value for '--samples'"),
+        ("log sine --motor 1,5", "--motor 1,5: should be whole numbers from 0 to 4 with commas between, as 1,3."),
         ("log sine --l 4 --plan thesis-first", "--periods and --plan thesis-first: give one of them."),
         ("log sine --n 2000 --l 2,1001", "--periods 1001: has to be from 0 to N/2 = 1000."),
         ("log thrust --from 3000 --to 2000", "--from 3000 --to 2000: there is no command between them."),

@@ -82,9 +82,9 @@ def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | Non
         line = table.line_of_row(int(np.argmax(raw)))
         raise DataError(
             f"{table.path}:{line}: {raw.max():g} us in '{column.names[0]}' is longer than the full throttle of "
-            f"`esc_us` {low:g}:{high:g}: give the range of this motor controller."
+            f"`esc_us` {low:g},{high:g}: give the range of this motor controller."
         )
-    notes = [f"pulse widths are read as `esc_us` {low:g}:{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
+    notes = [f"pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
     if (below := int(np.count_nonzero(raw < low))) > 0:
         notes.append(f"{below} rows have pulses below {low:g} us: motors stand there, command 0.")
     return np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND), tuple(notes)
