@@ -117,5 +117,5 @@ def _fit_swings(
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
     )
-    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    folder = workplace.figures_folder([Path(source.path) for source in found.sources])
     deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)

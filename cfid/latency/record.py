@@ -36,7 +36,7 @@ def record_pings(
             procedure=lambda there, loop: ping_often(
                 there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
             ),
-            asked={"count": count, "interval_s": every_s},
+            requested={"count": count, "interval_s": every_s},
             simulated=simulated,
         )
         record("log ping", plan, [crazyflie.pings()], live, keep, found=found)

@@ -37,7 +37,7 @@ _LATE = Range(-0.5, 0.5, "a radio takes 3 to 20 ms; stamps may be late themselve
 _LAG = Range(1e-3, 1, "the thesis found 0.065 to 0.078")
 _ROUND_TRIP = Range(1e-4, 1, "the thesis found 2 to 20 ms")
 _DRAG = Range(-1e-4, 1e-7, "the thesis found -9e-7; above zero, beyond noise, air would drive the vehicle")
-_CROSS_DRAG = Range(-1e-4, 1e-4, "as the simple model, of either sign beside the diagonal")
+_CROSS_DRAG = Range(-1e-4, 1e-4, "as the simple model, of either sign off the diagonal")
 _PARASITIC = Range(-1e-2, 1e-3, "a plate of 0.1 m has 6e-3; above zero air would drive the vehicle")
 
 

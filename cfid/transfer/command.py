@@ -209,7 +209,7 @@ def identify(
         method=method,
     )
     deliver(
-        replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign, workplace.own_rig
+        replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig
     )
 
 
@@ -251,7 +251,7 @@ def verify(
     sines = inputs.read(runs, scale.reading(reading), workplace)
     result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
     deliver(
-        replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign, workplace.own_rig
+        replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig
     )
 
 

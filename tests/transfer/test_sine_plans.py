@@ -85,7 +85,10 @@ def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None
         assert pilot.end() == 0, pilot.err
         headers = [run.header for run in open_campaign(tmp_path).runs(kind="sine")]
 
-    assert [(header.asked["motor"], header.asked["series"]) for header in headers] == [(1, "motor1"), (3, "motor3")]
+    assert [(header.requested["motor"], header.requested["series"]) for header in headers] == [
+        (1, "motor1"),
+        (3, "motor3"),
+    ]
 
 
 def test_the_duration_stands_before_the_question(tmp_path: Path) -> None:

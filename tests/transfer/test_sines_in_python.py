@@ -22,9 +22,9 @@ def campaign(tmp_path: Path) -> Path:
 def test_sines_are_runs_of_one_kind_and_each_has_its_own(campaign: Path) -> None:
     opened = cfid.open_campaign(campaign)
 
-    assert [run.header.asked["l"] for run in opened.runs(kind="sine")] == list(PERIODS)
-    assert [run.header.asked["l"] for run in opened.runs(kind="sine_l10")] == [10]
-    assert opened.run("last sine").header.asked["l"] == 40
+    assert [run.header.requested["l"] for run in opened.runs(kind="sine")] == list(PERIODS)
+    assert [run.header.requested["l"] for run in opened.runs(kind="sine_l10")] == [10]
+    assert opened.run("last sine").header.requested["l"] == 40
     assert opened.runs(kind="sin") == []
 
 

@@ -80,5 +80,5 @@ def rotor(
         to_s=cut.to_s,
     )
     deliver(
-        replace(result, folder=workplace.figures_beside([record.path])), delivery, workplace.campaign, workplace.own_rig
+        replace(result, folder=workplace.figures_folder([record.path])), delivery, workplace.campaign, workplace.own_rig
     )

@@ -66,7 +66,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     faults, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
-        raise DataError(next(iter(faults.values()), f"{path}: no column beside the time."))
+        raise DataError(next(iter(faults.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
     found = tuple(channel for _, channel in kept)
     blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept])

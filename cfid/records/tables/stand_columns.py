@@ -14,7 +14,7 @@ from cfid.units import FULL_COMMAND
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
-_ROW_BY_ROW = ("time_s", "command")  # without them a row says nothing
+_ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
 
 
 class Columns(NamedTuple):

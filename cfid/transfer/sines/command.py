@@ -145,7 +145,7 @@ def _sine_of(word: Path, campaign: "Campaign") -> "Sine":
     run = read_run(interrupted(word, campaign, kind="sine"))
     if run.header.family != "sine":
         raise ConfigError(f"{run.folder}: is no run of `cfid log sine` that could be resumed.")
-    return Sine.of_run(run.header.kind, run.header.asked)
+    return Sine.of_run(run.header.kind, run.header.requested)
 
 
 @flat

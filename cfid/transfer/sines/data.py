@@ -230,6 +230,6 @@ def _run(run: Run | Path | str) -> Run:
 
 def _sine(run: Run) -> Sine:
     try:
-        return Sine.of_run(run.header.kind, run.header.asked)
+        return Sine.of_run(run.header.kind, run.header.requested)
     except DataError as error:
         raise DataError(f"{run.folder}: {error}") from None

@@ -99,7 +99,7 @@ def plan_sine(
             sine.request(), there["crossings"], before_s=before_s, loop=loop, tell=tell
         ),
         facts=campaign.rig.facts,
-        asked=sine.to_run(),
+        requested=sine.to_run(),
         simulated=simulated,
     )
 
@@ -116,5 +116,5 @@ async def play_sine(
 def missing_sines(sweep: SineSweep, campaign: Campaign, *, simulated: bool) -> list[Sine]:
     """Return the sines without a complete run; simulated runs count for a simulated rig only."""
     runs = [run.header for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    there = [header.asked for header in runs if header.simulated == simulated and header.state == "complete"]
+    there = [header.requested for header in runs if header.simulated == simulated and header.state == "complete"]
     return [sine for sine in sweep.sines if sine.to_run() not in there]
