@@ -10,7 +10,7 @@ from cfid.console.live import LiveLine
 from cfid.console.messages import note, result
 from cfid.console.options import flat, positive
 from cfid.console.recording import rig_of, stop_line
-from cfid.console.vehicle import Motor, VehicleOptions, confirm, motors_of, reach
+from cfid.console.vehicle import LinkOptions, Motor, Unasked, VehicleOptions, confirm, motors_of, reach
 from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def set_motors(
 
 
 @flat
-def stop(*, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
+def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder = None) -> None:
     """Stop all motors and confirm it. Another cfid that drives them is requested to end, without waiting for it.
 
     Example: [bold]cfid motors stop[/bold]

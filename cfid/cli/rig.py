@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.lists import comma_list
-from cfid.console.messages import note
+from cfid.console.messages import in_options, note
 from cfid.console.options import flat, positive
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def _print_findings(findings: "dict[str, list[DeviceAnswer]]", *, simulated: boo
         return
     for name, answers in findings.items():
         for answer in answers:
-            typer.echo(f"{name:9} {answer.asked:15} {answer.state:8} {answer.answer}")
+            typer.echo(f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}")
             if answer.advice:
                 typer.echo(f"{'':35}-> {answer.advice}")
 

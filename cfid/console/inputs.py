@@ -35,7 +35,7 @@ class Workplace:
         """How devices are mounted, as rig.toml states it; a borrowed rig states nothing."""
         return NONE_STATED if self.borrowed else self.rig.facts
 
-    def figures_beside(self, files: Sequence[Path]) -> Path:
+    def figures_folder(self, files: Sequence[Path]) -> Path:
         """Return the folder for figures of several recordings: the campaign's, else that of the first file."""
         if self.campaign is not None:
             return self.campaign.folder / "figures"

@@ -1,4 +1,4 @@
-"""Parse an option's list of numbers with commas between, its span FROM:TO, or its number with an uncertainty."""
+"""Parse an option's list of numbers with commas between, its span FROM,TO, or its number with an uncertainty."""
 
 import math
 from collections.abc import Sequence
@@ -35,13 +35,13 @@ def comma_list(
 
 
 def span(text: str, option: str, *, unit: str, example: str) -> tuple[float, float]:
-    """Return the two numbers of FROM:TO, of which the second is greater. Raises ConfigError."""
+    """Return the two numbers of FROM,TO, of which the second is greater; FROM:TO is read too. Raises ConfigError."""
     try:
-        low, high = (_number(word, float) for word in text.split(":"))
+        low, high = (_number(word, float) for word in text.replace(":", ",").split(","))
     except ValueError:
         low = high = math.nan
     if not (0 <= low < high < math.inf):
-        raise ConfigError(f"{option} {text}: should be FROM:TO in {unit}, from 0 on and rising, as {example}.")
+        raise ConfigError(f"{option} {text}: should be FROM,TO in {unit}, from 0 on and rising, as {example}.")
     return low, high
 
 

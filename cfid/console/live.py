@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cfid.console.messages import noted
+from cfid.console.messages import in_options, noted
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class LiveLine:
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
-        self.tell(f"note: {text}" if self._terminal is None else noted(text))
+        self.tell(f"note: {in_options(text)}" if self._terminal is None else noted(text))
 
     def tell(self, text: str) -> None:
         """Print a message that is not a note above the line."""

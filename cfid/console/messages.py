@@ -2,9 +2,22 @@
 
 import contextlib
 import os
+import re
 import sys
 
 import typer
+
+_SETTING = re.compile(r"`([a-z]\w*)`")
+# Any other option is its setting's name with hyphens.
+_RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to_s": "--to"}
+
+
+def in_options(text: str) -> str:
+    """Return a message with options where it names settings, which stand in backticks: `rate_hz` becomes --rate-hz.
+
+    The functions that raise it are called from Python too, where there are no options.
+    """
+    return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), text)
 
 
 def note(text: str) -> None:
@@ -14,12 +27,12 @@ def note(text: str) -> None:
 
 def noted(text: str) -> str:
     """Return a note as the terminal shows it."""
-    return typer.style(f"note: {text}", fg=_colour(typer.colors.YELLOW))
+    return typer.style(f"note: {in_options(text)}", fg=_colour(typer.colors.YELLOW))
 
 
 def fault(text: str) -> None:
     """Print the error that ends the command."""
-    typer.secho(f"cfid: {text}", err=True, fg=_colour(typer.colors.RED))
+    typer.secho(f"cfid: {in_options(text)}", err=True, fg=_colour(typer.colors.RED))
 
 
 def result(text: str) -> None:

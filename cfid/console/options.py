@@ -58,8 +58,8 @@ FlipFz = Annotated[
 EscUs = Annotated[
     str | None,
     typer.Option(
-        metavar="FROM:TO",
-        help="Pulse widths of a motor controller, in microseconds, at commands 0 and 65535; default: 1000:2000.",
+        metavar="FROM,TO",
+        help="Pulse widths of a motor controller, in microseconds, at commands 0 and 65535; default: 1000,2000.",
         rich_help_panel="What was measured",
     ),
 ]
@@ -96,7 +96,12 @@ class ReadingOptions:
     ] = None
     skip_lines: Annotated[int, typer.Option(min=0, help="Lines to leave out at the top.", rich_help_panel=_FILE)] = 0
     columns: Annotated[
-        str | None, typer.Option(metavar="TIME,ANGLE", help="Names of the columns.", rich_help_panel=_FILE)
+        str | None,
+        typer.Option(
+            metavar="NAME,NAME,...",
+            help="Names or numbers of the columns: time and angle, or time, Fx, Fy, Fz, Tx, Ty and Tz.",
+            rich_help_panel=_FILE,
+        ),
     ] = None
 
     def reading(self) -> "Reading":
@@ -244,7 +249,7 @@ def pulses_us(text: str | None) -> tuple[float, float] | None:
 
     if text is None:
         return None
-    low, high = span(text, "--esc-us", unit="microseconds", example="1000:2000")
+    low, high = span(text, "--esc-us", unit="microseconds", example="1000,2000")
     return positive(low, "--esc-us"), high
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from cfid import __version__
-from cfid.console.messages import note
+from cfid.console.messages import in_options, note
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError, FitError
@@ -52,7 +52,7 @@ def _as_json(result: Result, *, accepted: bool) -> str:
         "command": result.command,
         "parameters": {name: p.as_json() for name, p in result.quantities.items()},
         "accepted": accepted,
-        "findings": [finding.as_json() for finding in result.findings],
+        "findings": [finding.as_json() | {"text": in_options(finding.text)} for finding in result.findings],
         "quality": result.quality,
         "sources": [asdict(source) for source in result.sources],
         "version": __version__,

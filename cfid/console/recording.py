@@ -159,7 +159,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
 
 def _until(plan: "Plan") -> str:
     if plan.procedure is not None:
-        return "Ctrl-C stops the motors and ends it" if {"motor", "motors"} & set(plan.asked) else "Ctrl-C ends it"
+        return "Ctrl-C stops the motors and ends it" if {"motor", "motors"} & set(plan.requested) else "Ctrl-C ends it"
     return "Ctrl-C ends it" if plan.for_s is None else f"{plan.for_s:g} s; Ctrl-C ends it before"
 
 

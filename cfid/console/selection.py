@@ -28,7 +28,7 @@ def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: M
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
     there = _readable(campaign) if campaign is not None and finding else []
-    resumed = {run.header.asked.get("resumes") for run in there if not run.header.excluded}
+    resumed = {run.header.requested.get("resumes") for run in there if not run.header.excluded}
     runs = [run for run in there if suits(run) and run.folder.name not in resumed]
     if not words:
         return _whole(_every(runs, campaign, wanted), campaign)
@@ -59,7 +59,7 @@ def _resumed_by(word: str, campaign: "Campaign | None") -> str:
 
     if campaign is None or not (campaign.runs_folder / word / RUN_FILE).is_file():
         return ""
-    before = str(read_run(campaign.runs_folder / word).header.asked.get("resumes", ""))
+    before = str(read_run(campaign.runs_folder / word).header.requested.get("resumes", ""))
     if not before or not (campaign.runs_folder / before / RUN_FILE).is_file():
         return ""
     return "" if read_run(campaign.runs_folder / before).header.excluded else before
@@ -152,7 +152,7 @@ def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:
     if str(word) != LAST:
         return word if word.exists() else campaign.runs_folder / word
     runs = [run for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    of_kind = [run.folder for run in runs if run.header.kind.partition("_")[0] == kind]  # a sine's ends with its l
+    of_kind = [run.folder for run in runs if run.header.family == kind]
     if not of_kind:
         raise ConfigError(f"last: {campaign.runs_folder} has no run of `cfid log {kind}` yet.")
     return of_kind[-1]

@@ -28,11 +28,11 @@ Motor = Annotated[
 ]
 
 
-def motors_of(words: Sequence[str] | None, usual: Sequence[int]) -> tuple[int, ...]:
+def motors_of(words: Sequence[str] | None, usual: Sequence[int], *, least: int = 1) -> tuple[int, ...]:
     """Return the motors of `--motor`, each once and in order. Raises ConfigError for anything else."""
     if not words:
         return tuple(usual)
-    return tuple(sorted(set(comma_list(words, "--motor", int, least=1, most=4, example="1,3"))))
+    return tuple(sorted(set(comma_list(words, "--motor", int, least=least, most=4, example="1,3"))))
 
 
 _FIRMWARE = {
@@ -43,13 +43,24 @@ _FIRMWARE = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleOptions:
-    """The vehicle's address, and the confirmation that it is fastened."""
+class LinkOptions:
+    """The vehicle's address."""
 
     uri: Annotated[
         str | None,
         typer.Option(help="Address of the vehicle; default: rig.toml's, else looked for.", rich_help_panel=VEHICLE),
     ] = None
+
+
+Unasked = Annotated[
+    bool, typer.Option("--yes", hidden=True, help="Without effect, as no motor is started; version 0.1 took it.")
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleOptions(LinkOptions):
+    """The vehicle's address, and the confirmation that it is fastened."""
+
     yes: Annotated[
         bool, typer.Option("--yes", help="The vehicle is fastened: do not ask.", rich_help_panel=VEHICLE)
     ] = False
@@ -61,7 +72,7 @@ LogMs = Annotated[
 ]
 
 
-def reach(options: VehicleOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
+def reach(options: LinkOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
     """Connect to the chosen vehicle and note its address and firmware. Raises DeviceError."""
     setting = devices.crazyflie
     if options.uri is not None:

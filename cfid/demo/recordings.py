@@ -47,7 +47,7 @@ def _write(campaign: Campaign, run: SimulatedRun, started: datetime) -> Path:
         cfid_version=__version__,
         simulated=True,
         facts=campaign.rig.facts,
-        asked=run.asked,
+        requested=run.requested,
     ) as writer:
         for name, device in run.devices.items():
             time_s, *values = device.values

@@ -17,8 +17,8 @@ from cfid.rig.sim_file import SIM_FILE
 LOGS = (
     "log encoder --axis x --for 14",
     "log thrust --from 16000 --to 64000 --step 16000 --hold 3 --rest 1.5 --rate-hz 1000 --yes",
-    "log sine --l 2,8,30 --n 2000 --yes",
-    "log ping --count 100 --interval 0.05 --yes",
+    "log sine --periods 2,8,30 --samples 2000 --yes",
+    "log ping --count 100 --interval 0.05",
 )
 
 _STARTS_WITHIN_S = 30.0

@@ -29,7 +29,7 @@ class Uncertain(NamedTuple):
 class DragFit:
     """A fitted model: coefficients (p,) with covariance (p, p), SI units, and residuals (n, 3).
 
-    `parasitic_kg_per_m` (3,) is k in k |v| v, drag of the body beside the rotors'; `intercepts_n` (settings, 3) is a
+    `parasitic_kg_per_m` (3,) is k in k |v| v, drag of the body; `intercepts_n` (settings, 3) is a
     constant force in each wind setting, as a tare that drifted leaves; None where they are not part of the fit.
     `noise_scale` (2,) is how many times as far as stated the forces scatter in x and y, and in z (where no noise was
     stated: in newtons). `condition` is that of the regressors scaled to equal length.

@@ -56,9 +56,9 @@ def forces_figure(experiments: DragExperiments) -> Figure:
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles))
     for row, axis in enumerate(_AXES):
-        beside: Axes | None = None
+        first: Axes | None = None
         for column, angle in enumerate(angles):
-            beside = axes = page.add_subplot(grid[1 + row, column], sharey=beside)
+            first = axes = page.add_subplot(grid[1 + row, column], sharey=first)
             last = row == len(_AXES) - 1
             name_panel(
                 axes,
@@ -89,11 +89,11 @@ def coefficients_figure(found: DragModels) -> Figure:
         notes=_not_drawn(experiments),
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), Line2D([], [], color=INK, label="all together"))
-    beside: Axes | None = None
+    first: Axes | None = None
     z = ratios_kg_per_rad(experiments)[:, 2]
     panels = (("(a) x and y", lateral_kg_per_rad(experiments), 0), ("(b) z", z, 2))
     for row, (title, each, place) in enumerate(panels):
-        beside = axes = page.add_subplot(grid[1 + row, 0], sharex=beside)
+        first = axes = page.add_subplot(grid[1 + row, 0], sharex=first)
         name_panel(axes, title, x=_SPEED if row else "", y="coefficient (kg/rad)")
         value, std = simple.value[place], simple.std[place]
         axes.axhspan(value - std, value + std, fc=INK, alpha=0.15, lw=0)
@@ -125,9 +125,9 @@ def models_figure(found: DragModels) -> Figure:
     predicted = experiments.force_n[:, 2] - residual
     rows = (("fz (N)", experiments.force_n[:, 2]), ("residual (N)", residual))
     for row, (label, marks) in enumerate(rows):
-        beside: Axes | None = None
+        first: Axes | None = None
         for column, angle in enumerate(angles):
-            beside = axes = page.add_subplot(grid[1 + row, column], sharey=beside)
+            first = axes = page.add_subplot(grid[1 + row, column], sharey=first)
             name_panel(
                 axes,
                 f"wind from {angle:g}°" if row == 0 else "",

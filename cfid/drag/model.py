@@ -102,5 +102,5 @@ CROSS = _coupled("cross", lambda v: v[:, :1] + v[:, 1:2])
 # multiplies |v_xy|.
 CROSS_MENDED = _coupled("cross mended", lambda v: np.hypot(v[:, :1], v[:, 1:2]))
 
-# Drag of the body beside the rotors', k |v| v: a coefficient for x and y, one for z, kg/m.
+# Drag of the body in addition to the rotors', k |v| v: a coefficient for x and y, one for z, kg/m.
 BODY = _lateral_and_vertical(lambda v, s: np.linalg.norm(v, axis=1, keepdims=True) * v)

@@ -62,7 +62,7 @@ def _refuse_foreign(paths: list[Path]) -> None:
         if path.exists() and not _made_by_cfid(path):
             raise ConfigError(
                 f"{path}: exists already and cfid did not draw it. "
-                "Use --force to replace it, or --out to write elsewhere."
+                "Use `force` to replace it, or `out` to write elsewhere."
             )
 
 

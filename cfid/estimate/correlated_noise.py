@@ -26,11 +26,11 @@ def noise_covariance(jacobian: Array, residual: Array, correlations: Iterable[Ar
     uncertainty 1.96 cover 95 % (Student's t).
     """
     count, taken = jacobian.shape
-    beside = np.linalg.qr(jacobian, mode="complete")[0][:, taken:]
-    left, freedom = beside.T @ residual, count - taken
+    complement = np.linalg.qr(jacobian, mode="complete")[0][:, taken:]
+    left, freedom = complement.T @ residual, count - taken
     best, found = math.inf, np.eye(count)
     for correlation in correlations:
-        sizes, directions = np.linalg.eigh(beside.T @ correlation @ beside)
+        sizes, directions = np.linalg.eigh(complement.T @ correlation @ complement)
         spread = (1 - _WHITE) * np.maximum(sizes, 0.0) + _WHITE
         squares = (directions.T @ left) ** 2
         variance = np.maximum(np.mean(squares / spread, axis=1), 1e-300)

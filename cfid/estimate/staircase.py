@@ -33,9 +33,9 @@ Window = tuple[float, float]
 
 FZ = 2
 
-_DRIFT, _WAVE, _REST_WAVE = 0.05, 0.005, 0.001  # within a window, of a step's height; at rest, of the highest
+_DRIFT, _WAVE, _BASELINE_WAVE = 0.05, 0.005, 0.001  # in a window, of a step's height; in a baseline, of the highest
 _LEAST_HEIGHT = 0.02  # of the highest step: limits are not narrower than there
-_FEWEST_AT_REST = 2  # readings: a tare that is not sure is better than none
+_FEWEST_IN_BASELINE = 2  # readings: a tare that is not sure is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # within so many deviations
 _NO_BASELINE_AFTER = "no steady baseline after the last command: how far the load cell drifted is not known."
 
@@ -59,7 +59,7 @@ class Point:
     """One command: means (k,) of its steady window less the tare, with standard deviations that hold the tare's.
 
     NaN where it never settled: `reason` states why it did not, or why it should not be used. `tare_shares` (r, k) is
-    what one deviation of each of the record's r rests does to the tare. `slope` per second is what
+    what one deviation of each of the record's r baselines does to the tare. `slope` per second is what
     still changes in the window; `motors`, 1 to 4, are those that ran. The thrust began to follow at `onset_s`, with
     the time constant `lag_s`, and `delay_s` after its command: what other instruments recorded by the clock of the
     commands lies so much earlier. Delay, command and motors are not known without a command log.
@@ -89,9 +89,9 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Staircase:
-    """A reduced record: its points as they came, and the load cell at rest.
+    """A reduced record: its points as they came, and the load cell's baselines, with the motors off.
 
-    `tare_after`, and the `drift` (k,) per second up to there, are None where no rest follows the last step.
+    `tare_after`, and the `drift` (k,) per second up to there, are None where no baseline follows the last step.
     """
 
     points: tuple[Point, ...]
@@ -140,7 +140,7 @@ def reduce_staircase(
     for. `lag_s` is the rotors' time constant, where it need not be found. Windows may be set by hand, an entry a
     step, None where it shall be found. `status` (n,) are the load cell's words.
 
-    Raises DataError for a record that is too short, out of order, not finite or faulty, that begins without a rest
+    Raises DataError for a record that is too short, out of order, not finite or faulty, that begins without a baseline
     or shows no motor running.
     """
     record = prepared(time_s, channels, status=status, thrust=thrust)
@@ -163,22 +163,22 @@ def reduce_single(
     lag_s: float | None = None,
     window: Window | None = None,
 ) -> Staircase:
-    """Reduce a record of one command between two rests, as the thesis took them; all else as `reduce_staircase`.
+    """Reduce a record of one command between two pauses, as the thesis took them; all else as `reduce_staircase`.
 
     Raises FitError when more than one step is seen, unless a window states which is meant.
     """
     record = prepared(time_s, channels, status=status, thrust=thrust)
     intervals = changes_seen(record.slow)
-    steps = [interval for interval in intervals if not interval.rest]
+    steps = [interval for interval in intervals if not interval.pause]
     meant = [window is None or step.begin_s <= sum(window) / 2 <= step.end_s for step in steps]
     if steps and sum(meant) != 1:
         seen = ", ".join(f"{step.begin_s:.4g} to {step.end_s:.4g} s" for step in steps)
-        raise FitError(f"one step between two rests is expected, seen: {seen}. Give its window, or the command log.")
+        raise FitError(f"one step between two pauses is expected, seen: {seen}. Give its window, or the command log.")
     found = _reduced(record, intervals, lag_s=lag_s, windows=[window if one else None for one in meant])
     return replace(found, points=(replace(found.points[meant.index(True)], command=command, motors=motors),))
 
 
-def mean_beside(points: Sequence[Point], time_s: Array, value: Array) -> Array:
+def mean_in_windows(points: Sequence[Point], time_s: Array, value: Array) -> Array:
     """Return the means (p,) of what another instrument showed in the windows of points: `value` (n,) at times (n,).
 
     By the clock of the commands these lie as much earlier as thrust came late. NaN where nothing was recorded.
@@ -193,28 +193,30 @@ def mean_beside(points: Sequence[Point], time_s: Array, value: Array) -> Array:
 def _reduced(
     record: StandSignals, intervals: Sequence[Interval], *, lag_s: float | None, windows: Sequence[Window | None] | None
 ) -> Staircase:
-    steps = [i for i, interval in enumerate(intervals) if not interval.rest]
+    steps = [i for i, interval in enumerate(intervals) if not interval.pause]
     if not steps:
         raise NeverRanError("the motors never run in this record: no command, or no change of thrust above its noise.")
     by_hand = [None] * len(steps) if windows is None else windows
     if len(by_hand) != len(steps):
         raise DataError(f"{len(by_hand)} windows are given for {len(steps)} steps: one each, or None.")
     levels = np.array([level(record.slow, interval.begin_s, interval.end_s) for interval in intervals])
-    begun = onsets(record.slow, intervals, rest=levels[0], lag_s=lag_s)
+    begun = onsets(record.slow, intervals, baseline=levels[0], lag_s=lag_s)
     bounds = _bounds(intervals, begun)
     heights = np.abs(levels - levels[0])
-    rests = _rests(record, [bounds[i] for i in range(len(bounds)) if i not in steps], wave=_REST_WAVE * heights.max())
-    if not rests or rests[0].time_s > bounds[steps[0]][0]:
-        raise DataError("no rest before the first command: log for some seconds before the motors start.")
+    baselines = _baselines(
+        record, [bounds[i] for i in range(len(bounds)) if i not in steps], wave=_BASELINE_WAVE * heights.max()
+    )
+    if not baselines or baselines[0].time_s > bounds[steps[0]][0]:
+        raise DataError("no baseline before the first command: log for some seconds before the motors start.")
     points = []
     for i, window in zip(steps, by_hand, strict=True):
         height = max(heights[i], _LEAST_HEIGHT * heights.max())
-        stretch = Stretch(*window) if window else _steady(record, rests, bounds[i], height=height)
-        points.append(_point(record, rests, intervals[i], begun[i - 1], stretch))
+        stretch = Stretch(*window) if window else _steady(record, baselines, bounds[i], height=height)
+        points.append(_point(record, baselines, intervals[i], begun[i - 1], stretch))
     reasons = [point.reason for point in points if (point.command or 0) > DEAD_COMMAND]
     if reasons and all(reason.startswith(_SILENT) for reason in reasons):
         raise DataError(f"the motors never turn: {reasons[-1]}. Is the vehicle armed, its battery charged?")
-    before, after = rests[0], rests[-1] if rests[-1].time_s > bounds[steps[-1]][1] else None
+    before, after = baselines[0], baselines[-1] if baselines[-1].time_s > bounds[steps[-1]][1] else None
     return Staircase(
         points=tuple(points),
         tare_before=before,
@@ -231,47 +233,49 @@ def _bounds(intervals: Sequence[Interval], begun: Sequence[Onset]) -> list[Windo
     return list(zip(begins, ends, strict=True))
 
 
-def _rests(record: StandSignals, bounds: Sequence[Window], *, wave: float) -> list[Level]:
-    """Average the rests of two readings or more; a load cell that drifts is at rest too."""
+def _baselines(record: StandSignals, bounds: Sequence[Window], *, wave: float) -> list[Level]:
+    """Average the baselines of two readings or more; that of a load cell that drifts counts too."""
     limits = {"drift": math.inf, "wave": wave, "hold_s": record.held / record.rate_hz}
-    found = [steady_stretch(record.slow, each, **limits, fewest=_FEWEST_AT_REST) for each in bounds]
-    return [_averaged(record, rest) for rest in found if not rest.reason]
+    found = [steady_stretch(record.slow, each, **limits, fewest=_FEWEST_IN_BASELINE) for each in bounds]
+    return [_averaged(record, one) for one in found if not one.reason]
 
 
 def _averaged(record: StandSignals, stretch: Stretch) -> Level:
     first, last = np.searchsorted(record.time_s, stretch[:2])
     value = record.value[:, first:last]
     value = value if record.held == 1 else block_means(value, length=record.held)
-    if value.shape[1] < _FEWEST_AT_REST:
+    if value.shape[1] < _FEWEST_IN_BASELINE:
         raise DataError(f"fewer than two readings from {stretch.begin_s:.4g} to {stretch.end_s:.4g} s: no mean.")
     mean, std, slope, samples = quiet_mean(value, rate_hz=record.rate_hz / record.held)
     return Level((stretch.begin_s + stretch.end_s) / 2, mean, std, slope, samples * record.block)
 
 
-def _tare(rests: Sequence[Level], time_s: float) -> tuple[Array, Array, Array]:
-    """Return the tare (k,) on the line between the rests before and after a time, its shares (r, k) and its slope."""
-    place = float(np.interp(time_s, [rest.time_s for rest in rests], range(len(rests))))
-    before, after, part = rests[math.floor(place)], rests[math.ceil(place)], place % 1
+def _tare(baselines: Sequence[Level], time_s: float) -> tuple[Array, Array, Array]:
+    """Return the tare (k,) on the line between the baselines around a time, its shares (r, k) and its slope."""
+    place = float(np.interp(time_s, [one.time_s for one in baselines], range(len(baselines))))
+    before, after, part = baselines[math.floor(place)], baselines[math.ceil(place)], place % 1
     rise = after.mean - before.mean
     slope = rise / (after.time_s - before.time_s) if part else np.zeros_like(rise)
-    shares = np.zeros((len(rests), len(rise)))
+    shares = np.zeros((len(baselines), len(rise)))
     shares[math.floor(place)] = (1 - part) * before.std
     shares[math.ceil(place)] += part * after.std
     return before.mean + part * rise, shares, slope
 
 
-def _steady(record: StandSignals, rests: Sequence[Level], bounds: Window, *, height: float) -> Stretch:
+def _steady(record: StandSignals, baselines: Sequence[Level], bounds: Window, *, height: float) -> Stretch:
     """Find the steady stretch of a step, once the drift of the load cell is taken off as well as it is known."""
-    drift = _DRIFT * height + _SEEN * float(np.linalg.norm(_tare(rests, sum(bounds) / 2)[1][:, record.thrust]))
+    drift = _DRIFT * height + _SEEN * float(np.linalg.norm(_tare(baselines, sum(bounds) / 2)[1][:, record.thrust]))
     time_s, value = record.slow.between(*bounds)
-    tare = np.interp(time_s, [rest.time_s for rest in rests], [rest.mean[record.thrust] for rest in rests])
+    tare = np.interp(time_s, [one.time_s for one in baselines], [one.mean[record.thrust] for one in baselines])
     flat, hold_s = Slow(time_s, value - tare), record.held / record.rate_hz
     return steady_stretch(flat, bounds, drift=drift, wave=_WAVE * height, hold_s=hold_s)
 
 
-def _point(record: StandSignals, rests: Sequence[Level], interval: Interval, onset: Onset, stretch: Stretch) -> Point:
+def _point(
+    record: StandSignals, baselines: Sequence[Level], interval: Interval, onset: Onset, stretch: Stretch
+) -> Point:
     command, motors = _command(interval)
-    tare, shares, drift = _tare(rests, (stretch.begin_s + stretch.end_s) / 2)
+    tare, shares, drift = _tare(baselines, (stretch.begin_s + stretch.end_s) / 2)
     std_of_tare = np.linalg.norm(shares, axis=0)
     found = Level(math.nan, *[np.full_like(tare, math.nan)] * 4) if stretch.reason else _averaged(record, stretch)
     mean, std, reason = found.mean - tare, np.hypot(found.std, std_of_tare), stretch.reason

@@ -29,10 +29,10 @@ LAGS = 5  # after which 0.7 % of a step is left
 _FEWEST, _SHORTEST_S = 64, 1.0
 _THINNED_HZ, _SCREENED_S = 1000.0, 0.2  # the latter for spikes, at once
 _FAMILIES: tuple[Family, ...] = ("netft", "axia")
-_BESIDE_S = 0.25  # a change is seen between means this long
+_WIDTH_S = 0.25  # a change is seen between means this long
 _SURE = 6.0  # deviations of the noise
 _OF_RANGE, _OF_LEVEL = 0.004, 0.02  # a change is larger than these parts of the record's range and of its level
-_REST_OF_RANGE, _BACK, _BACK_TO = 0.015, 0.1, 0.5
+_PAUSE_OF_RANGE, _BACK, _BACK_TO = 0.015, 0.1, 0.5
 _OWN_PEAK = 0.3  # of its height a change rises above its neighbours: else it is a part of theirs
 _EARLY_S, _LATE_S = 0.1, 0.6  # an onset around a stamped command
 _STEP_S, _LEAST_LAG_S = 0.04, 0.01
@@ -59,11 +59,11 @@ class StandSignals:
 
 
 class Interval(NamedTuple):
-    """Commands (None: not known) that hold from one time to another; at rest no motor is on."""
+    """Commands (None: not known) that hold from one time to another; `pause` where no motor is on."""
 
     begin_s: float
     end_s: float
-    rest: bool
+    pause: bool
     commands: Four | None = None
 
 
@@ -164,19 +164,19 @@ def changes_seen(slow: Slow) -> list[Interval]:
     standing out from its neighbours, so that no ramp is one.
     """
     step_s = (slow.time_s[-1] - slow.time_s[0]) / (len(slow.time_s) - 1)
-    beside, gap = max(round(_BESIDE_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
+    width, gap = max(round(_WIDTH_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
     steps = median_filter(slow.value, size=4 * gap + 1, mode="nearest")  # what is left where a spike was is none
     total = np.concatenate([[0.0], np.cumsum(steps)])
-    mean = (total[beside:] - total[:-beside]) / beside
-    before, after = mean[: -beside - 2 * gap], mean[beside + 2 * gap :]
-    change, noise, span = np.abs(after - before), _noise(slow, beside, 2 * gap - 1), np.ptp(before)
+    mean = (total[width:] - total[:-width]) / width
+    before, after = mean[: -width - 2 * gap], mean[width + 2 * gap :]
+    change, noise, span = np.abs(after - before), _noise(slow, width, 2 * gap - 1), np.ptp(before)
     least = np.maximum(_OF_LEVEL * np.abs(before - before[0]), max(_SURE * noise, _OF_RANGE * span))
-    peaks, shape = find_peaks(change, height=least, prominence=_SURE * noise, distance=beside)
+    peaks, shape = find_peaks(change, height=least, prominence=_SURE * noise, distance=width)
     peaks = peaks[shape["prominences"] > _OWN_PEAK * change[peaks]]
-    times = [float(slow.time_s[0]), *slow.time_s[peaks + beside + gap].tolist(), float(slow.time_s[-1])]
+    times = [float(slow.time_s[0]), *slow.time_s[peaks + width + gap].tolist(), float(slow.time_s[-1])]
     levels = [level(slow, begin, end) for begin, end in pairwise(times)]
-    rests = _rests(levels, near=max(_SURE / 2 * noise, _REST_OF_RANGE * span))
-    return [Interval(begin, end, rest) for (begin, end), rest in zip(pairwise(times), rests, strict=True)]
+    pauses = _pauses(levels, near=max(_SURE / 2 * noise, _PAUSE_OF_RANGE * span))
+    return [Interval(begin, end, pause) for (begin, end), pause in zip(pairwise(times), pauses, strict=True)]
 
 
 def level(slow: Slow, begin_s: float, end_s: float) -> float:
@@ -185,38 +185,38 @@ def level(slow: Slow, begin_s: float, end_s: float) -> float:
     return float(np.median(slow.value[min(first, len(slow.value) - 1) : max(last, first + 1)]))
 
 
-def _rests(levels: Sequence[float], *, near: float) -> list[bool]:
-    """Return which levels are rests: the first, and what is as near to the rest before.
+def _pauses(levels: Sequence[float], *, near: float) -> list[bool]:
+    """Return which levels are of pauses: the first, and what is as near to that of the pause before.
 
     The last too, where it takes back nine tenths of the one before, or falls to half of the lowest of a staircase: the
     load cell may have drifted.
     """
-    rest, rests = levels[0], [True]
+    baseline, pauses = levels[0], [True]
     for here in levels[1:]:
-        rests.append(abs(here - rest) < near)
-        rest = here if rests[-1] else rest
-    *others, last = [abs(each - rest) for each, at_rest in zip(levels, rests, strict=True) if not at_rest] or [0.0]
-    rests[-1] |= bool(others) and last < max(_BACK * others[-1], _BACK_TO * min(others) * (len(others) > 2))
-    return rests
+        pauses.append(abs(here - baseline) < near)
+        baseline = here if pauses[-1] else baseline
+    *others, last = [abs(each - baseline) for each, pause in zip(levels, pauses, strict=True) if not pause] or [0.0]
+    pauses[-1] |= bool(others) and last < max(_BACK * others[-1], _BACK_TO * min(others) * (len(others) > 2))
+    return pauses
 
 
-def _noise(slow: Slow, beside: int, apart: int) -> float:
-    """Return the deviation of the difference of two means of `beside` samples, were the noise white.
+def _noise(slow: Slow, width: int, apart: int) -> float:
+    """Return the deviation of the difference of two means of `width` samples, were the noise white.
 
     From second differences of samples `apart`, means over two thirds of that, which steps and slopes hardly move.
     """
     bend = float(np.median(np.abs(np.diff(slow.value[::apart], n=2))))
-    return 1.4826 * bend / math.sqrt(6) * math.sqrt(2 * max(apart * 2 / 3, 1) / beside)
+    return 1.4826 * bend / math.sqrt(6) * math.sqrt(2 * max(apart * 2 / 3, 1) / width)
 
 
-def onsets(slow: Slow, intervals: Sequence[Interval], *, rest: float, lag_s: float | None = None) -> list[Onset]:
+def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s: float | None = None) -> list[Onset]:
     """Return the onset of each interval but the first, which has none; a given lag is that of all.
 
-    Thrust above `rest` is the square of a speed of first order. Where no onset explains what is seen (a step in the
+    Thrust above `baseline` is the square of a speed of first order. Where no onset explains what is seen (a step in the
     noise, or one that is shorter than its onset), the others' median lag stands for its own, and after a command
     their median delay.
     """
-    levels = [0.0 if each.rest else level(slow, each.begin_s, each.end_s) - rest for each in intervals]
+    levels = [0.0 if each.pause else level(slow, each.begin_s, each.end_s) - baseline for each in intervals]
     steps = list(zip(intervals[:-1], intervals[1:], map(_share, levels[:-1], levels[1:]), strict=True))
     found = [_onset(slow, *step, lag_s=lag_s) for step in steps]
     pairs = list(zip(intervals[1:], found, strict=True))
@@ -242,7 +242,7 @@ def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, la
     early_s, late_s = (_LATE_S, _EARLY_S) if seen_change else (_EARLY_S, _LATE_S)
     begin_s, length_s = interval.begin_s, interval.end_s - interval.begin_s
     from_s = max(begin_s - early_s, (before.begin_s + before.end_s) / 2)
-    to_s = begin_s + min(_LOOK_S, max(length_s - seen_change * _BESIDE_S, length_s / 2))
+    to_s = begin_s + min(_LOOK_S, max(length_s - seen_change * _WIDTH_S, length_s / 2))
     times = np.arange(from_s, begin_s + min(late_s, length_s / 2), _STEP_S)
     lags = np.geomspace(_LEAST_LAG_S, max(length_s / 2, 2 * _LEAST_LAG_S), 8) if lag_s is None else np.array([lag_s])
     best = Onset(begin_s, lag_s or _USUAL_LAG_S, 0.0)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import note
+from cfid.console.messages import in_options, note
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
@@ -32,7 +32,7 @@ def export(
         typer.Option(metavar="FILE|-", help="File to write; - is stdout. Default: in the campaign's folder exports."),
     ] = None,
     count: Annotated[
-        int | None, typer.Option("--n", min=1, help="Number of vehicles (samples). Default: 1000.")
+        int | None, typer.Option("--samples", "--n", min=1, help="Number of vehicles (samples). Default: 1000.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers (samples). Default: 1.")] = None,
     force: Annotated[
@@ -73,7 +73,7 @@ def export(
         write_samples(known, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
         return
     if count is not None or seed is not None:
-        raise ConfigError("--n and --seed go with `cfid export samples`: a file has the measured numbers.")
+        raise ConfigError("--samples and --seed go with `cfid export samples`: a file has the measured numbers.")
     wanted, vehicle = target_named(target), known.vehicle
     text = text_of(wanted, vehicle)  # first the refusals that --force does not lift
     refuse(wanted, known, force=force)
@@ -180,7 +180,7 @@ def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
 
 def _print_keys(title: str, words: list[str]) -> None:
     for word in words:
-        typer.echo(f"  {title}: {word}")
+        typer.echo(f"  {title}: {in_options(word)}")
 
 
 def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:

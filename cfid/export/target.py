@@ -211,7 +211,7 @@ def _measured(quantity: ExportQuantity) -> Iterator[str]:
     if quantity.simulated:
         yield "    SIMULATED: no vehicle was measured."
     if not quantity.accepted:
-        yield "    REJECTED by its fit, and kept with --force."
+        yield "    REJECTED by its fit, and kept nevertheless."
 
 
 def taken(target: Target, vehicle: ExportVehicle) -> Sequence[ExportQuantity]:

@@ -68,7 +68,7 @@ def friction(
         to_s=cut.to_s,
         method=method,
     )
-    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    folder = workplace.figures_folder([Path(source.path) for source in found.sources])
     deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)
 
 

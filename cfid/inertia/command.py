@@ -37,7 +37,8 @@ def inertia(
     rig: RigOptions,
     reading: ReadingOptions,
     delivery: Delivery,
-    plan: Annotated[bool, typer.Option("--plan", help="Propose axes and distances for the next swings.")] = False,
+    propose: Annotated[bool, typer.Option("--propose", help="Propose axes and distances for the next swings.")] = False,
+    plan: Annotated[bool, typer.Option("--plan", hidden=True, help="--propose, as version 0.1 called it.")] = False,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
@@ -59,7 +60,7 @@ def inertia(
         mass_std_kg=mass.std,
         gravity_mps2=gravity_mps2,
         method=method,
-        plan=plan,
+        propose=propose or plan,
     )
     _fit_swings(fit, runs, body="crazyflie", window=window, reading=reading, workplace=workplace, delivery=delivery)
 
@@ -116,5 +117,5 @@ def _fit_swings(
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
     )
-    folder = workplace.figures_beside([Path(source.path) for source in found.sources])
+    folder = workplace.figures_folder([Path(source.path) for source in found.sources])
     deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)

@@ -42,13 +42,13 @@ def fit(
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     method: Method = "default",
-    plan: bool = False,
+    propose: bool = False,
 ) -> Result:
     """Fit the vehicle's inertia matrix to swings, each about the mount that its label names, and known axis inertias.
 
     A swing labelled as the fixture is that of the empty fixture, which is taken off. `rig` has mass, mounts and
     gravity: the one given, else that of the campaign which the recordings lie in, else the thesis'. `peaks` is one
-    number for all or one for each mount. `plan` adds distances and axes for the next swings to the lines. Where the
+    number for all or one for each mount. `propose` adds distances and axes for the next swings to the lines. Where the
     axes do not determine a matrix, the axis inertias alone are given.
 
     Raises ConfigError for arguments that contradict each other, DataError for a recording without a swing, FitError
@@ -97,7 +97,7 @@ def fit(
         lines=(
             *measured.lines,
             *(_budget_lines(matrix) if matrix is not None and MATRIX not in lost else ()),
-            *(_plan_lines(axis_inertias, axes, about, lost) if plan else ()),
+            *(_proposals(axis_inertias, axes, about, lost) if propose else ()),
         ),
         drawings=drawings,
         folder=measured.folder,
@@ -220,7 +220,7 @@ def _budget_lines(fit: InertiaFit) -> list[str]:
     return lines
 
 
-def _plan_lines(
+def _proposals(
     axis_inertias: AxisInertias, axes: list[str], measured: MeasuredAxes, rejected: Mapping[str, str]
 ) -> list[str]:
     lines = ["distances: where an error of 0.1 mm in the mount does not matter"]

@@ -35,7 +35,7 @@ def convert(recording: Recording, to: Format, out: Path | None) -> list[Path]:
     try:
         folder.mkdir()
     except FileExistsError:
-        raise ConfigError(f"{folder}: exists already, and is left as it is: give another --out.") from None
+        raise ConfigError(f"{folder}: exists already, and is left as it is: give another `out`.") from None
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be created: {error.strerror}.") from None
     paths: list[Path] = []
@@ -54,7 +54,7 @@ def convert(recording: Recording, to: Format, out: Path | None) -> list[Path]:
 
 def _written(path: Path, write: Callable[[Path], None]) -> Path:
     if path.exists() or path.is_symlink():
-        raise ConfigError(f"{path}: exists already, and is left as it is: give another --out.")
+        raise ConfigError(f"{path}: exists already, and is left as it is: give another `out`.")
     try:
         write(path)
     except OSError as error:

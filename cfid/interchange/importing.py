@@ -80,7 +80,7 @@ def kind_of(path: Path, reading: Foreign) -> Kind:
         if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
             return kind
     raise ConfigError(
-        f"{path}: its columns ({table.listing}) do not show what was recorded: give --kind angle, wrench or flight. "
+        f"{path}: its columns ({table.listing}) do not show what was recorded: give `kind` angle, wrench or flight. "
         "A table of a thrust stand is not imported: `cfid fit thrust` and `cfid fit speed` read it as it is."
     )
 

@@ -65,7 +65,7 @@ def write_mat(recording: Recording, path: Path) -> None:
         with path.open("xb") as file:
             savemat(file, columns, oned_as="column")
     except (ValueError, OverflowError, TypeError) as fault:  # of scipy: beyond 2 GB a variable, 4 GB in all
-        raise DataError(f"{path}: a MATLAB file of version 5 cannot hold this: {fault}. Use --to parquet.") from None
+        raise DataError(f"{path}: a MATLAB file of version 5 cannot hold this: {fault}. Use `to` parquet.") from None
 
 
 def write_mcap(recording: Recording, path: Path) -> None:

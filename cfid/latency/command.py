@@ -10,7 +10,7 @@ from cfid.console.options import Delivery, RigOptions, flat, positive
 from cfid.console.outcome import deliver
 from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
 from cfid.console.selection import chosen, labelled
-from cfid.console.vehicle import VehicleOptions
+from cfid.console.vehicle import LinkOptions, Unasked
 from cfid.errors import FitError
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ def ping(
     *,
     count: Annotated[int, typer.Option(min=1, help="How many round trips.")] = 1000,
     interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one to the next.")] = 0.1,
-    vehicle: VehicleOptions,
+    vehicle: LinkOptions,
+    yes: Unasked = False,
     keep: KeepOptions,
     dry_run: DryRun = False,
     note: Annotated[str | None, typer.Option(help="Circumstances, kept with the run.")] = None,

@@ -7,7 +7,7 @@ from typing import Any
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
 from cfid.console.recording import Found, KeepOptions, Rig, record
-from cfid.console.vehicle import VehicleOptions, reach
+from cfid.console.vehicle import LinkOptions, reach
 from cfid.records.run import Label
 from cfid.rig.log import Plan
 from cfid.rig.pings import Pings
@@ -19,7 +19,7 @@ def record_pings(
     count: int,
     every_s: float,
     rig: Rig,
-    vehicle: VehicleOptions,
+    vehicle: LinkOptions,
     keep: KeepOptions,
     note: str | None,
     found: Found,
@@ -36,7 +36,7 @@ def record_pings(
             procedure=lambda there, loop: ping_often(
                 there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
             ),
-            asked={"count": count, "interval_s": every_s},
+            requested={"count": count, "interval_s": every_s},
             simulated=simulated,
         )
         record("log ping", plan, [crazyflie.pings()], live, keep, found=found)

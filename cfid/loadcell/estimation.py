@@ -19,7 +19,7 @@ from cfid.loadcell.model import own_nonlinearity
 Array = npt.NDArray[np.float64]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-_DEPENDENT = 1e-6  # part of a column that lies beside all others, from where it counts as one of them
+_DEPENDENT = 1e-6  # part of a column that the others do not give, from where it counts as one of them
 _FEWEST_LOADS = 3  # with no load among them, from where a bend can be distinguished from a slope
 
 
@@ -58,7 +58,7 @@ class AxisFit:
 
 
 def fit_axes(loads: Loads) -> dict[str, AxisFit]:
-    """Return the fit of each axis whose gain the loads determine, beside those of all other axes.
+    """Return the fit of each axis whose gain the loads determine, together with those of all other axes.
 
     Raises FitError where they determine none.
     """
@@ -79,7 +79,7 @@ def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
     own = columns.pop(AXES[place])
     bend = [own_nonlinearity(own)] if _bends(own, loads.orientation) else []
     rows = np.column_stack([own, *bend, *columns.values(), zeros])
-    free = [at for at in range(rows.shape[1]) if _beside(rows, at) > _DEPENDENT]
+    free = [at for at in range(rows.shape[1]) if _independent_part(rows, at) > _DEPENDENT]
     if 0 not in free or len(rows) <= rows.shape[1]:
         return None
     std = loads.std[:, place]
@@ -111,8 +111,8 @@ def _bends(own: Array, orientation: npt.NDArray[np.intp]) -> bool:
     return max(sizes) >= _FEWEST_LOADS
 
 
-def _beside(rows: Array, at: int) -> float:
-    """Return the part of a column (n,) that lies beside all others."""
+def _independent_part(rows: Array, at: int) -> float:
+    """Return the part of a column (n,) that no combination of the others gives."""
     others = np.delete(rows, at, axis=1)
     scaled = others / np.where(np.linalg.norm(others, axis=0) > 0, np.linalg.norm(others, axis=0), 1.0)
     column = rows[:, at] / np.linalg.norm(rows[:, at])

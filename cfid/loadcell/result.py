@@ -42,7 +42,7 @@ def fit(
     """
     loaded = [run if isinstance(run, LoadedRun) else read_load(run) for run in runs]
     if not loaded:
-        raise ConfigError("no loaded run to read: give runs of `cfid log loadcell --pull`.")
+        raise ConfigError("no loaded run to read: give runs of `cfid log loadcell` with `pull`.")
     for place, run in enumerate(loaded):
         if any(run.source.sha256 == before.source.sha256 for before in loaded[:place]):
             raise DataError(f"{run.name}: the same recording as before: name each run once.")

@@ -17,39 +17,41 @@ if TYPE_CHECKING:
     from cfid.motors.plan import StaircasePlan
     from cfid.records.campaign import Campaign
 
-_STAIRS, _INSTRUMENT = "Staircase", "Instrument"
+_STAIRCASE, _INSTRUMENT = "Staircase", "Instrument"
 
 _SPEED_STEP, _SPEED_HOLD_S, _SPEED_REST_S = 2000, 6.0, 2.0  # a tachometer's display takes seconds to settle
 _SCALES_STEP, _SCALES_HOLD_S, _SCALES_REST_S = 4000, 5.0, 3.0  # as in figure 3.9
 
 
 @dataclass(frozen=True, kw_only=True)
-class StairOptions:
+class StaircaseOptions:
     """The commands, and how long each is held."""
 
     from_: Annotated[
-        int, typer.Option("--from", min=0, max=FULL_COMMAND, help="First command.", rich_help_panel=_STAIRS)
+        int, typer.Option("--from", min=0, max=FULL_COMMAND, help="First command.", rich_help_panel=_STAIRCASE)
     ] = 0
-    to: Annotated[int, typer.Option(min=0, max=FULL_COMMAND, help="Last command.", rich_help_panel=_STAIRS)] = 64000
+    to: Annotated[int, typer.Option(min=0, max=FULL_COMMAND, help="Last command.", rich_help_panel=_STAIRCASE)] = 64000
     step: Annotated[
         int | None,
-        typer.Option(min=1, help="Difference between commands; default: the thesis'.", rich_help_panel=_STAIRS),
+        typer.Option(min=1, help="Difference between commands; default: the thesis'.", rich_help_panel=_STAIRCASE),
     ] = None
     down: Annotated[
-        bool, typer.Option("--down", help="Also go down again; separates the battery's sag.", rich_help_panel=_STAIRS)
+        bool,
+        typer.Option("--down", help="Also go down again; separates the battery's sag.", rich_help_panel=_STAIRCASE),
     ] = False
     hold: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRS)
+        float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRCASE)
     ] = None
     rest: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_STAIRS),
+        typer.Option(metavar="S", help="Seconds of pause before, between, after.", rich_help_panel=_STAIRCASE),
     ] = None
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_STAIRS)
+        bool,
+        typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_STAIRCASE),
     ] = False
 
-    def stairs(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
+    def staircase(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
         """Return the staircase. Raises ConfigError for one without steps."""
         from cfid.motors.plan import StaircasePlan
 
@@ -68,7 +70,7 @@ Note = Annotated[str | None, typer.Option(help="A note, kept with the run.")]
 @flat
 def thrust(
     *,
-    stairs: StairOptions,
+    options: StaircaseOptions,
     motor: Motor = None,
     vehicle: VehicleOptions,
     log_ms: LogMs = 10,
@@ -84,9 +86,9 @@ def thrust(
     from cfid.motors.record import record_forces
 
     rig = rig_of(keep.campaign)
-    wanted = stairs.stairs(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
+    wanted = options.staircase(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
     wanted = _left("thrust", wanted, resume, rig[0])
-    if stairs.dry_run:
+    if options.dry_run:
         announce(wanted)
     else:
         record_forces("thrust", wanted, rig, vehicle=vehicle, log_ms=log_ms, rate_hz=rate_hz, keep=keep, note=note)
@@ -95,7 +97,7 @@ def thrust(
 @flat
 def speed(
     *,
-    stairs: StairOptions,
+    options: StaircaseOptions,
     tachometer: Annotated[
         Literal["typed", "ut372", "deck", "brushless"],
         typer.Option(
@@ -121,10 +123,10 @@ def speed(
 
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
-    wanted = stairs.stairs(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
+    wanted = options.staircase(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
     rig = rig_of(keep.campaign)
     wanted = _left("speed", wanted, resume, rig[0])
-    if stairs.dry_run:
+    if options.dry_run:
         announce(wanted)
     else:
         record_speed(
@@ -135,7 +137,7 @@ def speed(
 @flat
 def scales(
     *,
-    stairs: StairOptions,
+    options: StaircaseOptions,
     port: Annotated[
         str | None,
         typer.Option(help="Serial port of the scales; default: you type what they show.", rich_help_panel=_INSTRUMENT),
@@ -154,21 +156,23 @@ def scales(
     """
     from cfid.motors.record import record_scales
 
-    wanted = stairs.stairs(motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S)
+    wanted = options.staircase(
+        motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S
+    )
     rig = rig_of(keep.campaign)
     wanted = _left("scales", wanted, resume, rig[0])
-    if stairs.dry_run:
+    if options.dry_run:
         announce(wanted)
     else:
         record_scales(wanted, rig, port=port, baud=baud, vehicle=vehicle, log_ms=log_ms, keep=keep, note=note)
 
 
-def announce(stairs: "StaircasePlan") -> None:
+def announce(staircase: "StaircasePlan") -> None:
     """Print what a staircase would do."""
-    motors = ", ".join(map(str, stairs.motors))
+    motors = ", ".join(map(str, staircase.motors))
     typer.echo(
-        f"{len(stairs.steps)} commands from {min(stairs.steps)} to {max(stairs.steps)} on motors {motors}, "
-        f"{stairs.hold_s:g} s each with {stairs.rest_s:g} s of rest: {clock(stairs.duration_s)} min"
+        f"{len(staircase.steps)} commands from {min(staircase.steps)} to {max(staircase.steps)} on motors {motors}, "
+        f"{staircase.hold_s:g} s each with {staircase.rest_s:g} s of pause: {clock(staircase.duration_s)} min"
     )
 
 

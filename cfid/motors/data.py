@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import CfidError
-from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_staircase
+from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding, warning
 from cfid.records.parameters import Source
 from cfid.records.run import Run, read_run
@@ -48,7 +48,7 @@ class RunStaircase:
             return None
         rows = read_rows(self.run, VEHICLE_LOG)
         volts = rows.columns.get("pm.vbat")
-        return None if volts is None else mean_beside(points, rows.time_s - self.began_s, volts)
+        return None if volts is None else mean_in_windows(points, rows.time_s - self.began_s, volts)
 
     def reported_speeds(self, points: Sequence[Point]) -> Array | None:
         """Return the mean speeds (p,) in rad/s that the vehicle reported of the rotors that ran, None without any.
@@ -63,7 +63,9 @@ class RunStaircase:
         if not all(own and all(motor in speeds for motor in own) for own in alive):
             return None
         pairs = zip(points, alive, strict=True)
-        return np.array([np.mean([mean_beside([p], time_s, speeds[motor])[0] for motor in own]) for p, own in pairs])
+        return np.array(
+            [np.mean([mean_in_windows([p], time_s, speeds[motor])[0] for motor in own]) for p, own in pairs]
+        )
 
     @property
     def dead(self) -> tuple[Finding, ...]:
@@ -98,7 +100,7 @@ def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
 
 
 def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
-    """Reduce a record of the load cell by the commands that were logged beside it, else by the changes it shows.
+    """Reduce a record of the load cell by the commands that were logged with it, else by the changes it shows.
 
     Raises DataError or FitError that name the recording, the latter where no step settles.
     """

@@ -29,7 +29,7 @@ class StaircasePlan:
     @classmethod
     def of_run(cls, run: Run) -> "StaircasePlan":
         """Return the staircase that run.toml states. Raises KeyError for a run of something else."""
-        request = run.header.asked
+        request = run.header.requested
         steps, motors = tuple(request["steps"]), tuple(request["motors"])
         return cls(steps=steps, motors=motors, hold_s=request["hold_s"], rest_s=request["rest_s"])
 
@@ -38,9 +38,8 @@ class StaircasePlan:
         """How long it takes."""
         return self.rest_s + len(self.steps) * (self.hold_s + self.rest_s)
 
-    @property
-    def asked(self) -> dict[str, Any]:
-        """Its entry in run.toml."""
+    def to_run(self) -> dict[str, Any]:
+        """Return what run.toml states of it."""
         own = {"steps": self.steps, "motors": self.motors, "hold_s": self.hold_s, "rest_s": self.rest_s}
         return own | ({"resumes": self.resumes} if self.resumes else {})
 
@@ -52,7 +51,7 @@ def missing(folder: Path, *, kind: str) -> StaircasePlan:
     of this kind, or is complete.
     """
     run = read_run(folder)
-    if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.asked):
+    if run.header.kind != kind or not {"steps", "motors", "hold_s", "rest_s"} <= set(run.header.requested):
         raise ConfigError(f"{folder}: is no run of `cfid log {kind}` that could be resumed.")
     before = StaircasePlan.of_run(run)
     if READINGS in run.header.devices:
@@ -71,15 +70,15 @@ def held_steps(run: Run) -> list[int]:
     if not holds(run, COMMANDS):
         return []
     rows, commands = read_commands(run)
-    stairs = StaircasePlan.of_run(run)
-    done = _held(stairs, rows.time_s, commands)
-    return [step for step in stairs.steps if _was_done(step, done)]
+    staircase = StaircasePlan.of_run(run)
+    done = _held(staircase, rows.time_s, commands)
+    return [step for step in staircase.steps if _was_done(step, done)]
 
 
-def _held(stairs: StaircasePlan, time_s: Array, commands: Array) -> Counter[int]:
+def _held(staircase: StaircasePlan, time_s: Array, commands: Array) -> Counter[int]:
     """Return how often each command was held long enough."""
-    column = commands[:-1, stairs.motors[0] - 1]
-    long_enough = time_s[1:] - time_s[:-1] >= _ENOUGH * stairs.hold_s
+    column = commands[:-1, staircase.motors[0] - 1]
+    long_enough = time_s[1:] - time_s[:-1] >= _ENOUGH * staircase.hold_s
     return Counter(column[long_enough].astype(int).tolist())
 
 

@@ -25,7 +25,7 @@ Ask = Callable[[int], Awaitable[float | None]]  # returns the operator's reading
 
 def record_forces(
     kind: str,
-    stairs: StaircasePlan,
+    staircase: StaircasePlan,
     rig: Rig,
     *,
     vehicle: VehicleOptions,
@@ -34,12 +34,12 @@ def record_forces(
     keep: KeepOptions,
     note: str | None,
     question: str | None = None,
-    asked: Mapping[str, Any] | None = None,
+    requested: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
 ) -> None:
     """Record load cell, commands and the vehicle's log during a staircase; a `question` is put at each command.
 
-    `asked` goes into run.toml beside the staircase. Raises ConfigError or DeviceError.
+    `requested` goes into run.toml with the staircase. Raises ConfigError or DeviceError.
     """
     _, devices, simulated = rig
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
@@ -47,18 +47,18 @@ def record_forces(
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        crazyflie.limits.refuse_idling(stairs.motors)
-        confirm(crazyflie, stairs.motors, stairs.steps, yes=vehicle.yes)
+        crazyflie.limits.refuse_idling(staircase.motors)
+        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
             parts.append(typed_readings("rpm"))
-        procedure = _procedure(stairs, question, live, tare=True)
-        plan = _plan(kind, stairs, rig, note=note, procedure=procedure, asked=asked or {})
+        procedure = _procedure(staircase, question, live, tare=True)
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
         record(f"log {kind}", plan, parts, live, keep, found=found)
 
 
 def record_speed(
-    stairs: StaircasePlan,
+    staircase: StaircasePlan,
     rig: Rig,
     *,
     tachometer: str,
@@ -83,7 +83,7 @@ def record_speed(
     question = "RPM shown at command {command}" if tachometer == "typed" else None
     _record_readings(
         "speed",
-        stairs,
+        staircase,
         rig,
         instrument=instrument,
         value="rpm",
@@ -95,7 +95,7 @@ def record_speed(
 
 
 def record_scales(
-    stairs: StaircasePlan,
+    staircase: StaircasePlan,
     rig: Rig,
     *,
     port: str | None,
@@ -116,7 +116,7 @@ def record_scales(
     question = "grams shown at command {command}" if port is None else None
     _record_readings(
         "scales",
-        stairs,
+        staircase,
         rig,
         instrument=instrument,
         value="grams",
@@ -129,7 +129,7 @@ def record_scales(
 
 def _record_readings(
     kind: str,
-    stairs: StaircasePlan,
+    staircase: StaircasePlan,
     rig: Rig,
     *,
     instrument: Callable[[ReadyVehicle], list[Device]],
@@ -147,14 +147,20 @@ def _record_readings(
         parts = [crazyflie.commands(), *instrument(crazyflie), crazyflie.supervisor_log()]
         if question is not None:
             parts.append(typed_readings(value))
-        confirm(crazyflie, stairs.motors, stairs.steps, yes=vehicle.yes)
-        procedure = _procedure(stairs, question, live, tare=False)
-        plan = _plan(kind, stairs, rig, note=note, procedure=procedure, asked={})
+        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes)
+        procedure = _procedure(staircase, question, live, tare=False)
+        plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={})
         record(f"log {kind}", plan, parts, live, keep)
 
 
 def _plan(
-    kind: str, stairs: StaircasePlan, rig: Rig, *, note: str | None, procedure: Procedure, asked: Mapping[str, Any]
+    kind: str,
+    staircase: StaircasePlan,
+    rig: Rig,
+    *,
+    note: str | None,
+    procedure: Procedure,
+    requested: Mapping[str, Any],
 ) -> Plan:
     campaign, _, simulated = rig
     return Plan(
@@ -163,18 +169,18 @@ def _plan(
         label=Label(note=note),
         procedure=procedure,
         facts=campaign.rig.facts,
-        asked={**stairs.asked, **asked},
+        requested={**staircase.to_run(), **requested},
         simulated=simulated,
     )
 
 
-def _procedure(stairs: StaircasePlan, question: str | None, live: LiveLine, *, tare: bool) -> Procedure:
+def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *, tare: bool) -> Procedure:
     """Return the staircase; a question is put to the operator at each command.
 
     A `tare` is a pause before the first command, and then no question is put about rotors that stand.
     """
     if question is None:
-        return lambda there, loop: run_staircase(stairs, there["commands"], loop=loop, tell=live.task)
+        return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
 
     async def read(there: Mapping[str, Any], loop: Loop) -> None:
         questions = Questions(loop=loop, tell=live.task, say=live.tell)
@@ -187,28 +193,28 @@ def _procedure(stairs: StaircasePlan, question: str | None, live: LiveLine, *, t
         questions.open()
         try:
             if tare:
-                await sleep(loop, stairs.rest_s)
-            await read_at_steps(stairs, there["commands"], there["readings"].add, ask, loop=loop, tell=live.task)
+                await sleep(loop, staircase.rest_s)
+            await read_at_steps(staircase, there["commands"], there["readings"].add, ask, loop=loop, tell=live.task)
         finally:
             questions.close()
 
     return read
 
 
-async def run_staircase(stairs: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
+async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
     """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
-    await sleep(loop, stairs.rest_s)
-    for count, step in enumerate(stairs.steps):
-        left_s = (len(stairs.steps) - count) * (stairs.hold_s + stairs.rest_s)
-        tell(f"command {step} ({count + 1} of {len(stairs.steps)}), {clock(left_s)} left")
-        await commands.set(four(step, stairs.motors))
-        await sleep(loop, stairs.hold_s)
+    await sleep(loop, staircase.rest_s)
+    for count, step in enumerate(staircase.steps):
+        left_s = (len(staircase.steps) - count) * (staircase.hold_s + staircase.rest_s)
+        tell(f"command {step} ({count + 1} of {len(staircase.steps)}), {clock(left_s)} left")
+        await commands.set(four(step, staircase.motors))
+        await sleep(loop, staircase.hold_s)
         await commands.set(STILL)
-        await sleep(loop, stairs.rest_s)
+        await sleep(loop, staircase.rest_s)
 
 
 async def read_at_steps(
-    stairs: StaircasePlan,
+    staircase: StaircasePlan,
     commands: MotorCommands,
     note: Callable[[int, float], None],
     ask: Ask,
@@ -217,12 +223,12 @@ async def read_at_steps(
     tell: Tell,
 ) -> None:
     """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2)."""
-    for count, step in enumerate(stairs.steps):
-        tell(f"command {step} ({count + 1} of {len(stairs.steps)})")
-        await commands.set(four(step, stairs.motors))
-        await sleep(loop, stairs.hold_s)
+    for count, step in enumerate(staircase.steps):
+        tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
+        await commands.set(four(step, staircase.motors))
+        await sleep(loop, staircase.hold_s)
         value = await ask(step)
         if value is not None:
             note(step, value)
         await commands.set(STILL)
-        await sleep(loop, stairs.rest_s)
+        await sleep(loop, staircase.rest_s)

@@ -13,7 +13,7 @@ EXPERIMENTS = {
     "friction": FitKind("Friction of the axis"),
     "inertia": FitKind(
         "Inertia matrix",
-        "six swings or more with `cfid log encoder --axis MOUNT`, then `cfid fit inertia RUN ...`",
+        "six swings or more, about six mounts, with `cfid log encoder`, then `cfid fit inertia RUN ...`",
     ),
     "testbody": FitKind("Test body"),
     "loadcell": FitKind("Load cell"),
@@ -37,7 +37,7 @@ _LATE = Range(-0.5, 0.5, "a radio takes 3 to 20 ms; stamps may be late themselve
 _LAG = Range(1e-3, 1, "the thesis found 0.065 to 0.078")
 _ROUND_TRIP = Range(1e-4, 1, "the thesis found 2 to 20 ms")
 _DRAG = Range(-1e-4, 1e-7, "the thesis found -9e-7; above zero, beyond noise, air would drive the vehicle")
-_CROSS_DRAG = Range(-1e-4, 1e-4, "as the simple model, of either sign beside the diagonal")
+_CROSS_DRAG = Range(-1e-4, 1e-4, "as the simple model, of either sign off the diagonal")
 _PARASITIC = Range(-1e-2, 1e-3, "a plate of 0.1 m has 6e-3; above zero air would drive the vehicle")
 
 
@@ -121,7 +121,7 @@ _MAPS = _given(
     Quantity("motor.thrust_speed_poly", "N(rad/s)", "s", "rotor speed to thrust, full quadratic", Shape.POLYNOMIAL,
              Range(0.001, 40, "k of 1e-9 to 1e-5", at=2000.0), count=3, of="N", over="rad/s", given_by=_OF_SPEEDS),
     Quantity("motor.table", "as named", "", "what was measured at each command", Shape.ROWS, columns=("cmd",),
-             given_by="`cfid fit thrust`, `speed` or `torque`"),
+             given_by="`cfid fit thrust`, `cfid fit speed` or `cfid fit torque`"),
 ) + _given(
     "speed", "`cfid fit speed`",
     Quantity("motor.speed_poly", "rad/s(cmd)", "b", "input command to rotor speed", Shape.POLYNOMIAL,
@@ -172,9 +172,9 @@ _TRANSFER = _given(
     "tf", "`cfid tf identify`",
     *_transfer("tf", "", ""),
     Quantity("tf.sample_time_s", "s", "T", "sample time", plausible=Range(1e-4, 0.1, "0.002 on a Crazyflie")),
-    Quantity("tf.lags_s", "s", "τ_i", "both lags of `--shape second`", Shape.LIST, Range(1e-4, 1, "as the time "
+    Quantity("tf.lags_s", "s", "τ_i", "both lags of `shape` second", Shape.LIST, Range(1e-4, 1, "as the time "
              "constant"), count=2),
-    Quantity("tf.lead_s", "s", "τ_0", "lead of `--shape zero`", plausible=Range(-1, 1, "as the time constant")),
+    Quantity("tf.lead_s", "s", "τ_0", "lead of `shape` zero", plausible=Range(-1, 1, "as the time constant")),
     *_transfer("tf.series.<series>", "_i", " of one series"),
     Quantity("tf.frequency_response", "N", "H", "frequency response", Shape.ROWS),
 ) + _given(
@@ -213,9 +213,9 @@ _DRAGS = _given(
     *(Quantity(f"drag.complex.normalised.k{i}", "", f"K{i}_n", f"the same, term {i} as equation 4.10 normalises it",
                Shape.LIST, count=3) for i in range(1, 7)),
     Quantity("drag.sse_n2.<model>", "N^2", "SSE", "squared errors of a model: simple, cross, complex", of_the_run=True),
-    Quantity("drag.groups", "as named", "", "coefficients of the simple model by group, of `--grouping`", Shape.ROWS),
-    Quantity("drag.intercepts_n.<model>", "as named", "", "constant force of each wind, of `--intercepts`", Shape.ROWS),
-    Quantity("drag.parasitic_kg_per_m.<model>", "kg/m", "k_p", "drag of the body, of `--parasitic`", Shape.LIST,
+    Quantity("drag.groups", "as named", "", "coefficients of the simple model by group, of `grouping`", Shape.ROWS),
+    Quantity("drag.intercepts_n.<model>", "as named", "", "constant force of each wind, of `intercepts`", Shape.ROWS),
+    Quantity("drag.parasitic_kg_per_m.<model>", "kg/m", "k_p", "drag of the body, of `parasitic`", Shape.LIST,
              _PARASITIC, count=3),
 ) + _given(
     "", "`cfid log wind`",

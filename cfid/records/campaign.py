@@ -51,12 +51,15 @@ class Campaign(BaseModel):
         return self.folder / "fits"
 
     def runs(self, *, kind: str | None = None, complete: bool = True) -> list[Run]:
-        """Return the readable runs, oldest first: of a kind, by default only complete ones that are not excluded."""
+        """Return the readable runs, oldest first, by default only complete ones that are not excluded.
+
+        `kind` is one of `cfid runs`, such as `swing`, `thrust` or `ping`, and `sine` for sines of every l.
+        """
         found = (run for run in list_runs(self.runs_folder) if isinstance(run, Run))
         return [
             run
             for run in found
-            if kind in (None, run.header.kind)
+            if kind in (None, run.header.kind, run.header.family)
             and (not complete or (run.header.state == "complete" and not run.header.excluded))
         ]
 
@@ -142,7 +145,7 @@ def open_campaign(folder: str | Path | None = None) -> Campaign:
     """
     found = find_campaign(None if folder is None else Path(folder), start=Path.cwd())
     if found is None:
-        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; --campaign DIR names one.")
+        raise ConfigError(f"no {RIG_FILE} here or above: `cfid new DIR` makes a campaign; `folder` names one.")
     return found
 
 

@@ -20,7 +20,7 @@ from cfid.records.files import first_fault, locked_folder, read_toml, toml_bytes
 
 FORMAT = 2  # format 1 had no format number, covariances, common causes or rejections
 _FORMAT_KEY = "format"
-_BY_FORCE = "an older cfid rejected this fit, and kept it with --force."
+_BY_FORCE = "an older cfid rejected this fit, and kept it nevertheless."
 
 Value = Any  # a number, nested lists of numbers, or a list of rows (dicts): what TOML and JSON share
 
@@ -60,7 +60,8 @@ class Section:
     `covariance` covers the numbers of its parameters; a parameter in none of them has independent numbers. `common`
     has for each cause that other fits share the change of parameters per standard uncertainty of the cause, in the
     order of `numbers_of`; the parameters' uncertainty includes it. `accepted` is false when a quantity that the fit is
-    for was rejected. `rejected` has the reason for each rejected parameter, which is present only with --force.
+    for was rejected. `rejected` has the reason for each rejected parameter, which is present only where it was kept
+    nevertheless.
     """
 
     method: str

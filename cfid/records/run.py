@@ -101,9 +101,14 @@ class RunHeader(_Section):
     excluded: str = ""  # the reason why fits leave it out unless it is named
     label: Label = Label()
     rig: RigFacts = NONE_STATED  # as rig.toml stated them at the time
-    asked: dict[str, Any] = {}
+    requested: dict[str, Any] = Field({}, alias="asked")  # its name in run.toml
     origin: Origin | None = None
     devices: dict[str, DeviceRecord] = {}
+
+    @property
+    def family(self) -> str:
+        """The kind without its part after an underscore, which numbers its runs: `sine` of a `sine_l13`."""
+        return self.kind.partition("_")[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +222,7 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
 
 def write_header(folder: Path, header: RunHeader) -> None:
     """Write run.toml atomically. Raises OSError."""
-    content = header.model_dump(mode="json", exclude_none=True)
+    content = header.model_dump(mode="json", exclude_none=True, by_alias=True)
     content["started"] = header.started
     content.pop("rig")
     if header.rig.stated:

@@ -144,7 +144,7 @@ def create_run(
     cfid_version: str,
     simulated: bool = False,
     facts: RigFacts = NONE_STATED,
-    asked: Mapping[str, Any] = MappingProxyType({}),
+    requested: Mapping[str, Any] = MappingProxyType({}),
     origin: Origin | None = None,
 ) -> RunWriter:
     """Create a run folder named after its start, kind and label, and open its files.
@@ -160,7 +160,7 @@ def create_run(
         simulated=simulated,
         label=label,
         rig=facts,
-        asked=dict(asked),
+        asked=dict(requested),
         origin=origin,
         devices=dict(devices),
     )

@@ -259,5 +259,5 @@ def _compared(
 
 def _yours(known: Known, values: Values, by: Sequence[FoundParameter | None], frame: str = "") -> ComparisonRow:
     rejected = dict.fromkeys(found.name for found in by if found is not None and found.rejected)
-    note = f"REJECTED by its fit, and kept with --force ({', '.join(rejected)})" if rejected else ""
+    note = f"REJECTED by its fit, and kept nevertheless ({', '.join(rejected)})" if rejected else ""
     return ComparisonRow("this campaign", known.rig.vehicle.name, values, frame, "", note)

@@ -135,10 +135,10 @@ def compared(
     quantity: str, unit: str, readings: tuple[RepeatReading | None, ...], effects: tuple[Effects, ...] = ()
 ) -> Repeat:
     """Return readings of one quantity with their mean, drift and chi-squared; `effects` of causes on each of them."""
-    beside = effects or ({},) * len(readings)
+    changes = effects or ({},) * len(readings)
     counting = [
         (one.value, one.std, own)
-        for one, own in zip(readings, beside, strict=True)
+        for one, own in zip(readings, changes, strict=True)
         if one is not None and one.counts and one.std
     ]
     if len(counting) < 2:

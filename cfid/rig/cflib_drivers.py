@@ -50,10 +50,10 @@ def find_vehicle() -> str:
     if not found:
         raise DeviceError(
             "no vehicle found by radio or USB. Is it on, and a Crazyradio plugged in? devices.crazyflie.uri in "
-            "rig.toml, or --uri, names one directly."
+            "rig.toml, or `uri`, names one directly."
         )
     if len(found) > 1:
-        raise DeviceError(f"several vehicles answer: {', '.join(found)}. Choose one with --uri.")
+        raise DeviceError(f"several vehicles answer: {', '.join(found)}. Choose one with `uri`.")
     return found[0]
 
 

@@ -146,7 +146,7 @@ class CrazyflieLog:
             return ""
         return (
             f"{self._vehicle.uri}: the battery is at {volts:.2f} V, below the {self._stop_below_v:g} V of "
-            "devices.crazyflie.stop_below_v in rig.toml: charge it; a run goes on with --resume."
+            "devices.crazyflie.stop_below_v in rig.toml: charge it, then resume the run."
         )
 
 

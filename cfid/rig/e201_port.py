@@ -55,7 +55,7 @@ def find_encoder(
     if not candidates:
         raise DeviceError(
             "no encoder interface is plugged in: no serial port has the name E201 or its maker's USB number. "
-            "Plug it in, or set its port: devices.encoder.port in rig.toml, or --port."
+            "Plug it in, or set its port: devices.encoder.port in rig.toml, or `port`."
         )
     reasons = []
     for candidate in candidates:

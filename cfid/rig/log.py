@@ -47,7 +47,7 @@ class Plan:
     """What to record, where to and for how long; None means until the operator ends it.
 
     With a `procedure` the run lasts as long as that takes, and counts as interrupted when it ends before.
-    The rig's `facts` and the request, `asked`, go into run.toml unchanged.
+    The rig's `facts` and what was `requested` go into run.toml unchanged.
     """
 
     runs_folder: Path
@@ -56,7 +56,7 @@ class Plan:
     for_s: float | None = None
     procedure: Procedure | None = None
     facts: RigFacts = NONE_STATED
-    asked: Mapping[str, Any] = field(default_factory=dict)
+    requested: Mapping[str, Any] = field(default_factory=dict)
     simulated: bool = False
 
 
@@ -214,7 +214,7 @@ async def _recorded(
         cfid_version=__version__,
         simulated=plan.simulated,
         facts=plan.facts,
-        asked=plan.asked,
+        requested=plan.requested,
     ) as run:
         begun(run.folder)
         recorder = Recorder(instruments, run, loop=loop, show=lambda: show(recorder))

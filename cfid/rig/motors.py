@@ -119,8 +119,8 @@ class Limits:
         """Raise ConfigError where the other motors would idle, so that their thrust would be measured too."""
         if self.idle_thrust and set(motors) != set(MOTORS):
             raise ConfigError(
-                f"--motor {','.join(map(str, motors))}: this vehicle's other rotors idle at {self.idle_thrust} "
-                "meanwhile, and the load cell would measure them too: run all four (--motor 1,2,3,4)."
+                f"`motor` {','.join(map(str, motors))}: this vehicle's other rotors idle at {self.idle_thrust} "
+                "meanwhile, and the load cell would measure them too: run all four (`motor` 1,2,3,4)."
             )
 
     def check_four(self, commands: Four) -> None:

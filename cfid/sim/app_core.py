@@ -19,7 +19,7 @@ _PLACES = (_PACKAGE, _PACKAGE.parent)  # in an installed package; in the reposit
 _PAYLOAD = 30
 _WAY_OUT = (
     "Install one (Debian and Ubuntu: sudo apt install gcc libc6-dev), or simulate stock firmware, which needs none: "
-    'firmware = "stock" under [crazyflie] in a file for --truth.'
+    'firmware = "stock" under [crazyflie] in a file for `truth`.'
 )
 
 

@@ -49,9 +49,9 @@ def record_staircase(
     rate_hz: float = RATE_HZ,
     wind: WindTruth = STILL_AIR,
     kind: str = "thrust",
-    asked: Mapping[str, object] = MappingProxyType({}),
+    requested: Mapping[str, object] = MappingProxyType({}),
 ) -> SimulatedRun:
-    """Run a staircase of some motors on the load cell, with or without wind; `asked` adds entries to run.toml."""
+    """Run a staircase of some motors on the load cell, with or without wind; `requested` adds entries to run.toml."""
     when, duration_s = staircase_steps(steps, motors=motors, hold_s=hold_s, rest_s=rest_s)
     stand = simulate_stand(
         rotors=truth.rotors,
@@ -68,7 +68,7 @@ def record_staircase(
         kind=kind,
         next_after_s=duration_s + PAUSE_S,
         devices=_of_stand(stand, truth, rate_hz),
-        asked={**staircase, **asked},
+        requested={**staircase, **requested},
     )
 
 
@@ -121,7 +121,7 @@ def speed_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
                 columns=("t", "command", "rpm"), values=(typed_s, commands.astype(np.int64), shown)
             ),
         },
-        asked={
+        requested={
             "steps": commands.astype(int).tolist(),
             "motors": list(MOTORS),
             "hold_s": _HOLD_S,
@@ -160,7 +160,7 @@ def _sine(sine: SimulatedSine, truth: SimTruth, next_after_s: float) -> Simulate
                 counts_per_nm=cell.counts_per_nm,
             ),
         },
-        asked={"l": sine.periods, "n": sine.samples, "amplitude": sine.amplitude, "motor": sine.motor},
+        requested={"l": sine.periods, "n": sine.samples, "amplitude": sine.amplitude, "motor": sine.motor},
     )
 
 
@@ -181,7 +181,7 @@ def ping_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
                 values=(sent_s[answered], np.round(back_s - sent_s, 7)[answered], vehicle_us[answered]),
             )
         },
-        asked={"count": PINGS, "interval_s": _PING_EVERY_S},
+        requested={"count": PINGS, "interval_s": _PING_EVERY_S},
     )
 
 

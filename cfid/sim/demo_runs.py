@@ -25,7 +25,7 @@ class SimulatedDevice:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRun:
-    """One recording with its request (`asked`) and the label that an operator would give it.
+    """One recording with its request (`requested`) and the label that an operator would give it.
 
     The next run begins `next_after_s` after this one did.
     """
@@ -33,7 +33,7 @@ class SimulatedRun:
     kind: str
     next_after_s: float
     devices: Mapping[str, SimulatedDevice]
-    asked: Mapping[str, Any] = field(default_factory=dict)
+    requested: Mapping[str, Any] = field(default_factory=dict)
     body: Literal["crazyflie", "testbody", "fixture"] | None = None
     axis: str | None = None
     weight_g: float | None = None

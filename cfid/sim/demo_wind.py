@@ -30,19 +30,27 @@ def wind_run(
     """Record at a wind speed that lies anywhere between the operator's two readings."""
     low, high = read_mps * (1 - np.sqrt(3) * READ_STD), read_mps * (1 + np.sqrt(3) * READ_STD)
     acts = {"speed_mps": float(rng.uniform(low, high)) / (1 + truth.wind.anemometer_gain), "angle_deg": angle_deg}
-    asked = {
+    requested = {
         "angle_deg": angle_deg,
         "fan_v": fan_v,
         "wind_min_mps": round(float(low), 3),
         "wind_max_mps": round(float(high), 3),
         "azimuth_deg": truth.wind.azimuth_deg,
     }
-    return _record(truth, truth.wind.model_copy(update=acts), asked, rng)
+    return _record(truth, truth.wind.model_copy(update=acts), requested, rng)
 
 
-def _record(truth: SimTruth, wind: WindTruth, asked: dict[str, float], rng: np.random.Generator) -> SimulatedRun:
+def _record(truth: SimTruth, wind: WindTruth, requested: dict[str, float], rng: np.random.Generator) -> SimulatedRun:
     run = record_staircase(
-        truth, rng, steps=COMMANDS, motors=MOTORS, hold_s=_HOLD_S, rest_s=_REST_S, wind=wind, kind="wind", asked=asked
+        truth,
+        rng,
+        steps=COMMANDS,
+        motors=MOTORS,
+        hold_s=_HOLD_S,
+        rest_s=_REST_S,
+        wind=wind,
+        kind="wind",
+        requested=requested,
     )
     return replace(run, devices={**run.devices, "readings": _readings(truth, rng)})
 

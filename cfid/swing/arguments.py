@@ -39,7 +39,7 @@ def _known_inertia(name: str, text: str) -> KnownInertia | None:
 
 
 def parse_peaks(text: str | None) -> int | dict[str, int] | None:
-    """Return the number of peaks that --peaks has for all axes, or for each: one number, or `x=11,z=16`.
+    """Return the number of peaks there are for all axes, or for each: one number, or `x=11,z=16`.
 
     Raises ConfigError when it is neither.
     """
@@ -51,4 +51,4 @@ def parse_peaks(text: str | None) -> int | dict[str, int] | None:
         pairs = (part.split("=") for part in text.split(","))
         return {axis.strip(): int(count) for axis, count in pairs}
     except ValueError:
-        raise ConfigError(f"--peaks {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None
+        raise ConfigError(f"`peaks` {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None

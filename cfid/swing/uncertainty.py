@@ -92,7 +92,7 @@ class VaryingFriction(NamedTuple):
 def varying_friction(swing: FreeSwing, fit: OutputError) -> VaryingFriction | None:
     """Return the variation of dry friction that the record shows most clearly, None where none is clear.
 
-    Each probe is estimated beside all coefficients, linearly about the fit (a score test).
+    Each probe is estimated together with all coefficients, linearly about the fit (a score test).
     """
     columns = probed(fit, swing.hands_off[0])
     found = []

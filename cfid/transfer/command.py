@@ -94,7 +94,7 @@ class SineInputs:
             return []
         if not words and workplace.campaign is None:
             raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
-        return chosen(words, workplace.campaign, suits=lambda run: run.header.kind.startswith("sine"), wanted="sines")
+        return chosen(words, workplace.campaign, suits=lambda run: run.header.family == "sine", wanted="sines")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +209,7 @@ def identify(
         method=method,
     )
     deliver(
-        replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign, workplace.own_rig
+        replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig
     )
 
 
@@ -251,7 +251,7 @@ def verify(
     sines = inputs.read(runs, scale.reading(reading), workplace)
     result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
     deliver(
-        replace(result, folder=workplace.figures_beside(sines.paths)), delivery, workplace.campaign, workplace.own_rig
+        replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig
     )
 
 

@@ -151,7 +151,7 @@ class TransferFit:
 
     @property
     def has_time_constant(self) -> bool:
-        """Whether the responses determine a time constant beside the delay."""
+        """Whether the responses determine a time constant and the delay."""
         return self.time_constant_s >= _INSTANT * self.sample_s
 
     @property

@@ -1,6 +1,6 @@
 """The response of the plant at a sine run's frequency: a complex number, with the variance of the noise around it.
 
-A sine and a cosine are fitted to the force at the frequency that is known, beside a constant, a drift and the two
+A sine and a cosine are fitted to the force at the frequency that is known, with a constant, a drift and the two
 harmonics that a plant with a bend makes. Noise of a load cell under rotors is lines and drift, not white: its level
 is taken from what is left over at frequencies nearby. Noise that grows steeply towards zero frequency is more than
 that for the slowest sines, which chi-squared of a fit shows.
@@ -34,7 +34,7 @@ _SPECTRUM_HZ = 1000.0  # is fine enough for them
 class Response:
     """Y/U of one run at its frequency, N per unit of the command, with the covariance (2, 2) of its two parts.
 
-    `value` refers to the samples u[n]; the hold that makes stairs of them is the model's business. An error of the
+    `value` refers to the samples u[n]; the hold that makes steps of them is the model's business. An error of the
     run's start turns it and leaves its size: `start_std_s` is the run's own, `shared_s` are those of other runs too.
     `harmonics` are the second and third over the first, and `second` is the second with its phase against that of the
     first, by which it does not depend on the start. `mean_n` is the thrust about which the sine went.

@@ -60,21 +60,21 @@ def fit(
     sines = runs if isinstance(runs, SineSet) else read_sines(runs)
     command = sines.runs[0].sine.middle
     slope_n = None if thrust_poly is None else float(np.polyval(np.polyder(np.array(thrust_poly)), command))
-    beside = Comparison(slope_n, command, compare)
+    comparison = Comparison(slope_n, command, compare)
     if method == "thesis":
-        return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, beside)
+        return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, comparison)
     found = identify_all(sines.series, shape=shape, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
     try:
         thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
     except CfidError as error:
         thesis = str(error)
-    result = _of_fit(found, thesis, sines, beside, settle_s=settle_s)
+    result = _of_fit(found, thesis, sines, comparison, settle_s=settle_s)
     scales = (force_scales if sines.channel == "Fz" else arm_scales)(sines.rigs)
     return with_common_causes(result, power_law(result.quantities, {"N": scales}, {"tf*.static_gain_n": {"N": 1}}))
 
 
 def _of_fit(
-    found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: Comparison, *, settle_s: float
+    found: Identified, thesis: ThesisFit | str, sines: SineSet, comparison: Comparison, *, settle_s: float
 ) -> Result:
     fit = found.fit
     ours = GainAndLag(fit.dynamics.static_gain_n, fit.time_constant_s)
@@ -101,14 +101,14 @@ def _of_fit(
         quality={
             **_quality(found),
             "thesis": None if of_thesis is None else _thesis_quality(of_thesis),
-            **beside.quality(ours),
+            **comparison.quality(ours),
         },
-        findings=(*sines.findings, *found.findings, *_findings(found, joint, each), *beside.findings(ours)),
+        findings=(*sines.findings, *found.findings, *_findings(found, joint, each), *comparison.findings(ours)),
         sources=sines.sources,
         lines=(
             *fit_lines(found),
             *_thesis_lines(thesis, ours if fit.accepted else None),
-            *(beside.lines(ours) if fit.accepted else ()),
+            *(comparison.lines(ours) if fit.accepted else ()),
         ),
         drawings=lambda: _fit_figures(found, of_thesis, settle_s),
     )
@@ -137,7 +137,7 @@ def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantitie
     return findings
 
 
-def _of_thesis(found: ThesisFits, sines: SineSet, beside: Comparison) -> Result:
+def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Result:
     fit = found.joint
     ours = GainAndLag(fit.static_gain_n, fit.time_constant_s)
     joint = _thesis_function("tf", fit)
@@ -155,7 +155,7 @@ def _of_thesis(found: ThesisFits, sines: SineSet, beside: Comparison) -> Result:
     lines = [
         *convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
         "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
-        *beside.lines(ours),
+        *comparison.lines(ours),
     ]
     return Result(
         command="tf identify",
@@ -172,9 +172,9 @@ def _of_thesis(found: ThesisFits, sines: SineSet, beside: Comparison) -> Result:
             "form": "thesis",
             "frequencies": len(fit.responses),
             "series": {name: _thesis_quality(own) for name, own in found.each.items()},
-            **beside.quality(ours),
+            **comparison.quality(ours),
         },
-        findings=(*sines.findings, *fit.findings, *rejections, *beside.findings(ours)),
+        findings=(*sines.findings, *fit.findings, *rejections, *comparison.findings(ours)),
         sources=sines.sources,
         lines=() if rejections else tuple(lines),
         drawings=lambda: _thesis_figures(found),

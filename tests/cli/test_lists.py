@@ -13,6 +13,7 @@ def test_a_list_with_commas_may_have_spaces_and_be_repeated() -> None:
     assert comma_list(["1,-0.97", "2e-3"], "--numerator", float, example="1") == (1.0, -0.97, 0.002)
     assert motors_of(["3,1", "1"], (2,)) == motors_of(["1", "3"], (2,)) == (1, 3)
     assert motors_of(None, (2,)) == (2,)
+    assert motors_of(["0"], (1,), least=0) == (0,)
 
 
 @pytest.mark.parametrize("text", ["", "1,", "1,x", "1.5", "0,1", "1,5", "1_0", "1;2"])
@@ -28,10 +29,11 @@ def test_a_number_is_finite(text: str) -> None:
 
 
 def test_a_span_rises_from_zero_on() -> None:
-    assert span("0:4.5", "--window", unit="seconds", example="4:8") == (0.0, 4.5)
-    for text in ("4", "4:4", "8:4", "-1:4", "1:2:3", "nan:4", "0:inf", "a:b"):
-        with pytest.raises(ConfigError, match=f"--window {text}: should be FROM:TO in seconds"):
-            span(text, "--window", unit="seconds", example="4:8")
+    for text in ("0,4.5", "0:4.5"):  # as now, and as version 0.1
+        assert span(text, "--window", unit="seconds", example="4,8") == (0.0, 4.5)
+    for text in ("4", "4,4", "8,4", "-1,4", "1,2,3", "nan,4", "0,inf", "a,b"):
+        with pytest.raises(ConfigError, match=f"--window {text}: should be FROM,TO in seconds"):
+            span(text, "--window", unit="seconds", example="4,8")
 
 
 def test_a_measured_number_may_have_a_standard_uncertainty() -> None:

@@ -332,6 +332,7 @@ def test_a_pipe_that_nobody_reads_holds_up_no_recording(lab: Lab) -> None:
         ("encoder --axis x --for 20", "would record the encoder into"),
         ("loadcell", "until Ctrl-C. Nothing was opened."),
         ("ping --count 200 --interval 0.05", "would record 200 pings into"),
+        ("ping --yes", "would record 1000 pings into"),  # as version 0.1 took it
         ("thrust", "33 commands from 0 to 64000"),
         ("speed", "commands from"),
         ("scales", "17 commands from 0 to 64000"),

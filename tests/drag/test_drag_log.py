@@ -44,7 +44,7 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
     assert said.returncode == 0, said.stderr
     lines = said.stdout.splitlines()
     assert lines[0] == "wind of 2 to 3.7 m/s at 48.4 degrees, fan at 8 V"
-    assert "7 commands from 0 to 50000 on motors 1, 2, 3, 4, 10 s each with 3 s of rest: 1:34 min" in lines[1]
+    assert "7 commands from 0 to 50000 on motors 1, 2, 3, 4, 10 s each with 3 s of pause: 1:34 min" in lines[1]
     assert lines[2] == "and as long as it takes to read a tachometer 6 times"
     assert lines[3] == "of the thesis' 112 runs 0 are recorded, missing are:"
     assert len(lines) == 4 + 16
@@ -73,14 +73,14 @@ def test_a_wind_that_is_not_whole_is_told(given: dict[str, Any], sentence: str) 
 
 
 def test_one_reading_of_the_wind_is_both_and_references_have_no_angle() -> None:
-    assert WindOptions(wind="2.25", angle=0.0).setting().asked["wind_min_mps"] == 2.25
-    assert "angle_deg" not in WindOptions(wind="0", angle=48.4).setting().asked
+    assert WindOptions(wind="2.25", angle=0.0).setting().to_run()["wind_min_mps"] == 2.25
+    assert "angle_deg" not in WindOptions(wind="0", angle=48.4).setting().to_run()
 
 
 @pytest.mark.parametrize("commands", ["", "0", "70000", "10000,x", "-1"])
 def test_commands_that_are_none_are_told(commands: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(f"--commands {commands}")):
-        SweepOptions(commands=commands).stairs()
+        SweepOptions(commands=commands).staircase()
 
 
 def test_without_a_confirmation_nothing_turns(bench: Bench) -> None:
@@ -106,8 +106,13 @@ def test_the_operator_confirms_types_the_tachometer_and_reads_what_is_missing(be
     assert not any(bench.motors)
     told, run = json.loads(pilot.out), bench.run()
     assert told["parameters"]["wind.missing_runs"]["value"] == 112 - 3
-    asked = run.header.asked
-    assert (asked["angle_deg"], asked["fan_v"], asked["wind_min_mps"], asked["wind_max_mps"]) == (48.4, 8.0, 2.0, 3.7)
+    requested = run.header.requested
+    assert (requested["angle_deg"], requested["fan_v"], requested["wind_min_mps"], requested["wind_max_mps"]) == (
+        48.4,
+        8.0,
+        2.0,
+        3.7,
+    )
     typed = pd.read_csv(run.device_file("readings"))
     assert typed[["command", "rpm"]].to_numpy().tolist() == [[20000, 22000]]
     commands = pd.read_csv(run.device_file("commands"))[["m1", "m2", "m3", "m4"]].to_numpy()
@@ -143,8 +148,8 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
     assert second.end() == 0, second.err
     runs = list_runs(bench.folder / "runs")
     resumed = [read_run(run.folder).header for run in runs if not isinstance(run, Exception)][-1]
-    assert resumed.asked["steps"] == [40000]
-    assert resumed.asked["angle_deg"] == 48.4
+    assert resumed.requested["steps"] == [40000]
+    assert resumed.requested["angle_deg"] == 48.4
     assert "48.4 deg, 8 V   10000, 30000, 37300, 50000" in second.out
 
 

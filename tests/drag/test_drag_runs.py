@@ -71,7 +71,7 @@ def blown(
         started=datetime(2026, 11, 21, 8, int(10 * wind.speed_mps), tzinfo=UTC),
         cfid_version="0",
         facts=facts,
-        asked={"steps": COMMANDS, "motors": (1, 2, 3, 4), "hold_s": 2.0, "rest_s": 1.0, **setting.asked},
+        requested={"steps": COMMANDS, "motors": (1, 2, 3, 4), "hold_s": 2.0, "rest_s": 1.0, **setting.to_run()},
     )
     number, ms = np.arange(1, len(speed_sum) + 1), np.rint(1e3 * record.tick_s).astype(np.int64)
     counts = np.rint(record.wrench * 1e6).astype(np.int64)

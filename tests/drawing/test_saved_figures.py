@@ -54,8 +54,8 @@ def test_somebody_elses_file_stays_and_nothing_is_written_beside_it(tmp_path: Pa
     assert theirs.read_bytes() == content
     assert list(tmp_path.iterdir()) == [theirs]
     assert str(theirs) in str(refused.value)
-    assert "--force" in str(refused.value)
-    assert "--out" in str(refused.value)
+    assert "`force`" in str(refused.value)
+    assert "`out`" in str(refused.value)
 
 
 def test_an_svg_that_was_edited_since_is_somebody_elses(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_single, reduce_staircase
+from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_single, reduce_staircase
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
@@ -129,9 +129,9 @@ def test_what_another_instrument_showed_is_averaged_as_much_earlier_as_thrust_ca
     late = dataclasses.replace(point, begin_s=3.0, end_s=4.0, delay_s=0.5)
     time_s = np.arange(0, 4, 0.25)
 
-    assert mean_beside([late], time_s, time_s) == pytest.approx([3.0])  # 2.5 to 3.5 s
-    assert mean_beside([dataclasses.replace(late, delay_s=None)], time_s, time_s) == pytest.approx([3.375])
-    assert np.isnan(mean_beside([late], time_s + 10, time_s)).all()
+    assert mean_in_windows([late], time_s, time_s) == pytest.approx([3.0])  # 2.5 to 3.5 s
+    assert mean_in_windows([dataclasses.replace(late, delay_s=None)], time_s, time_s) == pytest.approx([3.375])
+    assert np.isnan(mean_in_windows([late], time_s + 10, time_s)).all()
 
 
 def test_the_torque_beside_the_thrust_is_true_too() -> None:
@@ -258,7 +258,7 @@ def test_windows_that_are_none_are_refused(windows: list[tuple[float, float]], s
 
 
 @pytest.mark.parametrize("command", [4000, 34000, 64000])
-def test_a_file_of_one_command_between_two_rests_needs_no_window(command: int) -> None:
+def test_a_file_of_one_command_between_two_pauses_needs_no_window(command: int) -> None:
     found = record((command,), hold_s=6.0)
     staircase = reduce_single(time_s=found.time_s, channels=found.wrench, command=command, motors=(1, 3))
     (point,) = staircase.points
@@ -348,7 +348,7 @@ def test_a_record_that_begins_with_running_motors_is_refused() -> None:
     late = found.time_s > 2
     cut = {"time_s": found.time_s[late], "channels": found.wrench[late], "status": found.status[late]}
 
-    with pytest.raises(DataError, match="no rest before the first command"):
+    with pytest.raises(DataError, match="no baseline before the first command"):
         reduce_staircase(**spoiled(found, **cut))
 
 

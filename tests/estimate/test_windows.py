@@ -39,7 +39,7 @@ def test_repeated_commands_are_one_interval_and_the_motors_stand_before_the_firs
     log = np.array([[5000, 0, 5000, 0], [5000, 0, 5000, 0], [9000, 0, 0, 0], STILL], float)
 
     found = commanded_intervals(times, log, begin_s=0.0, end_s=10.0)
-    assert [(each.begin_s, each.end_s, each.rest) for each in found] == [
+    assert [(each.begin_s, each.end_s, each.pause) for each in found] == [
         (0.0, 2.0, True),
         (2.0, 3.0, False),
         (3.0, 7.0, False),
@@ -82,7 +82,7 @@ def test_steps_are_seen_whatever_the_unit_and_the_bias(scale: float) -> None:
 def test_what_comes_back_to_the_level_of_the_beginning_is_a_rest() -> None:
     steps = response(3, lag_s=0.06) + response(5, lag_s=0.06) - 2 * response(7, lag_s=0.06) + response(9, lag_s=0.06)
 
-    assert [each.rest for each in changes_seen(Slow(TIME_S, steps + 0.01 * noise()))] == [
+    assert [each.pause for each in changes_seen(Slow(TIME_S, steps + 0.01 * noise()))] == [
         True,
         False,
         False,
@@ -95,13 +95,13 @@ def test_a_record_ends_at_rest_though_the_load_cell_drifted() -> None:
     step = response(3, lag_s=0.06) - response(9, lag_s=0.06)
 
     found = changes_seen(Slow(TIME_S, step + 0.006 * TIME_S))
-    assert [each.rest for each in found] == [True, False, True]
+    assert [each.pause for each in found] == [True, False, True]
 
 
 def test_a_second_level_at_the_end_is_no_rest() -> None:
     steps = response(3, lag_s=0.06) - 0.8 * response(9, lag_s=0.06)
 
-    assert [each.rest for each in changes_seen(Slow(TIME_S, steps))] == [True, False, False]
+    assert [each.pause for each in changes_seen(Slow(TIME_S, steps))] == [True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_onset_and_lag_are_found(lag_s: float, commanded: bool) -> None:
     log = np.array([STILL, [30000, 0, 30000, 0]], float)
     logged = commanded_intervals(np.array([0.0, 4.0]), log, begin_s=0.0, end_s=12.0)
 
-    (found,) = onsets(slow, logged if commanded else changes_seen(slow), rest=1.4)
+    (found,) = onsets(slow, logged if commanded else changes_seen(slow), baseline=1.4)
     assert found.time_s == pytest.approx(4.03, abs=0.01 + 0.1 * lag_s)
     assert found.lag_s == pytest.approx(lag_s, rel=0.15)
 
@@ -139,7 +139,7 @@ def test_a_step_in_the_noise_takes_delay_and_lag_of_the_others() -> None:
     log = np.array([STILL, [5000] * 4, [9000] * 4, [9100] * 4], float)
     logged = commanded_intervals(np.array([0.0, 2.0, 4.0, 6.0]), log, begin_s=0.0, end_s=12.0)
 
-    first, second, weak = onsets(Slow(TIME_S, steps + 0.02 * noise()), logged, rest=0.0)
+    first, second, weak = onsets(Slow(TIME_S, steps + 0.02 * noise()), logged, baseline=0.0)
     assert weak.time_s - 6.0 == pytest.approx((first.time_s - 2.0 + second.time_s - 4.0) / 2)
     assert weak.lag_s == pytest.approx((first.lag_s + second.lag_s) / 2)
 
@@ -147,7 +147,7 @@ def test_a_step_in_the_noise_takes_delay_and_lag_of_the_others() -> None:
 def test_a_given_lag_is_kept() -> None:
     slow = Slow(TIME_S, response(4, lag_s=0.06))
 
-    assert [each.lag_s for each in onsets(slow, changes_seen(slow), rest=0.0, lag_s=0.11)] == [0.11]
+    assert [each.lag_s for each in onsets(slow, changes_seen(slow), baseline=0.0, lag_s=0.11)] == [0.11]
 
 
 def steady(value: Array, *, drift: float = 0.05, wave: float = 0.005, hold_s: float = 0.01) -> Stretch:

@@ -31,7 +31,7 @@ def test_two_swings_of_a_mount_are_weighted_and_the_smaller_uncertainty_stands()
 
 
 def test_axes_that_determine_no_matrix_give_their_axis_inertias() -> None:
-    result = cfid.inertia.fit(known()[:5], rig=RIG, plan=True)
+    result = cfid.inertia.fit(known()[:5], rig=RIG, propose=True)
 
     assert not result.accepted
     assert codes(result, "rejection") == ["inertia-axes-dependent"]

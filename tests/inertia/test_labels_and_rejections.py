@@ -119,7 +119,7 @@ def test_a_rejected_swing_takes_away_the_matrix_and_its_own_mount_alone(
     distorted = tmp_path / "distorted.csv"
     distorted.write_text(shaken())
     others = [f"{axis}={run_named(bodies, f'swing_{axis}')}" for axis in ("x", "y", "xy", "xz", "yz")]
-    six = cfid("fit", "inertia", *others, f"z={distorted}", "--plan", "--json", "--campaign", bodies)
+    six = cfid("fit", "inertia", *others, f"z={distorted}", "--propose", "--json", "--campaign", bodies)
     result = json.loads(six.stdout)
 
     assert six.returncode == 5
@@ -127,7 +127,7 @@ def test_a_rejected_swing_takes_away_the_matrix_and_its_own_mount_alone(
         f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in ("x", "y", "xy", "xz", "yz")
     }
     assert "swing-waveform-distorted" in rejections(result)
-    printed = cfid("fit", "inertia", *others, f"z={distorted}", "--plan", "--no-figures", "--campaign", bodies)
+    printed = cfid("fit", "inertia", *others, f"z={distorted}", "--propose", "--no-figures", "--campaign", bodies)
     assert "z: rejected" in printed.stdout
     assert "budget" not in printed.stdout
 

@@ -182,7 +182,7 @@ def test_runs_without_a_pull_and_runs_named_twice_are_refused(tmp_path: Path) ->
     runs = record(tmp_path, Cell(np.eye(6)), UPRIGHT[:2])
     bare = Run(folder=runs[0].folder, header=runs[0].header.model_copy(update={"label": Label()}))
 
-    with pytest.raises(DataError, match="--pull"):
+    with pytest.raises(DataError, match="`pull`"):
         fit([bare])
     with pytest.raises(DataError, match="the same recording"):
         fit([runs[0], runs[0]])

@@ -75,7 +75,7 @@ def write_run(
         started=datetime(2026, 11, 21, tzinfo=UTC),
         cfid_version="0",
         facts=facts,
-        asked={"steps": list(steps), **more},
+        requested={"steps": list(steps), **more},
     )
     counts = np.rint(record.wrench * 1e6).astype(np.int64)
     number = np.arange(1, len(counts) + 1)

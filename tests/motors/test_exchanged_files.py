@@ -41,7 +41,7 @@ def test_scatter_alone_is_no_exchange() -> None:
 
 def test_the_run_of_a_file_states_what_an_argument_may_say(tmp_path: Path) -> None:
     device = DeviceRecord(file="loadcell.csv", columns=("t", "Fz"))
-    asked = {"steps": [10000, 20000], "motors": [1, 3]}
+    requested = {"steps": [10000, 20000], "motors": [1, 3]}
     writer = create_run(
         tmp_path,
         kind="thrust",
@@ -49,13 +49,13 @@ def test_the_run_of_a_file_states_what_an_argument_may_say(tmp_path: Path) -> No
         devices={"loadcell": device},
         started=datetime(2026, 11, 21, tzinfo=UTC),
         cfid_version="0.2.0",
-        asked=asked,
+        requested=requested,
     )
     writer.close("complete")
     run = run_holding(writer.folder / "loadcell.csv")
     assert run is not None
     assert run == read_run(writer.folder) == run_holding(writer.folder)
     assert run_holding(tmp_path / "elsewhere.csv") is None
-    refuse_contradiction("2=x", {"command": 10000, "angle_deg": 3.0}, {"command": run.header.asked["steps"]})
+    refuse_contradiction("2=x", {"command": 10000, "angle_deg": 3.0}, {"command": run.header.requested["steps"]})
     with pytest.raises(ConfigError, match="command 30000 contradicts the run's own label, command 10000, 20000"):
-        refuse_contradiction("2=x", {"command": 30000}, {"command": run.header.asked["steps"]})
+        refuse_contradiction("2=x", {"command": 30000}, {"command": run.header.requested["steps"]})

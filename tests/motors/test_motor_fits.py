@@ -283,7 +283,7 @@ def test_public_steps_have_their_known_time_constants(cfid: Cfid) -> None:
 def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 20000, 30000, 60000)
     run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0), steps=steps)
-    content = found(cfid, "fit", "speed", run.folder, "--campaign", campaign, "--expect", "400:3500")
+    content = found(cfid, "fit", "speed", run.folder, "--campaign", campaign, "--expect", "400,3500")
     parameters = content["parameters"]
 
     assert parameters["motor.speed_poly"]["value"] == pytest.approx(
@@ -412,9 +412,9 @@ def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
         ("fit thrust 2000=missing.csv", 4, "no such file"),
         ("fit thrust missing", 4, "missing: no such file"),
         ("fit thrust 2000=x.csv --order 9", 4, ""),
-        ("fit thrust 2000=x.csv --window 5", 2, "should be FROM:TO"),
+        ("fit thrust 2000=x.csv --window 5", 2, "should be FROM,TO"),
         ("fit speed --table missing.csv", 4, "no such file"),
-        ("fit speed missing --expect 5", 2, "should be FROM:TO in rad/s"),
+        ("fit speed missing --expect 5", 2, "should be FROM,TO in rad/s"),
         ("fit torque --table missing.csv --markers 0", 2, "Invalid value"),
     ],
 )

@@ -1,6 +1,6 @@
 """Maps from simulated staircases as a stand records them: vibration, drift and spikes in, windows never given.
 
-The full size is that of `cfid log thrust`: 33 commands of 10 s at 7 kHz on two motors, 3 s of rest between. The cell
+The full size is that of `cfid log thrust`: 33 commands of 10 s at 7 kHz on two motors, 3 s of pause between. The cell
 is the simulated rig's: noise of 20 mN and 0.2 mN m a sample, drift of 50 uN a second; vibration is 1.5 times the
 thrust, and every two seconds a sample is wild.
 """

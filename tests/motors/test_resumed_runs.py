@@ -19,7 +19,7 @@ def campaign(tmp_path: Path) -> Campaign:
     return Campaign(folder=tmp_path, rig=load_rig(tmp_path / RIG_FILE))
 
 
-def run(campaign: Campaign, minute: int, state: Any, **asked: Any) -> str:
+def run(campaign: Campaign, minute: int, state: Any, **requested: Any) -> str:
     writer = create_run(
         campaign.runs_folder,
         kind="thrust",
@@ -27,7 +27,7 @@ def run(campaign: Campaign, minute: int, state: Any, **asked: Any) -> str:
         devices={"loadcell": DeviceRecord(file="loadcell.csv", columns=("t", "Fz"))},
         started=datetime(2026, 11, 21, 8, minute, tzinfo=UTC),
         cfid_version="0.2.0",
-        asked={"steps": [1, 2], "motors": [1], **asked},
+        requested={"steps": [1, 2], "motors": [1], **requested},
     )
     writer.close(state)
     return writer.folder.name

@@ -83,7 +83,7 @@ def test_names_and_units_are_read_from_the_head(tmp_path: Path, head: str) -> No
     assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
     guessed = f"time is read in {'us' if time_scale > 1e3 else 'ms'}, by its step of {time_scale / 1e3:g}"
     unnamed = head.startswith("timestamp,") and time_scale > 1
-    assert record.notes == ((f"swing.csv: {guessed} (--time-unit).",) if unnamed else ())
+    assert record.notes == ((f"swing.csv: {guessed} (`time_unit`).",) if unnamed else ())
 
 
 def test_rows_as_a_spreadsheet_in_europe_writes_them_are_read(tmp_path: Path) -> None:
@@ -113,11 +113,11 @@ def test_a_stretch_without_numbers_is_left_out_and_a_long_one_refused(tmp_path: 
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        ("t,psi", "no column of angle (phi, angle, theta) among t, psi: give --columns TIME,ANGLE"),
-        ("x,phi_rad", "no column of time (t, time) among x, phi_rad: give --columns TIME,ANGLE, or --rate-hz"),
+        ("t,psi", "no column of angle (phi, angle, theta) among t, psi: give `columns` TIME,ANGLE"),
+        ("x,phi_rad", "no column of time (t, time) among x, phi_rad: give `columns` TIME,ANGLE, or `rate_hz`"),
         ("t [min],phi_rad", "no column of time"),
         ("t,phi [gon]", "no column of angle"),
-        ("phi,phi", ": phi (1), phi (2). Give --columns"),
+        ("phi,phi", ": phi (1), phi (2). Give `columns`"),
         ("t,phi_rad,time", "more than one column of time (t, time): t (1), time (3). Give"),
     ],
 )
@@ -138,14 +138,14 @@ def test_columns_are_chosen_by_name_or_number_and_keep_the_unit_of_their_name(tm
 
 @pytest.mark.parametrize("columns", [("t",), ("t", "phi", "x"), ("t", "t"), ("1", "t")])
 def test_columns_that_are_no_pair_of_time_and_angle_are_a_usage_error(tmp_path: Path, columns: tuple[str, ...]) -> None:
-    assert "--columns" in refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), ConfigError, columns=columns)
+    assert "`columns`" in refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), ConfigError, columns=columns)
 
 
 @pytest.mark.parametrize(
     ("head", "options", "said"),
     [
-        ("t_ms,phi", {"time_unit": "us"}, "column 't_ms' is in ms, but --time-unit is us"),
-        ("t_ms,phi_rad", {"angle_unit": "deg"}, "column 'phi_rad' is in rad, but --angle-unit is deg"),
+        ("t_ms,phi", {"time_unit": "us"}, "column 't_ms' is in ms, but `time_unit` is us"),
+        ("t_ms,phi_rad", {"angle_unit": "deg"}, "column 'phi_rad' is in rad, but `angle_unit` is deg"),
     ],
 )
 def test_an_option_that_contradicts_the_head_is_a_usage_error(
@@ -159,26 +159,26 @@ def test_an_option_that_contradicts_the_head_is_a_usage_error(
 
 def test_one_column_needs_a_rate_and_two_with_a_rate_need_a_choice(tmp_path: Path) -> None:
     column = "".join(f"{word}\n" for word in words(ANGLE_RAD))
-    assert "one column and no time: give --rate-hz" in refusal(tmp_path, column)
+    assert "one column and no time: give `rate_hz`" in refusal(tmp_path, column)
     record = read(tmp_path, column, rate_hz=1000.0)
     assert record.time_s == pytest.approx(TIME_S, abs=1e-12)
     assert off_by(record, ANGLE_RAD) < TURN / 8192 + 1e-9
 
     two = text_of(TIME_S, words(ANGLE_RAD), head="")
-    assert "no header for its 2 columns: give --columns ANGLE by number" in refusal(tmp_path, two, rate_hz=500.0)
+    assert "no header for its 2 columns: give `columns` ANGLE by number" in refusal(tmp_path, two, rate_hz=500.0)
     assert read(tmp_path, two, rate_hz=500.0, columns=("2",)).time_s == pytest.approx(2 * TIME_S, abs=1e-12)
 
 
 def test_three_columns_without_a_head_need_a_choice(tmp_path: Path) -> None:
     text = "".join(f"{i},{t:.3f},{a:.9f}\n" for i, (t, a) in enumerate(zip(TIME_S, ANGLE_RAD, strict=True)))
-    assert "no header for its 3 columns: give --columns TIME,ANGLE by number" in refusal(tmp_path, text)
+    assert "no header for its 3 columns: give `columns` TIME,ANGLE by number" in refusal(tmp_path, text)
     record = read(tmp_path, text, columns=("2", "3"), angle_unit="rad")
     assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_rate_that_is_none_is_a_usage_error(tmp_path: Path, rate_hz: float) -> None:
-    assert "--rate-hz" in refusal(tmp_path, "phi\n" + "512\n" * 20, ConfigError, rate_hz=rate_hz)
+    assert "`rate_hz`" in refusal(tmp_path, "phi\n" + "512\n" * 20, ConfigError, rate_hz=rate_hz)
 
 
 def test_a_column_of_decimal_commas_is_never_read_as_two(tmp_path: Path) -> None:
@@ -214,17 +214,17 @@ def test_time_in_a_wrong_unit_is_refused_and_the_right_one_proposed(
         assert read(tmp_path, text, time_unit=taken_for).time_s == pytest.approx(TIME_S, abs=1e-6)
         return
     said = refusal(tmp_path, text, time_unit=taken_for)
-    assert f"Give --time-unit {unit}." in said
+    assert f"Give `time_unit` {unit}." in said
     assert (f"a date (Unix time) in {unit}" in said) == (start_s > 0)
 
 
 def test_time_of_a_slow_recording_in_a_finer_unit_is_doubted_and_with_a_date_refused(tmp_path: Path) -> None:
     slow_s = 0.03 * np.arange(200)
     text = text_of(slow_s, words(np.cos(slow_s)))
-    assert read(tmp_path, text).notes == ("swing.csv: counts are read as --counts-per-turn rls-13bit-in-22.",)
+    assert read(tmp_path, text).notes == ("swing.csv: counts are read as `counts_per_turn` rls-13bit-in-22.",)
     assert "33333 Hz: is it not in s?" in read(tmp_path, text, time_unit="ms").notes[0]
     dated = text_of(EPOCH_S + slow_s, words(np.cos(slow_s)))
-    assert "Give --time-unit s." in refusal(tmp_path, dated, time_unit="ms")
+    assert "Give `time_unit` s." in refusal(tmp_path, dated, time_unit="ms")
 
 
 def test_a_pause_does_not_make_the_unit_wrong(tmp_path: Path) -> None:
@@ -325,10 +325,10 @@ def test_the_thesis_scaling_of_its_words_is_off_by_less_than_a_step(tmp_path: Pa
 
 def test_words_are_told_from_plain_counts_and_the_guess_is_said(tmp_path: Path) -> None:
     plain = read(tmp_path, text_of(TIME_S, counts(ANGLE_RAD, 4194304)))
-    assert plain.notes == ("swing.csv: counts are read as --counts-per-turn 4194304.",)
+    assert plain.notes == ("swing.csv: counts are read as `counts_per_turn` 4194304.",)
     assert off_by(plain, ANGLE_RAD) < 2e-6
     own = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)))
-    assert own.notes == ("swing.csv: counts are read as --counts-per-turn rls-13bit-in-22.",)
+    assert own.notes == ("swing.csv: counts are read as `counts_per_turn` rls-13bit-in-22.",)
     said = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn="rls-13bit-in-22")
     assert said.notes == ()
 
@@ -348,12 +348,12 @@ def test_words_are_told_from_plain_counts_and_the_guess_is_said(tmp_path: Path) 
 def test_whole_numbers_that_leave_a_choice_are_asked_about(tmp_path: Path, values: npt.NDArray[np.int64]) -> None:
     said = refusal(tmp_path, text_of(TIME_S, values))
     assert f"counts range from {values.min()} to {values.max()}" in said
-    assert "give --counts-per-turn N, or --angle-unit" in said
+    assert "give `counts_per_turn` N, or `angle_unit`" in said
 
 
 def test_words_read_with_another_count_of_a_turn_are_refused(tmp_path: Path) -> None:
     said = refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn=8192.0)
-    assert "give --counts-per-turn rls-13bit-in-22" in said
+    assert "give `counts_per_turn` rls-13bit-in-22" in said
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("rad", 1.0), ("deg", 180 / np.pi)])
@@ -366,13 +366,13 @@ def test_a_swing_shows_its_unit_by_its_range_and_that_is_said(tmp_path: Path, un
 @pytest.mark.parametrize("values", [20 * TIME_S, 10 * ANGLE_RAD], ids=["a spin", "a swing of 9 somethings"])
 def test_a_range_that_may_be_of_either_unit_is_asked_about(tmp_path: Path, values: npt.NDArray[np.float64]) -> None:
     said = refusal(tmp_path, text_of(TIME_S, values))
-    assert "may be radians or degrees: give --angle-unit rad|deg" in said
+    assert "may be radians or degrees: give `angle_unit` rad or deg" in said
 
 
 def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
     text = text_of(TIME_S, ANGLE_RAD)
     for options in ({"counts_per_turn": 8192.0}, {"angle_unit": "counts"}):
-        assert "has fractions: give --angle-unit rad|deg" in refusal(tmp_path, text, **options)
+        assert "has fractions: give `angle_unit` rad or deg" in refusal(tmp_path, text, **options)
 
 
 @pytest.mark.parametrize("head", ["t,phi", "t,phi_rad"])
@@ -409,7 +409,7 @@ def test_a_few_words_that_fail_their_check_are_left_out_and_many_are_refused(
 
     said = refusal(tmp_path, text_of(TIME_S, spoilt(0.05, spoil)), counts_per_turn=setting)
     assert "100 of 2000 samples fail the check" in said
-    assert "--counts-per-turn" in said
+    assert "`counts_per_turn`" in said
 
 
 def test_plain_counts_with_a_wrong_one_are_doubted_and_with_many_refused(tmp_path: Path) -> None:
@@ -435,7 +435,7 @@ def test_a_wrong_number_far_off_does_not_make_folded_counts_look_unfolded(tmp_pa
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "many", ""])
 def test_counts_per_turn_that_make_no_turn_are_a_usage_error(text: str) -> None:
-    with pytest.raises(ConfigError, match="--counts-per-turn"):
+    with pytest.raises(ConfigError, match="`counts_per_turn`"):
         counts_per_turn(text)
 
 

@@ -245,12 +245,12 @@ def test_the_line_at_fault_counts_the_lines_that_were_skipped(tmp_path: Path) ->
 
 
 def test_more_lines_skipped_than_there_are_is_said(tmp_path: Path) -> None:
-    assert "nothing in its 5 lines beyond the 9 that --skip-lines leaves out" in refusal(tmp_path, CSV, skip_lines=9)
+    assert "nothing in its 5 lines beyond the 9 that `skip_lines` leaves out" in refusal(tmp_path, CSV, skip_lines=9)
     assert "beyond the 5" in refusal(tmp_path, CSV, skip_lines=5)
 
 
 def test_a_negative_number_of_lines_to_skip_is_a_usage_error(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--skip-lines -1"):
+    with pytest.raises(ConfigError, match="`skip_lines` -1"):
         open_table(write(tmp_path, CSV), skip_lines=-1)
 
 

@@ -54,7 +54,7 @@ def test_an_angle_is_the_same_however_a_mat_file_has_it(tmp_path: Path, way: str
 
 def test_options_state_the_units_of_a_mat_file_as_of_a_csv_file(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"t": 1e3 * TIME_S, "theta_deg": np.degrees(ANGLE_RAD)})
-    assert "--time-unit" in read_angle(tmp_path / "a.mat", Reading()).notes[0]
+    assert "`time_unit`" in read_angle(tmp_path / "a.mat", Reading()).notes[0]
     record = read_angle(tmp_path / "a.mat", Reading(time_unit="ms"))
     np.testing.assert_allclose(record.angle_rad, ANGLE_RAD, rtol=1e-14)
 
@@ -67,7 +67,7 @@ def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
 
 def test_two_tables_are_a_question_that_names_the_option(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"a": {"t": TIME_S, "x": ANGLE_RAD}, "b": {"t": TIME_S, "theta": ANGLE_RAD}})
-    with pytest.raises(ConfigError, match=r"several tables: t, x \(400 rows\); t, theta \(400 rows\).*--columns"):
+    with pytest.raises(ConfigError, match=r"several tables: t, x \(400 rows\); t, theta \(400 rows\).*`columns`"):
         read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
 
 

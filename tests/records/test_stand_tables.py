@@ -129,7 +129,7 @@ def test_a_pwm_held_for_long_is_a_record_over_time_at_an_assumed_rate(tmp_path: 
 
     assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 100)
     assert table.rate_hz == 100
-    assert "stand.csv: a record over time without a time column: 100 Hz is assumed (--rate-hz)." in notes_of(table)
+    assert "stand.csv: a record over time without a time column: 100 Hz is assumed (`rate_hz`)." in notes_of(table)
 
 
 def test_a_rate_that_is_given_makes_the_times_and_needs_no_word(tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def test_a_rate_that_is_given_makes_the_times_and_needs_no_word(tmp_path: Path) 
 
     assert np.asarray(table.time_s) == pytest.approx(np.arange(60) / 50)
     assert not any("assumed" in note for note in notes_of(table))
-    assert "--rate-hz 0: has to be above zero" in refusal(tmp_path, held(), ConfigError, rate_hz=0.0)
+    assert "`rate_hz` 0: has to be above zero" in refusal(tmp_path, held(), ConfigError, rate_hz=0.0)
 
 
 def test_a_time_column_is_taken_before_any_rate_is_assumed(tmp_path: Path) -> None:

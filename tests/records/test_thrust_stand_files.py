@@ -102,14 +102,14 @@ def test_one_side_of_a_double_stand_is_read_and_two_are_asked_about(tmp_path: Pa
 
 
 def test_the_range_of_pulses_is_said_where_it_is_assumed_and_can_be_given(tmp_path: Path) -> None:
-    said = "stand.csv: pulse widths are read as --esc-us 1000:2000, commands 0 to 65535."
+    said = "stand.csv: pulse widths are read as `esc_us` 1000,2000, commands 0 to 65535."
     assert said in notes_of(read(tmp_path, text_of()))
     given = read(tmp_path, text_of(), esc_us=(1100.0, 2200.0))
     assert given.command == pytest.approx(np.rint([0, 65535 * 150 / 1100, 65535 * 400 / 1100, 65535 * 900 / 1100]))
     assert "1 rows have pulses below 1100 us: motors stand there, command 0" in " ".join(notes_of(given))
-    assert not any("--esc-us" in note for note in notes_of(given))
+    assert not any("`esc_us`" in note for note in notes_of(given))
     longer = refusal(tmp_path, text_of(), esc_us=(1000.0, 1900.0))
-    assert "stand.csv:5: 2000 us in 'ESC signal (µs)' is longer than the full throttle of --esc-us 1000:1900" in longer
+    assert "stand.csv:5: 2000 us in 'ESC signal (µs)' is longer than the full throttle of `esc_us` 1000,1900" in longer
     assert "'cmd' has another unit" in refusal(tmp_path, "cmd,thrust_n\n0,0\n", ConfigError, esc_us=(1000.0, 2000.0))
 
 
@@ -174,6 +174,6 @@ def test_the_speed_is_that_of_the_sensor_that_sees_the_rotor(tmp_path: Path) -> 
 def test_a_recording_without_a_time_is_asked_for_its_rate(tmp_path: Path) -> None:
     head = "ESC signal (µs),Thrust (gf)\n"
     held = head + "".join(f"{1000 + 100 * (i // 5)},{i}\n" for i in range(30))
-    assert "30 rows are a recording, and no column is its time: give --rate-hz" in refusal(tmp_path, held)
+    assert "30 rows are a recording, and no column is its time: give `rate_hz`" in refusal(tmp_path, held)
     assert np.asarray(read(tmp_path, held, rate_hz=10.0).time_s)[-1] == pytest.approx(2.9)
     assert read(tmp_path, head + "1000,0\n1500,20\n2000,60\n").time_s is None

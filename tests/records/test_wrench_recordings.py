@@ -22,7 +22,7 @@ ROWS = 200
 EPOCH_S = 1_763_712_345.0
 TIME_S = np.arange(ROWS) / 7000
 COUNTS = np.random.default_rng(3).integers(-2_000_000, 2_000_000, (ROWS, 6))
-USUAL = "fts.csv: counts are read as --counts-per-n 1000000 --counts-per-nm 1000000."
+USUAL = "fts.csv: counts are read as `counts_per_n` 1000000 `counts_per_nm` 1000000."
 FACTS = {"counts_per_n": 5e5, "counts_per_nm": 4e6, "settings": {"product": "Net F/T"}}
 
 
@@ -97,8 +97,8 @@ def test_a_scale_that_is_given_holds_for_a_run_and_other_options_do_not(tmp_path
 @pytest.mark.parametrize(
     ("facts", "said"),
     [
-        ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n: is missing: give --counts-per-n."),
-        ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm: is missing: give --counts-per-nm."),
+        ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n: is missing: give `counts_per_n`."),
+        ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm: is missing: give `counts_per_nm`."),
         (FACTS | {"counts_per_n": 0}, "devices.loadcell.counts_per_n: should be greater than 0, not 0"),
         (FACTS | {"gaps": [{"from_s": 1.0}]}, "devices.loadcell.gaps.0.to_s: is missing"),
     ],
@@ -212,7 +212,7 @@ def test_only_the_scale_that_is_not_given_is_said(tmp_path: Path) -> None:
     assert read(tmp_path, text_of(), counts_per_n=1e6, counts_per_nm=1e6).notes == ()
     record = read(tmp_path, text_of(), counts_per_nm=1e3)
     assert record.torque_nm == pytest.approx(COUNTS[:, 3:] / 1e3)
-    assert record.notes == ("fts.csv: counts are read as --counts-per-n 1000000.",)
+    assert record.notes == ("fts.csv: counts are read as `counts_per_n` 1000000.",)
 
 
 @pytest.mark.parametrize(
@@ -233,21 +233,21 @@ def test_what_can_be_no_count_is_refused_with_its_line_and_the_option_to_say(tmp
     lines[120] = ",".join([*fields[:3], value, *fields[4:]])
     said = refusal(tmp_path, "\n".join(lines))
     assert f"fts.csv:121: {float(value):.9g} in column 'Fz' is not a count" in said
-    assert "give --units n,nm" in said
+    assert "give `units` n,nm" in said
 
 
 def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
-    assert "are they counts? Then leave out --units n,nm" in refusal(tmp_path, text_of(), units="n,nm")
+    assert "are they counts? Then leave out `units` n,nm" in refusal(tmp_path, text_of(), units="n,nm")
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"counts_per_n": 0.0}, "--counts-per-n 0: has to be above zero"),
-        ({"counts_per_nm": float("nan")}, "--counts-per-nm nan: has to be above zero"),
+        ({"counts_per_n": 0.0}, "`counts_per_n` 0: has to be above zero"),
+        ({"counts_per_nm": float("nan")}, "`counts_per_nm` nan: has to be above zero"),
         ({"columns": ("t", "Fz")}, "names 7 columns"),
         ({"columns": ("t", "Fx", "Fx", "Fz", "Tx", "Ty", "Tz")}, "none of them twice"),
-        ({"rate_hz": 0.0}, "--rate-hz 0: has to be above zero"),
+        ({"rate_hz": 0.0}, "`rate_hz` 0: has to be above zero"),
     ],
 )
 def test_options_that_make_no_sense_are_a_usage_error(tmp_path: Path, options: dict[str, Any], said: str) -> None:
@@ -257,16 +257,16 @@ def test_options_that_make_no_sense_are_a_usage_error(tmp_path: Path, options: d
 def test_a_scale_for_newtons_and_a_unit_against_the_head_are_a_usage_error(tmp_path: Path) -> None:
     text = text_of(COUNTS / 1e6, head="t,Fx_n,Fy_n,Fz_n,Tx_nm,Ty_nm,Tz_nm")
     assert "the file is in N and Nm, not in counts" in refusal(tmp_path, text, ConfigError, counts_per_n=1e6)
-    assert "column 'Fx_n' is in n, but --units is counts" in refusal(tmp_path, text, ConfigError, units="counts")
+    assert "column 'Fx_n' is in n, but `units` is counts" in refusal(tmp_path, text, ConfigError, units="counts")
 
 
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        ("t,Fx,Fy,F3,Tx,Ty,T3", "no column Fz, Tz among t, Fx, Fy, F3, Tx, Ty, T3: give --columns TIME,FX"),
+        ("t,Fx,Fy,F3,Tx,Ty,T3", "no column Fz, Tz among t, Fx, Fy, F3, Tx, Ty, T3: give `columns` TIME,FX"),
         ("when,Fx,Fy,Fz,Tx,Ty,Tz", "no column of time (t, time) among when, Fx"),
         ("t,Fx,Fy,Fz,Tx,Ty,Fz_counts", "more than one column Fz: Fz (4), Fz_counts (7)"),
-        ("t,Fx,Fy,Fz,Tx_counts,Ty,Tz_nm", "some axes in counts and some not: give --units"),
+        ("t,Fx,Fy,Fz,Tx_counts,Ty,Tz_nm", "some axes in counts and some not: give `units`"),
     ],
 )
 def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, said: str) -> None:
@@ -279,7 +279,7 @@ def test_columns_without_a_head_are_taken_in_their_order_and_others_by_number(tm
     assert swapped.force_n == pytest.approx(COUNTS[:, 2::-1] / 1e6)
     six = "\n".join(line.partition(",")[2] for line in text_of().split("\n"))
     assert read(tmp_path, six, rate_hz=7000.0).time_s == pytest.approx(TIME_S, abs=1e-12)
-    assert "6 columns and no time: give --rate-hz" in refusal(tmp_path, six.partition("\n")[2])
+    assert "6 columns and no time: give `rate_hz`" in refusal(tmp_path, six.partition("\n")[2])
 
 
 SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
@@ -292,7 +292,7 @@ SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
     "a handful of rows": (lambda rows: rows[:9], "9 rows; a recording has at least 16"),
     "milliseconds or microseconds": (
         lambda rows: [f"{i * 50}{row[row.index(',') :]}" for i, row in enumerate(rows)],
-        "--time-unit ms or us",
+        "`time_unit` ms or us",
     ),
 }
 

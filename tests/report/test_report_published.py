@@ -56,7 +56,7 @@ def test_what_its_fit_rejected_is_marked_beside_the_published(campaign: Campaign
     rejected = comparison(campaign, title)
 
     assert not any("REJECTED" in note for note in comparison_notes(accepted))
-    assert any(f"REJECTED by its fit, and kept with --force ({section})" in note for note in comparison_notes(rejected))
+    assert any(f"REJECTED by its fit, and kept nevertheless ({section})" in note for note in comparison_notes(rejected))
 
 
 def test_the_thesis_matrix_is_turned_from_its_pitch_axis_and_its_copies_are_marked(campaign: Campaign) -> None:

@@ -40,7 +40,7 @@ def test_a_report_that_somebody_edited_stays(tmp_path: Path) -> None:
     write_report(path, TEXT)
     path.write_text(path.read_text() + "my remark\n")
 
-    with pytest.raises(ConfigError, match="--force"):
+    with pytest.raises(ConfigError, match="`force`"):
         write_report(path, TEXT)
     write_report(path, TEXT, force=True)
     assert "remark" not in path.read_text()

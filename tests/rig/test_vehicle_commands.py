@@ -330,6 +330,7 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
         ("log sine --l 4 --amplitude 30001", "--amplitude 30001: above 30000 the sine is clipped; --force allows it."),
         ("log thrust some-run", "some-run: a run is named to resume it: write --resume some-run."),
         ("log sine --l 4 --n 0", "Invalid value for '--samples'"),
+        ("log sine --motor 1,5", "--motor 1,5: should be whole numbers from 0 to 4 with commas between, as 1,3."),
         ("log sine --l 4 --plan thesis-first", "--periods and --plan thesis-first: give one of them."),
         ("log sine --n 2000 --l 2,1001", "--periods 1001: has to be from 0 to N/2 = 1000."),
         ("log thrust --from 3000 --to 2000", "--from 3000 --to 2000: there is no command between them."),
@@ -364,7 +365,7 @@ def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
         "crazyflie": 0,
         "supervisor": 0,
     }
-    assert run.header.asked["steps"] == [10000, 20000, 30000]
+    assert run.header.requested["steps"] == [10000, 20000, 30000]
     commands, cell = (pd.read_csv(run.device_file(name)) for name in ("commands", "loadcell"))
     steps = commands[commands.m1 > 0]
     assert steps.m1.tolist() == steps.m3.tolist() == [10000, 20000, 30000]
@@ -388,8 +389,8 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
 
     second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
     assert first.header.state == "interrupted"
-    assert second.header.asked["steps"] == [20000, 30000]
-    assert second.header.asked["hold_s"] == 0.6
+    assert second.header.requested["steps"] == [20000, 30000]
+    assert second.header.requested["hold_s"] == 0.6
     assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
     nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
     assert nothing.end() == 2
@@ -409,7 +410,7 @@ def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: B
     assert np.abs(crossings.thrust_rec.to_numpy()[:-1] - u[expected]).max() <= 1
     on_board_s = (crossings.vehicle_us - crossings.vehicle_us.iloc[0]).to_numpy() / 1e6
     assert on_board_s == pytest.approx(crossings["sample"].to_numpy() / 500, abs=0.002)
-    assert run.header.asked == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
+    assert run.header.requested == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
 
     cell = pd.read_csv(run.device_file("loadcell"))
     begin_s = (crossings.t - on_board_s).min()  # the report that was the least late
@@ -436,7 +437,7 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     content = json.loads(again.out)
     assert content["wanted"] == [20, 40]
     assert [run["state"] for run in content["runs"]] == ["complete", "complete"]
-    states = [(run.header.asked["l"], run.header.state) for run in list_runs(bench.folder / "runs")]  # type: ignore[union-attr]
+    states = [(run.header.requested["l"], run.header.state) for run in list_runs(bench.folder / "runs")]  # type: ignore[union-attr]
     assert states == [(5, "complete"), (20, "interrupted"), (20, "complete"), (40, "complete")]
     last = bench.start(*words, "--resume")
     assert last.end() == 2
@@ -624,5 +625,5 @@ def test_a_dry_run_tells_the_time_and_reaches_for_nothing(cfid: Cfid, tmp_path: 
     assert cfid("new", str(tmp_path)).returncode == 0
     stairs = cfid("log", "thrust", "--dry-run", "--campaign", str(tmp_path))
     sines = cfid("log", "sine", "--l", "1,2,4", "--dry-run", "--campaign", str(tmp_path))
-    assert stairs.stdout == "33 commands from 0 to 64000 on motors 1, 3, 10 s each with 3 s of rest: 7:12 min\n"
+    assert stairs.stdout == "33 commands from 0 to 64000 on motors 1, 3, 10 s each with 3 s of pause: 7:12 min\n"
     assert sines.stdout == "3 sines of 12 s: 0.6 min\n"

@@ -112,7 +112,7 @@ def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, fa
     """Write a run folder as `cfid log sine` does."""
     cell = DeviceRecord(file="loadcell.csv", columns=(*CELL, "status"))
     cell = cell.model_copy(update={"counts_per_n": 1e6, "counts_per_nm": 1e6})
-    asked = {"l": run.periods, "n": run.samples, "amplitude": run.amplitude, "motor": run.motor}
+    requested = {"l": run.periods, "n": run.samples, "amplitude": run.amplitude, "motor": run.motor}
     writer = create_run(
         folder / "runs",
         kind=f"sine_l{run.periods}",
@@ -126,7 +126,7 @@ def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, fa
         started=datetime.fromtimestamp(run.time_s[0], UTC),
         cfid_version="0",
         facts=facts,
-        asked=asked if series is None else {**asked, "series": series},
+        requested=requested if series is None else {**requested, "series": series},
     )
     columns = (run.report_command, run.report_sample, run.report_vehicle_us, np.arange(len(run.report_host_s)))
     writer.append("crossings", (run.report_host_s, *(column.astype(np.int64) for column in columns)))

@@ -2,12 +2,14 @@
 
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
+from cfid.records.campaign import open_campaign
+from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, log_spaced
 from tests.flying_in_a_folder import bench_in
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -44,7 +46,7 @@ def test_the_thesis_plans_are_table_3_1_as_far_as_it_tells() -> None:
     for plan, count, samples, motor in ((THESIS_FIRST, 43, 4000, 1), (THESIS_SECOND, 40, 8000, 3)):
         assert len(set(plan.periods)) == count
         assert (plan.periods[0], plan.periods[-1]) == (0, samples // 2)
-        assert (plan.samples, plan.amplitude, plan.motor) == (samples, 20000, motor)
+        assert (plan.samples, plan.amplitude, plan.motors) == (samples, 20000, (motor,))
         assert np.all(np.diff(plan.periods, 2) >= 0)  # "not constant but increasing"
         assert "reconstructed" in plan.text
     assert THESIS_FIRST.periods[:33] == (*range(16), *range(20, 101, 5))
@@ -62,6 +64,31 @@ def test_a_plan_is_told_with_its_duration_and_what_of_it_is_made_up(cfid: Cfid, 
     assert thesis.stdout == "40 sines of 20 s: 13.0 min\n"
     assert "reconstructed" in thesis.stderr
     assert "reconstructed" in " ".join(cfid("log", "sine", "--help").stdout.split())
+
+
+def test_several_motors_play_in_turn_and_each_makes_a_series() -> None:
+    alone = SineSweep(periods=(2, 4), samples=500, motors=(3,), series="second")
+    both = replace(alone, motors=(0, 3))
+
+    assert [(one.motor, one.periods, one.series) for one in alone.sines] == [(3, 2, "second"), (3, 4, "second")]
+    assert [(one.motor, one.periods) for one in both.sines] == [(0, 2), (0, 4), (3, 2), (3, 4)]
+    assert [one.series for one in both.sines] == ["second_all", "second_all", "second_motor3", "second_motor3"]
+    assert [one.series for one in replace(both, series=None).sines][::2] == ["all", "motor3"]
+
+
+def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        words = ("log", "sine", "--periods", "5", "--samples", 100, "--before", 0.2, "--motor", "3,1")
+        rehearsed = bench.start(*words, "--dry-run")
+        assert (rehearsed.end(), rehearsed.out) == (0, "2 sines of 3 s on motors 1, 3 in turn: 0.1 min\n")
+        pilot = bench.start(*words, "--yes")
+        assert pilot.end() == 0, pilot.err
+        headers = [run.header for run in open_campaign(tmp_path).runs(kind="sine")]
+
+    assert [(header.requested["motor"], header.requested["series"]) for header in headers] == [
+        (1, "motor1"),
+        (3, "motor3"),
+    ]
 
 
 def test_the_duration_stands_before_the_question(tmp_path: Path) -> None:

@@ -238,3 +238,13 @@ def test_no_spoilt_number_ends_in_a_traceback(tf: Here, index: Path) -> None:
         method = rng.choice(["default", "thesis"])
         said = tf("identify", "--index", index, "--no-figures", "--json", "--method", method)
         assert said.returncode in (0, 2, 4, 5)
+
+
+def test_a_row_that_contradicts_the_run_of_its_file_is_refused(
+    tf: Here, tmp_path: Path, runs: list[SimulatedSine]
+) -> None:
+    run = write_run(tmp_path, runs[2])
+    row = f"11,2000,20000,1,{run.folder / 'loadcell.csv'},{run.folder / 'crossings.csv'}"
+    (tmp_path / "index.csv").write_text(f"l,n,amplitude,motor,loadcell,crossings\n{row}\n")
+
+    refused(tf("identify", "--index", "index.csv"), 2, "l 11 contradicts the run's own label, l 10.")

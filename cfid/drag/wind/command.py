@@ -105,7 +105,7 @@ class SweepOptions:
         bool, typer.Option("--dry-run", help="Print what would be done, how long it takes, and what is missing.")
     ] = False
 
-    def stairs(self) -> "StaircasePlan":
+    def staircase(self) -> "StaircasePlan":
         """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
         from cfid.motors.plan import StaircasePlan
         from cfid.units import FULL_COMMAND, MOTORS
@@ -144,14 +144,14 @@ def wind(
 
     rig = campaign, _, simulated = rig_of(keep.campaign)
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
-    setting, stairs = _requested(options, sweep, resumed)
+    setting, staircase = _requested(options, sweep, resumed)
     asks = sweep.tachometer == "typed" and not setting.is_reference
     if sweep.dry_run:
-        _announce(setting, stairs, _recorded(campaign, simulated=simulated), asks=asks)
+        _announce(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
         return
     record_forces(
         KIND,
-        stairs,
+        staircase,
         rig,
         vehicle=vehicle,
         log_ms=log_ms,
@@ -159,7 +159,7 @@ def wind(
         keep=keep,
         note=note,
         question="RPM shown at command {command}, Enter alone for none" if asks else None,
-        asked=setting.asked,
+        requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
     )
 
@@ -182,18 +182,18 @@ def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -
     from cfid.records.run import read_run
 
     if resume is None:
-        return options.setting(), sweep.stairs()
+        return options.setting(), sweep.staircase()
     options.refuse(resume)
     return setting_of(read_run(resume)), missing(resume, kind=KIND)
 
 
-def _announce(setting: "WindSetting", stairs: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
+def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
     from cfid.drag.wind.plan import missing_lines
 
     typer.echo(setting.sentence)
-    announce(stairs)
+    announce(staircase)
     if asks:
-        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, stairs.steps))} times")
+        typer.echo(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times")
     for line in missing_lines(done):
         typer.echo(line)
 

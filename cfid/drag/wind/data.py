@@ -159,7 +159,7 @@ def _refuse_other_wind(row: IndexedRun) -> None:
     refuse_contradiction(
         f"{row.where}: {row.loadcell}",
         {"command": row.command, **{name: getattr(given, name) for name in names}},
-        {"command": run.header.asked.get("steps"), **{name: getattr(own, name) for name in names}},
+        {"command": run.header.requested.get("steps"), **{name: getattr(own, name) for name in names}},
     )
 
 

@@ -37,9 +37,8 @@ class WindSetting:
         """Whether there is no wind."""
         return self.max_mps == 0
 
-    @property
-    def asked(self) -> dict[str, Any]:
-        """The entries in run.toml."""
+    def to_run(self) -> dict[str, Any]:
+        """Return what run.toml states of it."""
         entries = {
             "angle_deg": self.angle_deg,
             "fan_v": self.fan_v,
@@ -123,7 +122,7 @@ def missing_lines(done: Sequence[PlannedRun]) -> list[str]:
 
 def setting_of(run: Run) -> WindSetting:
     """Return the wind setting of a run. Raises DataError when it is not a wind run."""
-    request = run.header.asked
+    request = run.header.requested
     try:
         if run.header.kind != KIND:
             raise KeyError

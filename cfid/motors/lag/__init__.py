@@ -1,4 +1,4 @@
-"""How fast rotors follow a command that never rests, as in flight."""
+"""How fast rotors follow a command that always changes, as in flight."""
 
 from typing import TYPE_CHECKING
 

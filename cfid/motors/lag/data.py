@@ -55,7 +55,7 @@ class RotorLog:
         """Return the log with one rotor's speed. Raises ConfigError where it has none."""
         if rotor not in self.speeds:
             there = f"speeds of rotors {', '.join(map(str, self.speeds))}" if self.speeds else "no rotor speeds"
-            raise ConfigError(f"{self.path}: --rotor {rotor}: the log has {there}.")
+            raise ConfigError(f"{self.path}: `rotor` {rotor}: the log has {there}.")
         return replace(self, speeds={rotor: self.speeds[rotor]})
 
     def between(self, from_s: float | None, to_s: float | None) -> "RotorLog":
@@ -63,7 +63,7 @@ class RotorLog:
         window = (0.0 if from_s is None else from_s), (np.inf if to_s is None else to_s)
         cut = {motor: signal.between(*window) for motor, signal in self.commands.items()}
         if not all(len(signal.time_s) for signal in cut.values()):
-            raise ConfigError(f"{self.path}: no rows between --from {window[0]:g} and --to {window[1]:g} s.")
+            raise ConfigError(f"{self.path}: no rows between `from_s` {window[0]:g} and `to_s` {window[1]:g} s.")
         return replace(self, commands=cut)
 
     def drive(self, motor: int) -> Signal:

@@ -1,4 +1,4 @@
-"""Lag and static map together, by output error: what follows a command that never rests, simulated and compared.
+"""Lag and static map together, by output error: what follows a command that always changes, simulated and compared.
 
 The fit is least squares. Its residuals may be correlated: their own correlation decides the uncertainties.
 """

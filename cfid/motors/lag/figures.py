@@ -1,4 +1,4 @@
-"""Figure of rotors that follow a command that never rests: what was measured and the lag, and what is left."""
+"""Figure of rotors that follow a command that always changes: what was measured and the lag, and what is left."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""How rotors follow a command that never rests, in the contract's keys."""
+"""How rotors follow a command that always changes, in the contract's keys."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -56,7 +56,7 @@ def read_evidence(
         if equals and not Path(word).exists():
             at = _command(command, word)
             if (run := run_holding(Path(file))) is not None:
-                refuse_contradiction(word, {"command": at}, {"command": run.header.asked.get("steps")})
+                refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
             here = known.where(workplace.facts)
             parts.append(of_file(at, Path(file), here, scale.reading(reading), method=method, rotors=rotors))
         else:

@@ -56,7 +56,7 @@ class StandOptions:
     markers: Markers = None
     window: Annotated[
         str | None,
-        typer.Option(metavar="FROM:TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
+        typer.Option(metavar="FROM,TO", help="Window of every file in seconds, by hand.", rich_help_panel=_INPUT),
     ] = None
     flip_fz: FlipFz = None
     esc_us: EscUs = None
@@ -65,7 +65,7 @@ class StandOptions:
         """Return them as the fits take them. Raises ConfigError for an invalid window."""
         from cfid.motors.maps.evidence import Stand
 
-        window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4:8")
+        window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4,8")
         return Stand(motors=self.motors, markers=self.markers, window_s=window_s, flip_fz=self.flip_fz)
 
     @property
@@ -219,5 +219,5 @@ def torque(
 
 
 def _deliver(result: "Result", workplace: Workplace, delivery: Delivery) -> None:
-    folder = result.folder if workplace.campaign is None else workplace.figures_beside(())
+    folder = result.folder if workplace.campaign is None else workplace.figures_folder(())
     deliver(replace(result, folder=folder), delivery, workplace.campaign, workplace.own_rig)

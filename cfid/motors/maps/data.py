@@ -78,8 +78,8 @@ def _plain(record: WrenchRecord, points: MotorPoints, *findings: Finding) -> Evi
 
 def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | None = None) -> Evidence:
     """Take what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
-    ran = run.header.asked.get("motors")
-    refuse_contradiction(run.folder.name, {"--motors": stand.motors}, {"--motors": ran and len(ran)})
+    ran = run.header.requested.get("motors")
+    refuse_contradiction(run.folder.name, {"`motors`": stand.motors}, {"`motors`": ran and len(ran)})
     stand = stand.where(run.header.rig)
     if holds(run, LOADCELL):
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)
@@ -94,7 +94,7 @@ def _of_staircase(record: WrenchRecord, stand: Stand, rotors: Rotors | None) -> 
     """Take the steps of a run on the load cell."""
     found = reduce_run(record, flip_fz=bool(stand.flip_fz))
     assert found.run is not None
-    expected = tuple(int(step) for step in found.run.header.asked.get("steps", ()) if step)
+    expected = tuple(int(step) for step in found.run.header.requested.get("steps", ()) if step)
     return _evidence(found, stand, motors=None, expected=expected, rotors=rotors)
 
 
@@ -175,5 +175,5 @@ def _of_speeds(run: Run) -> Evidence:
         findings=(*dead, *speed_findings(found, run.folder.name)),
         sources=(rows.source, log.source),
         paths=(run.folder,),
-        expected=tuple(int(step) for step in run.header.asked.get("steps", ()) if step),
+        expected=tuple(int(step) for step in run.header.requested.get("steps", ()) if step),
     )

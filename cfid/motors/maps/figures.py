@@ -141,15 +141,15 @@ def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "spe
         ("motor voltage", "motor voltage (V)", "U", found.motor_volts, found.by_voltage, found.voltage_rms),
         ("command alone", COMMAND, "cmd", found.command, found.by_command, found.command_rms),
     )
-    beside: tuple[Axes | None, Axes | None] = (None, None)
+    shared: tuple[Axes | None, Axes | None] = (None, None)
     for column, (title, x, letter, place, fit, rms) in enumerate(forms):
-        curve, left = (page.add_subplot(grid[1 + row, column], sharey=beside[row]) for row in (0, 1))
+        curve, left = (page.add_subplot(grid[1 + row, column], sharey=shared[row]) for row in (0, 1))
         name_panel(curve, f"({'ab'[column]}) over {title}", x="", y=_AXES[quantity][0])
         name_panel(left, f"({'cd'[column]}) predicts to {rms:.2g} {unit} rms", x=x, y=f"residual ({unit})")
         _draw_form(curve, left, place, found.value, fit, rms=rms)
         units = [f"{unit}{'/' + power('V', n) if letter == 'U' and n else ''}" for n in range(fit.order, -1, -1)]
         words(page.add_subplot(grid[3, column]), f"over {title}", coefficients(fit, letter, units))
-        beside = curve, left
+        shared = curve, left
     key_row(page.add_subplot(grid[0, :]), *curve.get_lines(), left.get_lines()[-1])
     page.align_ylabels()
     return page

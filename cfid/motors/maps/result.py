@@ -51,7 +51,7 @@ _MOST_PAGES = 4  # of reduced records, each a figure
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Beside:
+class _MapDetails:
     """Additions to a map: its numbers, lines and findings, and the input of its figures."""
 
     parameters: Mapping[str, Parameter]
@@ -104,7 +104,7 @@ def fit_thrust(
         lines += values.maximum_lines(given)
     over_speed, about_speed = _by_speed(found, method, robust=robust)
     verification, about_scales = _verified(mapped, scales, stand or Stand(), found.loadcells, gravity_mps2)
-    beside = _Beside(
+    details = _MapDetails(
         parameters={
             **parameters,
             **(values.voltage_parameters(voltage) if voltage else {}),
@@ -127,7 +127,7 @@ def fit_thrust(
         voltage=voltage,
         verification=verification,
     )
-    return _result(mapped, found, beside)
+    return _result(mapped, found, details)
 
 
 def fit_speed(
@@ -152,13 +152,13 @@ def fit_speed(
             found.points, method=method, order=order, robust=robust, expected=found.expected or None
         )
     over_speed, findings = _by_speed(found, method, robust=robust)
-    beside = _Beside(
+    details = _MapDetails(
         parameters=values.map_parameters(mapped) | (values.speed_parameters(over_speed) if over_speed else {}),
         covariances=values.covariances(mapped, over_speed=over_speed),
         findings=findings,
         over_speed=over_speed,
     )
-    return _result(mapped, found, beside)
+    return _result(mapped, found, details)
 
 
 def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
@@ -189,8 +189,8 @@ def fit_torque(
         mapped = estimation.fit_torque(
             found.points, method=method, order=order, robust=robust, expected=found.expected or None
         )
-    beside = _Beside(parameters=values.map_parameters(mapped), covariances=values.covariances(mapped))
-    return _result(mapped, found, beside)
+    details = _MapDetails(parameters=values.map_parameters(mapped), covariances=values.covariances(mapped))
+    return _result(mapped, found, details)
 
 
 def evidence_of(points: Points, stand: Stand | None = None, rotors: Rotors | None = None) -> Evidence:
@@ -265,30 +265,30 @@ def _verified(
         return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
 
 
-def _result(mapped: MotorMap, found: Evidence, beside: _Beside) -> Result:
+def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
     def drawings() -> Figures:
         name = f"fit_{mapped.quantity}"
         pages = {
             f"{name}_{r.name}": staircase_figure(r.time_s, r.thrust_n, r.staircase, title=r.name, thrust=r.thrust)
             for r in found.reduced[:_MOST_PAGES]
         }
-        figures = {name: map_figure(mapped, verification=beside.verification), **pages}
-        if beside.over_speed is not None:
-            figures["thrust_of_speed"] = speed_thrust_figure(beside.over_speed)
-        if beside.voltage is not None:
-            figures["thrust_of_voltage"] = voltage_figure(beside.voltage)
+        figures = {name: map_figure(mapped, verification=details.verification), **pages}
+        if details.over_speed is not None:
+            figures["thrust_of_speed"] = speed_thrust_figure(details.over_speed)
+        if details.voltage is not None:
+            figures["thrust_of_voltage"] = voltage_figure(details.voltage)
         return figures
 
     result = Result(
         command=f"fit {mapped.quantity}",
         method=mapped.method,
-        quantities={**beside.parameters, **values.table_parameter(found.points)},
+        quantities={**details.parameters, **values.table_parameter(found.points)},
         wanted=GIVEN_BY[mapped.quantity][:1],
-        covariances=beside.covariances,
-        quality=values.figures_of_merit(mapped, **(beside.quality or {})),
-        findings=(*found.findings, *mapped.findings, *beside.findings),
+        covariances=details.covariances,
+        quality=values.figures_of_merit(mapped, **(details.quality or {})),
+        findings=(*found.findings, *mapped.findings, *details.findings),
         sources=found.sources,
-        lines=(*found.lines, *values.map_lines(mapped), *beside.lines),
+        lines=(*found.lines, *values.map_lines(mapped), *details.lines),
         drawings=drawings,
         folder=found.paths[0].parent if found.paths else Path(),
     )

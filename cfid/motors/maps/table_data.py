@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import CfidError, DataError, FitError
-from cfid.estimate.staircase import Point, Staircase, mean_beside, reduce_staircase
+from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
@@ -85,7 +85,7 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
     shown, volts = (
-        None if column is None else _beside(settled, table.time_s, column)
+        None if column is None else _mean_of_known(settled, table.time_s, column)
         for column in (table.square_mean_speed_rad_s, table.vbat_v)
     )
     speed, findings = (None, ()) if shown is None else stand.divided(shown, table.path.name)
@@ -153,10 +153,10 @@ def _log(table: StandTable) -> tuple[Array | None, Array | None]:
     return begin_s, np.outer(command, (1, 0, 0, 0))  # the table states how many motors ran
 
 
-def _beside(settled: Sequence[Point], time_s: Array, value: Array) -> Array:
+def _mean_of_known(settled: Sequence[Point], time_s: Array, value: Array) -> Array:
     """Return the means (p,) of what is known of values (n,) in the windows of points."""
     known = np.isfinite(value)
-    return mean_beside(settled, time_s[known], value[known])
+    return mean_in_windows(settled, time_s[known], value[known])
 
 
 def _few(findings: Sequence[Finding], found: Staircase) -> tuple[Finding, ...]:
@@ -214,7 +214,7 @@ def read_scales(path: Path, motors: int | None, facts: RigFacts) -> ScalesRecord
 
 def _scales_of_run(run: Run) -> ScalesRecord:
     """Take typed readings, or the mean of what the scales sent in the second half of each step."""
-    motors = len(run.header.asked.get("motors", ())) or 1
+    motors = len(run.header.requested.get("motors", ())) or 1
     if holds(run, READINGS):
         rows = read_rows(run, READINGS)
         if "grams" not in rows.columns:

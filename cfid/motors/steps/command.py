@@ -81,5 +81,5 @@ def dynamics(
             esc_us=pulses_us(esc_us),
         )
         result = fit(of_table(stand))
-    result = replace(result, folder=workplace.figures_beside([path]))
+    result = replace(result, folder=workplace.figures_folder([path]))
     deliver(result, delivery, workplace.campaign, workplace.own_rig)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.console.lists import span
+from cfid.console.options import CutOptions, Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat, positive
 from cfid.console.outcome import deliver
 
 if TYPE_CHECKING:
@@ -28,23 +29,16 @@ class RotorOptions:
     ] = None
     expect: Annotated[
         str | None,
-        typer.Option(metavar="FROM:TO", help="Range of speeds to search, in rad/s.", rich_help_panel=_ROTOR),
+        typer.Option(metavar="FROM,TO", help="Range of speeds to search, in rad/s.", rich_help_panel=_ROTOR),
     ] = None
 
     @property
     def expected_rad_s(self) -> tuple[float, float] | None:
         """The range of speeds to search. Raises ConfigError for an invalid one."""
-        from cfid.errors import ConfigError
-
         if self.expect is None:
             return None
-        try:
-            low, high = (float(word) for word in self.expect.split(":"))
-        except ValueError:
-            raise ConfigError(f"--expect {self.expect}: should be FROM:TO in rad/s, as 400:3500.") from None
-        if not 0 < low < high < float("inf"):
-            raise ConfigError(f"--expect {self.expect}: should rise from above zero.")
-        return low, high
+        low, high = span(self.expect, "--expect", unit="rad/s", example="400,3500")
+        return positive(low, "--expect"), high
 
     def rotors_known(self) -> "Rotors":
         """Return them as the fits take them. Raises ConfigError for an invalid range."""
@@ -86,5 +80,5 @@ def rotor(
         to_s=cut.to_s,
     )
     deliver(
-        replace(result, folder=workplace.figures_beside([record.path])), delivery, workplace.campaign, workplace.own_rig
+        replace(result, folder=workplace.figures_folder([record.path])), delivery, workplace.campaign, workplace.own_rig
     )

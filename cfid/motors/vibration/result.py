@@ -40,7 +40,7 @@ class RotorWindow:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about it; a rejection concerns this window alone, and is a warning for the others."""
-        found = [replace(one, severity=_beside(one), where=(self.place,)) for one in self.speed.findings]
+        found = [replace(one, severity=_severity_of_window(one), where=(self.place,)) for one in self.speed.findings]
         if self.reported_rad_s and self.speed.accepted:
             off = self.speed.speed_rad_per_s / self.reported_rad_s - 1
             text = f"vibration and tachometer differ by {100 * off:+.1f} %."
@@ -129,7 +129,7 @@ def _steps(staircase: RunStaircase, vibration: VibrationRecord) -> list[RotorWin
     ]
 
 
-def _beside(finding: Finding) -> Any:
+def _severity_of_window(finding: Finding) -> Any:
     return "warning" if finding.severity == "rejection" else finding.severity
 
 
@@ -160,5 +160,5 @@ def _quantities(windows: Sequence[RotorWindow]) -> dict[str, Parameter]:
 def _line(one: RotorWindow) -> str:
     speed = one.speed
     apart = "" if speed.resolved else ", rotors not resolved"
-    beside = "" if one.reported_rad_s is None else f", tachometer {one.reported_rad_s:.1f} rad/s"
-    return f"{one.place}: {speed.speed_rad_per_s:.2f} +- {speed.std_rad_per_s:.2g} rad/s{apart}{beside}"
+    tachometer = "" if one.reported_rad_s is None else f", tachometer {one.reported_rad_s:.1f} rad/s"
+    return f"{one.place}: {speed.speed_rad_per_s:.2f} +- {speed.std_rad_per_s:.2g} rad/s{apart}{tachometer}"

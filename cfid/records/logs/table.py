@@ -66,7 +66,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
     faults, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
-        raise DataError(next(iter(faults.values()), f"{path}: no column beside the time."))
+        raise DataError(next(iter(faults.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
     found = tuple(channel for _, channel in kept)
     blocks = partial(_blocks, path, source.sha256, reading, time, [name for name, _ in kept])
@@ -96,7 +96,7 @@ def _nanobench(name: str) -> Channel:
 
 def _clock(table: CsvTable, time: str | None, reading: Foreign) -> str:
     if time is None:
-        return f"times are of --rate-hz {reading.rate_hz:g}"
+        return f"times are those of {reading.rate_hz:g} Hz"
     unit = {1.0: "s", 1e-3: "ms", 1e-6: "us"}[float(seconds_of(table, time, np.ones(1), unit=reading.time_unit)[0])]
     return f"times are column {printable(time)} in {unit}"
 

@@ -145,7 +145,7 @@ def _shown(value: object) -> str:
 
 
 def counts_per_turn(text: str) -> CountsPerTurn:
-    """Parse --counts-per-turn: a number, or the name of a word format.
+    """Parse counts per turn: a number, or the name of a word format.
 
     Raises ConfigError for anything else.
     """
@@ -156,7 +156,7 @@ def counts_per_turn(text: str) -> CountsPerTurn:
     except ValueError:
         value = 0.0
     if not (np.isfinite(value) and value > 0):
-        raise ConfigError(f"--counts-per-turn {text}: expected a number above zero, or {RLS_13BIT_IN_22}.")
+        raise ConfigError(f"`counts_per_turn` {text}: expected a number above zero, or {RLS_13BIT_IN_22}.")
     return value
 
 
@@ -170,7 +170,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
     if stamped is not None:
         time = stamped.time_s - values[0, 0]
-    unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "--angle-unit")
+    unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "angle_unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     notes = (*gaps_notes, *notes, *angle.notes, *((CUT_LINE,) if table.cut else ()))
     step_s, degrees = float(np.median(np.diff(time))), np.degrees(angle.angle_rad)

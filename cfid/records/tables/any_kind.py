@@ -40,9 +40,9 @@ def read_table(path: str | Path, *, kind: Literal["stand"], **settings: Any) -> 
 def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
     """Read a CSV file, or a run folder, of a kind: angles, forces and torques, crossings, pings, or a stand's table.
 
-    `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns`; of angles
-    `angle_unit` and `counts_per_turn`; of forces `units`, `counts_per_n`, `counts_per_nm`; of a stand `gravity_mps2`
-    and `esc_us`.
+    `settings` state what a file does not: `time_unit` ("s", "ms", "us"), `rate_hz`, `skip_lines`, `columns` ("t,phi"
+    or a tuple); of angles `angle_unit` and `counts_per_turn`; of forces `units`, `counts_per_n`, `counts_per_nm`; of a
+    stand `gravity_mps2` and `esc_us`.
     Raises ConfigError for an unknown kind or setting, DataError with file, line and next step.
     """
     if kind not in _READERS:
@@ -51,4 +51,6 @@ def read_table(path: str | Path, *, kind: str, **settings: Any) -> Any:
     unknown = sorted(settings.keys() - set(known))
     if unknown:
         raise ConfigError(f"{kind}: no setting {', '.join(unknown)}; the settings are {', '.join(known) or 'none'}.")
+    if isinstance(columns := settings.get("columns"), str):
+        settings["columns"] = tuple(name.strip() for name in columns.split(","))
     return read(Path(path), **settings)

@@ -51,18 +51,18 @@ def continuous_angle(
     notes: tuple[str, ...] = ()
     if unit is None:
         unit = _unit_by_range(values)
-        notes = (f"column '{column}' is read in {unit}, by its range of {np.ptp(values):.4g} (--angle-unit).",)
+        notes = (f"column '{column}' is read in {unit}, by its range of {np.ptp(values):.4g} (`angle_unit`).",)
     if unit is None:
         raise DataError(
             f"{table.path}: column '{column}' names no unit, is not whole counts, and its range of "
-            f"{np.ptp(values):.4g} may be radians or degrees: give --angle-unit rad|deg."
+            f"{np.ptp(values):.4g} may be radians or degrees: give `angle_unit` rad or deg."
         )
     if unit != "counts":
         turns = values / (360.0 if unit == "deg" else 2 * np.pi)
         return _joined(table, turns, np.arange(len(values)), notes)
     if not whole:
         raise DataError(
-            f"{table.path}: column '{column}' is read as counts but has fractions: give --angle-unit rad|deg."
+            f"{table.path}: column '{column}' is read as counts but has fractions: give `angle_unit` rad or deg."
         )
     return _from_counts(table, counts_per_turn, values.astype(np.int64))
 
@@ -82,20 +82,20 @@ def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Counts)
     if setting is None:
         setting = _guessed(table, counts, valid)
         name = setting if isinstance(setting, str) else f"{setting:.0f}"
-        notes = (f"counts are read as --counts-per-turn {name}.",)
+        notes = (f"counts are read as `counts_per_turn` {name}.",)
     if setting != RLS_13BIT_IN_22:
         turns = counts / float(setting)
         if np.ptp(turns) > _FOLDED_TURNS and np.mean(valid) > 0.5:
             raise DataError(
                 f"{table.path}: counts reach {counts.max()} and pass the check of a 13-bit word in 22 bits, but "
-                f"{float(setting):.0f} counts per turn are set: give --counts-per-turn {RLS_13BIT_IN_22}."
+                f"{float(setting):.0f} counts per turn are set: give `counts_per_turn` {RLS_13BIT_IN_22}."
             )
         return _joined(table, turns, np.arange(len(counts)), notes)
     failed = np.flatnonzero(~valid)
     if len(failed) > _FAILED_SHARE * len(counts):
         raise DataError(
             f"{table.path}: {len(failed)} of {len(counts)} samples fail the check of a 13-bit word in 22 bits, more "
-            f"than {100 * _FAILED_SHARE:g} %: a loose cable, or another encoder (--counts-per-turn N, e.g. 4194304)."
+            f"than {100 * _FAILED_SHARE:g} %: a loose cable, or another encoder (`counts_per_turn` N, e.g. 4194304)."
         )
     if len(failed):
         line = table.line_of_row(int(failed[0]))
@@ -114,7 +114,7 @@ def _guessed(table: CsvTable, counts: Counts, valid: npt.NDArray[np.bool_]) -> C
     if counts.min() < 0 or not _SHORTER_WORD <= counts.max() < WORD_COUNTS_PER_TURN:
         raise DataError(
             f"{table.path}: counts range from {counts.min()} to {counts.max()}, which does not show "
-            "the counts per turn: give --counts-per-turn N, or --angle-unit if these are not counts."
+            "the counts per turn: give `counts_per_turn` N, or `angle_unit` if these are not counts."
         )
     return float(WORD_COUNTS_PER_TURN)
 
@@ -134,7 +134,7 @@ def _joined(table: CsvTable, turns: Array, rows: Rows, notes: tuple[str, ...]) -
     what = f"the angle jumps by more than a quarter of a turn in {len(jumps)} of {len(turns)} samples"
     if len(jumps) > _JUMP_SHARE * len(turns):
         raise DataError(
-            f"{table.path}:{line}: {what}, here first: a wrong --counts-per-turn or --angle-unit, a bad cable, or too "
+            f"{table.path}:{line}: {what}, here first: a wrong `counts_per_turn` or `angle_unit`, a bad cable, or too "
             "fast for this rate. Whole turns cannot be counted."
         )
     return Angle(angle, rows, (*notes, f"{what} (first: line {line}); whole turns may be miscounted from there on."))

@@ -11,10 +11,9 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
-from cfid.records.run import Run
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
 from cfid.records.tables.table import Array, open_table
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, seconds_of
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, run_at, seconds_of
 
 CROSSINGS = "crossings"
 
@@ -43,17 +42,14 @@ class CrossingRecord:
     findings: tuple[Finding, ...]
 
 
-def read_run_crossings(run: Run) -> CrossingRecord:
-    """Read the crossings of a run. Raises DataError naming the file."""
-    return read_crossings(run.device_file(CROSSINGS))
-
-
 def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> CrossingRecord:
-    """Read a CSV file with a time and `thrust_rec`, and `sample` and `vehicle_us` where it has both.
+    """Read a run's crossings, or a CSV file with a time and `thrust_rec`, and `sample` and `vehicle_us` if it has both.
 
     A file without a header has time and command in its first two columns, like the thesis' files. Raises DataError with
     file, line and next step.
     """
+    run = run_at(path)
+    path = path if run is None else run.device_file(CROSSINGS)
     table = open_table(path)
     places = SCHEMA.places(table) if table.has_head else {TIME: "1", _COMMAND: "2"}
     stamped = {_SAMPLE, _VEHICLE} <= places.keys()

@@ -37,7 +37,7 @@ def head_of(path: Path, text: bytes, *, skip_lines: int = 0) -> Head:
     lines = list(islice(filled_lines(text, skip=skip_lines), _MOST_LINES))
     if not lines:
         count = text.count(b"\n")
-        raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that --skip-lines leaves out.")
+        raise DataError(f"{path}: nothing in its {count} lines beyond the {skip_lines} that `skip_lines` leaves out.")
     heads = (_head_at(lines, place) for place in range(len(lines)))
     return next((head for head in heads if head is not None), None) or _of_first_line(path, lines)
 
@@ -88,7 +88,7 @@ def _of_first_line(path: Path, lines: Sequence[TextLine]) -> Head:
     if not _numbers(fields):
         raise DataError(
             f"{path}: not a CSV file of numbers: line {row.number} reads '{short(row.text.strip())}'. "
-            "A longer header can be left out with --skip-lines."
+            "A longer header can be left out with `skip_lines`."
         )
     return Head(_fitted(names, fields) if has_head else _numbered(fields), has_head, separator, row)
 
@@ -104,7 +104,7 @@ def _is_head(path: Path, line: TextLine, fields: Sequence[str]) -> bool:
         return False
     text = short(line.text.strip())
     raise DataError(
-        f"{path}:{line.number}: '{text}' is neither a header nor a row of numbers: leave it out with --skip-lines, or "
+        f"{path}:{line.number}: '{text}' is neither a header nor a row of numbers: leave it out with `skip_lines`, or "
         f"repair it. {POINTS}"
     )
 

@@ -79,7 +79,7 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
         found = [table for table in found if any(name.lower() in _TIMES for name in table.names)] or found
     if len(found) > 1:
         there = "; ".join(f"{', '.join(table.names) or 'a matrix'} ({table.rows} rows)" for table in found)
-        raise ConfigError(f"{path}: several tables: {there[:300]}. Name the columns of one with --columns.")
+        raise ConfigError(f"{path}: several tables: {there[:300]}. Name the columns of one with `columns`.")
     return found[0]
 
 

@@ -41,8 +41,8 @@ class Foreign:
 class TableSchema:
     """The columns of one kind of table.
 
-    `words` are those of --columns, in the columns' order, empty for a kind that is read by its header alone. `hint`
-    ends the message on a missing column.
+    `words` are those of the setting `columns`, in the columns' order, empty for a kind that is read by its header
+    alone. `hint` ends the message on a missing column.
     """
 
     columns: tuple[Column, ...]
@@ -69,7 +69,7 @@ class TableSchema:
             if len(named) != count or len({table.place(name) for name in named}) < count:
                 both = len(self.words)
                 raise ConfigError(
-                    f"--columns {','.join(self.words)} names {both} columns, or with --rate-hz the last {both - 1} "
+                    f"`columns` {','.join(self.words)} names {both} columns, or with `rate_hz` the last {both - 1} "
                     "alone; none of them twice."
                 )
             return list(named)
@@ -78,7 +78,7 @@ class TableSchema:
             return names
         if needed[0].key == TIME and len(names) == count - 1:
             what = "one column" if count == 2 else f"{len(names)} columns"
-            raise DataError(f"{table.path}: {what} and no time: give --rate-hz.")
+            raise DataError(f"{table.path}: {what} and no time: give `rate_hz`.")
         by_number = ",".join(str(1 + place) for place in range(len(self.words) - count, len(self.words)))
         raise DataError(
             f"{table.path}: no header for its {len(names)} columns: give {option} by number, as in {by_number}. "
@@ -97,11 +97,11 @@ class TableSchema:
         missing = [one for one, names in there.items() if not names]
         if missing:
             what = ", ".join(one.label for one in missing)
-            rate = ", or --rate-hz" if self.words and {one.key for one in missing} == {TIME} else ""
+            rate = ", or `rate_hz`" if self.words and {one.key for one in missing} == {TIME} else ""
             hint = f" {self.hint}" if self.hint else ""
             raise DataError(f"{table.path}: no column {what} among {table.listing}: give {option}{rate}.{hint}")
 
     def _option(self, needed: Sequence[Column]) -> str:
         if not self.words:
             return f"a header {','.join(one.key for one in needed)}"
-        return f"--columns {','.join(self.words[-len(needed) :])}"
+        return f"`columns` {','.join(self.words[-len(needed) :])}"

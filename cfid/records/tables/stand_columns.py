@@ -14,7 +14,7 @@ from cfid.units import FULL_COMMAND
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
-_ROW_BY_ROW = ("time_s", "command")  # without them a row says nothing
+_ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
 
 
 class Columns(NamedTuple):
@@ -74,7 +74,7 @@ def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | Non
         return np.full(len(next(iter(found.values())).raw), np.nan), ()
     if column.head.kind != "esc":
         if esc_us is not None:
-            raise ConfigError(f"{table.path}: --esc-us is for pulse widths, but '{column.names[0]}' has another unit.")
+            raise ConfigError(f"{table.path}: `esc_us` is for pulse widths, but '{column.names[0]}' has another unit.")
         return column.value[:, 0], ()
     low, high = esc_us or USUAL_ESC_US
     raw = column.raw[:, 0]
@@ -82,9 +82,9 @@ def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | Non
         line = table.line_of_row(int(np.argmax(raw)))
         raise DataError(
             f"{table.path}:{line}: {raw.max():g} us in '{column.names[0]}' is longer than the full throttle of "
-            f"--esc-us {low:g}:{high:g}: give the range of this motor controller."
+            f"`esc_us` {low:g},{high:g}: give the range of this motor controller."
         )
-    notes = [f"pulse widths are read as --esc-us {low:g}:{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
+    notes = [f"pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
     if (below := int(np.count_nonzero(raw < low))) > 0:
         notes.append(f"{below} rows have pulses below {low:g} us: motors stand there, command 0.")
     return np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND), tuple(notes)

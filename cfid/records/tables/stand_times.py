@@ -59,7 +59,7 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
         column = found["time_s"]
         raw, (order, jitter) = column.raw[:, 0], _in_order(column.raw[:, 0])
         name = column.names[0]
-        stated = unit_of(table, TIME_COLUMN.called, name, unit, "--time-unit")
+        stated = unit_of(table, TIME_COLUMN.called, name, unit, "time_unit")
         slowest_s = _SLOWEST_S if stated is None else np.inf
         times, notes = times_of(
             table, name, raw if order is None else raw[order], unit=unit, rate_hz=None, slowest_s=slowest_s
@@ -71,11 +71,11 @@ def timing_of(table: CsvTable, found: Found, command: Array, *, unit: TimeUnit |
         return Timing(None, None, (*notes, text))
     if rate_hz is None and kind == "esc" and (held >= 2 or len(command) > _MOST_TYPED):
         raise DataError(
-            f"{table.path}: {len(command)} rows are a recording, and no column is its time: give --rate-hz."
+            f"{table.path}: {len(command)} rows are a recording, and no column is its time: give `rate_hz`."
         )
     if rate_hz is None and (not kind or held < _HELD_ROWS):
         return Timing(None, None, ())
     rate = STAND_RATE_HZ if rate_hz is None else rate_hz
     times, notes = times_of(table, None, command, unit=None, rate_hz=rate)
-    assumed = f"a record over time without a time column: {rate:g} Hz is assumed (--rate-hz)."
+    assumed = f"a record over time without a time column: {rate:g} Hz is assumed (`rate_hz`)."
     return Timing(times, rate, (*notes, *([assumed] if rate_hz is None else [])))

@@ -263,7 +263,7 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = ()) 
     Raises DataError when the file is missing, empty or not a table of numbers.
     """
     if skip_lines < 0:
-        raise ConfigError(f"--skip-lines {skip_lines}: has to be zero or more.")
+        raise ConfigError(f"`skip_lines` {skip_lines}: has to be zero or more.")
     if is_matlab(path):
         return table_in(path, matlab_text(path, columns), sha256=sha256_of(path))
     content = read_text(path)

@@ -31,7 +31,7 @@ _UNITS: dict[str, tuple[str, ...]] = {
     "counts": ("counts", "count"),
 }
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
-_NO_TIME = "Is this the time column? See --columns and --rate-hz."
+_NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
 _MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
@@ -124,8 +124,8 @@ def gaps(facts: Facts) -> list[str]:
     return [f"no samples for {total_s:.1f} s in {len(facts.gaps)} gap(s): {reasons}."]
 
 
-def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, option: str) -> str | None:
-    """Return the unit that was given by option or in the column's name, if any.
+def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
+    """Return the unit that was given by a setting or in the column's name, if any.
 
     Raises ConfigError when the two contradict each other.
     """
@@ -134,7 +134,7 @@ def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str |
     word = match.group(1) if match else None
     named = next((unit for unit, words in _UNITS.items() if word and word.lower() in words), None)
     if given and named and given != named:
-        raise ConfigError(f"{table.path}: column '{name}' is in {named}, but {option} is {given}.")
+        raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")
     return given or named
 
 
@@ -170,7 +170,7 @@ def seconds_of(table: CsvTable, column: str, raw: Array, *, unit: TimeUnit | Non
 
     Raises ConfigError when the given unit contradicts the column's name.
     """
-    return raw * SECONDS[unit_of(table, TIME_COLUMN.called, column, unit, "--time-unit") or "s"]
+    return raw * SECONDS[unit_of(table, TIME_COLUMN.called, column, unit, "time_unit") or "s"]
 
 
 def times_of(
@@ -192,9 +192,9 @@ def times_of(
     """
     if rate_hz is not None:
         if not 0 < rate_hz < np.inf:
-            raise ConfigError(f"--rate-hz {rate_hz:g}: has to be above zero.")
+            raise ConfigError(f"`rate_hz` {rate_hz:g}: has to be above zero.")
         return np.arange(len(raw)) / rate_hz, ()
-    stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "--time-unit")
+    stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "time_unit")
     with np.errstate(over="ignore"):
         intervals = np.diff(raw)
     backwards = np.flatnonzero(intervals < 0)
@@ -207,12 +207,12 @@ def times_of(
     if not np.any(intervals):
         raise DataError(
             f"{table.path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, are there decimal "
-            "commas, or is this not the time column? See --columns and --rate-hz."
+            "commas, or is this not the time column? See `columns` and `rate_hz`."
         )
     known = "s" if own and stated is None else time_unit_of(table, column or "", raw, unit=unit, slowest_s=slowest_s)
     notes = () if own else _check_unit(table.path, raw[0], intervals, known, slowest_s)
     if not own and stated is None and known != "s":
-        notes += (f"time is read in {known}, by its step of {np.median(intervals[intervals > 0]):g} (--time-unit).",)
+        notes += (f"time is read in {known}, by its step of {np.median(intervals[intervals > 0]):g} (`time_unit`).",)
     repeated = int(np.count_nonzero(intervals == 0))
     if repeated > _REPEATED_SHARE * len(raw):
         notes += (f"{repeated} of {len(raw)} samples repeat the time of the previous one.",)
@@ -226,7 +226,7 @@ def time_unit_of(
 
     The latter is the only unit that gives a possible sampling interval, and s where several do.
     """
-    stated = unit_of(table, TIME_COLUMN.called, column, unit, "--time-unit")
+    stated = unit_of(table, TIME_COLUMN.called, column, unit, "time_unit")
     if stated is not None:
         return cast(TimeUnit, stated)
     with np.errstate(over="ignore"):
@@ -249,7 +249,7 @@ def _check_unit(path: Path, first: float, intervals: Array, unit: str, slowest_s
     dated = f" It starts at {first:.0f}, which is a date (Unix time) in {dates[0]}." if dates else ""
     better = dates if dates and dates[0] in fitting else fitting
     if unit not in fitting or (better is dates and unit not in dates):
-        advice = f"Give --time-unit {' or '.join(better)}." if better else _NO_TIME
+        advice = f"Give `time_unit` {' or '.join(better)}." if better else _NO_TIME
         seconds = f"{interval * SECONDS[unit]:.3g}"
         raise DataError(f"{path}: read in {unit}, the time column has {seconds} s between samples.{dated} {advice}")
     if unit == better[0]:

@@ -158,8 +158,7 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
 def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> float:
     value = recorded if given is None else given
     if value is None:
-        option = f"--{key.replace('_', '-')}"
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key}: is missing: give {option}.")
+        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key}: is missing: give `{key}`.")
     return value
 
 
@@ -200,10 +199,10 @@ def _units(table: CsvTable, axes: Sequence[str], values: Array, given: Units | N
     found: set[Units] = set()
     for axis, column in zip(AXES, axes, strict=True):
         own = "n" if axis[0] == "F" else "nm"
-        named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "--units")
+        named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "units")
         found.add("n,nm" if named == own else "counts")
     if len(found) > 1:
-        raise DataError(f"{table.path}: its header has some axes in counts and some not: give --units.")
+        raise DataError(f"{table.path}: its header has some axes in counts and some not: give `units`.")
     units = found.pop()
     _check_values(table, axes, values, units)
     return units
@@ -218,23 +217,23 @@ def _check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Un
     row, axis = (int(place) for place in np.argwhere(wrong)[0])
     here = f"{table.path}:{table.line_of_row(row)}: {values[row, axis]:.9g} in column '{axes[axis]}' is"
     if units == "counts":
-        raise DataError(f"{here} not a count (a whole number of 32 bits): give --units n,nm if these are N and N m.")
-    raise DataError(f"{here} more than any load cell measures: are they counts? Then leave out --units n,nm.")
+        raise DataError(f"{here} not a count (a whole number of 32 bits): give `units` n,nm if these are N and N m.")
+    raise DataError(f"{here} more than any load cell measures: are they counts? Then leave out `units` n,nm.")
 
 
 def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...]]:
     """Return the divisors (6,) to N and N m, and a note where they are assumed."""
-    options = {"--counts-per-n": reading.counts_per_n, "--counts-per-nm": reading.counts_per_nm}
-    given = [option for option, value in options.items() if value is not None]
+    scales = {"`counts_per_n`": reading.counts_per_n, "`counts_per_nm`": reading.counts_per_nm}
+    given = [name for name, value in scales.items() if value is not None]
     if units == "n,nm":
         if given:
             raise ConfigError(f"{' and '.join(given)}: the file is in N and Nm, not in counts.")
         return np.ones(len(AXES)), ()
-    for option in given:
-        if not 0 < (options[option] or 0.0) < np.inf:
-            raise ConfigError(f"{option} {options[option]:g}: has to be above zero.")
-    scale = np.repeat([USUAL_COUNTS if value is None else value for value in options.values()], 3)
-    taken = " ".join(f"{option} {USUAL_COUNTS:.0f}" for option in options if option not in given)
+    for name in given:
+        if not 0 < (scales[name] or 0.0) < np.inf:
+            raise ConfigError(f"{name} {scales[name]:g}: has to be above zero.")
+    scale = np.repeat([USUAL_COUNTS if value is None else value for value in scales.values()], 3)
+    taken = " ".join(f"{name} {USUAL_COUNTS:.0f}" for name in scales if name not in given)
     return scale, (f"counts are read as {taken}.",) if taken else ()
 
 

@@ -172,8 +172,8 @@ def _values(line: ComparisonRow, comparison: PublishedComparison, power: int) ->
         return [plus_minus_in(x, s, power) for x, s in zip(line.values, std, strict=True)]
     texts = []
     for place, value in enumerate(line.values):
-        beside = against(value, yours.values[place]) if yours else ""
-        texts.append(plus_minus_in(value, None, power) + (f" ({beside})" if beside else ""))
+        difference = against(value, yours.values[place]) if yours else ""
+        texts.append(plus_minus_in(value, None, power) + (f" ({difference})" if difference else ""))
     return texts
 
 

@@ -27,8 +27,8 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     try:
         if path.exists() and not force and not _is_ours(path.read_bytes()):
             raise ConfigError(
-                f"{path}: exists already, and is not an unchanged report of cfid. Use --force to replace it, or --out "
-                "FILE to write elsewhere."
+                f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or `out` "
+                "to write elsewhere."
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)

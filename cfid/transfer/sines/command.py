@@ -13,14 +13,14 @@ from cfid.console.messages import result
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
-from cfid.console.vehicle import LogMs, VehicleOptions
+from cfid.console.vehicle import LogMs, VehicleOptions, motors_of
 from cfid.errors import ConfigError
 from cfid.units import FULL_COMMAND
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.transfer.sines.plan import SineSweep
+    from cfid.transfer.sines.plan import Sine, SineSweep
 
 _SINE = "Sine"
 _LARGEST_N = 2**32 - 1
@@ -61,7 +61,12 @@ class SineOptions:
         typer.Option(min=0, max=FULL_COMMAND, help="A, in commands; default: 20000.", rich_help_panel=_SINE),
     ] = None
     motor: Annotated[
-        int | None, typer.Option(min=0, max=4, help="Which motor, 0 for all; default: 1.", rich_help_panel=_SINE)
+        list[str] | None,
+        typer.Option(
+            metavar="1,3",
+            help="Motors, one after the other, with commas; 0 is all at once; default: 1.",
+            rich_help_panel=_SINE,
+        ),
     ] = None
     series: Annotated[
         str | None, typer.Option(help="Name of the series, kept with each run.", rich_help_panel=_SINE)
@@ -76,24 +81,20 @@ class SineOptions:
         bool, typer.Option("--dry-run", help="Print what would be done and how long it takes.", rich_help_panel=_SINE)
     ] = False
 
-    def chosen(self, resumed: Mapping[str, Any]) -> "SineSweep":
+    def chosen(self, resumed: "Sine | None" = None) -> "SineSweep":
         """Return the sines to play, checked as C.2.4 checks them; a resumed run's N, A, motor and series hold.
 
         Raises ConfigError.
         """
-
         planned = self._named() if self.l is not None else self._planned()
         given: dict[str, Any] = {
             "samples": self.n,
             "amplitude": self.amplitude,
-            "motor": self.motor,
+            "motors": None if self.motor is None else motors_of(self.motor, (), least=0),
             "series": self.series,
         }
-        known = {name: resumed.get(key) for name, key in zip(given, ("n", "amplitude", "motor", "series"), strict=True)}
-        for name, value in given.items():
-            if resumed and value is not None and value != known[name]:
-                raise ConfigError(f"--{name} {value}: the run to resume has {known[name]}: leave the option out.")
-        given = known if resumed else given
+        if resumed is not None:
+            given = _held(given, resumed)
         chosen = replace(planned, **{name: value for name, value in given.items() if value is not None})
         for l in chosen.periods:  # noqa: E741
             if not 0 <= l <= chosen.samples // 2:
@@ -121,14 +122,30 @@ class SineOptions:
         return SineSweep(periods=periods, samples=_USUAL_N)
 
 
-def _requested(word: Path, campaign: "Campaign") -> Mapping[str, Any]:
-    """Return what run.toml states of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
+def _held(given: Mapping[str, Any], resumed: "Sine") -> dict[str, Any]:
+    """Return N, A, motor and series of the run to resume. Raises ConfigError where another one is given."""
+    own = {
+        "samples": resumed.samples,
+        "amplitude": resumed.amplitude,
+        "motors": (resumed.motor,),
+        "series": resumed.series,
+    }
+    for name, value in given.items():
+        if value is not None and value != own[name]:
+            has = resumed.motor if name == "motors" else own[name]
+            raise ConfigError(f"{name}: the run to resume has {has}, not what is given: leave the option out.")
+    return own
+
+
+def _sine_of(word: Path, campaign: "Campaign") -> "Sine":
+    """Return the sine of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
     from cfid.records.run import read_run
+    from cfid.transfer.sines.plan import Sine
 
     run = read_run(interrupted(word, campaign, kind="sine"))
-    if not run.header.kind.startswith("sine"):
+    if run.header.family != "sine":
         raise ConfigError(f"{run.folder}: is no run of `cfid log sine` that could be resumed.")
-    return run.header.asked
+    return Sine.of_run(run.header.kind, run.header.requested)
 
 
 @flat
@@ -153,18 +170,19 @@ def sine(
 
     before_s = positive(options.before, "--before")
     if resume.word is None:
-        sweep = options.chosen({})  # invalid options are refused before any device is looked for
+        sweep = options.chosen()  # invalid options are refused before any device is looked for
     rig = campaign, _, simulated = rig_of(keep.campaign)
     if resume.word is not None:
-        sweep = options.chosen({} if resume.run is None else _requested(resume.run, campaign))
+        sweep = options.chosen(None if resume.run is None else _sine_of(resume.run, campaign))
     sines = sweep.sines if resume.word is None else missing_sines(sweep, campaign, simulated=simulated)
     if not sines:
         raise ConfigError("--resume: the campaign has all of them completely.")
     periods = [own.periods for own in sines]
     each_s = sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
-    lasts = f"{len(sines)} sines of {each_s:.0f} s: {len(sines) * each_s / 60:.1f} min"
+    where = f" on motors {', '.join(map(str, sweep.motors))} in turn" if len(sweep.motors) > 1 else ""
+    lasts = f"{len(sines)} sines of {each_s:.0f} s{where}: {len(sines) * each_s / 60:.1f} min"
     if sweep.text:
-        speech.note(f"l = {', '.join(map(str, periods))}: {sweep.text}")
+        speech.note(f"l = {', '.join(map(str, dict.fromkeys(periods)))}: {sweep.text}")
     if options.dry_run:
         typer.echo(lasts)
         return

@@ -13,7 +13,7 @@ from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.run import Run, refuse_contradiction, run_holding
-from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings, read_run_crossings
+from cfid.records.tables.crossings import CROSSINGS, CrossingRecord, read_crossings
 from cfid.records.tables.index import IndexRow, read_index
 from cfid.records.tables.times import losses, run_at
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
@@ -123,13 +123,13 @@ class _Reader:
         )
         name = f"l = {row.fields['l']} ({crossings.path.name})"
         for path in (crossings.path, row.file("loadcell")):
-            if (run := run_holding(path)) is not None and run.header.kind == "sine":
+            if (run := run_holding(path)) is not None and run.header.family == "sine":
                 _refuse_other_sine(f"{name}: {path}", sine, _sine(run))
         self._add(name, sine, crossings, row.file("loadcell"), facts)
 
     def add_run(self, run: Run, sine: Sine) -> None:
         """Add a run of `cfid log sine`."""
-        crossings = read_run_crossings(run)
+        crossings = read_crossings(run.folder)
         lost = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
         self.findings += of_recording(run.folder.name, lost)
         self._add(f"l = {sine.periods} ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
@@ -230,6 +230,6 @@ def _run(run: Run | Path | str) -> Run:
 
 def _sine(run: Run) -> Sine:
     try:
-        return Sine.of_run(run.header.kind, run.header.asked)
+        return Sine.of_run(run.header.kind, run.header.requested)
     except DataError as error:
         raise DataError(f"{run.folder}: {error}") from None

@@ -80,12 +80,15 @@ class Sine:
 
 @dataclass(frozen=True, kw_only=True)
 class SineSweep:
-    """Sines of one series: l of each, and eq. 3.6's N, A and motor for all. `text` states where the l come from."""
+    """Sines of l periods each, and eq. 3.6's N and A for all, on one motor after the other; 0 is all four at once.
+
+    Each of several motors makes a series of its own. `text` states where the l come from.
+    """
 
     periods: tuple[int, ...]
     samples: int
     amplitude: int = 20000
-    motor: int = 1
+    motors: tuple[int, ...] = (1,)
     series: str | None = None
     text: str = ""
 
@@ -93,9 +96,15 @@ class SineSweep:
     def sines(self) -> list[Sine]:
         """The sines in the order in which they are played."""
         return [
-            Sine(periods=l, samples=self.samples, amplitude=self.amplitude, motor=self.motor, series=self.series)
+            Sine(periods=l, samples=self.samples, amplitude=self.amplitude, motor=motor, series=self._series_of(motor))
+            for motor in self.motors
             for l in self.periods  # noqa: E741
         ]
+
+    def _series_of(self, motor: int) -> str | None:
+        if len(self.motors) == 1:
+            return self.series
+        return "_".join(filter(None, [self.series, f"motor{motor}" if motor else "all"]))
 
 
 _RECONSTRUCTED = "reconstructed by table 3.1's number of l, their range and growing steps;"
@@ -111,7 +120,7 @@ THESIS_FIRST = SineSweep(
 THESIS_SECOND = SineSweep(
     periods=(*_SLOW, *range(60, 101, 10), *range(120, 201, 20), 300, 400, 500, 750, 1000, 2000, 4000),
     samples=8000,
-    motor=3,
+    motors=(3,),
     series="second",
     text=f"{_RECONSTRUCTED} none stands in the thesis' code.",
 )

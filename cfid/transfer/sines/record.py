@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from itertools import chain
 from typing import Any
 
 from cfid.console.live import LiveLine
@@ -35,7 +36,7 @@ def record_sines(
     note: str | None,
     show: Callable[[Sine, Run], None],
 ) -> tuple[list[dict[str, Any]], CfidError | None]:
-    """Play sines of one motor and amplitude in turn; return a summary of each run, and the error that ended them.
+    """Play sines of one amplitude in turn; return a summary of each run, and the error that ended them.
 
     `show` gets each run at its end. Raises ConfigError or DeviceError before the first motor turns.
     """
@@ -46,9 +47,12 @@ def record_sines(
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         reports = crazyflie.crossings()  # refuses a vehicle that cannot play before the operator has to do anything
-        motors = (sines[0].motor,) if sines[0].motor else MOTORS
         amplitude = int(sines[0].amplitude)
-        confirm(crazyflie, motors, (max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)), yes=vehicle.yes)
+        least, largest = max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)
+        turning = [(motor,) if motor else MOTORS for motor in dict.fromkeys(sine.motor for sine in sines)]
+        for motors in turning:  # while one turns, the others stand or idle
+            crazyflie.limits.check_turning(motors, least, largest)
+        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes)
         for count, sine in enumerate(sines):
             tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
@@ -95,7 +99,7 @@ def plan_sine(
             sine.request(), there["crossings"], before_s=before_s, loop=loop, tell=tell
         ),
         facts=campaign.rig.facts,
-        asked=sine.to_run(),
+        requested=sine.to_run(),
         simulated=simulated,
     )
 
@@ -112,5 +116,5 @@ async def play_sine(
 def missing_sines(sweep: SineSweep, campaign: Campaign, *, simulated: bool) -> list[Sine]:
     """Return the sines without a complete run; simulated runs count for a simulated rig only."""
     runs = [run.header for run in list_runs(campaign.runs_folder) if isinstance(run, Run)]
-    there = [header.asked for header in runs if header.simulated == simulated and header.state == "complete"]
+    there = [header.requested for header in runs if header.simulated == simulated and header.state == "complete"]
     return [sine for sine in sweep.sines if sine.to_run() not in there]

@@ -149,10 +149,10 @@ def _by_order(sine: Sine, place: Array, expected: Rows) -> tuple[Rows, Rows]:
     if sine.half_period_s < _UNRESOLVED_S:
         return np.array([0]), expected[:1]  # the others might be taken for their neighbours
     skipped = _skipped(place, expected, missing, half_period=sine.half_period_s / SAMPLE_S)
-    # Beside a gap it is uncertain by which report it is, the more so the denser they are.
-    beside = max(1, math.ceil(_DENSE_S / sine.half_period_s))
+    # Near a gap it is uncertain by which report it is, the more so the denser they are.
+    reach = max(1, math.ceil(_DENSE_S / sine.half_period_s))
     gaps = np.flatnonzero(np.diff(skipped, prepend=0))
-    near = np.abs(np.arange(len(place))[:, None] - gaps + 0.5).min(axis=1, initial=math.inf) < beside
+    near = np.abs(np.arange(len(place))[:, None] - gaps + 0.5).min(axis=1, initial=math.inf) < reach
     rows = np.flatnonzero(~near)
     rows = rows if len(rows) else np.array([0])
     return rows, expected[rows + skipped[rows]]

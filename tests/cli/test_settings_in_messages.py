@@ -1,0 +1,82 @@
+"""Messages of what Python calls too name settings, in backticks; the command line shows its options instead."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cfid.console.messages import fault, in_options
+from cfid.errors import DataError
+from cfid.records.tables.any_kind import read_table
+from tests.places import ROOT
+
+COMMANDS = ROOT / "docs" / "reference" / "commands.md"
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+SETTING = re.compile(r"`([a-z]\w*)`")
+OF_ANOTHER_PROGRAM = {"--comb"}  # of the simulator that an exported file is for
+
+
+def below_the_command_line() -> Iterator[Path]:
+    """Yield the modules that Python calls; the demo types commands, as a person does."""
+    for path in sorted((ROOT / "cfid").rglob("*.py")):
+        package = path.relative_to(ROOT / "cfid").parts[0]
+        if package not in ("cli", "console", "demo") and not path.stem.endswith("command"):
+            yield path
+
+
+def literals(source: str) -> Iterator[str]:
+    """Yield the strings of a module but for docstrings."""
+    tree = ast.parse(source)
+    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+            yield node.value
+
+
+def named(pattern: re.Pattern[str]) -> dict[str, Path]:
+    """Return what a pattern finds in the strings of these modules, and in which module."""
+    texts = ((text, path) for path in below_the_command_line() for text in literals(path.read_text(encoding="utf-8")))
+    return {found: path for text, path in texts for found in pattern.findall(text)}
+
+
+def test_no_string_below_the_command_line_names_an_option() -> None:
+    assert {option: path for option, path in named(OPTION).items() if option not in OF_ANOTHER_PROGRAM} == {}
+
+
+def test_options_are_seen_in_strings_and_not_in_docstrings() -> None:
+    assert list(literals('"""--a"""\ndef f():\n    """--b"""\n    return f"{g} --c"\n')) == [" --c"]
+    assert OPTION.findall("give --rate-hz, or --units n,nm: a---b") == ["--rate-hz", "--units"]
+
+
+def test_every_setting_in_a_message_becomes_an_option_that_there_is() -> None:
+    options = set(OPTION.findall(COMMANDS.read_text(encoding="utf-8")))
+    settings = named(SETTING)
+
+    assert len(settings) > 20
+    for setting, path in settings.items():
+        assert in_options(f"`{setting}`") in options, path
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("give `units` n,nm or `rate_hz`.", "give --units n,nm or --rate-hz."),
+        ("no rows between `from_s` 2 and `to_s` 3.", "no rows between --from 2 and --to 3."),
+        ("look at it with `cfid show`; `sysctl a=1`.", "look at it with `cfid show`; `sysctl a=1`."),
+    ],
+)
+def test_the_command_line_shows_options_for_settings(text: str, shown: str, capsys: pytest.CaptureFixture[str]) -> None:
+    fault(text)
+
+    assert capsys.readouterr().err.strip() == f"cfid: {shown}"
+
+
+def test_in_python_a_message_names_a_setting_that_its_function_takes(tmp_path: Path) -> None:
+    path = tmp_path / "swing.csv"
+    path.write_text("when,where_rad\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(100)))
+
+    with pytest.raises(DataError, match="give `columns` TIME,ANGLE"):
+        read_table(path, kind="angle")
+    assert len(read_table(path, kind="angle", columns="when,where_rad").time_s) == 100

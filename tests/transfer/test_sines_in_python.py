@@ -1,0 +1,35 @@
+"""Sines in the Python interface: selected by their kind, whatever their l, and read from their folders."""
+
+from pathlib import Path
+
+import pytest
+
+import cfid
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from tests.transfer.sines_in_a_folder import sines, write_run
+
+PERIODS = (2, 10, 40)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for run in sines(PERIODS):
+        write_run(tmp_path, run)
+    return tmp_path
+
+
+def test_sines_are_runs_of_one_kind_and_each_has_its_own(campaign: Path) -> None:
+    opened = cfid.open_campaign(campaign)
+
+    assert [run.header.requested["l"] for run in opened.runs(kind="sine")] == list(PERIODS)
+    assert [run.header.requested["l"] for run in opened.runs(kind="sine_l10")] == [10]
+    assert opened.run("last sine").header.requested["l"] == 40
+    assert opened.runs(kind="sin") == []
+
+
+def test_the_crossings_of_a_run_are_read_from_its_folder(campaign: Path) -> None:
+    folder = cfid.open_campaign(campaign).run("last sine").folder
+    crossings = cfid.read_table(folder, kind="crossings")
+
+    assert len(crossings.host_s) == len(cfid.read_table(folder / "crossings.csv", kind="crossings").host_s) > 40
