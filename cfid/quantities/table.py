@@ -136,7 +136,8 @@ _ROTORS = _given(
     "rotor", "`cfid fit rotor`",
     Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
              Range(200, 5000, "slower ones stand, faster ones no propeller survives")),
-    Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS),
+    Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS,
+             measured=("speed_rad_s", "std_rad_s")),
 ) + _given(
     "dynamics", "`cfid fit dynamics`",
     Quantity("dynamics.rising", "1/s, 1/rad", "k_r", "rotor model, spinning up: linear and quadratic", Shape.LIST,
@@ -145,7 +146,8 @@ _ROTORS = _given(
              _SPINNING, count=2),
     Quantity("dynamics.delay_s", "s", "δ", "delay of the rotor behind its logged command", plausible=_LATE,
              given_by="`cfid fit dynamics` of a flight log"),
-    Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS),
+    Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS,
+             measured=("time_constant_s", "std_s", "delay_s")),
     Quantity("dynamics.map", "as named", "", "what each rotor's lag follows, c0 + c1 u + c2 u^2 of its command",
              Shape.ROWS, given_by="`cfid fit dynamics` of a flight log"),
 )  # fmt: skip
