@@ -234,7 +234,7 @@ _STATED = _given(
 ) + _given(
     "set", "",
     Quantity("arm_m", "m", "l", "vehicle's centre to a motor's axis", plausible=Range(0.015, 0.3, "a Crazyflie has "
-             "0.046"), given_by="`cfid set arm_m 0.046`: from the vehicle's centre to a motor's axis"),
+             "0.046"), given_by="rig.toml's loadcell, or `cfid set arm_m 0.046`"),
     Quantity("rotor_inertia_kg_m2", "kg m^2", "I_r", "inertia of rotor and propeller about their axis",
              plausible=Range(1e-10, 1e-5, "a Crazyflie has 3e-8"), given_by="`cfid set rotor_inertia_kg_m2 3e-8`"),
     Quantity("rotor_radius_m", "m", "R", "radius of a propeller", plausible=Range(0.005, 0.15, "a Crazyflie has "
