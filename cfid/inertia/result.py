@@ -14,6 +14,7 @@ from cfid.inertia.directions import icosahedron_axes, off_diagonal_gain
 from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes, moved_by_inputs
 from cfid.inertia.figures import budget_figure
 from cfid.inertia.redundancy import distance_findings, redundancy_findings
+from cfid.quantities.values import PRODUCTS
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs, implausible_quantities
@@ -216,7 +217,7 @@ def _budget_lines(fit: InertiaFit) -> list[str]:
     lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
-        products = 1e9 * np.mean([share[0, 1], share[0, 2], share[1, 2]])
+        products = 1e9 * np.mean([share[place] for place in PRODUCTS])
         lines.append(f"  {group:<18}{diagonal:9.1f}{products:9.1f}")
     return lines
 

@@ -14,6 +14,7 @@ from cfid.motors.lag.figures import lag_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
+from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
@@ -139,7 +140,7 @@ def _rows(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object
 
 
 def _maps(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
-    over = "cmd / 65535" if record.volts is None else "cmd / 65535 * V"
+    over = f"cmd / {FULL_COMMAND}" if record.volts is None else f"cmd / {FULL_COMMAND} * V"
     of = "rad/s" if record.speeds else "m/s^2"
     return [
         {"rotor": _rotor(name), "of": of, "over": over, **{f"c{power}": value for power, value in enumerate(fit.map)}}
