@@ -54,7 +54,6 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
         command="show",
         method="",
         quantities=_parameters(views),
-        quality={},
         findings=tuple(warning("recording", text) for text in dict.fromkeys((*notes, *faults))),
         sources=tuple(view.source for view in views),
         drawings=drawings if draws else None,

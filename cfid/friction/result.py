@@ -12,7 +12,7 @@ from cfid.friction.figures import drops_figure, friction_figure
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities, taken_as_exact
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.data import rig_or_thesis
@@ -73,7 +73,7 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=(VISCOUS, COULOMB),
-        quality={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
+        merits={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
         findings=(
             *notes,
             *(finding for record in records for finding in record.findings),
@@ -86,7 +86,7 @@ def fit(
             ),
         ),
         sources=tuple(record.source for record in records),
-        lines=tuple(_line(drop) for drop in measured),
+        lines=tuple(Dependent(_line(drop), "friction.runs") for drop in measured),
         drawings=drawings,
         folder=records[0].path.parent if records else Path(),
     )

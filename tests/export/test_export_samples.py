@@ -146,6 +146,23 @@ def test_the_centre_of_mass_and_gravity_are_drawn_too(cfid: Cfid, campaign: Path
     )
 
 
+def test_an_arm_of_rig_toml_is_drawn_with_its_uncertainty(cfid: Cfid, campaign: Path) -> None:
+    parameters = campaign / "parameters.toml"
+    parameters.unlink()
+    for name, found in sections().items():
+        if name != "set":
+            store_section(parameters, name, uncertain(found))
+    rig = campaign / "rig.toml"
+    rig.write_text(re.sub(r"^arm_std_mm = .*$", "arm_std_mm = 0.4", rig.read_text(), flags=re.MULTILINE))
+    said = cfid("export", "samples", "--n", "400", "--seed", "3")
+    assert said.returncode == 0, said.stderr
+
+    head, rows = read_csv(campaign / "exports" / "samples.csv")
+    arm_m = rows[:, head.index("arm_m")]
+    assert arm_m.mean() == pytest.approx(0.046, abs=1e-4)
+    assert arm_m.std() == pytest.approx(4e-4, rel=0.15)
+
+
 def test_a_gravity_without_an_uncertainty_is_listed_as_constant(cfid: Cfid, campaign: Path) -> None:
     rig = campaign / "rig.toml"
     rig.write_text(re.sub(r"^gravity_std_mps2 = .*$", "", rig.read_text(), flags=re.MULTILINE))

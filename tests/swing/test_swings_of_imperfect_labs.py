@@ -200,7 +200,7 @@ def test_uncertainties_of_mass_and_distance_are_lines_of_the_budget_and_none_is_
     value, alone, together = exact.quantities[key].value, exact.quantities[key].std, known.quantities[key].std
 
     assert together == pytest.approx(math.hypot(alone, 0.01 * value, 0.02 * value), rel=0.01)
-    assert any("mass 1 %" in line and "mount distances 2 %" in line for line in known.lines)
+    assert any("mass 1 %" in line and "mount distances 2 %" in line for line in known.summary())
     codes = [[one.text for one in result.findings if one.code == "input-taken-as-exact"] for result in (exact, known)]
     assert [len(texts) for texts in codes] == [2, 0]
     assert "the mass is taken as exact" in codes[0][0]

@@ -327,6 +327,8 @@ def test_what_no_such_plant_explains_is_rejected_and_exits_with_5(tf: Here, both
     }
     assert not content["accepted"]
     assert "tf.time_constant_s" in forced["parameters"]
+    assert "static_gain_n" in forced["quality"]["thesis"]
+    assert content["quality"]["thesis"] == {}
     assert said.returncode == 5
     assert said.stderr.splitlines()[-1].startswith("cfid: rejected: chi-squared is ")
     assert "'first+delay' describes the responses clearly better than 'first'" in said.stderr
