@@ -41,6 +41,7 @@ def fit(
     mass_kg: float | None = None,
     mass_std_kg: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     method: Method = "default",
@@ -63,7 +64,7 @@ def fit(
         given, body="crazyflie", gives=_AXIS, peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method
     )
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
-    around = surroundings(rig, gravity_mps2, measured.fixture)
+    around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     axis_inertias = AxisInertias(measured.mounted, body, around)
     findings = [*notes, *measured.findings(_resting_on), *_two_directions(axis_inertias)]
     matrix: InertiaFit | None = None

@@ -29,6 +29,7 @@ def fit_testbody(
     mass_kg: float | None = None,
     mass_std_kg: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     method: Method = "default",
@@ -44,7 +45,7 @@ def fit_testbody(
         given, body="testbody", gives=_MEASURED, peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method
     )
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
-    around = surroundings(rig, gravity_mps2, measured.fixture)
+    around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     comparisons = compare(body, AxisInertias(measured.mounted, swung_test_body(body), around))
     findings = (*notes, *measured.findings(_resting_on), *_differences(comparisons))
     quantities = _quantities(comparisons)

@@ -252,6 +252,8 @@ _SHOWN = _given(
     Quantity("recording.[<device>.]std_n", "N", "", "how far forces scatter", Shape.LIST, count=3, of_the_run=True),
     Quantity("recording.[<device>.]mean_nm", "N m", "", "mean torque", Shape.LIST, count=3, of_the_run=True),
     Quantity("recording.[<device>.]std_nm", "N m", "", "how far torques scatter", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]range.<column>", "", "", "lowest and highest number of a column",
+             Shape.LIST, count=2, of_the_run=True),
     Quantity("recording.[<device>.]mean.<column>", "", "", "mean of a column, its unit as the column's name ends",
              of_the_run=True),
 )  # fmt: skip

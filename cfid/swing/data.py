@@ -113,8 +113,15 @@ def drawn_body(rig: Rig, mass_kg: float | None, mass_std_kg: float | None = None
     return rig.testbody.model_copy(update={key: value for key, value in given.items() if value is not None})
 
 
-def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwing | None = None) -> Surroundings:
-    """Return gravity and, with a swing of it, the empty fixture; `gravity_mps2` replaces that of rig.toml.
+def surroundings(
+    rig: Rig,
+    gravity_mps2: float | None,
+    gravity_std_mps2: float | None = None,
+    fixture_swing: MountedSwing | None = None,
+) -> Surroundings:
+    """Return gravity and, with a swing of it, the empty fixture.
+
+    `gravity_mps2` and `gravity_std_mps2` replace those of rig.toml.
 
     Raises ConfigError when a fixture swung that rig.toml does not describe, and for gravity of zero or less.
     """
@@ -123,7 +130,7 @@ def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwi
         raise ConfigError("a swing of the fixture needs its mass and distance: add [fixture] to rig.toml.")
     return Surroundings(
         gravity_mps2=rig.site.gravity_mps2 if gravity_mps2 is None else gravity_mps2,
-        gravity_std_mps2=rig.site.gravity_std_mps2,
+        gravity_std_mps2=rig.site.gravity_std_mps2 if gravity_std_mps2 is None else gravity_std_mps2,
         fixture=rig.fixture,
         fixture_swing=fixture_swing,
     )

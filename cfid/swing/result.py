@@ -54,6 +54,7 @@ def fit(
     distance_m: float | None = None,
     distance_std_m: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     peaks: int | Mapping[str, int] | None = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     from_s: float | None = None,
@@ -76,7 +77,7 @@ def fit(
     rig = rig_around([record], rig)
     mass, distance = (mass_kg, mass_std_kg), (distance_m, distance_std_m)
     body = body_of_swing(rig, axis=axis, body=record.label.body, mass=mass, distance=distance)
-    around = surroundings(rig or thesis_rig(), gravity_mps2)
+    around = surroundings(rig or thesis_rig(), gravity_mps2, gravity_std_mps2)
     check_peaks(peaks, [axis] if axis else [])
     swing = swing_in(record, peaks=peaks_on(axis, peaks), smallest_peak_rad=smallest_peak_rad, from_s=from_s, to_s=to_s)
     found = _by_thesis(record, swing) if method == "thesis" else _by_default(record, swing)

@@ -155,7 +155,7 @@ def test_a_swing_recorded_by_a_busy_computer_is_timed_by_the_encoders_own_clock(
 def score(result: Result, truth: float) -> float:
     """Return how many of its standard uncertainties a frequency is off."""
     found = result.quantities["swing.natural_frequency_squared_s2"]
-    return abs(found.value - truth) / found.std
+    return float(abs(found.value - truth) / found.std)
 
 
 def test_a_window_from_zero_changes_nothing_and_one_that_begins_at_rest_finds_the_release() -> None:

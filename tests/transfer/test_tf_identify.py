@@ -197,9 +197,11 @@ def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says
         write_run(tmp_path, run, facts=facts)
     content = found(tf)
     overridden = found(tf, "--arm-mm", 46)
+    uncertain = found(tf, "--arm-mm", "46:2.3")["parameters"]["tf.static_gain_n"]
 
     assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(2 * GAIN_N, rel=0.01)
     assert overridden["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert uncertain["std"] == pytest.approx(0.05 * uncertain["value"], rel=0.05)
     assert not any("assumed" in warning for warning in sentences(content))
 
 

@@ -126,7 +126,7 @@ def angle_record(recording: Recording) -> AngleRecord:
 
 
 def labelled(record: AngleRecord, **label: object) -> AngleRecord:
-    """Return a record with an `axis`, `weight_g` or `body` in its label.
+    """Return a record with an `axis`, `weight_g`, `weight_std_g` or `body` in its label.
 
     Raises ConfigError where the record's own label has another one.
     """
