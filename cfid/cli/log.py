@@ -88,6 +88,10 @@ def encoder(
     if lasting.dry_run:
         rehearse("the encoder", campaign.runs_folder, lasting.seconds)
         return
+    from cfid.friction.verdict import verdict as of_drop
+    from cfid.swing.verdict import verdict as of_swing
+
+    judge = {"swing": of_swing, "drop": of_drop}.get(plan.kind)
     live = LiveLine()
     with ExitStack() as held:
         device = ready_encoder(
@@ -97,7 +101,7 @@ def encoder(
             continuous=continuous,
             say=live.say,
         )
-        record("log encoder", plan, [device], live, keep)
+        record("log encoder", plan, [device], live, keep, judge=judge)
 
 
 @flat
@@ -139,7 +143,9 @@ def loadcell(
     if lasting.dry_run:
         rehearse("the load cell", campaign.runs_folder, lasting.seconds)
         return
+    from cfid.loadcell.verdict import verdict
+
     live = LiveLine()
     with ExitStack() as held:
         device = ready_loadcell(setting, held, buffered=not real_time, bias=bias, say=live.say)
-        record("log loadcell", plan, [device], live, keep)
+        record("log loadcell", plan, [device], live, keep, judge=verdict)

@@ -147,6 +147,7 @@ def _row(run: "Run") -> dict[str, Any]:
     label = header.label
     weight = None if label.weight_g is None else f"{label.weight_g:g} g"
     excluded = f"excluded: {header.excluded}" if header.excluded else ""
+    unusable = "" if header.verdict is None or header.verdict.usable else f"not usable: {header.verdict.text}"
     slow = [f"{name}: {device.achieved}" for name, device in header.devices.items() if device.achieved]
     known = [device.rows for device in devices if device.rows is not None]
     return {
@@ -159,5 +160,7 @@ def _row(run: "Run") -> dict[str, Any]:
         "skipped": sum(device.skipped or 0 for device in devices),
         "simulated": header.simulated,
         "excluded": header.excluded,
-        "note": "; ".join(filter(None, ["simulated" * header.simulated, excluded, *slow, label.note, header.reason])),
+        "note": "; ".join(
+            filter(None, ["simulated" * header.simulated, excluded, *slow, unusable, label.note, header.reason])
+        ),
     }

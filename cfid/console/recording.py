@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 OUTPUT = "Output"
 
 Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether they are simulated
+Judge = Callable[["Run"], str]  # says what a run is good for; a CfidError, why it is not
 Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as --json has them, and lines
 
 
@@ -117,14 +118,16 @@ def record(
     live: LiveLine,
     options: KeepOptions,
     *,
+    judge: Judge | None,
     found: Found = nothing_found,
 ) -> None:
     """Record a run and print its summary, also when it failed. Raises the error that ended it.
 
-    `found` evaluates a run that did not fail.
+    `judge` says what a complete run is good for, None where no fit takes it; `found` evaluates a run that did not fail.
     """
     run, failure = attempt(plan, devices, live)
     if run is not None:
+        run = judged(run, judge)
         parameters, lines = found(run) if failure is None else ({}, ())
         if options.json:
             print_json({**summary(command, run, failure, parameters), "figures": _figures(run, options)})
@@ -133,6 +136,31 @@ def record(
             _figures(run, options)
     if failure is not None:
         raise failure
+
+
+def judged(run: "Run", judge: Judge | None) -> "Run":
+    """Return a run with its verdict, which run.toml has from now on; a run that is not complete as it is."""
+    from cfid.records.run import Verdict, amend_run
+
+    if judge is None or run.header.state != "complete":
+        return run
+    try:
+        verdict = Verdict(usable=True, text=judge(run))
+    except CfidError as error:
+        verdict = Verdict(usable=False, text=str(error))
+    try:
+        return amend_run(run, verdict=verdict)
+    except DataError as error:
+        note(f"the verdict was not kept: {error}")
+        return run
+
+
+def verdict_line(run: "Run") -> str:
+    """Return what a recording is good for, "" where it was not judged."""
+    verdict = run.header.verdict
+    if verdict is None:
+        return ""
+    return f"good: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."
 
 
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
@@ -170,8 +198,9 @@ def print_summary(run: "Run", lines: Sequence[str] = ()) -> None:
         typer.echo(
             f"{name}: {device['rows']} rows, {device['lost']} lost{_counts(device)}{skipped} -> {device['file']}"
         )
-    for line in lines:
-        typer.echo(line)
+    for line in (*lines, verdict_line(run)):
+        if line:
+            typer.echo(line)
     if (stopped_in_s := _stopped_in_s(run)) is not None:
         typer.echo(stop_line(stopped_in_s))
     if run.header.reason and run.header.state != "failed":
@@ -214,6 +243,7 @@ def summary(
         "accepted": run.header.state == "complete",
         "findings": _findings(failure),
         "quality": {},
+        "verdict": None if run.header.verdict is None else run.header.verdict.model_dump(),
         "devices": devices,
         "stopped_in_s": _stopped_in_s(run),
         "sources": [{"path": device["file"], "sha256": _hash(Path(device["file"]))} for device in devices.values()],

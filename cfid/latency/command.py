@@ -58,13 +58,16 @@ def ping(
     Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
     """
     from cfid.latency.record import record_pings
+    from cfid.latency.verdict import verdict
 
     every_s = positive(interval, "--interval")
     rig = rig_of(keep.campaign)
     if dry_run:
         rehearse(f"{count} pings", rig[0].runs_folder, count * every_s)
         return
-    record_pings(count=count, every_s=every_s, rig=rig, vehicle=vehicle, keep=keep, note=note, found=_found)
+    record_pings(
+        count=count, every_s=every_s, rig=rig, vehicle=vehicle, keep=keep, note=note, judge=verdict, found=_found
+    )
 
 
 def _found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Found, KeepOptions, Rig, record
+from cfid.console.recording import Found, Judge, KeepOptions, Rig, record
 from cfid.console.vehicle import LinkOptions, reach
 from cfid.records.run import Label
 from cfid.rig.log import Plan
@@ -22,6 +22,7 @@ def record_pings(
     vehicle: LinkOptions,
     keep: KeepOptions,
     note: str | None,
+    judge: Judge,
     found: Found,
 ) -> None:
     """Record `count` round trips, one begun every `every_s` seconds. Raises DeviceError."""
@@ -39,7 +40,7 @@ def record_pings(
             requested={"count": count, "interval_s": every_s},
             simulated=simulated,
         )
-        record("log ping", plan, [crazyflie.pings()], live, keep, found=found)
+        record("log ping", plan, [crazyflie.pings()], live, keep, judge=judge, found=found)
 
 
 async def ping_often(pings: Pings, *, count: int, every_s: float, loop: Any, tell: Callable[[str], None]) -> None:

@@ -84,6 +84,7 @@ def thrust(
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
     from cfid.motors.record import record_forces
+    from cfid.motors.verdict import of_forces
 
     rig = rig_of(keep.campaign)
     wanted = options.staircase(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
@@ -91,7 +92,17 @@ def thrust(
     if options.dry_run:
         announce(wanted)
     else:
-        record_forces("thrust", wanted, rig, vehicle=vehicle, log_ms=log_ms, rate_hz=rate_hz, keep=keep, note=note)
+        record_forces(
+            "thrust",
+            wanted,
+            rig,
+            vehicle=vehicle,
+            log_ms=log_ms,
+            rate_hz=rate_hz,
+            keep=keep,
+            note=note,
+            judge=of_forces,
+        )
 
 
 @flat
@@ -120,6 +131,7 @@ def speed(
     Example: [bold]cfid log speed --motor 1[/bold]
     """
     from cfid.motors.record import record_speed
+    from cfid.motors.verdict import of_readings
 
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
@@ -130,7 +142,15 @@ def speed(
         announce(wanted)
     else:
         record_speed(
-            wanted, rig, tachometer=tachometer, port=port, vehicle=vehicle, log_ms=log_ms, keep=keep, note=note
+            wanted,
+            rig,
+            tachometer=tachometer,
+            port=port,
+            vehicle=vehicle,
+            log_ms=log_ms,
+            keep=keep,
+            note=note,
+            judge=of_readings,
         )
 
 
@@ -155,6 +175,7 @@ def scales(
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
     from cfid.motors.record import record_scales
+    from cfid.motors.verdict import of_readings
 
     wanted = options.staircase(
         motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S
@@ -164,7 +185,17 @@ def scales(
     if options.dry_run:
         announce(wanted)
     else:
-        record_scales(wanted, rig, port=port, baud=baud, vehicle=vehicle, log_ms=log_ms, keep=keep, note=note)
+        record_scales(
+            wanted,
+            rig,
+            port=port,
+            baud=baud,
+            vehicle=vehicle,
+            log_ms=log_ms,
+            keep=keep,
+            note=note,
+            judge=of_readings,
+        )
 
 
 def announce(staircase: "StaircasePlan") -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Found, KeepOptions, Rig, nothing_found, record
+from cfid.console.recording import Found, Judge, KeepOptions, Rig, nothing_found, record
 from cfid.console.vehicle import VehicleOptions, confirm, reach
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Label
@@ -33,6 +33,7 @@ def record_forces(
     rate_hz: int | None,
     keep: KeepOptions,
     note: str | None,
+    judge: Judge,
     question: str | None = None,
     requested: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
@@ -54,7 +55,7 @@ def record_forces(
             parts.append(typed_readings("rpm"))
         procedure = _procedure(staircase, question, live, tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
-        record(f"log {kind}", plan, parts, live, keep, found=found)
+        record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
 
 
 def record_speed(
@@ -67,6 +68,7 @@ def record_speed(
     log_ms: int,
     keep: KeepOptions,
     note: str | None,
+    judge: Judge,
 ) -> None:
     """Record rotor speeds during a staircase, as `typed`, a `ut372`, the RPM `deck` or `brushless` motors give them.
 
@@ -91,6 +93,7 @@ def record_speed(
         vehicle=vehicle,
         keep=keep,
         note=note,
+        judge=judge,
     )
 
 
@@ -104,6 +107,7 @@ def record_scales(
     log_ms: int,
     keep: KeepOptions,
     note: str | None,
+    judge: Judge,
 ) -> None:
     """Record during a staircase what scales at a serial port show, or, without a port, what the operator types.
 
@@ -124,6 +128,7 @@ def record_scales(
         vehicle=vehicle,
         keep=keep,
         note=note,
+        judge=judge,
     )
 
 
@@ -138,6 +143,7 @@ def _record_readings(
     vehicle: VehicleOptions,
     keep: KeepOptions,
     note: str | None,
+    judge: Judge,
 ) -> None:
     """Record an instrument that records by itself, or, with a question, one that the operator reads."""
     _, devices, simulated = rig
@@ -150,7 +156,7 @@ def _record_readings(
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes)
         procedure = _procedure(staircase, question, live, tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={})
-        record(f"log {kind}", plan, parts, live, keep)
+        record(f"log {kind}", plan, parts, live, keep, judge=judge)
 
 
 def _plan(

@@ -92,6 +92,13 @@ class Origin(_Section):
     notes: tuple[str, ...] = ()
 
 
+class Verdict(_Section):
+    """Whether a recording is of use, judged at its end by the code that fits it, and why."""
+
+    usable: bool
+    text: str
+
+
 class RunHeader(_Section):
     """The contents of run.toml."""
 
@@ -107,6 +114,7 @@ class RunHeader(_Section):
     rig: RigFacts = NONE_STATED  # as rig.toml stated them at the time
     requested: dict[str, Any] = Field({}, alias="asked")  # its name in run.toml
     origin: Origin | None = None
+    verdict: Verdict | None = None
     devices: dict[str, DeviceRecord] = {}
 
     @property
@@ -189,8 +197,8 @@ def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[s
             )
 
 
-def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None) -> Run:
-    """Set in run.toml the reason to exclude a run from fits ("" includes it again), or its note; rows are unchanged.
+def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None, verdict: Verdict | None = None) -> Run:
+    """Set in run.toml the reason to exclude a run from fits ("" includes it again), its note or its verdict.
 
     All else keeps its present content on disk, whatever it was when the run was read. Raises DataError when the file
     cannot be written.
@@ -200,6 +208,8 @@ def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None)
             header = read_run(run.folder).header
             if excluded is not None:
                 header = header.model_copy(update={"excluded": excluded})
+            if verdict is not None:
+                header = header.model_copy(update={"verdict": verdict})
             if note is not None:
                 header = with_note(header, note or None)
             write_header(run.folder, header)

@@ -140,6 +140,7 @@ def wind(
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
     from cfid.drag.wind.plan import KIND
+    from cfid.drag.wind.verdict import verdict
     from cfid.motors.record import record_forces
 
     rig = campaign, _, simulated = rig_of(keep.campaign)
@@ -158,6 +159,7 @@ def wind(
         rate_hz=rate_hz,
         keep=keep,
         note=note,
+        judge=verdict,
         question="RPM shown at command {command}, Enter alone for none" if asks else None,
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),

@@ -11,7 +11,7 @@ from cfid.console import messages as speech
 from cfid.console.lists import comma_list
 from cfid.console.messages import result
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
+from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line, verdict_line
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import LogMs, VehicleOptions, motors_of
 from cfid.errors import ConfigError
@@ -20,6 +20,7 @@ from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
+    from cfid.records.run import Run
     from cfid.transfer.sines.plan import Sine, SineSweep
 
 _SINE = "Sine"
@@ -167,6 +168,7 @@ def sine(
     """
     from cfid import __version__
     from cfid.transfer.sines.record import missing_sines, record_sines
+    from cfid.transfer.sines.verdict import verdict
 
     before_s = positive(options.before, "--before")
     if resume.word is None:
@@ -196,9 +198,8 @@ def sine(
         log_ms=log_ms,
         rate_hz=rate_hz,
         note=note,
-        show=lambda own, run: (
-            None if keep.json else typer.echo(f"l = {own.periods}: {run.header.state} -> {run.folder}")
-        ),
+        judge=verdict,
+        show=lambda own, run: None if keep.json else typer.echo(_sine_line(own, run)),
     )
     if keep.json:
         print_json({"command": "log sine", "runs": runs, "wanted": periods, "version": __version__})
@@ -206,3 +207,8 @@ def sine(
         result(stop_line(runs[-1]["stopped_in_s"]))
     if failure is not None:
         raise failure
+
+
+def _sine_line(sine: "Sine", run: "Run") -> str:
+    lines = (f"l = {sine.periods}: {run.header.state} -> {run.folder}", verdict_line(run))
+    return "\n  ".join(filter(None, lines))

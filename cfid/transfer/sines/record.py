@@ -8,7 +8,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Rig, attempt, summary
+from cfid.console.recording import Judge, Rig, attempt, judged, summary
 from cfid.console.vehicle import VehicleOptions, confirm, reach
 from cfid.errors import CfidError
 from cfid.records.campaign import Campaign
@@ -34,6 +34,7 @@ def record_sines(
     log_ms: int,
     rate_hz: int | None,
     note: str | None,
+    judge: Judge,
     show: Callable[[Sine, Run], None],
 ) -> tuple[list[dict[str, Any]], CfidError | None]:
     """Play sines of one amplitude in turn; return a summary of each run, and the error that ended them.
@@ -58,6 +59,7 @@ def record_sines(
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
             run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live)
             if run is not None:
+                run = judged(run, judge)
                 runs.append(summary("log sine", run, failure))
                 show(sine, run)
             if failure is not None or run is None or run.header.state != "complete":

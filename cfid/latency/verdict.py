@@ -1,0 +1,11 @@
+"""Judge pings as soon as they are recorded."""
+
+from cfid.latency.result import fit
+from cfid.records.run import Run
+
+
+def verdict(run: Run) -> str:
+    """Say how many pings were answered, and how fast. Raises FitError for fewer than two."""
+    result = fit([run])
+    mean_ms = 1e3 * result.quantities["latency.rtt_mean_s"].value
+    return f"{result.quality['answers']} of {run.header.requested['count']} answered, {mean_ms:.1f} ms on average."

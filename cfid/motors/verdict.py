@@ -1,0 +1,34 @@
+"""Judge a staircase as soon as it is recorded: which commands the load cell or the instrument can tell."""
+
+import numpy as np
+
+from cfid.errors import DataError, FitError
+from cfid.motors.data import reduce_run
+from cfid.motors.plan import StaircasePlan
+from cfid.records.run import Run
+from cfid.records.tables.vehicle import READINGS, holds, read_rows
+from cfid.records.tables.wrench import WrenchReading, read_wrench
+
+_SHARE = 0.5  # of the steps that must be there
+
+
+def of_forces(run: Run) -> str:
+    """Say how many steps of a load cell's staircase are steady. Raises DataError or FitError where few are."""
+    steps = len(StaircasePlan.of_run(run).steps)
+    points = reduce_run(read_wrench(run.folder, WrenchReading())).reduced.steady()
+    if len(points) < _SHARE * steps:
+        raise FitError(f"only {len(points)} of {steps} steps are steady: hold them longer, or let the rig settle.")
+    least, most = (1e3 * float(end(point.mean[2] for point in points)) for end in (min, max))
+    return f"{len(points)} of {steps} steps are steady, Fz from {least:.0f} to {most:.0f} mN."
+
+
+def of_readings(run: Run) -> str:
+    """Say how many steps have a reading. Raises DataError where few have."""
+    steps = len(StaircasePlan.of_run(run).steps)
+    if not holds(run, READINGS):
+        return "the vehicle's log has the speeds."
+    (value,) = (column for name, column in read_rows(run, READINGS).columns.items() if name != "command")
+    read = int(np.count_nonzero(np.isfinite(value)))
+    if read < _SHARE * steps:
+        raise DataError(f"only {read} of {steps} steps have a reading.")
+    return f"{read} readings at {steps} steps, from {value.min():g} to {value.max():g}."

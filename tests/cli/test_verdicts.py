@@ -1,0 +1,86 @@
+"""Each recording is judged as it ends, by the code that will fit it, and the run keeps the verdict."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import cfid.friction.verdict
+import cfid.swing.verdict
+from cfid.console.recording import judged, verdict_line
+from cfid.records.run import Run, amend_run, list_runs, read_run
+from tests.campaigns import Cfid
+from tests.rig_in_a_folder import Lab, lab_in
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with lab_in(tmp_path) as lab:
+        yield lab
+
+
+def runs_of(folder: Path, kind: str) -> list[Run]:
+    found = [run for run in list_runs(folder / "runs") if isinstance(run, Run)]
+    return [run for run in found if run.header.kind == kind]
+
+
+def test_a_sound_swing_is_good_and_says_how_far_it_swung(bodies: Path) -> None:
+    run = judged(runs_of(bodies, "swing")[0], cfid.swing.verdict.verdict)
+
+    assert verdict_line(run).startswith("good: ")
+    assert "peaks from" in verdict_line(run)
+    assert read_run(run.folder).header.verdict == run.header.verdict
+
+
+def test_a_sound_drop_is_good_though_one_weight_alone_gives_no_friction(bodies: Path) -> None:
+    run = judged(runs_of(bodies, "drop")[0], cfid.friction.verdict.verdict)
+
+    assert verdict_line(run).startswith("good: 20 g:")
+
+
+def test_a_drop_is_no_swing_and_is_told_to_be_recorded_again(bodies: Path) -> None:
+    run = judged(runs_of(bodies, "drop")[0], cfid.swing.verdict.verdict)
+
+    assert verdict_line(run).startswith("NOT USABLE: ")
+    assert verdict_line(run).endswith("Record it again.")
+    assert read_run(run.folder).header.verdict is not None
+
+
+def test_a_run_that_was_cut_is_not_judged(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+    cut = Run(folder=run.folder, header=run.header.model_copy(update={"state": "interrupted"}))
+
+    assert judged(cut, cfid.swing.verdict.verdict).header.verdict is None
+
+
+def test_a_verdict_that_cannot_be_kept_costs_no_recording(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = runs_of(bodies, "swing")[0]
+    (run.folder / "run.toml").unlink()
+
+    def judge(_: Run) -> str:
+        return "fine"
+
+    assert judged(run, judge) is run
+    assert "the verdict was not kept" in capsys.readouterr().err
+
+
+def test_a_command_ends_with_the_verdict_and_lists_tell_what_is_not_usable(lab: Lab, cfid: Cfid) -> None:
+    # An axis that turns steadily is no swing.
+    said = lab.cfid("log", "encoder", "--axis", "x", "--for", 0.5, "--json")
+    verdict = json.loads(said.out)["verdict"]
+
+    assert said.code == 0
+    assert not verdict["usable"]
+    assert verdict["text"]
+    listed = json.loads(cfid("runs", "--campaign", lab.folder, "--json").stdout)["runs"]
+    assert "not usable: " in listed[-1]["note"]
+    assert lab.cfid("log", "loadcell", "--for", 0.5).out.splitlines()[-1].startswith("good: Fz ")
+
+
+def test_a_verdict_stays_when_a_note_is_written(bodies: Path) -> None:
+    run = judged(runs_of(bodies, "swing")[0], cfid.swing.verdict.verdict)
+    noted = amend_run(run, note="the second battery")
+
+    assert noted.header.verdict == run.header.verdict
+    assert read_run(run.folder).header.label.note == "the second battery"
