@@ -29,8 +29,8 @@ from cfid.drawing.style import (
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.staircase import FZ, Staircase
 from cfid.findings import Finding, texts
-from cfid.motors.maps.checks import listed
-from cfid.motors.maps.estimation import OUTLIER_WEIGHT, MotorMap, SpeedThrustMap
+from cfid.motors.maps.checks import OUTLIER_WEIGHT, listed
+from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.scales import ScalesCheck
 from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.panels import (
