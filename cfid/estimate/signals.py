@@ -119,18 +119,6 @@ def correlation_inflation(series: Array, *, longest: int) -> float:
     return float(max(1.0, 1.0 + 2.0 * pairs[:stop].sum()))
 
 
-def amplitude_spectrum(value: Array, *, rate_hz: float) -> tuple[Array, Array]:
-    """Return frequencies in Hz (f,) and the amplitude (..., f) of the sine at each, for a series (..., n).
-
-    One-sided, about its mean, through a Hann window [Har]: a sine of amplitude A shows A, or down to 0.85 A where its
-    frequency lies between two of the spectrum's.
-    """
-    count = value.shape[-1]
-    weights = cosine_taper(count, share=1.0)
-    lines = np.fft.rfft(weights * (value - value.mean(axis=-1, keepdims=True)))
-    return np.arange(lines.shape[-1]) * (rate_hz / count), np.asarray(2 * np.abs(lines))
-
-
 def cosine_taper(count: int, *, share: float) -> Array:
     """Return weights (count,) of sum 1 that rise and fall as a cosine over `share` of them [Har]: 1 is Hann's."""
     length = math.ceil(share * count / 2)

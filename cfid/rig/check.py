@@ -132,12 +132,17 @@ def _udp(setting: LoadCellBox, settings: Settings | None, *, alive: bool) -> lis
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         granted = enlarge(line)
         got, foreign = _streamed(line, (setting.address, setting.rdt_port), expected)
-    buffer = DeviceAnswer("receive buffer", "ok", f"{granted >> 10} KiB")
-    if granted < RECEIVE_BUFFER_BYTES:
-        advice = f"the system caps it: `sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}`"
-        buffer = DeviceAnswer("receive buffer", "warning", f"{granted >> 10} KiB", advice)
     others = f", {foreign} datagrams from other addresses" if foreign else ""
-    return [_stream(got, expected, others, alive=alive), buffer]
+    return [_stream(got, expected, others, alive=alive), judge_buffer(granted)]
+
+
+def judge_buffer(granted_bytes: int) -> DeviceAnswer:
+    """Judge the receive buffer that the system granted."""
+    shown = f"{granted_bytes >> 10} KiB"
+    if granted_bytes >= RECEIVE_BUFFER_BYTES:
+        return DeviceAnswer("receive buffer", "ok", shown)
+    advice = f"the system caps it: `sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}`"
+    return DeviceAnswer("receive buffer", "warning", shown, advice)
 
 
 def _stream(got: int, expected: int, others: str, *, alive: bool) -> DeviceAnswer:

@@ -4,7 +4,7 @@ import contextlib
 import os
 import termios
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import serial
@@ -50,15 +50,21 @@ def find_encoder(
     A `serial_number` restricts the search to that encoder; without `configure` nothing is set. Raises DeviceError
     with the answers of all candidates, after five seconds at most.
     """
-    end_s = time.monotonic() + _LONGEST_S
-    candidates = ports_to_ask(port)
-    if not candidates:
+    if not (ports := ports_to_ask(port)):
         raise DeviceError(
             "no encoder interface is plugged in: no serial port has the name E201 or its maker's USB number. "
             "Plug it in, or set its port: devices.encoder.port in rig.toml, or `port`."
         )
+    return encoder_among(ports, counts_per_turn=counts_per_turn, serial_number=serial_number, configure=configure)
+
+
+def encoder_among(
+    ports: Sequence[str], *, counts_per_turn: float | str, serial_number: str = "", configure: bool = True
+) -> FoundPort:
+    """Find the encoder on one of some ports, as `find_encoder` does."""
+    end_s = time.monotonic() + _LONGEST_S
     reasons = []
-    for candidate in candidates:
+    for candidate in ports:
         try:
             found = _ask(candidate, counts_per_turn=counts_per_turn, configure=configure, end_s=end_s)
         except DeviceError as error:

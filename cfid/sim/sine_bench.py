@@ -23,7 +23,6 @@ LATE_RADIO = RadioTruth(
 ARM_M = 0.046  # C.2.5
 SAMPLE_S = 1 / SAMPLES_PER_S
 USUAL_CELL = LoadCellTruth()
-SILENT_CELL = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(0.0,) * 6)
 
 _REST_S = 1.2  # before and after each run
 _BEGIN_S = 1.75e9  # on the host's clock

@@ -238,12 +238,6 @@ def axis_inertia(inertia_kg_m2: Array, direction: Vector | Array) -> float:
     return float(unit @ inertia_kg_m2 @ unit)
 
 
-def axis_distance(centre_m: Array, point_m: Vector | Array, direction: Vector | Array) -> float:
-    """Return the distance of a point from the line through `point_m` along `direction` (C.1.7)."""
-    along = np.asarray(direction, dtype=float)
-    return float(np.linalg.norm(np.cross(centre_m - np.asarray(point_m), along)) / np.linalg.norm(along))
-
-
 def from_cuboids(cuboids: Sequence[Cuboid], *, mass_kg: float, scale: Array | None = None) -> MassProperties:
     """Return the mass properties of boxes of one density (eq. 2.21 and 2.3, C.1.5).
 

@@ -15,11 +15,11 @@ from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S
 from cfid.findings import Finding, note, warning
 from cfid.swing.checks import FitQuality, judge
+from cfid.swing.collocation import Coefficients
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import (
     ECCENTRICITY,
     TERMS,
-    Coefficients,
     OutputError,
     first_guess,
     fit_output_error,

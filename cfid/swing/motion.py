@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
 
+from cfid.swing.collocation import Coefficients
 from cfid.swing.estimation import SwingFit
-from cfid.swing.model import Coefficients
 
 Array = npt.NDArray[np.float64]
 

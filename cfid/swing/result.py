@@ -17,11 +17,11 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.swing.collocation import Coefficients
 from cfid.swing.data import body_of_swing, check_peaks, peaks_on, rig_around, surroundings, swing_in
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
-from cfid.swing.model import Coefficients
 from cfid.swing.plausibility import given_numbers, moment_fault
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
 

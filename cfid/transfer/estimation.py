@@ -1,4 +1,4 @@
-"""Frequency responses to a transfer function with delay: maximum likelihood, shapes compared, and findings.
+"""Frequency responses to a transfer function with delay: maximum likelihood, and findings.
 
 The delay counts from the stamps of the commands and may be negative: these stamps come late by the radio, those of
 the load cell by a network. It is never bounded.
@@ -19,7 +19,6 @@ from cfid.findings import Finding, rejection, warning
 from cfid.transfer.delay_scatter import scatter_findings, search_with_scatter
 from cfid.transfer.frequency_response import SETTLE_S, Response, respond
 from cfid.transfer.likelihood import (
-    SHAPES,
     Found,
     Shape,
     StackedResponses,
@@ -236,29 +235,6 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
     if uneven is not None:
         points = points._replace(shared=np.vstack([points.shared, uneven.raised * points.value]))
     return replace(_result(measured, points, shape, found), delay_scatter_s=scatter_s, uneven=uneven)
-
-
-def fit_shapes(measured: Sequence[MeasuredSeries]) -> dict[Shape, TransferFit]:
-    """Fit each shape that has fewer parameters than the responses have parts."""
-    count = sum(len(series.responses) for series in measured)
-    fitting = [shape for shape in SHAPES if 2 * count > unknowns(shape, len(measured)) + 1]
-    return {shape: fit_transfer(measured, shape=shape) for shape in fitting}
-
-
-def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
-    """Return the corrected AIC of each shape, less the least: the smallest is to be preferred.
-
-    Chi-squared counts in units of that of the shape that fits best, where this is above 1: what no shape follows is
-    scatter (K. P. Burnham, D. R. Anderson, Model selection and multimodel inference, 2002, QAICc).
-    """
-    scale = max(1.0, min(fit.chi_squared / max(fit.degrees_of_freedom, 1) for fit in fits.values()))
-    scores = {}
-    for shape, fit in fits.items():
-        taken = len(fit.covariance)
-        correction = 1 + (taken + 1) / max(fit.degrees_of_freedom - 1, 1)
-        scores[shape] = fit.chi_squared / scale + 2 * taken * correction
-    least = min(scores.values())
-    return {shape: score - least for shape, score in scores.items()}
 
 
 def _result(measured: Sequence[MeasuredSeries], points: StackedResponses, shape: Shape, found: Found) -> TransferFit:

@@ -6,9 +6,9 @@ from typing import Literal
 
 from cfid.errors import FitError
 from cfid.findings import Finding, note, rejection, warning
-from cfid.transfer.estimation import MeasuredSeries, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S
-from cfid.transfer.likelihood import Shape
+from cfid.transfer.likelihood import SHAPES, Shape, unknowns
 from cfid.transfer.model import Form
 from cfid.transfer.sines.alignment import RecordedSine, Sign, SineSeries, align, with_end
 from cfid.wire.app import SAMPLES_PER_S
@@ -75,6 +75,29 @@ def identify_all(
         used=used,
         findings=(*findings, *unfitted, *_better(chosen, aicc)),
     )
+
+
+def fit_shapes(measured: Sequence[MeasuredSeries]) -> dict[Shape, TransferFit]:
+    """Fit each shape that has fewer parameters than the responses have parts."""
+    count = sum(len(series.responses) for series in measured)
+    fitting = [shape for shape in SHAPES if 2 * count > unknowns(shape, len(measured)) + 1]
+    return {shape: fit_transfer(measured, shape=shape) for shape in fitting}
+
+
+def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:
+    """Return the corrected AIC of each shape, less the least: the smallest is to be preferred.
+
+    Chi-squared counts in units of that of the shape that fits best, where this is above 1: what no shape follows is
+    scatter (K. P. Burnham, D. R. Anderson, Model selection and multimodel inference, 2002, QAICc).
+    """
+    scale = max(1.0, min(fit.chi_squared / max(fit.degrees_of_freedom, 1) for fit in fits.values()))
+    scores = {}
+    for shape, fit in fits.items():
+        taken = len(fit.covariance)
+        correction = 1 + (taken + 1) / max(fit.degrees_of_freedom - 1, 1)
+        scores[shape] = fit.chi_squared / scale + 2 * taken * correction
+    least = min(scores.values())
+    return {shape: score - least for shape, score in scores.items()}
 
 
 def _within(name: str, runs: Sequence[RecordedSine], cutoff_hz: float) -> tuple[list[RecordedSine], list[Finding]]:

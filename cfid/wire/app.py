@@ -184,11 +184,6 @@ def decode_thrust(payload: bytes) -> ThrustRequest | None:
     return ThrustRequest._make(_THRUST.unpack(payload)) if len(payload) == _THRUST.size else None
 
 
-def encode_thrust_answer(answer: ThrustAnswer) -> bytes:
-    """Return an acknowledgement."""
-    return _THRUST_ANSWER.pack(*answer[:3], *answer.commands, answer.microseconds)
-
-
 def decode_thrust_answer(payload: bytes) -> ThrustAnswer | None:
     """Return an acknowledgement."""
     if len(payload) != _THRUST_ANSWER.size:
@@ -205,11 +200,6 @@ def encode_sine(request: SineRequest, owner: int = NO_OWNER) -> bytes:
 def decode_sine(payload: bytes) -> SineRequest | None:
     """Return a sine request."""
     return SineRequest._make(_SINE.unpack(payload)) if len(payload) == _SINE.size else None
-
-
-def encode_sine_answer(answer: SineAnswer) -> bytes:
-    """Return an acknowledgement."""
-    return _SINE_ANSWER.pack(*answer)
 
 
 def decode_sine_answer(payload: bytes) -> SineAnswer | None:
@@ -250,11 +240,6 @@ def decode_done(payload: bytes) -> Done | None:
     return Done._make(_DONE.unpack(payload)[1:]) if len(payload) == _DONE.size else None
 
 
-def encode_hello(hello: Hello) -> bytes:
-    """Return the app's answer to a hello, whose own payload is empty."""
-    return _HELLO.pack(_MAGIC, *hello)
-
-
 def decode_hello(payload: bytes) -> Hello | None:
     """Return the app's answer to a hello; None for the empty one of the module of 2015 too."""
     if len(payload) != _HELLO.size or payload[:4] != _MAGIC:
@@ -265,11 +250,6 @@ def decode_hello(payload: bytes) -> Hello | None:
 def encode_alive(number: int, owner: int = NO_OWNER) -> bytes:
     """Return a keep-alive or a stop, whose number comes back with the state; a stop needs no owner."""
     return _ALIVE.pack(number) + _owned(owner)
-
-
-def decode_alive(payload: bytes) -> int | None:
-    """Return the number of a keep-alive or a stop."""
-    return int(_ALIVE.unpack(payload)[0]) if len(payload) == _ALIVE.size else None
 
 
 def encode_state(state: AppState) -> bytes:

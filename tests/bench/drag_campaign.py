@@ -16,7 +16,7 @@ import pandas as pd
 from cfid.drag.comparison import fit_models
 from cfid.drag.data import read_index
 from cfid.drag.wind.plan import THESIS_WINDS
-from cfid.sim.wind_tunnel import COMMANDS, SHOWN_RPM, SimpleAir, Tunnel, Wind, record
+from tests.drag.wind_tunnel import COMMANDS, SHOWN_RPM, SimpleAir, Tunnel, Wind, record
 
 RATE_HZ = 7000.0
 WINDS = int(os.environ.get("BENCH_WINDS", str(len(THESIS_WINDS))))

@@ -22,13 +22,14 @@ from cfid.estimate.blocks import block_means
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.radio import Direction, RadioTruth
 from cfid.sim.rotors import NOMINAL_V, RotorTruth, SimulatedRotors
-from cfid.sim.sine_bench import ARM_M, LATE_RADIO, SILENT_CELL, USUAL_CELL
+from cfid.sim.sine_bench import ARM_M, LATE_RADIO, USUAL_CELL
 from cfid.transfer.estimation import MeasuredSeries, fit_transfer, measure
 from cfid.transfer.frequency_response import END_S, SETTLE_S, Response
 from cfid.transfer.sines.alignment import RecordedSine, SineRun, SineSeries, align, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports
 from cfid.wire.app import MIDDLE
+from tests.transfer.sine_recordings import SILENT_CELL
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]

@@ -18,7 +18,8 @@ import numpy as np
 import pandas as pd
 
 from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
-from cfid.transfer.estimation import corrected_aic, fit_shapes, measure
+from cfid.transfer.estimation import measure
+from cfid.transfer.identification import corrected_aic, fit_shapes
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import RecordedSine, align, thrust_of
 from cfid.transfer.sines.plan import Sine

@@ -56,7 +56,7 @@ def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(
     assert {path.name for path in folder.iterdir()} >= {"report.html", "exports", "runs", "fits", "parameters.toml"}
     found = numbers(folder, seed=1)
     assert len(found) == 25
-    far = [name for name, true, value, std in found if std is None or abs(value - true) > 4 * std]
+    far = [name for name, true, value, std in found if std is None or abs(value - true) > 3 * std]
     assert far == []
     assert f"{sum(covers(*row[1:]) for row in found)} of 25 lie in their 95 % interval" in done.stdout
 

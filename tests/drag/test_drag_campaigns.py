@@ -15,7 +15,7 @@ from cfid.drag.wind.reduction import WindForce, reduce_forces
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.records.frames import turn_about_z
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.wind_tunnel import (
+from tests.drag.wind_tunnel import (
     Air,
     ComplexAir,
     CrossAir,

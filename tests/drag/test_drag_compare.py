@@ -14,8 +14,8 @@ from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragModel
 from cfid.drag.wind.reduction import reduce_forces
 from cfid.errors import FitError
-from cfid.sim.wind_tunnel import Air, CrossAir, Tunnel, Wind, simulate_campaign
 from tests.drag.test_drag_campaigns import EQ_4_11, SIMPLE_AIR, WINDS, WORLDS, as_typed, measured
+from tests.drag.wind_tunnel import Air, CrossAir, Tunnel, Wind, simulate_campaign
 
 ORDER = ("simple", "cross", "complex")
 AIRS = {model.name: air for air, model, _ in WORLDS}

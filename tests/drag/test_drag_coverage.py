@@ -13,7 +13,6 @@ from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import CROSS, SIMPLE, DragModel
 from cfid.drag.thesis import means_gain
 from cfid.drag.wind.reduction import reduce_forces
-from cfid.sim.wind_tunnel import Air, Tunnel, simulate_campaign
 from tests.drag.test_drag_campaigns import (
     CROSS_AIR,
     EQ_4_8,
@@ -28,6 +27,7 @@ from tests.drag.test_drag_campaigns import (
     measured,
 )
 from tests.drag.test_drag_reduction import as_table
+from tests.drag.wind_tunnel import Air, Tunnel, simulate_campaign
 
 CAMPAIGNS = 1000
 

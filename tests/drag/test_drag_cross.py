@@ -12,7 +12,6 @@ from cfid.drag.estimation import fit_drag
 from cfid.drag.experiments import DragExperiments
 from cfid.drag.model import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragModel
 from cfid.errors import ConfigError, FitError
-from cfid.sim.wind_tunnel import CrossAir
 from tests.drag.test_drag_campaigns import (
     COMPLEX_AIR,
     CROSS_AIR,
@@ -24,6 +23,7 @@ from tests.drag.test_drag_campaigns import (
     exact,
     measured,
 )
+from tests.drag.wind_tunnel import CrossAir
 
 MENDED_AIR = CrossAir(kg_per_rad=EQ_4_11, mended=True)
 TWO_AZIMUTHS = [*WINDS, *(wind._replace(azimuth_rad=0.4967 + math.pi) for wind in WINDS[5:])]

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from cfid.drag.comparison import DragModels, fit_models
 from cfid.drag.figures import coefficients_figure, forces_figure, models_figure
-from cfid.sim.wind_tunnel import Wind
 from tests.drag.test_drag_campaigns import SIMPLE_AIR, exact, measured
+from tests.drag.wind_tunnel import Wind
 
 Look = Callable[[Figure], Any]
 

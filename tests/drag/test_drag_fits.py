@@ -24,7 +24,6 @@ from cfid.records.result import Result
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.tables.wrench import WrenchReading
 from cfid.sim.rotors import RotorTruth
-from cfid.sim.wind_tunnel import CrossAir, Wind
 from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
@@ -38,6 +37,7 @@ from tests.drag.wind_in_a_folder import (
     name_of,
     recorded,
 )
+from tests.drag.wind_tunnel import CrossAir, Wind
 from tests.motors.stand_in_a_folder import climbed
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

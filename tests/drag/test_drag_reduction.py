@@ -10,7 +10,6 @@ from cfid.drag.experiments import DragExperiments, experiments_from_table
 from cfid.drag.wind.reduction import WindForce, reduce_forces, sagged
 from cfid.errors import DataError
 from cfid.records.frames import turn_about_z
-from cfid.sim.wind_tunnel import Air
 from tests.drag.test_drag_campaigns import (
     COMPLEX_AIR,
     CROSS_AIR,
@@ -22,6 +21,7 @@ from tests.drag.test_drag_campaigns import (
     exact_runs,
     measured_runs,
 )
+from tests.drag.wind_tunnel import Air
 
 AIRS = [air for air, _, _ in WORLDS]
 

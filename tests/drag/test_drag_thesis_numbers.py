@@ -10,7 +10,6 @@ from cfid.drag.experiments import DragExperiments, experiments_from_table
 from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
 from cfid.drag.thesis import group_rows, lateral_kg_per_rad, means_gain, normalise, ratios_kg_per_rad
 from cfid.errors import FitError
-from cfid.sim.wind_tunnel import Air, ComplexAir, CrossAir, SimpleAir
 from tests.drag.test_drag_campaigns import (
     COMPLEX_AIR,
     CROSS_AIR,
@@ -24,6 +23,7 @@ from tests.drag.test_drag_campaigns import (
     exact,
     measured,
 )
+from tests.drag.wind_tunnel import Air, ComplexAir, CrossAir, SimpleAir
 
 EQ_4_10 = np.array(
     [

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.sim.wind_tunnel import COMMANDS, SHOWN_RPM, Air, SimpleAir, Tunnel, Wind, record
+from tests.drag.wind_tunnel import COMMANDS, SHOWN_RPM, Air, SimpleAir, Tunnel, Wind, record
 
 BEGIN_S = 1_763_712_345.0
 RATE_HZ, DURATION_S = 400.0, 6.0

@@ -189,7 +189,7 @@ def test_two_thrusts_on_one_cell_differ_by_their_noise_alone_whatever_its_gain()
     apart = difference(first, second)
 
     assert apart.std < 0.3 * first.std
-    assert abs(apart.in_std) < 4
+    assert abs(apart.in_std) < 3
 
 
 def test_the_slope_of_a_polynomial_is_compared_with_its_covariance() -> None:

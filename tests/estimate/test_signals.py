@@ -12,7 +12,6 @@ from scipy.signal import lfilter
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import (
     Runs,
-    amplitude_spectrum,
     cosine_taper,
     density_near_zero,
     detrended,
@@ -44,32 +43,6 @@ def filtered(series: Array, kept: float) -> Array:
 def coverage(series: Array) -> float:
     mean = quiet_mean(series, rate_hz=RATE_HZ)
     return float(np.mean(np.abs(mean.value) < 1.96 * mean.std))
-
-
-@given(cycles=st.integers(2, 400), phase=st.floats(0, 6.3))
-def test_a_sine_of_whole_periods_shows_its_amplitude_at_its_frequency(cycles: int, phase: float) -> None:
-    time_s = np.arange(1000) / RATE_HZ
-    frequency_hz, amplitude = amplitude_spectrum(5 + 3 * np.cos(2 * np.pi * cycles * time_s + phase), rate_hz=RATE_HZ)
-
-    assert frequency_hz[np.argmax(amplitude)] == pytest.approx(cycles)
-    assert amplitude.max() == pytest.approx(3, rel=1e-9)
-
-
-def test_a_sine_between_two_frequencies_shows_85_percent_of_its_amplitude_in_both() -> None:
-    frequency_hz, amplitude = amplitude_spectrum(np.cos(2 * np.pi * 100.5 * np.arange(1000) / RATE_HZ), rate_hz=RATE_HZ)
-
-    assert amplitude[100:102] == pytest.approx(0.849, abs=1e-3)
-    assert frequency_hz[100:102].tolist() == [100.0, 101.0]
-
-
-def test_a_spectrum_of_several_channels_is_that_of_each() -> None:
-    channels = white(3, 0.5)
-
-    together = amplitude_spectrum(channels, rate_hz=RATE_HZ)[1]
-    assert all(
-        np.allclose(amplitude_spectrum(channel, rate_hz=RATE_HZ)[1], own)
-        for channel, own in zip(channels, together, strict=True)
-    )
 
 
 def test_the_taper_is_hanns_or_flat_but_for_its_ends_and_always_sums_to_one() -> None:

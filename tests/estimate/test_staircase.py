@@ -140,7 +140,7 @@ def test_the_torque_beside_the_thrust_is_true_too() -> None:
     # Motors 1 and 3 turn alike: both twist the mount by minus 6 mm times the thrust.
     truth = [-ROTORS.torque_m * true_thrust_n(found, point) for point in reduced(found).points]
 
-    assert all(abs(value - true) < 3.5 * std for (value, std), true in zip(torque, truth, strict=True))
+    assert all(abs(value - true) < 3 * std for (value, std), true in zip(torque, truth, strict=True))
     assert max(std for _, std in torque) < 1e-5
 
 
@@ -152,7 +152,7 @@ def test_tare_drift_and_spikes_are_those_of_the_cell() -> None:
     assert after is not None
     assert staircase.drift is not None
     for tare in (before, after):
-        assert abs(tare.mean[2] - 1.4 - 5e-5 * tare.time_s) < 3.5 * tare.std[2]
+        assert abs(tare.mean[2] - 1.4 - 5e-5 * tare.time_s) < 3 * tare.std[2]
     assert staircase.drift[2] == pytest.approx(5e-5, rel=0.15)
     assert staircase.spikes == len(found.spikes)
     assert staircase.findings == ()
@@ -265,7 +265,7 @@ def test_a_file_of_one_command_between_two_pauses_needs_no_window(command: int) 
     _, (error,), (std,) = errors(found, [point])
 
     assert (point.command, point.motors, point.settled) == (command, (1, 3), True)
-    assert abs(error) < 3.5 * std
+    assert abs(error) < 3 * std
     assert std < 2e-4
 
 
@@ -277,7 +277,7 @@ def test_a_file_with_two_steps_asks_which_is_meant() -> None:
         reduce_single(**channels)
     (point,) = reduce_single(**channels, window=(6.5, 8.5)).points
     assert (point.begin_s, point.end_s) == (6.5, 8.5)
-    assert abs(errors(found, [point])[1][0]) < 3.5 * point.std_of_mean[2]
+    assert abs(errors(found, [point])[1][0]) < 3 * point.std_of_mean[2]
 
 
 def test_the_thesis_mean_is_that_of_prepare_data() -> None:

@@ -54,9 +54,9 @@ def assert_drawn_as_stated(joint: Joint, *, seed: int = 5) -> None:
     assert np.array_equal(draws[:, ~free], np.broadcast_to(joint.mean[~free], (COUNT, int(np.sum(~free)))))
     scaled = (draws - joint.mean)[:, free] / std[free]
     stated = (joint.covariance / np.outer(np.where(free, std, 1), np.where(free, std, 1)))[np.ix_(free, free)]
-    assert np.max(np.abs(scaled.mean(axis=0))) * np.sqrt(COUNT) < 4.5
+    assert np.max(np.abs(scaled.mean(axis=0))) * np.sqrt(COUNT) < 3.5
     error = np.sqrt((1 + stated**2) / COUNT)
-    assert np.max(np.abs(scaled.T @ scaled / COUNT - stated) / error) < 4.5
+    assert np.max(np.abs(scaled.T @ scaled / COUNT - stated) / error) < 3.5
 
 
 def test_mean_and_covariance_of_draws_are_the_stated_ones() -> None:

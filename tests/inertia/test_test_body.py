@@ -9,10 +9,10 @@ from cfid.swing.axis_inertias import (
     AxisInertias,
     MountedSwing,
     Surroundings,
-    axis_distance,
     from_cuboids,
     swung_test_body,
 )
+from tests.inertia.test_inertia_matrix import distance_of
 
 SITE = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.003)
 
@@ -47,12 +47,12 @@ def test_table_2_5_comes_out_to_the_last_printed_digit(
 
 
 def test_its_distances_are_those_of_c_1_6() -> None:
-    body = thesis_test_body()
-    centre = swung_test_body(body).centre_m
-    distances = {name: axis_distance(centre, mount.point_m, mount.direction) for name, mount in body.mounts.items()}
+    swings = [MountedSwing(axis=axis, value=150.0, std=0.0) for axis in "xz"]
+    swung = AxisInertias(swings, swung_test_body(thesis_test_body()), SITE)
+    x, z = swung.evaluate(swung.values).distance_m
 
-    assert distances["x"] == pytest.approx(0.040344532815297, abs=1e-15)
-    assert distances["z"] == pytest.approx(0.044400430747127, abs=1e-15)
+    assert x == pytest.approx(0.040344532815297, abs=1e-15)
+    assert z == pytest.approx(0.044400430747127, abs=1e-15)
 
 
 def test_a_box_cut_in_two_has_the_inertia_of_the_box() -> None:
@@ -96,7 +96,7 @@ def test_a_mass_that_both_inertias_share_does_not_set_them_apart() -> None:
     swung = swung_test_body(body)
     site = Surroundings(gravity_mps2=9.81, gravity_std_mps2=0.0)
     drawn = from_cuboids(body.cuboids, mass_kg=body.mass_kg)
-    distance = axis_distance(drawn.centre_m, exact["x"].point_m, exact["x"].direction)
+    distance = distance_of(drawn.centre_m, exact["x"])
     frequency = 9.81 * distance / (drawn.inertia_kg_m2[0, 0] / body.mass_kg + distance**2)
     found = compare(body, AxisInertias([MountedSwing(axis="x", value=float(frequency), std=0.0)], swung, site))[0]
 

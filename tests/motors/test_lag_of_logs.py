@@ -66,7 +66,7 @@ def test_the_known_lag_comes_back_and_a_bad_rotor_condemns_no_other(four: RotorL
     assert seconds(result, "dynamics.rising") == pytest.approx(RISING_S, rel=0.01)
     assert seconds(result, "dynamics.falling") == pytest.approx(FALLING_S, rel=0.01)
     delay = result.quantities["dynamics.delay_s"]
-    assert abs(float(delay.value) - DELAY_S) < 4 * float(delay.std)
+    assert abs(float(delay.value) - DELAY_S) < 3 * float(delay.std)
     assert [row["accepted"] for row in rows if row["rising"]] == [True, True, True, False]
     assert any("rotor 3: 50 of 2500 speeds are 0 while it is driven" in one.text for one in result.findings)
     assert any(one.where == ("rotor 4",) and one.severity == "warning" for one in result.findings)

@@ -21,7 +21,7 @@ from cfid.motors.maps.figures import (
     voltage_figure,
 )
 from cfid.motors.maps.scales import verify_thrust
-from cfid.motors.maps.voltage import compare_speed, compare_thrust
+from cfid.motors.maps.voltage import compare_thrust
 from cfid.motors.panels import binned, scientific
 from cfid.motors.points import MotorPoints
 from cfid.motors.vibration.figures import flag_rows, rotor_spectrum_figure
@@ -409,9 +409,6 @@ def test_voltage_and_command_stand_side_by_side_with_their_errors(look: Look) ->
     assert page.panel("(c)").get_ylim() == page.panel("(d)").get_ylim()
     assert found.verdict.text[1:] in _written(page)
     assert page.overlapping() == []
-
-    speed = compare_speed(command=up_and_down, vbat_v=vbat, speed_rad_s=1e4 * thrust)
-    assert look(voltage_figure(speed, quantity="speed")).panel("(a)").get_ylabel() == "speed (rad/s)"
 
 
 # Spectra

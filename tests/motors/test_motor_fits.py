@@ -258,7 +258,7 @@ def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> 
     truth = TRUTH.steady_rad_per_s(np.array(steps, dtype=float), volts=TRUTH.nominal_v)
 
     assert speeds["value"] == pytest.approx(truth, rel=1e-3)
-    assert all(abs(v - t) < 5 * s for v, t, s in zip(speeds["value"], truth, speeds["std"], strict=True))
+    assert all(abs(v - t) < 3 * s for v, t, s in zip(speeds["value"], truth, speeds["std"], strict=True))
     assert [row["cmd"] for row in content["parameters"]["rotor.windows"]["value"]] == list(steps)
 
 

@@ -46,7 +46,7 @@ def steady(table: StandTable) -> MotorPoints:
 @needs_old
 def test_the_published_polynomial_in_rpm_comes_out_to_four_digits() -> None:
     table = read_stand_table(OLD)
-    rpm = np.asarray(table.mean_speed_rad_s) * 60 / (2 * np.pi)
+    rpm = np.asarray(table.square_mean_speed_rad_s) * 60 / (2 * np.pi)
     total_g = np.asarray(table.thrust_n) * 4 / 9.81 * 1e3
     square, slope, level = fit_polynomial(rpm, total_g, order=2).coefficients
 

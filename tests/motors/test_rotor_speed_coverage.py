@@ -45,7 +45,7 @@ def scores(
         found.append(one)
         if one.accepted:
             # No believed speed is another line's: off by more than 0.1 % only where its own deviation says so.
-            assert abs(one.speed_rad_per_s - truth[0]) < max(1e-3 * truth[0], 4 * one.std_rad_per_s)
+            assert abs(one.speed_rad_per_s - truth[0]) < max(1e-3 * truth[0], 3 * one.std_rad_per_s)
             off.append((one.speed_rad_per_s - truth[0]) / one.std_rad_per_s)
     return np.array(off), found
 

@@ -5,7 +5,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import FitError
-from cfid.motors.maps.voltage import compare, compare_speed, compare_thrust, motor_volts
+from cfid.motors.maps.voltage import compare, compare_thrust, motor_volts
 from tests.motors.sentences import remarks
 
 Array = npt.NDArray[np.float64]
@@ -61,15 +61,6 @@ def test_on_a_sagging_battery_the_voltage_predicts_better_and_lies_within_half_a
     assert found.by_voltage.at(running) == pytest.approx(thrust_of(running), rel=5e-3)
     assert found.verdict.text.startswith("motor voltage predicts")
     assert found.findings == ()
-
-
-def test_speed_of_motor_voltage_is_compared_the_same_way() -> None:
-    vbat = sagging(UP_AND_DOWN)
-    speed = 380 + 720 * motor_volts(command=UP_AND_DOWN, vbat_v=vbat)
-    found = compare_speed(command=UP_AND_DOWN, vbat_v=vbat, speed_rad_s=speed + noise(1, np.full_like(speed, 5.0)))
-
-    assert found.better == "voltage"
-    assert found.lowest_first[:2] == pytest.approx([380, 720], rel=0.03)
 
 
 def test_a_motor_that_obeys_the_command_alone_is_told_by_the_command() -> None:

@@ -52,7 +52,7 @@ def test_a_table_of_one_motor_is_read_as_it_says(tmp_path: Path) -> None:
     assert table.command.tolist() == [0, 2000, 64000]
     assert np.asarray(table.thrust_n).tolist() == [0, 0.0027, 0.154]
     assert np.asarray(table.torque_nm).tolist() == [0, 3e-5, 9e-4]
-    assert np.asarray(table.mean_speed_rad_s).tolist() == [0, 462, 2989]
+    assert np.asarray(table.square_mean_speed_rad_s).tolist() == [0, 462, 2989]
     assert np.asarray(table.vbat_v).tolist() == [4.1, 4.1, 3.6]
     assert (table.motors, table.speeds, table.time_s, table.rate_hz, notes_of(table)) == (None, "motor", None, None, ())
     assert table.source.sha256 == hashlib.sha256(table.path.read_bytes()).hexdigest()
@@ -116,11 +116,10 @@ def test_percent_of_pwm_is_a_command_of_16_bits(tmp_path: Path) -> None:
     assert read(tmp_path, "pwm_percent,thrust[g]\n0,0\n50,20\n100,60\n").command == pytest.approx([0, 32767.5, 65535])
 
 
-def test_four_rotors_have_a_mean_and_a_square_mean_speed(tmp_path: Path) -> None:
+def test_four_rotors_have_a_square_mean_speed(tmp_path: Path) -> None:
     table = read(tmp_path, "pwm,rpm1,rpm2,rpm3,rpm4\n30000,8000,9000,10000,11000\n")
 
     assert table.speeds == "rotors"
-    assert np.asarray(table.mean_speed_rad_s) == pytest.approx([9500 * RPM])
     assert np.asarray(table.square_mean_speed_rad_s) == pytest.approx([math.sqrt(91.5e6) * RPM])
 
 
@@ -163,7 +162,7 @@ def test_bitcrazes_table_of_2015_is_settled_points() -> None:
     assert (len(table.command), table.time_s, table.motors, table.speeds) == (16, None, 4, "mean")
     assert table.command[-1] == pytest.approx(0.9375 * 65535)
     assert np.asarray(table.thrust_n)[-1] == pytest.approx(0.0579 * 9.81 / 4)
-    assert np.asarray(table.mean_speed_rad_s)[-1] == pytest.approx(23882 * RPM)
+    assert np.asarray(table.square_mean_speed_rad_s)[-1] == pytest.approx(23882 * RPM)
     assert np.asarray(table.vbat_v)[-1] == 3.3
 
 

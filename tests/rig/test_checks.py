@@ -1,12 +1,13 @@
 """What a check of the rig finds, and that it always comes back with what it found."""
 
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from cfid.rig import check
-from cfid.rig.check import DeviceAnswer, check_loadcell
+from cfid.rig.check import DeviceAnswer, check_loadcell, judge_buffer
+from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, enlarge
 from tests.rig.streaming_rig import ServedRig, served_rig
 
 
@@ -21,11 +22,13 @@ def about(asked: str, findings: list[DeviceAnswer]) -> DeviceAnswer:
     return finding
 
 
-def test_a_receive_buffer_that_the_system_caps_is_told(rig: ServedRig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_receive_buffer_that_the_system_caps_is_reported(rig: ServedRig) -> None:
     sound = check_loadcell(rig.devices.loadcell)
-    monkeypatch.setattr(check, "RECEIVE_BUFFER_BYTES", 1 << 40)  # which no system grants
-    capped = about("receive buffer", check_loadcell(rig.devices.loadcell))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        assert about("receive buffer", sound) == judge_buffer(enlarge(line))
+    capped = judge_buffer(RECEIVE_BUFFER_BYTES - 1)
 
     assert about("RDT, UDP", sound).state == "ok"
+    assert judge_buffer(RECEIVE_BUFFER_BYTES).state == "ok"
     assert capped.state == "warning"
     assert "the system caps it: `sysctl net.core.rmem_max=" in capped.advice

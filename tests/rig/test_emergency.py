@@ -18,7 +18,7 @@ from cfid.rig.line import VehicleLine, open_line
 from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.motors import MAY_BE_RUNNING
 from cfid.rig.stop_packets import stop_over
-from cfid.wire.app import AppPorts, AppState, Flags, PingChannel, decode_alive, encode_state
+from cfid.wire.app import AppPorts, AppState, Flags, PingChannel, encode_state
 from cfid.wire.crtp import Packet, encode_set_by_name
 from tests.flying_in_a_folder import Bench, bench_in
 
@@ -176,8 +176,7 @@ class Answering:
             begin = packet.payload[: packet.payload.index(b"\0", 16) + 1]  # behind the parameter's own name
             self._answers.append(Packet(2, 3, begin + bytes([self._error])))
         elif packet[:2] == (12, PingChannel.STOP):
-            number = decode_alive(packet.payload)
-            assert number is not None
+            number = int.from_bytes(packet.payload, "little")
             state = AppState(number - self._late, Flags(0), (self._commands, 0, 0, 0), 0)
             self._answers.append(Packet(12, PingChannel.STOP, encode_state(state)))
 

@@ -6,8 +6,7 @@ import pty
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.rig import e201_port
-from cfid.rig.e201_port import find_encoder, word_bits
+from cfid.rig.e201_port import encoder_among, word_bits
 from cfid.wire.e201 import set_word_width
 
 
@@ -29,12 +28,11 @@ def test_no_such_width_can_be_set(bits: int) -> None:
         set_word_width(bits)
 
 
-def test_many_ports_that_say_nothing_are_not_all_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_ports_that_say_nothing_are_not_all_waited_for() -> None:
     ends = [pty.openpty() for _ in range(12)]
-    monkeypatch.setattr(e201_port, "ports_to_ask", lambda port: [os.ttyname(end) for _, end in ends])
 
     with pytest.raises(DeviceError) as caught:
-        find_encoder("", counts_per_turn=8192.0)
+        encoder_among([os.ttyname(end) for _, end in ends], counts_per_turn=8192.0)
     for end in ends:
         os.close(end[0])
         os.close(end[1])

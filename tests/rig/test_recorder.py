@@ -25,7 +25,7 @@ from cfid.rig.recorder import Block, Progress, Recorder, no_rows, sleep
 from cfid.sim.faults import EncoderFaults
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.places import ROOT
-from tests.rig.virtual import UNIX_S, SerialWire, Session, encoder, rows_of
+from tests.rig.virtual import UNIX_S, Session, encoder, rows_of
 
 STEP_S = 0.001
 
@@ -330,22 +330,18 @@ def test_progress_of_days_takes_no_more_memory_than_that_of_a_minute() -> None:
 # An encoder's interface that stalls
 
 
-def test_replies_that_a_stall_held_up_are_not_taken_for_those_of_later_polls(
-    session: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_replies_that_a_stall_held_up_are_not_taken_for_those_of_later_polls(session: Session) -> None:
     """After 75 ms the reply to a poll given up comes, and those to later ones 15 ms after another."""
-    instrument, _ = encoder(session, EncoderFaults())
-    deliver, free_s = SerialWire._deliver, [0.0]
+    free_s = 0.0
 
-    def late(wire: SerialWire, reply: bytes) -> None:
-        now_s = session.clock.seconds()
-        if 2 <= now_s < 2.09:
-            free_s[0] = max(free_s[0] + 0.015, now_s + 0.075 if now_s < 2.02 else now_s)
-            session.clock.callLater(free_s[0] - now_s, deliver, wire, reply)
-        else:
-            deliver(wire, reply)
+    def held_s(now_s: float) -> float:
+        nonlocal free_s
+        if not 2 <= now_s < 2.09:
+            return 0.0
+        free_s = max(free_s + 0.015, now_s + 0.075 if now_s < 2.02 else now_s)
+        return free_s - now_s
 
-    monkeypatch.setattr(SerialWire, "_deliver", late)
+    instrument, _ = encoder(session, EncoderFaults(), held_s=held_s)
     run, failure = session.record(instrument, for_s=4)
 
     assert failure is None

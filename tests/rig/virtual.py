@@ -136,10 +136,15 @@ def rows_of(run: Run, device: str) -> pd.DataFrame:
 
 
 class SerialWire:
-    """A cable between an encoder and its interface, with the device's own delays."""
+    """A cable between an encoder and its interface, with the device's own delays.
 
-    def __init__(self, device: FaultyE201, receiver: Receiver, clock: Clock) -> None:
-        self.device, self.receiver, self.clock = device, receiver, clock
+    `held_s` returns for how long a reply is held up on the computer's side that would arrive at a time.
+    """
+
+    def __init__(
+        self, device: FaultyE201, receiver: Receiver, clock: Clock, held_s: Callable[[float], float] | None = None
+    ) -> None:
+        self.device, self.receiver, self.clock, self._held_s = device, receiver, clock, held_s
         self.plugged = True
         self._replies = InOrder(self._deliver, clock=clock)
 
@@ -156,6 +161,13 @@ class SerialWire:
         self.plugged = False
 
     def _deliver(self, reply: bytes) -> None:
+        held_s = self._held_s(self.clock.seconds()) if self._held_s is not None else 0.0
+        if held_s:
+            self.clock.callLater(held_s, self._received, reply)
+        else:
+            self._received(reply)
+
+    def _received(self, reply: bytes) -> None:
         if self.plugged:
             self.receiver.received(reply)
 
@@ -168,6 +180,7 @@ def encoder(
     stamped: bool = True,
     first_stamp_us: int = 0,
     rate_hz: float = 100,
+    held_s: Callable[[float], float] | None = None,
 ) -> tuple[Encoder, list[SerialWire]]:
     """Couple an encoder to a simulated interface on a slowly turning axis; the list gets every cable plugged in."""
     wires: list[SerialWire] = []
@@ -175,7 +188,7 @@ def encoder(
     device.stamps = stamped
 
     def plug(port: str, receiver: Receiver) -> SerialLine:
-        wires.append(SerialWire(FaultyE201(device, faults, opened_s=0.0), receiver, session.clock))
+        wires.append(SerialWire(FaultyE201(device, faults, opened_s=0.0), receiver, session.clock, held_s))
         return wires[-1]
 
     found = FoundPort("port", "E201", "42", word_bits=22, position=0, stamped=stamped)

@@ -12,7 +12,8 @@ from scipy.signal import savgol_filter
 
 from cfid.estimate.signals import correlation_inflation, smooth
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.model import TERMS, Coefficients, OutputError, first_guess, fit_output_error, sample
+from cfid.swing.collocation import Coefficients
+from cfid.swing.model import TERMS, OutputError, first_guess, fit_output_error, sample
 
 Array = npt.NDArray[np.float64]
 Friction = tuple[float, float, float]

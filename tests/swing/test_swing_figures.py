@@ -9,10 +9,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from cfid.swing.collocation import Coefficients
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import FreeSwing, find_swing
-from cfid.swing.model import Coefficients, sample
+from cfid.swing.model import sample
 from cfid.swing.motion import fitted_motion
 from cfid.swing.thesis import fit_damped_cosine, fit_flexible
 

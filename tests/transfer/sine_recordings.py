@@ -7,12 +7,13 @@ import numpy as np
 
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
-from cfid.sim.sine_bench import ARM_M, SILENT_CELL, Bench, LinearTruth, SimulatedSine, simulate_sines
+from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports
 
+SILENT_CELL = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(0.0,) * 6)
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)
 FIRST_PERIODS = (*range(1, 16), *range(20, 101, 5))  # table 3.1 as far as C.2.5 tells, without 0 and what is cut off
 GAIN_N, LAG_S = EQ_3_15.static_gain_n, EQ_3_15.lags_s[0]

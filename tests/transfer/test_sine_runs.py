@@ -194,7 +194,7 @@ def test_a_report_that_the_radio_lost_is_no_obstacle(periods: int, stamped: bool
     allowed_s = np.hypot.reduce(
         [std_s for run in (begun, found) for std_s in (run.start_std_s, *run.shared_s.values())]
     )
-    assert abs(found.start_s - begun.start_s) < 4 * allowed_s + 1e-4
+    assert abs(found.start_s - begun.start_s) < 3 * allowed_s + 1e-4
     assert found.start_std_s < 5e-3
 
 

@@ -9,8 +9,9 @@ import pytest
 from cfid.errors import FitError
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import Bench, LinearTruth, simulate_sines
-from cfid.transfer.estimation import MeasuredSeries, TransferFit, corrected_aic, fit_shapes, fit_transfer, measure
+from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
 from cfid.transfer.frequency_response import respond
+from cfid.transfer.identification import corrected_aic, fit_shapes
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.sines.alignment import align
 from tests.transfer.sine_recordings import (

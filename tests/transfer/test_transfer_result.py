@@ -37,8 +37,8 @@ def test_runs_give_a_transfer_function_and_folders_the_same(runs: list[Run]) -> 
     lag, gain = (result.quantities[f"tf.{name}"] for name in ("time_constant_s", "static_gain_n"))
 
     assert result.accepted
-    assert abs(lag.value - LAG_S) < 4 * lag.std < 0.1 * LAG_S
-    assert abs(gain.value - GAIN_N) < 4 * gain.std < 0.1 * GAIN_N
+    assert abs(lag.value - LAG_S) < 3 * lag.std < 0.075 * LAG_S
+    assert abs(gain.value - GAIN_N) < 3 * gain.std < 0.075 * GAIN_N
     assert transfer.fit([run.folder for run in runs]).quantities["tf.time_constant_s"] == lag
     assert set(result.figures()) == {"tf_bode", "tf_step", "tf_run_bench"}
 

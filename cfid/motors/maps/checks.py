@@ -1,4 +1,4 @@
-"""Check a motor's points before anything is fitted: sign, motors that stand, markers, gaps."""
+"""Check a motor's points before anything is fitted, and what was fitted to them."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import fit_polynomial, fit_power
+from cfid.estimate.polynomials import PolynomialFit, fit_polynomial, fit_power
 from cfid.estimate.scatter import scattered_std
 from cfid.findings import Finding, rejection, warning
 from cfid.motors.points import Array
@@ -15,6 +15,9 @@ from cfid.units import COVERAGE_95, DEAD_COMMAND
 
 THESIS_SPEED = (0.04076521, 380.8359)  # rad/s of a command, eq. 3.4, second series
 USUAL_SQUARE_N_S2 = 2.0e-8  # thrust per speed squared of 45 mm propellers: 1.8e-8 to 2.2e-8 in all public data
+MISFIT_LIMIT = 0.05  # rms of the residuals over the largest value; the thesis' worse line (eq. 3.4) has 0.037
+NOTABLE_SCATTER = 2.0  # times the stated standard uncertainties, from where it is reported
+OUTLIER_WEIGHT = 0.34  # of Huber's loss: four standard uncertainties off
 
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
 _STANDING_RAD_S = 10.0
@@ -215,3 +218,40 @@ def _repeated_median_line(x: Array, y: Array) -> tuple[float, float]:
 
 def _within(ratio: Array | float, limits: tuple[float, float]) -> npt.NDArray[np.bool_]:
     return np.asarray((np.asarray(ratio) > limits[0]) & (np.asarray(ratio) < limits[1]))
+
+
+def scatter_findings(fit: PolynomialFit, command: Array, key: str) -> Iterable[Finding]:
+    """Report how well the points agree with each other, and which are outliers."""
+    if fit.degrees_of_freedom == 0:
+        text = f"{len(command)} points determine all coefficients and leave nothing to judge them by."
+        yield warning("map-without-freedom", text, key)
+    if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:
+        yield warning(
+            "map-points-scatter",
+            f"the points scatter {fit.inflation:.1f} times as far about the curve as within their windows (drift, a "
+            "sagging battery, or another shape): standard uncertainties are widened by that.",
+            key,
+        )
+    apart = np.unique(command[fit.weight < OUTLIER_WEIGHT])
+    if len(apart):
+        text = f"command {listed(apart.tolist())} is off by more than four standard uncertainties: it counts less."
+        yield warning("map-outlier", text, key)
+
+
+def misfit_findings(fit: PolynomialFit, y: Array, quantities: Sequence[str]) -> Iterable[Finding]:
+    """Reject a polynomial that misses its points' values (n,)."""
+    misfit = fit.residual_norm / np.sqrt(len(y)) / float(np.max(np.abs(y)))
+    if misfit > MISFIT_LIMIT:
+        yield rejection(
+            "map-misfit",
+            f"the polynomial misses the points by {100 * misfit:.2g} % of the largest (rms, limit "
+            f"{100 * MISFIT_LIMIT:.0f} %): the points are not steady, or another order describes them.",
+            *quantities,
+        )
+
+
+def falling_findings(fit: PolynomialFit, x: Array, quantities: Sequence[str]) -> Iterable[Finding]:
+    """Reject a polynomial that does not rise throughout its points' places (n,)."""
+    if np.any(fit.slope_at(np.linspace(x.min(), x.max(), 200)) <= 0):
+        text = "the polynomial does not rise throughout: one value belongs to two commands."
+        yield rejection("map-not-monotone", text, *quantities)

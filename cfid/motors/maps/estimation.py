@@ -9,15 +9,18 @@ import numpy as np
 from cfid.errors import FitError
 from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
 from cfid.estimate.scatter import scattered_std
-from cfid.findings import Finding, note, rejection, warning
+from cfid.findings import Finding, note, warning
 from cfid.motors.maps.checks import (
     check_speed,
     check_thrust,
     exchange_findings,
+    falling_findings,
     half_findings,
     listed,
     marker_findings,
+    misfit_findings,
     missing_commands,
+    scatter_findings,
 )
 from cfid.motors.points import Array, MotorPoints, PairedPoints, measured
 from cfid.units import DEAD_COMMAND
@@ -25,9 +28,6 @@ from cfid.units import DEAD_COMMAND
 Method = Literal["default", "thesis"]
 Order = int | Literal["auto"]
 
-MISFIT_LIMIT = 0.05  # rms of the residuals over the largest value; the thesis' worse line (eq. 3.4) has 0.037
-NOTABLE_SCATTER = 2.0  # times the stated standard uncertainties, from where it is reported
-OUTLIER_WEIGHT = 0.34  # of Huber's loss: four standard uncertainties off
 GIVEN_BY = {  # the quantities that each map gives
     "thrust": ("motor.thrust_poly", "motor.command_of_thrust", "motor.max_thrust_n", "motor.hover_mass_kg"),
     "speed": ("motor.speed_poly",),
@@ -194,7 +194,7 @@ def fit_thrust_of_speed(points: MotorPoints, *, method: Method = "default", robu
         square_suffices=suffices,
         findings=(
             *(() if suffices else (warning("thrust-not-square-of-speed", text, OVER_SPEED[0]),)),
-            *_misfit(square, thrust, OVER_SPEED),
+            *misfit_findings(square, thrust, OVER_SPEED),
             *miscounted,
         ),
     )
@@ -254,10 +254,10 @@ def _map(
             *swaps,
             *gaps,
             *left,
-            *_scatter(fit, used.command, own),
+            *scatter_findings(fit, used.command, own),
             *(() if std is None else half_findings(used.x, used.y, std, order=order, quantities=keys)),
-            *_misfit(fit, used.y, keys),
-            *_falling(fit, used.x, keys),
+            *misfit_findings(fit, used.y, keys),
+            *falling_findings(fit, used.x, keys),
         ),
     )
 
@@ -284,38 +284,3 @@ def _thesis_points(measured: PairedPoints, key: str) -> tuple[PairedPoints, tupl
     # Over commands x is the command itself, over thrusts the thrust of a motor that stands: zero both times.
     text = f"as in the thesis, command {_DROPPED} is left out and command 0 is a point at zero."
     return used, (note("thesis-points", text, key),)
-
-
-def _scatter(fit: PolynomialFit, command: Array, key: str) -> Iterable[Finding]:
-    """Report how well the points agree with each other, and which are outliers."""
-    if fit.degrees_of_freedom == 0:
-        text = f"{len(command)} points determine all coefficients and leave nothing to judge them by."
-        yield warning("map-without-freedom", text, key)
-    if fit.inflation is not None and fit.inflation > NOTABLE_SCATTER:
-        yield warning(
-            "map-points-scatter",
-            f"the points scatter {fit.inflation:.1f} times as far about the curve as within their windows (drift, a "
-            "sagging battery, or another shape): standard uncertainties are widened by that.",
-            key,
-        )
-    apart = np.unique(command[fit.weight < OUTLIER_WEIGHT])
-    if len(apart):
-        text = f"command {listed(apart.tolist())} is off by more than four standard uncertainties: it counts less."
-        yield warning("map-outlier", text, key)
-
-
-def _misfit(fit: PolynomialFit, y: Array, keys: Sequence[str]) -> Iterable[Finding]:
-    misfit = fit.residual_norm / np.sqrt(len(y)) / float(np.max(np.abs(y)))
-    if misfit > MISFIT_LIMIT:
-        yield rejection(
-            "map-misfit",
-            f"the polynomial misses the points by {100 * misfit:.2g} % of the largest (rms, limit "
-            f"{100 * MISFIT_LIMIT:.0f} %): the points are not steady, or another order describes them.",
-            *keys,
-        )
-
-
-def _falling(fit: PolynomialFit, x: Array, keys: Sequence[str]) -> Iterable[Finding]:
-    if np.any(fit.slope_at(np.linspace(x.min(), x.max(), 200)) <= 0):
-        text = "the polynomial does not rise throughout: one value belongs to two commands."
-        yield rejection("map-not-monotone", text, *keys)

@@ -1,7 +1,7 @@
 """Figures of motor maps: a thrust staircase, the maps (figures 3.7 to 3.11), thrust over voltage."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +29,8 @@ from cfid.drawing.style import (
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.staircase import FZ, Staircase
 from cfid.findings import Finding, texts
-from cfid.motors.maps.checks import listed
-from cfid.motors.maps.estimation import OUTLIER_WEIGHT, MotorMap, SpeedThrustMap
+from cfid.motors.maps.checks import OUTLIER_WEIGHT, listed
+from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.scales import ScalesCheck
 from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.panels import (
@@ -129,14 +129,14 @@ def speed_thrust_figure(found: SpeedThrustMap) -> Figure:
 
 
 @styled
-def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "speed"] = "thrust") -> Figure:
-    """Draw thrust, or speed, over motor voltage and over the command alone, and how well each predicts.
+def voltage_figure(found: VoltageComparison) -> Figure:
+    """Draw thrust over motor voltage and over the command alone, and how well each predicts.
 
     Dashed lines stand at the error of prediction of points at commands that the fit had not seen.
     """
     heights_in = (KEY_IN, 2.5, 1.6, _table_in(found.lowest_first.tolist()))
-    page, grid = _page(heights_in, f"Motor voltage to {quantity}", (found.verdict, *found.findings))
-    unit = _AXES[quantity][1]
+    page, grid = _page(heights_in, "Motor voltage to thrust", (found.verdict, *found.findings))
+    axis, unit, _ = _AXES["thrust"]
     forms = (
         ("motor voltage", "motor voltage (V)", "U", found.motor_volts, found.by_voltage, found.voltage_rms),
         ("command alone", COMMAND, "cmd", found.command, found.by_command, found.command_rms),
@@ -144,7 +144,7 @@ def voltage_figure(found: VoltageComparison, *, quantity: Literal["thrust", "spe
     shared: tuple[Axes | None, Axes | None] = (None, None)
     for column, (title, x, letter, place, fit, rms) in enumerate(forms):
         curve, left = (page.add_subplot(grid[1 + row, column], sharey=shared[row]) for row in (0, 1))
-        name_panel(curve, f"({'ab'[column]}) over {title}", x="", y=_AXES[quantity][0])
+        name_panel(curve, f"({'ab'[column]}) over {title}", x="", y=axis)
         name_panel(left, f"({'cd'[column]}) predicts to {rms:.2g} {unit} rms", x=x, y=f"residual ({unit})")
         _draw_form(curve, left, place, found.value, fit, rms=rms)
         units = [f"{unit}{'/' + power('V', n) if letter == 'U' and n else ''}" for n in range(fit.order, -1, -1)]

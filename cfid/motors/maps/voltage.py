@@ -1,4 +1,4 @@
-"""Thrust or speed over motor voltage, command / 65535 * battery, compared with the same over the command alone.
+"""Thrust over motor voltage, command / 65535 * battery, compared with the same over the command alone.
 
 Takes steady points: a rotor that changes its speed follows neither.
 """
@@ -18,7 +18,6 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 KEY = "motor.thrust_voltage_poly"
 THRUST_ORDER = 3  # as the firmware compensates the battery
-SPEED_ORDER = 2
 
 _TELLING = 1.05  # ratio of prediction errors from which one form is the better one
 
@@ -122,13 +121,6 @@ def compare_thrust(
     )
     held = (note("voltage-cubic-held", text, KEY),) if rising.bound else ()
     return replace(found, by_voltage=rising.fit, findings=(*found.findings, *held))
-
-
-def compare_speed(
-    *, command: Array, vbat_v: Array, speed_rad_s: Array, std_rad_s: Array | None = None, folds: int | None = None
-) -> VoltageComparison:
-    """Fit speed (n,) as a quadratic of motor voltage, and of the command alone; see `compare`."""
-    return compare(command=command, vbat_v=vbat_v, value=speed_rad_s, order=SPEED_ORDER, std=std_rad_s, folds=folds)
 
 
 def compare(

@@ -54,11 +54,6 @@ class StandTable:
     findings: tuple[Finding, ...]
 
     @property
-    def mean_speed_rad_s(self) -> Array | None:
-        """The mean over rotors or series (n,)."""
-        return None if self.speeds_rad_s is None else _mean_of_known(self.speeds_rad_s)
-
-    @property
     def square_mean_speed_rad_s(self) -> Array | None:
         """The speed at which every rotor would give the mean of their thrusts (n,), by k w^2."""
         return None if self.speeds_rad_s is None else np.sqrt(_mean_of_known(self.speeds_rad_s**2))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.wind_tunnel import (
+from tests.drag.wind_tunnel import (
     COMMANDS,
     ComplexAir,
     CrossAir,

@@ -1,0 +1,146 @@
+"""The pendulum's equation of motion, collocated: how its solution moves with the coefficients and the start.
+
+Hermite-Simpson collocation [HS] on a uniform grid makes the equation a banded system, which gives both the Newton
+correction of a trajectory and its sensitivity to every parameter at once ("lifted" Newton [AD]).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg.lapack import dtbtrs
+
+Array = npt.NDArray[np.float64]
+
+_PROBED_RAD_PER_S = 0.3, 0.8  # speeds below which static friction is larger than sliding
+_HELD = 0.95  # Coulomb friction over gravity's pull from which on the pendulum hardly returns
+
+
+class Coefficients(NamedTuple):
+    """The physical constants of the model, in the order of the Jacobian's columns."""
+
+    natural_frequency_squared_s2: float
+    viscous_per_s: float
+    coulomb_per_s2: float
+    quadratic_per_rad: float
+    zero_rad: float
+
+
+class _Acceleration(NamedTuple):
+    value: Array
+    by_angle: Array
+    by_speed: Array
+    by_coefficient: Array  # (5, n), or (8, n) with the probes
+
+
+def _acceleration(
+    angle: Array, speed: Array, step: float, coefficients: Coefficients, *, probes: bool
+) -> _Acceleration:
+    stiffness, viscous, coulomb, quadratic, zero = coefficients
+    sine, cosine = np.sin(angle - zero), np.cos(angle - zero)
+    width = _turning_width(stiffness * sine, speed, coulomb, step)
+    direction = np.clip(speed / width, -1, 1)
+    turning = np.abs(speed) < width
+    drag = speed * np.abs(speed)
+    excess = [np.exp(-((speed / low) ** 2)) for low in _PROBED_RAD_PER_S] + [1 - cosine] if probes else []
+    return _Acceleration(
+        value=-stiffness * sine - viscous * speed - coulomb * direction - quadratic * drag,
+        by_angle=-stiffness * cosine,
+        by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
+        by_coefficient=np.stack(
+            [-sine, -speed, -direction, -drag, stiffness * cosine, *(-direction * e for e in excess)]
+        ),
+    )
+
+
+def _turning_width(pull: Array, speed: Array, coulomb: float, step: float) -> Array:
+    """Return the speed within which sgn(phi') is replaced by a straight line, so that nothing jumps.
+
+    At a turning point the speed runs through zero at the rate P + s on the way out and P - s on the way
+    back, P = W |sin phi|. With x = s / P, a line of width P step h / (g + h) on the way out and
+    P step g / (g + h) on the way back, g = ln(1+x)/x - 1/(1+x) and h = 1/(1-x) + ln(1-x)/x, leaves the
+    speed after the turn as the jump would: friction's whole impulse is kept, and with it the period.
+    """
+    size = np.abs(pull) + 1e-12
+    ratio = np.clip(coulomb / size, -_HELD, _HELD)
+    ratio = np.where(np.abs(ratio) < 1e-4, 1e-4, ratio)
+    out = np.log1p(ratio) / ratio - 1 / (1 + ratio)
+    back = 1 / (1 - ratio) + np.log1p(-ratio) / ratio
+    return np.asarray(size * step * np.where(speed * pull > 0, back, out) / (out + back))
+
+
+def linearised(
+    state: Array, begin: Array, step: float, coefficients: Coefficients, free: npt.NDArray[np.intp]
+) -> Array:
+    """Linearise the collocated equation of motion about `state` (2n,), interleaved angle and speed.
+
+    Returns (2n, 1 + p + 2): the Newton correction that puts the state on the equation, then the derivatives
+    of that solution with respect to the free coefficients, the start angle and the start speed.
+    """
+    angle, speed = state[::2], state[1::2]
+    probes = len(free) > 0 and int(free[-1]) >= len(coefficients)
+    node = _acceleration(angle, speed, step, coefficients, probes=probes)
+    a, a_angle, a_speed = node.value, node.by_angle, node.by_speed
+    middle = _acceleration(
+        (angle[:-1] + angle[1:]) / 2 + step / 8 * (speed[:-1] - speed[1:]),
+        (speed[:-1] + speed[1:]) / 2 + step / 8 * (a[:-1] - a[1:]),
+        step,
+        coefficients,
+        probes=probes,
+    )
+    left, right = _cells(a_angle, a_speed, middle, step)
+    by_node, by_middle = node.by_coefficient[free], middle.by_coefficient[free]
+    difference = by_node[:, :-1] - by_node[:, 1:]
+    sides = np.empty((2, 1 + len(free), len(angle) - 1))
+    sides[0, 0] = step / 2 * (speed[:-1] + speed[1:]) + step**2 / 12 * (a[:-1] - a[1:]) - np.diff(angle)
+    sides[1, 0] = step / 6 * (a[:-1] + 4 * middle.value + a[1:]) - np.diff(speed)
+    sides[0, 1:] = step**2 / 12 * difference
+    sides[1, 1:] = (
+        step / 6 * (by_node[:, :-1] + 4 * (by_middle + middle.by_speed * step / 8 * difference) + by_node[:, 1:])
+    )
+    return _solved(left, right, sides, begin - state[:2])
+
+
+def _solved(left: Array, right: Array, sides: Array, begin: Array) -> Array:
+    """Solve left x[i] + right x[i + 1] = sides for all nodes from the first on, x[0] = begin in the first column.
+
+    Blocks are (2, 2, n - 1), sides (2, m, n - 1). Returns (2n, m + 2); the last two columns begin with the identity
+    and have no sides. With each cell solved for its right node what is left is a triangle.
+    """
+    determinant = right[0, 0] * right[1, 1] - right[0, 1] * right[1, 0]
+    if not determinant.all():
+        raise np.linalg.LinAlgError("a cell leaves its right node open")
+    inverse = np.array([[right[1, 1], -right[0, 1]], [-right[1, 0], right[0, 0]]]) / determinant
+    onward = inverse[:, 0, None] * left[0] + inverse[:, 1, None] * left[1]
+    rows = np.zeros((sides.shape[1] + 2, 2 * sides.shape[2] + 2))
+    rows[0, :2] = begin
+    rows[-2, 0] = rows[-1, 1] = 1.0
+    rows[:-2, 2::2], rows[:-2, 3::2] = inverse[:, 0, None] * sides[0] + inverse[:, 1, None] * sides[1]
+    band = np.zeros((4, rows.shape[1]), order="F")  # entry (r, c) in row r - c of column c, as LAPACK stores it
+    band[2, 0:-2:2], band[1, 1:-2:2] = onward[0]
+    band[3, 0:-2:2], band[2, 1:-2:2] = onward[1]
+    return np.asarray(dtbtrs(band, rows.T, uplo="L", diag="U", overwrite_b=True)[0])
+
+
+def _cells(a_angle: Array, a_speed: Array, middle: _Acceleration, step: float) -> tuple[Array, Array]:
+    """Return the derivatives of each cell's two Hermite-Simpson equations, position's and speed's, (2, 2, n - 1).
+
+    The first are those by angle and speed at the cell's left node, the second at its right.
+    """
+    left, right = slice(None, -1), slice(1, None)
+    m_angle, m_speed = middle.by_angle, middle.by_speed
+    by_left = [
+        [-1 - step**2 / 12 * a_angle[left], -step / 2 - step**2 / 12 * a_speed[left]],
+        [
+            -step / 6 * (a_angle[left] + 4 * (m_angle / 2 + m_speed * step / 8 * a_angle[left])),
+            -1 - step / 6 * (a_speed[left] + 4 * (m_angle * step / 8 + m_speed * (0.5 + step / 8 * a_speed[left]))),
+        ],
+    ]
+    by_right = [
+        [1 + step**2 / 12 * a_angle[right], -step / 2 + step**2 / 12 * a_speed[right]],
+        [
+            -step / 6 * (a_angle[right] + 4 * (m_angle / 2 - m_speed * step / 8 * a_angle[right])),
+            1 - step / 6 * (a_speed[right] + 4 * (-m_angle * step / 8 + m_speed * (0.5 - step / 8 * a_speed[right]))),
+        ],
+    ]
+    return np.array(by_left), np.array(by_right)
