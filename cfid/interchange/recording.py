@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.files import sha256_of
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import Array, Channel, Series
@@ -29,6 +29,8 @@ class Recording:
 def recording_at(path: Path, reading: Foreign) -> Recording:
     """Read a run folder, or a file of any kind. Raises DataError or ConfigError as its reader."""
     if path.is_dir():
+        if reading.clock is not None:
+            raise ConfigError(f"{path}: --clock is for a log; the times of a run are as they were taken.")
         return _of_run(read_run(path))
     log = read_log(path, reading)
     facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock}

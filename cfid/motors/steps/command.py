@@ -12,6 +12,7 @@ from cfid.console.options import (
     Delivery,
     EscUs,
     LoadCellOptions,
+    LogClock,
     ReadingOptions,
     RigOptions,
     flat,
@@ -31,6 +32,7 @@ def dynamics(
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
     esc_us: EscUs = None,
+    clock: LogClock = None,
     rotor: Annotated[int | None, typer.Option(min=1, max=4, help="The only rotor of a log to fit.")] = None,
     cut: CutOptions,
     rig: RigOptions,
@@ -63,6 +65,7 @@ def dynamics(
         rate_hz=reading.rate_hz,
         skip_lines=reading.skip_lines,
         columns=reading.column_names,
+        clock=clock,
     )
     log = None if run is not None or table is not None else rotor_log(path, foreign)
     if log is not None:
