@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import open_workplace
-from cfid.console.options import Delivery, EscUs, LoadCellOptions, ReadingOptions, RigOptions, flat, pulses_us
+from cfid.console.options import Delivery, EscUs, LoadCellOptions, LogClock, ReadingOptions, RigOptions, flat, pulses_us
 from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
 from cfid.records.result import Result
@@ -28,6 +28,7 @@ def show_run(
     reading: ReadingOptions,
     loadcell: LoadCellOptions,
     esc_us: EscUs = None,
+    clock: LogClock = None,
     delivery: Delivery,
     terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")] = False,
 ) -> None:
@@ -39,7 +40,7 @@ def show_run(
 
     if terminal and delivery.json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
-    views, faults = views_of(run, open_workplace(rig), reading, loadcell, pulses_us(esc_us))
+    views, faults = views_of(run, open_workplace(rig), reading, loadcell, esc_us=pulses_us(esc_us), clock=clock)
     if terminal:
         for view in views:
             _plot_in_terminal(view)

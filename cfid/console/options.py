@@ -68,6 +68,12 @@ EscUs = Annotated[
         rich_help_panel="What was measured",
     ),
 ]
+LogClock = Annotated[
+    Literal["true", "84/85"] | None,
+    typer.Option(
+        help="Rate of the microseconds of a Crazyflie's uSD-card log; default: as the log shows.", rich_help_panel=_FILE
+    ),
+]
 Swings = Annotated[
     list[str] | None,
     typer.Argument(

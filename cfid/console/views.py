@@ -1,10 +1,10 @@
 """The view of each device in a recording, for `cfid show`: numbers, a curve for the terminal, a figure."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from cfid.console.inputs import Workplace, find_recording, read_recording
 from cfid.console.options import LoadCellOptions, ReadingOptions
@@ -58,7 +58,9 @@ def views_of(
     workplace: Workplace,
     file: ReadingOptions,
     loadcell: LoadCellOptions,
+    *,
     esc_us: tuple[float, float] | None = None,
+    clock: Literal["true", "84/85"] | None = None,
 ) -> tuple[list[View], tuple[str, ...]]:
     """Read a RUN; return a view of every device in it, and why another could not be read.
 
@@ -79,7 +81,7 @@ def views_of(
     if run is None:
         kind = kind_at(path, forces) if path.is_file() else None
         if kind == "flight":
-            return log_views(path, forces), ()
+            return log_views(path, replace(forces, clock=clock)), ()
         if kind == "stand":
             return [stand_view(path, forces, esc_us)], ()
         return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()

@@ -1,5 +1,6 @@
 """`cfid import` and `cfid convert`: recordings of other programs into a campaign, and recordings into other files."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,7 +10,7 @@ from cfid.console.campaign import here
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import LabelOptions
 from cfid.console.messages import note
-from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.console.options import LoadCellOptions, LogClock, ReadingOptions, RigOptions, flat
 
 
 @flat
@@ -19,6 +20,7 @@ def import_file(
     label: LabelOptions,
     reading: ReadingOptions,
     loadcell: LoadCellOptions,
+    clock: LogClock = None,
     kind: Annotated[
         Literal["angle", "wrench", "flight"] | None,
         typer.Option(help="What it is; default: as its columns show."),
@@ -39,7 +41,7 @@ def import_file(
     elif found == "wrench":
         made = importing.import_wrench(into, file, loadcell.reading(reading), label=kept)
     else:
-        made = importing.import_flight(into, file, reading.reading(), label=kept)
+        made = importing.import_flight(into, file, replace(reading.reading(), clock=clock), label=kept)
     typer.echo(made.understood)
     for text in made.notes:
         note(text)
@@ -56,6 +58,7 @@ def convert(
         Path | None, typer.Option(help="File, or folder of files, to make; default: named after the recording, here.")
     ] = None,
     reading: ReadingOptions,
+    clock: LogClock = None,
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
 ) -> None:
     """Write a recording in another format: every row and column, in the units of whoever recorded it.
@@ -65,7 +68,8 @@ def convert(
     from cfid.interchange import convert as conversion
     from cfid.interchange.recording import recording_at
 
-    found = recording_at(find_recording(run, open_workplace(RigOptions(campaign=campaign))), reading.reading())
+    path = find_recording(run, open_workplace(RigOptions(campaign=campaign)))
+    found = recording_at(path, replace(reading.reading(), clock=clock))
     paths = conversion.convert(found, to, out)
     typer.echo(found.understood)
     for text in found.notes:

@@ -148,7 +148,7 @@ _ROTORS = _given(
              given_by="`cfid fit dynamics` of a flight log"),
     Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS,
              measured=("time_constant_s", "std_s", "delay_s")),
-    Quantity("dynamics.map", "as named", "", "what each rotor's lag follows, c0 + c1 u + c2 u^2 of its command",
+    Quantity("dynamics.map", "as named", "", "what each rotor's lag follows, c0 + c1 u + c2 u^2 of a command, with std",
              Shape.ROWS, given_by="`cfid fit dynamics` of a flight log"),
 )  # fmt: skip
 

@@ -13,6 +13,7 @@ from cfid.records.run import Run, read_run
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.tables.vehicle import VEHICLE_LOG, read_commands, read_rows
 from cfid.records.tables.wrench import WrenchReading, read_wrench
+from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Record, bytes_of, written
 
 TIME_S = np.arange(3000) / 500
@@ -51,12 +52,32 @@ def test_a_flight_s_log_becomes_a_run_with_its_commands_and_origin(tmp_path: Pat
     np.testing.assert_array_equal(read_rows(run, VEHICLE_LOG).columns["gyro.x"], np.arange(200) / 4)
     rows, commands = read_commands(run)
     np.testing.assert_array_equal(commands, [[0, 0, at, 7] for at in (0, 1000, 2000, 3000)])
-    np.testing.assert_allclose(rows.time_s, [0, 0.05, 0.1, 0.15])
+    np.testing.assert_allclose(rows.time_s, [0, 0.05, 0.1, 0.15])  # stamps agree with the scheduler
     origin = tomllib.loads((run.folder / "run.toml").read_text())["origin"]
     assert origin["file"] == file.name
     assert origin["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
     assert origin["program"] == "Crazyflie uSD-card log, version 2"
-    assert "84/85" in origin["clock"]
+    assert "microseconds, not corrected" in origin["clock"]
+
+
+def test_a_slow_clock_is_corrected_once_by_an_import_and_not_again_by_what_reads_the_run(
+    tmp_path: Path, campaign: Path, cfid: Cfid
+) -> None:
+    records: list[Record] = [(65535, round(1000 * at * 84 / 85), (at, 0, 0, 0, 7)) for at in range(200)]
+    file = written(tmp_path, bytes_of([(65535, "fixedFrequency", ("gyro.x(f)", *MOTORS))], records))
+    run = imported(campaign, file)
+    assert run.header.origin is not None
+    assert "corrected by 85/84" in run.header.origin.clock
+    np.testing.assert_allclose(read_rows(run, VEHICLE_LOG).time_s, np.arange(200) * 1e-3, atol=1e-6)
+
+    again = imported(campaign, run.device_file(VEHICLE_LOG))
+    np.testing.assert_allclose(read_rows(again, VEHICLE_LOG).time_s, np.arange(200) * 1e-3, atol=1e-6)
+    refused = cfid("convert", run.folder, "--to", "csv", "--clock", "84/85")
+    assert refused.returncode == 2
+    assert "as they were taken" in refused.stderr
+
+    left = imported(campaign, file, "--clock", "true")
+    np.testing.assert_allclose(read_rows(left, VEHICLE_LOG).time_s, np.arange(200) * 84e-3 / 85, atol=1e-6)
 
 
 def test_importing_again_makes_another_run_and_changes_neither_file_nor_run(tmp_path: Path, campaign: Path) -> None:

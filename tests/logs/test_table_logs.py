@@ -75,7 +75,7 @@ def test_nanobench_is_read_with_the_firmware_s_names() -> None:
     time_s, acceleration = log.channel("acc.z")
     assert np.median(np.diff(time_s)) == pytest.approx(0.01, rel=1e-3)
     assert np.median(acceleration) == pytest.approx(9.81, rel=0.05)
-    assert {"motor.m1", "pm.vbat", "stateEstimate.vx", "wx_vicon", "gyro.y"} <= set(log.series[0].names)
+    assert {"motor.m1", "pm.vbat", "stateEstimate.vx", "wx_vicon", "imu_gyro_y"} <= set(log.series[0].names)
     assert log.channel("stateEstimate.roll")[1].max() < np.pi
-    gyro, seen = log.channel("gyro.x")[1], log.channel("wx_vicon")[1]  # by motion capture, late and smoothed
+    gyro, seen = log.channel("imu_gyro_x")[1], log.channel("wx_vicon")[1]  # by motion capture, late and smoothed
     assert gyro @ seen == pytest.approx(seen @ seen, rel=0.3)

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.log import FlightLog
+from cfid.records.tables.schema import Foreign
 from tests.logs.usd_bytes import FIXED, POSE, Record, bytes_of, rows, single, written
 from tests.places import DATA
 
@@ -44,11 +45,34 @@ def test_units_become_si_and_what_is_assumed_is_stated(tmp_path: Path) -> None:
     assert "100 rows at 1000 Hz" in log.understood
 
 
-def test_the_clock_is_stated_and_not_corrected(tmp_path: Path) -> None:
-    assert "84/85 of real time" in read_log(written(tmp_path, single())).clock
-    log = read_log(written(tmp_path, bytes_of([FIXED], [(e, at // 1000, v) for e, at, v in rows(100)], version=1)))
-    assert "84/85" not in log.clock
-    assert log.channel("gyro.x")[0][-1] == pytest.approx(5.099)
+@pytest.mark.parametrize("interval_ms", [1, 2, 4, 10, 20])
+def test_a_slow_microsecond_clock_shows_beside_the_scheduler_and_is_corrected(tmp_path: Path, interval_ms: int) -> None:
+    draw = np.random.default_rng(2)
+    for rate, known in ((84 / 85, "corrected by 85/84: rows of"), (1.002, "rows lie whole milliseconds apart")):
+        true_us = 5_000_000 + 1000 * interval_ms * np.cumsum(draw.choice([1, 1, 1, 3], 300))
+        late_us = draw.integers(0, 40, 300)  # that writing takes at times
+        records = [(65535, round(rate * at), (0, 0, 0, 0)) for at in true_us + late_us]
+        log = read_log(written(tmp_path, bytes_of([FIXED], records)))
+        np.testing.assert_allclose(log.series[0].time_s, 1e-6 * true_us, rtol=2.1e-3, atol=1e-4)
+        assert known in log.understood
+
+
+def test_the_clock_is_as_given_and_unknown_where_nothing_shows_it(tmp_path: Path) -> None:
+    path = written(tmp_path, single())
+    assert read_log(path).channel("gyro.x")[0][-1] == pytest.approx(5.099)
+    assert read_log(path, Foreign(clock="84/85")).channel("gyro.x")[0][-1] == pytest.approx(5.099 * 85 / 84)
+    poses = written(tmp_path, bytes_of([POSE], [(3, 988 * at, (1, 0.5, at, -1, 2)) for at in range(300)]))
+    log = read_log(poses)
+    assert "the log does not show" in log.clock
+    assert "`clock` 84/85" in log.clock
+    assert log.series[0].time_s[-1] == pytest.approx(299 * 988e-6)
+
+
+def test_milliseconds_of_the_scheduler_are_right(tmp_path: Path) -> None:
+    path = written(tmp_path, bytes_of([FIXED], [(e, at // 1000, v) for e, at, v in rows(100)], version=1))
+    assert read_log(path).channel("gyro.x")[0][-1] == pytest.approx(5.099)
+    with pytest.raises(ConfigError, match="clock` is for logs in microseconds"):
+        read_log(path, Foreign(clock="84/85"))
 
 
 @pytest.mark.parametrize("missing", [1, 4, 5, 17, 23, 24, 60])
@@ -105,7 +129,7 @@ def test_control_characters_of_a_name_never_reach_the_terminal(tmp_path: Path) -
     assert "\x1b" not in log.understood
 
 
-@pytest.mark.parametrize(("name", "count", "rate_hz"), [("10", 50496, 1011), ("15", 62774, 1011)])
+@pytest.mark.parametrize(("name", "count", "rate_hz"), [("10", 50496, 999), ("15", 62774, 999)])
 def test_public_logs_are_read_whole(name: str, count: int, rate_hz: int) -> None:
     path = DATA / "flights" / f"eschmann_log{name}.usd"
     if not path.exists():
@@ -113,5 +137,6 @@ def test_public_logs_are_read_whole(name: str, count: int, rate_hz: int) -> None
     log = read_log(path)
     assert log.notes == ()
     assert log.series[0].rows == count
-    assert f"at {rate_hz} Hz" in log.understood  # 1000 Hz by a clock that runs at 84/85
+    assert f"at {rate_hz} Hz" in log.understood
+    assert "corrected by 85/84" in log.understood
     assert np.median(log.channel("acc.z")[1][:1000]) == pytest.approx(9.81, rel=0.01)

@@ -1,6 +1,7 @@
 """A log of the uSD-card deck gives the lag of its rotors, by their speeds or by the acceleration, or says why not."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.lag import fit
 from cfid.motors.lag.data import RotorLog, rotor_log
+from cfid.motors.lag.estimation import LagFit, LogSegment, fit_lag, joined
+from cfid.motors.lag.model import Signal
 from cfid.records.result import Result
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
@@ -78,7 +81,7 @@ def test_one_rotor_is_fitted_alone(four: RotorLog) -> None:
     assert result.quantities["dynamics.map"].value[0]["c1"] == pytest.approx(2600, rel=0.1)
     assert not fit(four.only(4)).accepted
     with pytest.raises(ConfigError, match="no rotor speeds"):
-        RotorLog(name="", path=Path("log"), commands={}, speeds={}).only(1)
+        replace(four, speeds={}).only(1)
 
 
 def test_a_command_that_hardly_moves_is_refused(tmp_path: Path) -> None:
@@ -100,6 +103,24 @@ def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path,
     bare = read(logged(tmp_path, MOTORS[:1], np.full(500, 30000)))
     with pytest.raises(DataError, match="nothing follows the commands"):
         fit(bare)
+
+
+def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
+    time_s, command, speed = flown(1, 21, rotors=1, noise=5.0, red=15.0)
+    speed[0, 1800:] += 30  # the map drifts
+
+    def fitted(first: int, last: int) -> LagFit:
+        part = slice(first, last)
+        drive, measured = Signal(time_s[part], command[0, 0, part]), Signal(time_s[part], speed[0, part])
+        return fit_lag([LogSegment((drive,), measured)], kind="speed")
+
+    parts, whole = [fitted(0, 900), fitted(800, 1700), fitted(1700, 2500)], fitted(0, 1700)
+    same, drifted = joined(parts[:2]), joined(parts)
+    np.testing.assert_allclose(same.lag, whole.lag, atol=0.7e-3)
+    np.testing.assert_allclose(same.std_s, whole.std_s, rtol=0.35)
+    truth = np.array([RISING_S, FALLING_S, DELAY_S])
+    assert np.all(np.abs(np.array(drifted.lag) - truth) < 3 * np.array(drifted.std_s))
+    assert drifted.map_std[0] > same.map_std[0]  # wider by as much as the parts differ
 
 
 def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
@@ -126,15 +147,44 @@ def test_the_thrust_of_a_real_flight_lags_as_its_authors_found() -> None:
     assert not {"dynamics.rising", "dynamics.falling"} & set(given)  # which exports would take
 
 
+def campaign(folder: Path, cfid: Cfid) -> Path:
+    assert cfid("new", folder / "campaign").returncode == 0
+    return folder / "campaign"
+
+
+def test_a_stand_s_table_of_a_command_that_never_rests_gives_the_lag(tmp_path: Path, cfid: Cfid) -> None:
+    time_s, command, speed = flown(1, 11, rotors=1, noise=3.0, red=0.0)
+    pulse_us = 1000 + 1000 * command[0, 0]
+    table = tmp_path / "stand.csv"
+    rows = (f"{t:.2f},{u:.3f},{NEXT * w:.3f}\n" for t, u, w in zip(time_s, pulse_us, speed[0], strict=True))
+    table.write_text("Time (s),ESC signal (µs),Motor Optical Speed (RPM)\n" + "".join(rows), encoding="utf-8")
+    shown = cfid("fit", "dynamics", table, "--json")
+    assert shown.returncode == 0, shown.stderr
+    parameters = json.loads(shown.stdout)["parameters"]
+    assert parameters["dynamics.rising"]["value"][0] == pytest.approx(1 / RISING_S, rel=0.02)
+    (row,) = parameters["dynamics.map"]["value"]
+    assert row["of"] == "rad/s"
+    at = np.array([1, 0.6, 0.36])
+    assert row["c0"] + row["c1"] * 0.6 + row["c2"] * 0.36 == pytest.approx(at @ [400, 2600, -500], rel=5e-3)
+    assert all(row[f"std_c{power}"] > 0 for power in range(3))
+
+
 def test_the_command_recognises_a_log_and_a_table_of_a_stand(tmp_path: Path, four: RotorLog, cfid: Cfid) -> None:
     shown = cfid("fit", "dynamics", four.path, "--rotor", "1", "--json")
     assert shown.returncode == 0, shown.stderr
     rising = json.loads(shown.stdout)["parameters"]["dynamics.rising"]["value"]
     assert rising == [pytest.approx(1 / RISING_S, rel=0.02), 0]
 
+    made = cfid("import", four.path, "--campaign", campaign(tmp_path, cfid))
+    assert made.returncode == 0, made.stderr
+    (run,) = (tmp_path / "campaign" / "runs").iterdir()
+    of_run = cfid("fit", "dynamics", run, "--rotor", "1", "--json", "--campaign", tmp_path / "campaign")
+    assert of_run.returncode == 0, of_run.stderr
+    assert json.loads(of_run.stdout)["parameters"]["dynamics.rising"]["value"] == pytest.approx(rising, rel=1e-3)
+
     stand = tmp_path / "stand.csv"
     stand.write_text("pwm,rpm_mean\n" + "10000,5000\n" * 300)
     refused = cfid("fit", "dynamics", stand, "--rotor", "1")
     assert refused.returncode == 2
-    assert "are for flight logs" in refused.stderr
+    assert "are for commands that never rest" in refused.stderr
     assert "no step of the command" in cfid("fit", "dynamics", stand).stderr

@@ -1,8 +1,13 @@
-"""A flight log as what drove each rotor, and what shows how fast they followed: their speeds, or the acceleration."""
+"""A flight log as what drove each rotor, and what shows how fast they followed: their speeds, or the acceleration.
+
+A long log is read part after part, so that it may be larger than the memory.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +17,10 @@ from cfid.findings import Finding, note, of_recording
 from cfid.motors.lag.estimation import SETTLING_S, LogSegment
 from cfid.motors.lag.model import Signal
 from cfid.records.logs.any_kind import NO_OPTIONS, is_binary_log, read_log
-from cfid.records.logs.log import FlightLog
-from cfid.records.parameters import Source
+from cfid.records.logs.log import Channel, FlightLog, in_memory
+from cfid.records.logs.windows import windows
 from cfid.records.tables.schema import Foreign
+from cfid.records.tables.stand import StandTable
 from cfid.units import FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]
@@ -25,31 +31,80 @@ _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
 _BATTERY_V = (1.0, 60.0)
 _OWN_STEPS = 0.5  # of the rows in which a command differs from the one before: below, rows show its own steps
+_FEWEST_CHANGES, _HELD_S = 20, 0.5  # of a stand's command that never rests: how often and how fast it changes
+_PART_S = 300.0  # a flight is one part, or two
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RotorLog:
+class LogPart:
     """Commands by motor, 0 to 65535, with speeds in rad/s by motor, volts, and acceleration along z in m/s^2.
 
-    Each has its own times, in seconds since the log's first row. `understood` is one line on the file.
+    Each has its own times, in seconds since the log's first row of a command.
     """
 
-    name: str
-    path: Path
     commands: Mapping[int, Signal]
     speeds: Mapping[int, Signal]
     volts: Signal | None = None
     acceleration: Signal | None = None
-    understood: str = ""
-    findings: tuple[Finding, ...] = ()
-    sources: tuple[Source, ...] = ()
 
     @property
     def unseen_s(self) -> float:
         """The interval between rows of the commands where these change in most rows, else 0: rows show their steps."""
         time_s, value = self.commands[min(self.commands)]
         on = (value[1:] > 0) & (value[:-1] > 0)
-        return float(np.median(np.diff(time_s))) if np.mean(np.diff(value)[on] != 0) > _OWN_STEPS else 0.0
+        changed = np.diff(value)[on] != 0
+        return float(np.median(np.diff(time_s))) if len(changed) and np.mean(changed) > _OWN_STEPS else 0.0
+
+    def of_speed(self, motor: int) -> list[LogSegment]:
+        """Return the segments in which one rotor runs, with its speed."""
+        return list(self._segments((motor,), self.speeds[motor]))
+
+    def of_thrust(self) -> list[LogSegment]:
+        """Return the segments in which all rotors run, with the acceleration, which is their thrust over the mass."""
+        return [] if self.acceleration is None else list(self._segments(MOTORS, self.acceleration))
+
+    def _drive(self, motor: int) -> Array:
+        """Return the command over the full one, times the battery's volts where these are known."""
+        time_s, command = self.commands[motor]
+        volts = 1.0 if self.volts is None else np.interp(time_s, *self.volts)
+        return np.asarray(command / FULL_COMMAND * volts)
+
+    def _segments(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
+        """Yield the segments without a break that are long enough to be used."""
+        time_s = self.commands[motors[0]].time_s
+        runs = np.all([self.commands[motor].value > 0 for motor in motors], axis=0)
+        ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > _BREAK_S)
+        edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
+        drives = [self._drive(motor) for motor in motors]
+        for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
+            if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
+                continue
+            inside = slice(first, last + 1)
+            between = measured.between(float(time_s[first]), float(time_s[last]))
+            yield LogSegment(tuple(Signal(time_s[inside], drive[inside]) for drive in drives), between)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RotorLog:
+    """A log with commands: the names of its channels, by motor, and the window of it to use.
+
+    The window is in seconds since `begin_s`, the log's first row of a command.
+    """
+
+    log: FlightLog
+    name: str
+    commands: Mapping[int, str]
+    speeds: Mapping[int, str]
+    volts: str | None
+    acceleration: str | None
+    begin_s: float
+    window: tuple[float, float]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.log.path
 
     def only(self, rotor: int) -> "RotorLog":
         """Return the log with one rotor's speed. Raises ConfigError where it has none."""
@@ -60,43 +115,41 @@ class RotorLog:
 
     def between(self, from_s: float | None, to_s: float | None) -> "RotorLog":
         """Return the log between two times since its first row. Raises ConfigError for an empty window."""
-        window = (0.0 if from_s is None else from_s), (np.inf if to_s is None else to_s)
-        cut = {motor: signal.between(*window) for motor, signal in self.commands.items()}
-        if not all(len(signal.time_s) for signal in cut.values()):
-            raise ConfigError(f"{self.path}: no rows between `from_s` {window[0]:g} and `to_s` {window[1]:g} s.")
-        return replace(self, commands=cut)
+        low, high = (0.0 if from_s is None else from_s), (np.inf if to_s is None else to_s)
+        if not low < min(high, self.window[1]):
+            raise ConfigError(f"{self.path}: no rows between `from_s` {low:g} and `to_s` {high:g} s.")
+        return replace(self, window=(low, min(high, self.window[1])))
 
-    def drive(self, motor: int) -> Signal:
-        """Return the command over the full one, times the battery's volts where these are known."""
-        time_s, command = self.commands[motor]
-        volts = 1.0 if self.volts is None else np.interp(time_s, *self.volts)
-        return Signal(time_s, command / FULL_COMMAND * volts)
+    def parts(self) -> Iterator[LogPart]:
+        """Yield the window, in parts of equal length where it is longer than 5 minutes.
 
-    def of_speed(self, motor: int) -> list[LogSegment]:
-        """Return the parts in which one rotor runs, with its speed."""
-        return list(self._pieces((motor,), self.speeds[motor]))
-
-    def of_thrust(self) -> list[LogSegment]:
-        """Return the parts in which all rotors run, with the acceleration, which is their thrust over the mass."""
-        if self.acceleration is None:
+        Raises DataError where nothing shows how the rotors follow.
+        """
+        if not self.speeds and self.acceleration is None:
             raise DataError(f"{self.path}: no rotor speeds (rpm.m1, ...) and no acc.z: nothing follows the commands.")
         missing = ", ".join(f"motor.m{motor}" for motor in MOTORS if motor not in self.commands)
-        if missing:
+        if not self.speeds and missing:
             raise DataError(f"{self.path}: no {missing}: the thrust in acc.z is that of all four.")
-        return list(self._pieces(MOTORS, self.acceleration))
+        low, high = self.window
+        count = ceil((high - low) / _PART_S)
+        needed = (self.volts, None if self.speeds else self.acceleration)
+        names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
+        for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
+            signals = {name: self._since_begin(*timed) for name, timed in part.items()}
+            if all(len(signals[name].time_s) > 1 for name in names):
+                yield self._part(signals)
 
-    def _pieces(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
-        """Yield the parts without a break that are long enough to be used."""
-        time_s = self.commands[motors[0]].time_s
-        runs = np.all([self.commands[motor].value > 0 for motor in motors], axis=0)
-        ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > _BREAK_S)
-        edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
-        for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
-            from_s, to_s = float(time_s[first]), float(time_s[last])
-            if to_s - from_s > 2 * SETTLING_S:
-                inside = slice(first, last + 1)
-                drives = tuple(Signal(time_s[inside], self.drive(motor).value[inside]) for motor in motors)
-                yield LogSegment(drives, measured.between(from_s, to_s))
+    def _since_begin(self, time_s: Array, value: Array) -> Signal:
+        return Signal(time_s - self.begin_s, value).between(self.window[0], self.window[1])
+
+    def _part(self, signals: Mapping[str, Signal]) -> LogPart:
+        speeds = {motor: signals[name] for motor, name in self.speeds.items()}
+        return LogPart(
+            commands={motor: signals[name] for motor, name in self.commands.items()},
+            speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in speeds.items()},
+            volts=None if self.volts is None else signals[self.volts],
+            acceleration=None if self.speeds or self.acceleration is None else signals[self.acceleration],
+        )
 
 
 def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:
@@ -107,47 +160,98 @@ def rotor_log(path: Path, reading: Foreign = NO_OPTIONS) -> RotorLog | None:
         if path.is_file() and not is_binary_log(path):
             return None  # a thrust stand's table need not have times
         raise
-    return of_log(log) if is_binary_log(path) or _of_any(log, _COMMANDS) else None
+    return of_log(log) if is_binary_log(path) or _of_motors(log, _COMMANDS) else None
+
+
+def of_stand(table: StandTable) -> RotorLog | None:
+    """Take a thrust stand's speeds under a command that never rests, None for another table.
+
+    Its command is that of every rotor. Raises DataError for one without times or speeds.
+    """
+    time_s, speeds, known = table.time_s, table.speeds_rad_s, np.isfinite(table.command)
+    if time_s is None or speeds is None or np.count_nonzero(np.diff(table.command[known])) < _FEWEST_CHANGES:
+        return None
+    if np.ptp(time_s) > _HELD_S * np.count_nonzero(np.diff(table.command[known])):
+        return None
+    several = table.speeds == "rotors"
+    each = speeds.T if several else [table.square_mean_speed_rad_s]
+    motors = range(1, 1 + len(each))
+    channels = [Channel(f"motor.m{motor}", "1") for motor in motors]
+    channels += [Channel(f"rpm.m{motor}", "rad/s") for motor in motors]
+    values = [*(table.command for _ in motors), *(np.asarray(one) for one in each)]
+    if table.vbat_v is not None and np.isfinite(table.vbat_v).all():
+        channels, values = [*channels, Channel("pm.vbat", "V")], [*values, table.vbat_v]
+    rows = [value[known] for value in values]
+    log = FlightLog(
+        path=table.path,
+        source=table.source,
+        program="table of a thrust stand",
+        clock="times are the stand's",
+        series=(in_memory("stand", time_s[known], channels, rows),),
+    )
+    return replace(of_log(log), findings=table.findings)
 
 
 def of_log(log: FlightLog) -> RotorLog:
-    """Take commands, speeds, voltage and acceleration from a log. Raises DataError without commands."""
+    """Find commands, speeds, voltage and acceleration in a log. Raises DataError without commands."""
     commands = _of_motors(log, _COMMANDS)
     if not commands:
         raise DataError(f"{log.path}: no command of a motor (motor.m1, pwm.m1_pwm).")
-    begin_s = min(signal.time_s[0] for signal in commands.values())
-    speeds, faults = {}, []
-    for motor, (time_s, speed) in _of_motors(log, _SPEEDS).items():
-        if motor not in commands:
-            continue
-        lost = (speed <= 0) & (np.interp(time_s, *commands[motor]) > 0)
-        if lost.any():
-            faults.append(f"rotor {motor}: {lost.sum()} of {len(speed)} speeds are 0 while it is driven, and left out.")
-        if np.any(speed > 0):
-            speeds[motor] = Signal(time_s, np.where(speed > 0, speed, np.nan))
-    volts = _one(log, _VOLTS)
-    if volts is not None and not np.all((volts.value > _BATTERY_V[0]) & (volts.value < _BATTERY_V[1])):
+    speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
+    volts = _first(log, _VOLTS)
+    seen = _seen(log, commands, speeds, volts)
+    faults = [
+        f"rotor {motor}: {lost} of {rows} speeds are 0 while it is driven, and left out."
+        for motor, (lost, _, rows) in seen.speeds.items()
+        if lost
+    ]
+    if not seen.volts_possible:
         faults.append("the battery's voltage has impossible values: it is not used.")
-        volts = None
-    acceleration = _one(log, (_ACCELERATION,))
     return RotorLog(
+        log=log,
         name=log.path.stem,
-        path=log.path,
-        commands=_since(commands, begin_s),
-        speeds=_since(speeds, begin_s),
-        volts=None if volts is None else Signal(volts.time_s - begin_s, volts.value),
-        acceleration=None if acceleration is None else Signal(acceleration.time_s - begin_s, acceleration.value),
-        understood=log.understood,
+        commands=commands,
+        speeds={motor: name for motor, name in speeds.items() if seen.speeds[motor][1]},
+        volts=volts if seen.volts_possible else None,
+        acceleration=_first(log, (_ACCELERATION,)),
+        begin_s=seen.begin_s,
+        window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),
         findings=(
             *of_recording(log.path.name, (*log.notes, *faults)),
             *(note("recording", f"assumed: {text}.").at(log.path.name) for text in log.assumed),
         ),
-        sources=(log.source,),
     )
 
 
-def _of_any(log: FlightLog, patterns: tuple[str, ...]) -> bool:
-    return any(_first(log, patterns, motor) for motor in MOTORS)
+class _Seen(NamedTuple):
+    """When a log's commands begin and end; of each rotor how many speeds are lost, known, and there."""
+
+    begin_s: float
+    end_s: float
+    speeds: Mapping[int, tuple[int, int, int]]
+    volts_possible: bool
+
+
+def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str], volts: str | None) -> _Seen:
+    names = [*commands.values(), *speeds.values(), *(() if volts is None else (volts,))]
+    begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
+    end_s, possible = begin_s, True
+    counts = {motor: np.zeros(3, np.intp) for motor in speeds}
+    for found in windows(log, names, from_s=begin_s, long_s=_PART_S):
+        end_s = max([end_s, *(float(found[name].time_s[-1]) for name in commands.values() if len(found[name].time_s))])
+        for motor, name in speeds.items():
+            (time_s, speed), driven = found[name], found[commands[motor]]
+            on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
+            counts[motor] += np.array([np.sum((speed <= 0) & on), np.sum(speed > 0), len(speed)])
+        if volts is not None:
+            possible &= bool(np.all((found[volts].value > _BATTERY_V[0]) & (found[volts].value < _BATTERY_V[1])))
+    whole = {motor: (int(lost), int(known), int(rows)) for motor, (lost, known, rows) in counts.items()}
+    return _Seen(begin_s, end_s, whole, possible)
+
+
+def _known(speed: Array) -> Array:
+    """Return speeds (n,) with nan for those that are 0, which a sensor shows that lost a rotor."""
+    return np.where(speed > 0, speed, np.nan)
 
 
 def _first(log: FlightLog, patterns: tuple[str, ...], motor: int = 0) -> str | None:
@@ -155,15 +259,6 @@ def _first(log: FlightLog, patterns: tuple[str, ...], motor: int = 0) -> str | N
     return next((name for pattern in patterns if (name := pattern.format(motor)) in there), None)
 
 
-def _one(log: FlightLog, names: tuple[str, ...]) -> Signal | None:
-    name = _first(log, names)
-    return None if name is None else Signal(*log.channel(name))
-
-
-def _of_motors(log: FlightLog, patterns: tuple[str, ...]) -> dict[int, Signal]:
+def _of_motors(log: FlightLog, patterns: tuple[str, ...]) -> dict[int, str]:
     found = {motor: _first(log, patterns, motor) for motor in MOTORS}
-    return {motor: Signal(*log.channel(name)) for motor, name in found.items() if name is not None}
-
-
-def _since(signals: Mapping[int, Signal], begin_s: float) -> dict[int, Signal]:
-    return {motor: Signal(time_s - begin_s, value) for motor, (time_s, value) in signals.items()}
+    return {motor: name for motor, name in found.items() if name is not None}

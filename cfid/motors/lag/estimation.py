@@ -1,19 +1,24 @@
 """Lag and static map together, by output error: what follows a command that always changes, simulated and compared.
 
-The fit is least squares. Its residuals may be correlated: their own correlation decides the uncertainties.
+The fit is least squares of residuals from which the noise's correlation with the sample before is taken (D. Cochrane,
+G. H. Orcutt, Application of least squares regression to relationships containing auto-correlated error terms, Journal
+of the American Statistical Association 44, 1949). What correlation is left decides the uncertainties.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
+from scipy.linalg import block_diag
+from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
-from cfid.estimate.linear import gain_of, sandwich
+from cfid.estimate.linear import gain_of, sandwich, std_of
 from cfid.findings import Finding, rejection, texts
 from cfid.motors.lag.model import InputLag, Signal
 
@@ -31,6 +36,7 @@ _SMOOTH = 0.25  # time constants over which noise is averaged before judging how
 _SINGULAR = 1e-7  # of a Jacobian with columns of equal length
 _COARSE = 0.5  # of a time constant: the largest interval of a command that shows it
 _CLOSE = 1e-6  # relative to the cost of thousands of samples: far below the uncertainty
+_MOST_CORRELATED = 0.99  # with the sample before: nearer to 1, levels are lost
 _MOST_STEPS = 60  # of the search; a record that shows a lag needs 10
 
 
@@ -43,7 +49,7 @@ class LogSegment(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LagFit:
-    """A lag with its covariance (3, 3) in s^2, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u.
+    """A lag, and the map that it follows, c0 + c1 u + c2 u^2 of the drive u, with the covariance (6, 6) of map and lag.
 
     `explained` is the part of the variance that it explains, averaged over a quarter of a time constant, `rms` what is
     left. `time_s`, `measured` and `shown` (n,) are what was compared.
@@ -63,7 +69,12 @@ class LagFit:
     @property
     def std_s(self) -> InputLag:
         """The standard uncertainties of the lag."""
-        return InputLag(*np.sqrt(np.diag(self.covariance)).tolist())
+        return InputLag(*std_of(self.covariance)[3:].tolist())
+
+    @property
+    def map_std(self) -> list[float]:
+        """The standard uncertainties of the map."""
+        return [float(std) for std in std_of(self.covariance)[:3]]
 
     @property
     def accepted(self) -> bool:
@@ -90,34 +101,80 @@ def fit_lag(pieces: Sequence[LogSegment], *, kind: Kind, unseen_s: float = 0.0) 
     scale = np.append(np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]])
     low = [-np.inf] * 3 + [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S]
     high = [np.inf] * 3 + [_SLOWEST_S, _SLOWEST_S, _LATEST_S]
-    fit = least_squares(
-        lambda p: shown(p) - measured,
-        start,
-        x_scale=scale,
-        bounds=(low, high),
-        ftol=_CLOSE,
-        xtol=_CLOSE,
-        max_nfev=_MOST_STEPS,
-    )
+    lengths = [len(piece.measured.value) for piece in pieces]
+
+    def fitted(begin: Array, white: Callable[[Array], Array]) -> OptimizeResult:
+        return least_squares(
+            lambda p: white(shown(p) - measured),
+            begin,
+            x_scale=scale,
+            bounds=(low, high),
+            ftol=_CLOSE,
+            xtol=_CLOSE,
+            max_nfev=_MOST_STEPS,
+        )
+
+    plain = fitted(start, np.asarray)
+    fit = fitted(plain.x, partial(_whitened, lengths=lengths, correlation=_correlation(plain.fun, lengths)))
+    residual = shown(fit.x) - measured
     lag = InputLag(*fit.x[3:].tolist())
     columns = fit.jac / np.maximum(np.linalg.norm(fit.jac, axis=0), 1e-300)
     singular = np.linalg.svd(columns, compute_uv=False)[-1] < _SINGULAR or bool(np.any(fit.active_mask[3:]))
-    covariance = sandwich(fit.jac, fit.fun, longest=len(measured) // 4)[3:, 3:]
-    covariance[2, 2] += unseen_s**2 / 12
-    explained = _explained(pieces, fit.fun, measured, min(lag.rising_s, lag.falling_s))
-    stds = np.sqrt(np.diag(covariance))
+    covariance = sandwich(fit.jac, fit.fun, longest=len(measured) // 4)
+    covariance[5, 5] += unseen_s**2 / 12
+    explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
         kind=kind,
         lag=lag,
-        covariance=np.full((3, 3), np.nan) if singular else covariance,
+        covariance=np.full((6, 6), np.nan) if singular else covariance,
         map=(float(fit.x[0]), float(fit.x[1]), float(fit.x[2])),
         explained=explained,
-        rms=float(np.sqrt(np.mean(fit.fun**2))),
+        rms=float(np.sqrt(np.mean(residual**2))),
         time_s=np.concatenate([piece.measured.time_s for piece in pieces]),
         measured=measured,
-        shown=measured + fit.fun,
-        findings=_rejections(kind, lag, stds, explained, singular=singular, unseen_s=unseen_s),
+        shown=measured + residual,
+        findings=_rejections(kind, lag, std_of(covariance)[3:], explained, singular=singular, unseen_s=unseen_s),
     )
+
+
+def joined(fits: Sequence[LagFit]) -> LagFit:
+    """Return the mean of fits to the parts of one record, weighted by their covariances, with the liveliest's curves.
+
+    Parts that were rejected are left out where others were not. The covariance is wider by as much as parts differ.
+    """
+    accepted = [fit for fit in fits if fit.accepted] or [max(fits, key=lambda fit: fit.explained)]
+    if len(accepted) == 1:
+        return accepted[0]
+    covariance = block_diag(*(fit.covariance for fit in accepted))
+    values = np.array([[*fit.map, *fit.lag] for fit in accepted])
+    gain = gain_of(np.tile(np.eye(6), (len(accepted), 1)), covariance=covariance)
+    mean = gain @ values.ravel()
+    apart = (values - mean).ravel()
+    scatter = float(apart @ np.linalg.solve(covariance, apart)) / (len(apart) - 6)
+    return replace(
+        max(accepted, key=lambda fit: float(np.var(fit.shown))),
+        lag=InputLag(*mean[3:].tolist()),
+        map=(float(mean[0]), float(mean[1]), float(mean[2])),
+        covariance=max(scatter, 1.0) * gain @ covariance @ gain.T,
+        explained=float(np.mean([fit.explained for fit in accepted])),
+        rms=float(np.sqrt(np.mean([fit.rms**2 for fit in accepted]))),
+    )
+
+
+def _correlation(residual: Array, lengths: Sequence[int]) -> float:
+    """Return how residuals (n,) of segments correlate with the one before, 0 at least."""
+    parts = np.split(residual, np.cumsum(lengths)[:-1])
+    both = sum(float(part[1:] @ part[:-1]) for part in parts)
+    return float(np.clip(both / max(float(residual @ residual), 1e-300), 0.0, _MOST_CORRELATED))
+
+
+def _whitened(residual: Array, *, lengths: Sequence[int], correlation: float) -> Array:
+    """Return residuals (n,) of segments without what each has in common with the one before, of variance 1 to 1."""
+    left = residual.copy()
+    left[1:] -= correlation * residual[:-1]
+    first = np.cumsum([0, *lengths[:-1]])
+    left[first] = math.sqrt(1 - correlation**2) * residual[first]
+    return left
 
 
 def _thinned(piece: LogSegment) -> LogSegment | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +10,7 @@ import numpy.typing as npt
 from cfid.errors import CfidError, FitError
 from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.lag.data import RotorLog
-from cfid.motors.lag.estimation import LagFit, fit_lag
+from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.figures import lag_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
@@ -33,7 +34,7 @@ def fit(record: RotorLog) -> Result:
     Raises FitError where no rotor runs for long enough, DataError where nothing shows how it follows.
     """
     try:
-        fits, left_out = _fits(record)
+        fits, seen, left_out = _fits(record)
     except CfidError as error:
         raise type(error)(f"{record.path}: {str(error).removeprefix(f'{record.path}: ')}") from None
     accepted = {name: one for name, one in fits.items() if one.accepted} or fits
@@ -55,7 +56,7 @@ def fit(record: RotorLog) -> Result:
             "dynamics.rising": Parameter(value=coefficients["dynamics.rising"], std=[float(rates_std[0]), np.nan]),
             "dynamics.falling": Parameter(value=coefficients["dynamics.falling"], std=[float(rates_std[1]), np.nan]),
             "dynamics.delay_s": Parameter(value=delay_s, std=delay_std_s),
-            _ROWS: Parameter(value=_rows(record, fits)),
+            _ROWS: Parameter(value=_rows(fits, seen)),
             "dynamics.map": Parameter(value=_maps(record, fits)),
         },
         wanted=("dynamics.*",) if record.speeds else (_ROWS,),
@@ -69,48 +70,76 @@ def fit(record: RotorLog) -> Result:
         findings=(
             *record.findings,
             *left_out,
-            *_about(record, fits),
+            *_about(record, fits, seen.unseen_s),
             *(() if any(one.accepted for one in fits.values()) else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
         ),
-        sources=record.sources,
-        lines=(*filter(None, [record.understood]), *(Dependent(_line(name, one), _ROWS) for name, one in fits.items())),
+        sources=(record.log.source,),
+        lines=(
+            *filter(None, [record.log.understood]),
+            *(Dependent(_line(name, one), _ROWS) for name, one in fits.items()),
+        ),
         drawings=drawings,
         folder=record.path.parent,
     )
 
 
-def _fits(record: RotorLog) -> tuple[dict[str, LagFit], tuple[Finding, ...]]:
+class _Seen(NamedTuple):
+    """The interval of commands that change between rows, 0 for others, and from where to where each rotor's went."""
+
+    unseen_s: float
+    commands: Mapping[str, tuple[float, float]]
+
+
+def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
     """Return the fit of each rotor, or of all by the acceleration, and findings about rotors without one."""
-    if not record.speeds:
-        return {_THRUST: fit_lag(record.of_thrust(), kind="thrust", unseen_s=record.unseen_s)}, ()
-    fits: dict[str, LagFit] = {}
+    names = {f"rotor {motor}": motor for motor in record.speeds} or {_THRUST: 0}
+    fits: dict[str, list[LagFit]] = {name: [] for name in names}
     failed: dict[str, FitError] = {}
-    for motor in record.speeds:
-        try:
-            fits[f"rotor {motor}"] = fit_lag(record.of_speed(motor), kind="speed", unseen_s=record.unseen_s)
-        except FitError as error:
-            failed[f"rotor {motor}"] = error
-    if not fits:
-        raise next(iter(failed.values()))
-    return fits, tuple(
-        warning("lag-rotor-left-out", str(error), "dynamics.*").at(name) for name, error in failed.items()
+    ranges: dict[str, tuple[float, float]] = {}
+    unseen_s = 0.0
+    for part in record.parts():
+        unseen_s = max(unseen_s, part.unseen_s)
+        for name, motor in names.items():
+            driven = [part.commands[motor]] if motor else list(part.commands.values())
+            on = np.concatenate([value[value > 0] for _, value in driven])
+            low, high = ranges.get(name, (np.inf, -np.inf))
+            ranges[name] = min(low, float(on.min(initial=np.inf))), max(high, float(on.max(initial=-np.inf)))
+            try:
+                fits[name].append(
+                    fit_lag(part.of_speed(motor), kind="speed", unseen_s=part.unseen_s)
+                    if motor
+                    else fit_lag(part.of_thrust(), kind="thrust", unseen_s=part.unseen_s)
+                )
+            except FitError as error:
+                failed[name] = error
+    found = {name: joined(each) for name, each in fits.items() if each}
+    if not found:
+        raise next(iter(failed.values()), FitError("no rows of all commands."))
+    return (
+        found,
+        _Seen(unseen_s, ranges),
+        tuple(
+            warning("lag-rotor-left-out", str(error), "dynamics.*").at(name)
+            for name, error in failed.items()
+            if name not in found
+        ),
     )
 
 
 def _mean_rates(fits: list[LagFit]) -> tuple[list[float], Array]:
     """Return one over the time constants of rising and falling, means of the rotors, with their covariance (2, 2)."""
     rates = 1 / np.array([one.lag[:2] for one in fits])
-    each = [np.outer(rate**2, rate**2) * one.covariance[:2, :2] for rate, one in zip(rates, fits, strict=True)]
+    each = [np.outer(rate**2, rate**2) * one.covariance[3:5, 3:5] for rate, one in zip(rates, fits, strict=True)]
     return rates.mean(axis=0).tolist(), np.sum(each, axis=0) / len(fits) ** 2
 
 
-def _about(record: RotorLog, fits: Mapping[str, LagFit]) -> tuple[Finding, ...]:
+def _about(record: RotorLog, fits: Mapping[str, LagFit], unseen_s: float) -> tuple[Finding, ...]:
     """Return why rotors are rejected, warnings for the keys that have other rotors, and what the numbers contain."""
     found = [replace(one, severity="warning", where=(name,)) for name, fit in fits.items() for one in fit.findings]
-    if record.unseen_s:
+    if unseen_s:
         text = (
-            f"the command was logged every {1e3 * record.unseen_s:.3g} ms and may have changed between: it is taken to "
-            f"hold, and the delay's standard uncertainty contains {1e3 * record.unseen_s / 12**0.5:.2g} ms for that."
+            f"the command was logged every {1e3 * unseen_s:.3g} ms and may have changed between: it is taken to "
+            f"hold, and the delay's standard uncertainty contains {1e3 * unseen_s / 12**0.5:.2g} ms for that."
         )
         found.append(note("lag-command-between-rows", text, "dynamics.delay_s"))
     if not record.speeds:
@@ -118,10 +147,10 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit]) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _rows(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
+def _rows(fits: Mapping[str, LagFit], seen: _Seen) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name, fit in fits.items():
-        low, high = _commands(record, name)
+        low, high = seen.commands[name]
         for rising in (True, False):
             place = 0 if rising else 1
             rows.append(
@@ -142,18 +171,12 @@ def _rows(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object
 def _maps(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
     over = f"cmd / {FULL_COMMAND}" if record.volts is None else f"cmd / {FULL_COMMAND} * V"
     of = "rad/s" if record.speeds else "m/s^2"
-    return [
-        {"rotor": _rotor(name), "of": of, "over": over, **{f"c{power}": value for power, value in enumerate(fit.map)}}
-        for name, fit in fits.items()
-        if fit.accepted
-    ]
+    return [{"rotor": _rotor(name), "of": of, "over": over, **_map(fit)} for name, fit in fits.items() if fit.accepted]
 
 
-def _commands(record: RotorLog, name: str) -> tuple[float, float]:
-    motors = [_rotor(name)] if _rotor(name) else list(record.commands)
-    on = np.concatenate([record.commands[motor].value for motor in motors if motor is not None])
-    on = on[on > 0]
-    return float(on.min()), float(on.max())
+def _map(fit: LagFit) -> dict[str, object]:
+    values = {f"c{power}": value for power, value in enumerate(fit.map)}
+    return {**values, **{f"std_c{power}": _known(value) for power, value in enumerate(fit.map_std)}}
 
 
 def _rotor(name: str) -> int | None:

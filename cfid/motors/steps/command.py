@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,12 +12,19 @@ from cfid.console.options import (
     Delivery,
     EscUs,
     LoadCellOptions,
+    LogClock,
     ReadingOptions,
     RigOptions,
     flat,
     pulses_us,
 )
 from cfid.console.outcome import deliver
+
+if TYPE_CHECKING:
+    from cfid.motors.lag.data import RotorLog
+    from cfid.records.run import Run
+    from cfid.records.tables.schema import Foreign
+    from cfid.records.tables.stand import StandTable
 
 
 @flat
@@ -31,6 +38,7 @@ def dynamics(
     ] = None,
     table: Annotated[Path | None, typer.Option(help="A thrust stand's CSV file with speeds over time.")] = None,
     esc_us: EscUs = None,
+    clock: LogClock = None,
     rotor: Annotated[int | None, typer.Option(min=1, max=4, help="The only rotor of a log to fit.")] = None,
     cut: CutOptions,
     rig: RigOptions,
@@ -44,11 +52,11 @@ def dynamics(
     """
     from cfid.errors import ConfigError
     from cfid.motors import lag
-    from cfid.motors.lag.data import rotor_log
+    from cfid.motors.lag.data import RotorLog
     from cfid.motors.steps import fit
     from cfid.motors.steps.data import of_run, of_table
+    from cfid.records.run import Run
     from cfid.records.tables.schema import Foreign
-    from cfid.records.tables.stand import read_stand_table
     from cfid.records.tables.times import run_at
 
     workplace = open_workplace(rig)
@@ -63,23 +71,34 @@ def dynamics(
         rate_hz=reading.rate_hz,
         skip_lines=reading.skip_lines,
         columns=reading.column_names,
+        clock=clock,
     )
-    log = None if run is not None or table is not None else rotor_log(path, foreign)
-    if log is not None:
-        log = log if rotor is None else log.only(rotor)
+    found = _recorded(path, run, foreign, is_table=table is not None, esc_us=pulses_us(esc_us))
+    if isinstance(found, RotorLog):
+        log = found if rotor is None else found.only(rotor)
         result = lag.fit(log.between(cut.from_s, cut.to_s))
     elif rotor is not None or cut != CutOptions():
-        raise ConfigError(f"{path}: --rotor, --from and --to are for flight logs.")
-    elif run is not None:
-        result = fit(of_run(run, scale.reading(reading)))
+        raise ConfigError(f"{path}: --rotor, --from and --to are for commands that never rest, not for steps.")
     else:
-        stand = read_stand_table(
-            path,
-            rate_hz=reading.rate_hz,
-            skip_lines=reading.skip_lines,
-            time_unit=reading.time_unit,
-            esc_us=pulses_us(esc_us),
-        )
-        result = fit(of_table(stand))
+        result = fit(of_run(found, scale.reading(reading)) if isinstance(found, Run) else of_table(found))
     result = replace(result, folder=workplace.figures_folder([path]))
     deliver(result, delivery, workplace.campaign, workplace.own_rig)
+
+
+def _recorded(
+    path: Path, run: "Run | None", foreign: "Foreign", *, is_table: bool, esc_us: tuple[float, float] | None
+) -> "RotorLog | StandTable | Run":
+    """Return commands that never rest as a log, steps as they were recorded: a run, or a stand's table."""
+    from cfid.motors.lag.data import of_log, of_stand, rotor_log
+    from cfid.records.logs.run import log_of_run
+    from cfid.records.tables.stand import read_stand_table
+
+    if run is not None:
+        return of_log(log_of_run(run)) if run.header.kind == "flight" else run
+    log = None if is_table else rotor_log(path, foreign)
+    if log is not None:
+        return log
+    stand = read_stand_table(
+        path, rate_hz=foreign.rate_hz, skip_lines=foreign.skip_lines, time_unit=foreign.time_unit, esc_us=esc_us
+    )
+    return of_stand(stand) or stand

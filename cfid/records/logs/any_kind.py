@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.files import sha256_of
 from cfid.records.logs.blackbox import BEGIN as BLACKBOX
 from cfid.records.logs.blackbox import read_blackbox
@@ -29,7 +29,7 @@ def is_binary_log(path: Path) -> bool:
 
 
 def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
-    """Read a log; `reading` states what a table does not: time unit or rate, lines to skip, the time column.
+    """Read a log; `reading` states what a table does not: time unit or rate, lines to skip, the time column, a clock.
 
     Raises DataError or ConfigError as the reader of its kind.
     """
@@ -37,6 +37,10 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
         raise DataError(f"{path}: no such file." if not path.is_dir() else f"{path}: a folder, not a file.")
     source = Source(str(path), sha256_of(path))
     reader = _binary_reader(path)
+    if reader is read_usd:
+        return read_usd(path, source, reading.clock)
+    if reading.clock is not None:
+        raise ConfigError(f"{path}: --clock is for uSD-card logs of a Crazyflie.")
     return reader(path, source) if reader else read_table_log(path, source, reading)
 
 

@@ -106,7 +106,12 @@ class FlightLog:
     notes: tuple[str, ...] = ()
 
     def channel(self, name: str) -> tuple[Array, Array]:
-        """Return times (n,) in s and values (n,) in SI of a channel; of several of that name, the one with most rows.
+        """Return times (n,) in s and values (n,) in SI of a channel. Raises DataError as `series_of`."""
+        series = self.series_of(name)
+        return series.time_s, series.values(name)
+
+    def series_of(self, name: str) -> Series:
+        """Return the series with a channel; of several, the one with most rows.
 
         Raises DataError naming the channels there are.
         """
@@ -114,8 +119,7 @@ class FlightLog:
         if not having:
             there = "; ".join(f"{series.name}: {', '.join(series.names)}" for series in self.series)
             raise DataError(f"{self.path}: no channel {name}; it has {there}.")
-        series = max(having, key=lambda one: one.rows)
-        return series.time_s, series.values(name)
+        return max(having, key=lambda one: one.rows)
 
     @property
     def understood(self) -> str:

@@ -17,9 +17,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import DataError
+from cfid.errors import ConfigError, DataError
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import BLOCK_ROWS, Array, FlightLog, Series, printable
+from cfid.records.logs.usd_clock import FIXED_FREQUENCY, MOST_ROWS, Clock, microsecond_clock
 from cfid.records.parameters import Source
 
 Bytes = npt.NDArray[np.uint8]
@@ -40,12 +41,7 @@ class _Version(NamedTuple):
 
 _VERSIONS = {
     1: _Version("<u4", 1e-3, "times are milliseconds of the vehicle's scheduler"),
-    2: _Version(
-        "<u8",
-        1e-6,
-        "times are the vehicle's microseconds, not corrected: on a Crazyflie 2.x with firmware up to 2026.08 they run "
-        "at 84/85 of real time",
-    ),
+    2: _Version("<u8", 1e-6, ""),  # the log shows how long these are
 }
 
 
@@ -64,23 +60,32 @@ class _Records(NamedTuple):
     fault: str
 
 
-def read_usd(path: Path, source: Source) -> FlightLog:
+def read_usd(path: Path, source: Source, clock: Clock | None = None) -> FlightLog:
     """Read a log. A cut or damaged one gives the whole records before the fault, and notes it.
 
+    `clock` states what microseconds are of real time, which else the log shows; ConfigError for a log in milliseconds.
     Raises DataError for another file, a damaged header, and a log without a whole record.
     """
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # a large file stays on the disk
     version, events, begin = _header(path, data)
+    if clock is not None and version.clock:
+        raise ConfigError(f"{path}: `clock` is for logs in microseconds: {version.clock}.")
     end = len(data) - _CRC_BYTES
     whole = end >= begin and zlib.crc32(memoryview(data)[:end]) == int.from_bytes(data[end:], "little")
     found = _records(data, events, begin, end if whole else len(data))
     notes = _faults(found, len(data), whole=whole)
     stop, wrong = min((_first_damage(data, event, found.offsets[number]) for number, event in events.items()))
     notes += (wrong,) if wrong else ()
+    fixed = next((number for number, event in events.items() if event.name == FIXED_FREQUENCY), None)
+    if not version.clock:
+        offsets = np.zeros(0, np.int64) if fixed is None else found.offsets[fixed]
+        stamps = _stamps(data, next(iter(events.values())), _before(offsets, stop)[:MOST_ROWS])
+        second_s, text = microsecond_clock(stamps, clock)
+        version = version._replace(seconds=second_s, clock=text)
     series = []
     for number, event in events.items():
-        offsets = found.offsets[number][found.offsets[number] < stop]
+        offsets = _before(found.offsets[number], stop)
         if len(offsets):
             channels = tuple(map(crazyflie_channel, event.names))
             blocks = partial(_blocks, data, event, offsets, version.seconds)
@@ -191,11 +196,7 @@ def _faults(found: _Records, size: int, *, whole: bool) -> tuple[str, ...]:
 
 def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> tuple[int, str]:
     """Return where an event's first record with an impossible stamp begins, the file's size for none, and a note."""
-    stamp = event.record["stamp"]
-    parts = [offsets[at : at + BLOCK_ROWS] for at in range(0, len(offsets), BLOCK_ROWS)]
-    stamps = np.concatenate(
-        [np.zeros(0, stamp), *(_gathered(data, part + 2, stamp.itemsize).view(stamp)[:, 0] for part in parts)]
-    )
+    stamps = _stamps(data, event, offsets)
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
     if not len(back):
         return len(data), ""
@@ -206,6 +207,18 @@ def _first_damage(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]
         f"{event.name}: the stamp of record {first + 1} of {len(offsets)} is damaged: reading stops there, at byte "
         f"{offsets[first]} of {len(data)}."
     )
+
+
+def _before(offsets: npt.NDArray[np.int64], stop: int) -> npt.NDArray[np.int64]:
+    return offsets[: int(np.searchsorted(offsets, stop))]
+
+
+def _stamps(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64]) -> npt.NDArray[np.uint64]:
+    """Return the stamps (n,) of records."""
+    stamp = event.record["stamp"]
+    parts = [offsets[at : at + BLOCK_ROWS] for at in range(0, len(offsets), BLOCK_ROWS)]
+    each = (_gathered(data, part + 2, stamp.itemsize).view(stamp)[:, 0] for part in parts)
+    return np.concatenate([np.zeros(0, np.uint64), *each])
 
 
 def _blocks(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64], seconds: float) -> Iterator[Array]:

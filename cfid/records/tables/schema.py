@@ -29,12 +29,16 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Foreign:
-    """How to read a CSV file outside a run, where its header does not show it; a rate stands for the time column."""
+    """How to read a file outside a run, where it does not show it; a rate stands for the time column.
+
+    `clock` is what the microseconds of a uSD-card log are of real time.
+    """
 
     time_unit: TimeUnit | None = None
     rate_hz: float | None = None
     skip_lines: int = 0
     columns: tuple[str, ...] = ()
+    clock: Literal["true", "84/85"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

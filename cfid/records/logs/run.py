@@ -1,0 +1,64 @@
+"""Read a run folder as a log: a series for every device, in the device's own units."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from cfid.errors import DataError
+from cfid.records.files import sha256_of
+from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
+from cfid.records.logs.log import Array, FlightLog, Series
+from cfid.records.parameters import Source
+from cfid.records.run import RUN_FILE, Run
+from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.schema import TIME
+from cfid.records.tables.times import CUT_LINE, losses
+
+
+def log_of_run(run: Run) -> FlightLog:
+    """Return a run's devices as series. Raises DataError where none can be read; a fault in one is a note."""
+    series: list[Series] = []
+    notes: list[str] = []
+    for device, record in run.header.devices.items():
+        if record.rows == 0:
+            notes.append(f"{device} has no rows.")
+            continue
+        try:
+            one, cut = _of_device(device, run.device_file(device))
+        except DataError as fault:  # a fault in one device does not hide the others
+            notes.append(f"{device} is left out: {fault}")
+            continue
+        series.append(one)
+        notes += [f"{device}: {note}" for note in (*losses(run, record, one.rows), *((CUT_LINE,) if cut else ()))]
+    if not series:
+        raise DataError(f"{run.folder}: nothing to read. {' '.join(notes)}")
+    origin = run.header.origin
+    file = run.folder / RUN_FILE
+    return FlightLog(
+        path=run.folder,
+        source=Source(str(file), sha256_of(file)),
+        program="run of cfid" if origin is None else f"run of cfid, imported from {origin.file}, {origin.program}",
+        clock="times are in s",
+        series=tuple(series),
+        assumed=assumptions(channel for one in series for channel in one.channels),
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _of_device(device: str, path: Path) -> tuple[Series, bool]:
+    sha256 = sha256_of(path)
+    rows, cut = 0, False
+    names: tuple[str, ...] = ()
+    for table in table_blocks(path, sha256=sha256):
+        names, cut = table.names, table.cut
+        rows += len(table.numbers(names)) if table.filled else 0
+    if names[0] != TIME:
+        raise DataError(f"{path}: its first column is not the time '{TIME}': it is not a device's file of a run.")
+    channels = tuple(map(crazyflie_channel, names[1:]))
+    return Series(name=device, rows=rows, channels=channels, blocks=partial(_blocks, path, sha256)), cut
+
+
+def _blocks(path: Path, sha256: str) -> Iterator[Array]:
+    for table in table_blocks(path, sha256=sha256):
+        if table.filled:
+            yield table.numbers(table.names)
