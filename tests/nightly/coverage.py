@@ -87,6 +87,8 @@ ROWS = (
     _row("maps: load cell's gain 1 % off", on.thrust_and_torque, "loadcell.gain_error"),
     _row("maps: cross-talk", on.thrust_and_torque, "loadcell.crosstalk"),
     _row("maps: warm-up 2 %", on.up_and_down, "loadcell.warm_up"),
+    _row("maps: warm-up 2 %, commands held for 10 s", on.slow_up_and_down, "loadcell.warm_up"),
+    _row("maps: up and down", on.up_and_down),
     _row("speed map: ideal", on.speed),
     _row("speed map: error in proportion", on.speed, "rotors.tachometer_std"),
     _row("speed map: tachometer's gain 0.5 % off", on.speed, "rotors.tachometer_gain"),

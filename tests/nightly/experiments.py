@@ -108,6 +108,11 @@ def up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -
     return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1])))
 
 
+def slow_up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same, each command held for as long as the thesis did."""
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1]), hold_s=10.0))
+
+
 def _maps(campaign: Campaign, truth: SimTruth, path: Path) -> Measured:
     known = {name: true for name, true in true_motors(truth).items() if name.startswith(("motor.thrust_poly", _TORQUE))}
     rotors, gravity_mps2 = truth.rotors, campaign.rig.site.gravity_mps2
@@ -138,8 +143,10 @@ def maximum_thrust(campaign: Campaign, truth: SimTruth, rng: np.random.Generator
     return Measured(known, [cfid.motors.maps.fit_thrust(path, gravity_mps2=campaign.rig.site.gravity_mps2)])
 
 
-def _staircase(campaign: Campaign, truth: SimTruth, rng: np.random.Generator, steps: Sequence[int]) -> Path:
-    run = record_staircase(truth, rng, steps=steps, motors=MOTORS, hold_s=HOLD_S, rest_s=REST_S)
+def _staircase(
+    campaign: Campaign, truth: SimTruth, rng: np.random.Generator, steps: Sequence[int], *, hold_s: float = HOLD_S
+) -> Path:
+    run = record_staircase(truth, rng, steps=steps, motors=MOTORS, hold_s=hold_s, rest_s=REST_S)
     (path,) = write_runs(campaign, [run])
     return path
 
