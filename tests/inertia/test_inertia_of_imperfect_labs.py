@@ -191,7 +191,7 @@ def test_no_sound_quadrocopter_is_refused_for_its_products() -> None:
     for _ in range(200):
         moments = rng.uniform((15e-6, 15e-6, 27e-6), (18e-6, 18e-6, 31e-6))
         correlation = np.eye(3)
-        correlation[np.triu_indices(3, 1)] = rng.uniform(-0.1, 0.1, 3)  # the thesis' are up to 0.093
+        correlation[np.triu_indices(3, 1)] = rng.uniform(-0.1, 0.1, 3)  # the thesis has up to 0.093
         correlation += np.triu(correlation, 1).T
         fits.append(Lab(inertia_kg_m2=correlation * np.sqrt(np.outer(moments, moments))).fitted(rng)[0])
 
