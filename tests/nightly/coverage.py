@@ -114,6 +114,7 @@ ROWS = (
     _row("pings: congestion", on.pings, "radio.congestion_s"),
     _row("pings: delay without an edge", on.pings, "radio.jitter_shape"),
     _row("pings: floor wanders", on.pings, "radio.floor_wander_s"),
+    _row("pings: floor wanders, ten minutes", on.pings_for_long, "radio.floor_wander_s"),
 )
 
 

@@ -15,6 +15,7 @@ from cfid.sim.demo import true_motors
 from cfid.sim.demo_motors import (
     FULL_RATE_HZ,
     MOTORS,
+    PINGS,
     QUICK_STEPS,
     ping_run,
     record_staircase,
@@ -196,6 +197,15 @@ def drag(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measu
 
 def pings(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
     """Half a minute of pings: the mean round trip, and the vehicle's clock."""
-    (path,) = write_runs(campaign, [ping_run(truth, rng)])
+    return _pings(campaign, truth, ping_run(truth, rng))
+
+
+def pings_for_long(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same for ten minutes."""
+    return _pings(campaign, truth, ping_run(truth, rng, count=20 * PINGS))
+
+
+def _pings(campaign: Campaign, truth: SimTruth, run: SimulatedRun) -> Measured:
+    (path,) = write_runs(campaign, [run])
     known = {"latency.rtt_mean_s": 2 * truth.radio.mean_s, "latency.clock_skew": truth.crazyflie.clock_skew}
     return Measured(known, [cfid.latency.fit([path])])
