@@ -9,6 +9,12 @@ from scipy.stats import binomtest
 Array = npt.NDArray[np.float64]
 
 
+def reaches_93_percent(held: npt.ArrayLike) -> bool:
+    """Return whether the exact binomial interval of the share of intervals that hold the truth reaches 93 %."""
+    hits = np.asarray(held, dtype=bool)
+    return bool(binomtest(int(hits.sum()), hits.size).proportion_ci().high >= 0.93)
+
+
 class Row(NamedTuple):
     """Errors and standard uncertainties, an entry a campaign, relative to `scale` as they are printed."""
 
@@ -30,7 +36,7 @@ class Row(NamedTuple):
 
     def covers(self) -> bool:
         """Return whether the exact binomial interval of the coverage reaches into 93 to 97 % or lies above."""
-        return bool(binomtest(self.hits, self.error.size).proportion_ci().high >= 0.93)
+        return reaches_93_percent(np.abs(self.error) < 1.96 * self.std)
 
     def __str__(self) -> str:
         """The row as it is printed."""

@@ -29,6 +29,8 @@ _RAISED, _OFFSET_STD, _SLOPE_STD = 1.85, 1.4, 2.1
 _FEW = 3.0  # over n - 2: the part by which standard uncertainties are widened, as few points give a poor mean
 _FEWEST = 3
 _PART, _FEWEST_PARTS, _MOST_PARTS = 8, 8, 12  # stamps of a part of a record, of which the least is taken, and parts
+_EDGE, _FEW_NEAR = 10, 25  # an nth of the stamps, the earliest, shows how densely they lie near the edge
+_NO_EDGE = 1.3  # times fewer than of exponentials: seldom by luck
 _ROUNDED_S = 1e-6  # of the vehicle's counter: what scatters less is its rounding
 _WANDERS = 1.5  # times the scatter of the least of exponentials, from where they are not exponentials'
 
@@ -82,7 +84,9 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     It is the line below all points with the least sum of distances, and the best for latencies whose excess over the
     least is nearly exponential. Where the least latency of one part of the record differs from that of another by more
     than these would, as it does when the channel gets busy, the slope is that of these least latencies, and their
-    scatter makes the uncertainties. Raises DataError for fewer than three points, or device times that do not change.
+    scatter makes the uncertainties. So it is for latencies without a sharp edge, of which few are near the least.
+
+    Raises DataError for fewer than three points, or device times that do not change.
     """
     if len(device_s) < _FEWEST or np.ptp(device_s) <= 0:
         raise DataError(f"{len(device_s)} stamps are too few to compare two clocks: at least {_FEWEST} are needed.")
@@ -94,8 +98,10 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     scale = float(above.sum()) / (count - 2)
     average = np.polynomial.polynomial.polyfit(place, height, 1)
     raised, single = _RAISED * scale / count, (1 + _FEW / (count - 2)) * scale / count
+    thinner = _thinner_at_the_edge(above, scale)
+    single *= thinner
     offset_std_s, rate_std = _OFFSET_STD * single, _SLOPE_STD * single / float(place.std())
-    wandering = _line_of_least(place, above, usual_s=scale)
+    wandering = _line_of_least(place, above, usual_s=0.0 if thinner > _NO_EDGE else scale)
     if wandering is not None:
         turn, offset_std_s, rate_std = wandering
         slope, level = slope + turn, level + float((above - turn * place).min())
@@ -110,6 +116,13 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
         mean_rate=1 + float(average[1]),
         mean_offset_s=float(average[0]) - level + raised,
     )
+
+
+def _thinner_at_the_edge(above: Array, scale_s: float) -> float:
+    """Return how many times fewer of the latencies (n,) are near the least than of exponentials of mean `scale_s`."""
+    near = min(max(len(above) // _EDGE, _FEW_NEAR), len(above) // 2)
+    usual_s = -scale_s * math.log1p(-near / len(above))
+    return max(float(np.partition(above, near)[near]) / usual_s, 1.0) if usual_s > 0 else 1.0
 
 
 def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float, float, float] | None:
@@ -131,7 +144,8 @@ def _line_of_least(place: Array, above: Array, *, usual_s: float) -> tuple[float
     scatter = math.sqrt(float(line.residual @ line.residual) / line.degrees_of_freedom)
     if scatter <= max(_WANDERS * usual_s * parts / len(place), _ROUNDED_S):
         return None
-    std = std_of(sandwich(rows, line.residual, longest=parts // 4))
+    # Few parts show their correlation poorly, and least where there is none.
+    std = np.maximum(line.std, std_of(sandwich(rows, line.residual, longest=parts // 4)))
     offset_std_s, slope_std = (widened(float(one), line.degrees_of_freedom) for one in std)
     return float(line.values[1]), offset_std_s, slope_std
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.findings import rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
 from cfid.latency.estimation import FEW_EFFECTIVE, RoundTrips, round_trips
 from cfid.records.parameters import Parameter
@@ -20,6 +20,7 @@ Array = npt.NDArray[np.float64]
 
 _HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}"
 _BINS, _BAR_WIDTH = 12, 40
+_LONG_S = 500.0  # of a record, in which delays that drift over a minute come and go several times
 
 
 def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
@@ -60,7 +61,7 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
             "one_way_mean_s": trips.one_way_mean_s,
             "offset_bound_s": trips.offset_bound_s,
         },
-        findings=tuple(findings),
+        findings=(*findings, *_short(records)),
         sources=tuple(record.source for record in records),
         lines=(
             *_table(records, rtt_s),
@@ -83,6 +84,19 @@ def _clock(records: Sequence[PingRecord]) -> ClockLine | None:
             arrived_s = record.sent_s + record.rtt_s
             return clock_line(unwrapped_s(record.vehicle_us / 1e6, arrived_s), arrived_s)
     return None
+
+
+def _short(records: Sequence[PingRecord]) -> tuple[Finding, ...]:
+    """Return a note on what pings that all lie within some minutes do not show."""
+    longest_s = max((float(np.ptp(record.sent_s)) for record in records if record.sent_s is not None), default=0.0)
+    if not 0 < longest_s < _LONG_S:
+        return ()
+    text = (
+        f"pings within {longest_s:.0f} s do not show delays that drift over minutes: their mean is that of this time "
+        f"alone, and a least delay that drifts by 1 ms moves the skew by {1e3 / longest_s:.2g} ppm. Ping for ten "
+        "minutes."
+    )
+    return (note("pings-of-a-short-time", text, "latency.rtt_mean_s", "latency.clock_*"),)
 
 
 def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:

@@ -164,10 +164,10 @@ def _sine(sine: SimulatedSine, truth: SimTruth, next_after_s: float) -> Simulate
     )
 
 
-def ping_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
-    """Send PINGS to the vehicle, and keep what is answered."""
+def ping_run(truth: SimTruth, rng: np.random.Generator, *, count: int = PINGS) -> SimulatedRun:
+    """Send pings to the vehicle, and keep what is answered."""
     up, down = Direction(truth.radio, rng), Direction(truth.radio, rng)
-    sent_s = _PING_EVERY_S * np.arange(PINGS)
+    sent_s = _PING_EVERY_S * np.arange(count)
     there_s: Array = np.array([_came(up, at_s) for at_s in sent_s])
     back_s: Array = np.array([_came(down, at_s) for at_s in there_s])
     vehicle_us = np.rint(1e6 * truth_clock(truth) * np.nan_to_num(there_s)).astype(np.int64)
@@ -181,7 +181,7 @@ def ping_run(truth: SimTruth, rng: np.random.Generator) -> SimulatedRun:
                 values=(sent_s[answered], np.round(back_s - sent_s, 7)[answered], vehicle_us[answered]),
             )
         },
-        requested={"count": PINGS, "interval_s": _PING_EVERY_S},
+        requested={"count": count, "interval_s": _PING_EVERY_S},
     )
 
 

@@ -25,14 +25,14 @@ from cfid.swing.model import (
     fit_output_error,
 )
 from cfid.swing.uncertainty import (
-    VaryingFriction,
+    FrictionProbe,
     chosen_terms,
     drift_of_halves,
+    friction_probes,
     inflation,
     scatter_of_windows,
     standard_uncertainties,
     step_error,
-    varying_friction,
 )
 
 Array = npt.NDArray[np.float64]
@@ -45,6 +45,8 @@ _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _CLEARLY_BETTER = 0.95  # of the sum of squares
 _LED_BY_HAND = 0.15  # of the release angle
+_VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
+_VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
 IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 
 
@@ -53,7 +55,8 @@ class SwingFit:
     """A swing's natural frequency squared and damping, each damping term divided by the axis inertia.
 
     `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is
-    the distance in BIC to the next best choice of terms, `budget_s2` has the parts of W's standard uncertainty.
+    the distance in BIC to the next best choice of terms, `budget_s2` has the parts of W's standard uncertainty. W is
+    that of `output_error` less what dry friction that varies over the angle moves it.
     """
 
     output_error: OutputError
@@ -191,9 +194,12 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
         "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
         "scatter between windows": scatter_of_windows(swing, fit),
     }
-    varying = varying_friction(swing, fit)
-    if varying is not None:
-        shares["friction that varies"] = varying.moved_s2
+    *at_low_speed, over_angle = friction_probes(swing, fit)
+    clearest = max((*at_low_speed, over_angle), key=lambda probe: probe.shown_std)
+    varying = clearest if clearest.shown_std > _VARIES_STD else None
+    if varying is not None and varying is not over_angle:
+        shares["friction at low speed"] = abs(varying.moved_s2)
+    moved, shares["friction over the angle"] = over_angle.expected(_VARIES_USUALLY * fit.coefficients.coulomb_per_s2)
     if unfinished is not None:
         shares["model that did not converge"] = abs(unfinished.coefficients.natural_frequency_squared_s2 - frequency)
     std[0] = math.hypot(*shares.values())
@@ -204,7 +210,7 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
     return SwingFit(
         output_error=fit,
         terms=terms,
-        coefficients=fit.coefficients,
+        coefficients=fit.coefficients._replace(natural_frequency_squared_s2=frequency + moved),
         std=Coefficients(*map(float, per_coefficient)),
         start_std=(float(std[-2]), float(std[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
@@ -246,13 +252,14 @@ def _unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, flo
     return (warning("swing-better-model-open", text, "swing.*"),)
 
 
-def _varying_finding(varying: VaryingFriction | None) -> tuple[Finding, ...]:
+def _varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
     if varying is None:
         return ()
+    consequence = "taken off" if varying.varies_with == "angle" else "added to the uncertainty"
     text = (
         f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
-        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is added to the uncertainty. Clean or "
-        "replace the bearing, or end the window at a higher peak."
+        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is {consequence}. Clean or replace the "
+        "bearing, or end the window at a higher peak."
     )
     return (warning("swing-friction-varies", text, "swing.*"),)
 

@@ -17,7 +17,6 @@ Array = npt.NDArray[np.float64]
 
 _FINER_STEPS = (0.5, 0.7)
 _PERIODS_A_WINDOW, _MOST_WINDOWS = 4, 8
-_VARIES_STD = 4.0  # of a probe: sound swings stay below
 _SCATTERED = 0.05  # chance of windows that scatter as far, below which the model is at fault
 
 
@@ -81,19 +80,38 @@ def scatter_of_windows(swing: FreeSwing, fit: OutputError) -> float:
     return math.sqrt(max(between, 0.0))
 
 
-class VaryingFriction(NamedTuple):
-    """What dry friction varies with, by how many standard uncertainties it shows, and how far that moves W."""
+class FrictionProbe(NamedTuple):
+    """How dry friction varies with something the model's does not: its size per inertia, in the units of the model.
+
+    `frequency_change` is by how much W changes with each 1/s^2 of it.
+    """
 
     varies_with: str
-    shown_std: float
-    moved_s2: float
+    size_per_s2: float
+    std_per_s2: float
+    frequency_change: float
+
+    @property
+    def shown_std(self) -> float:
+        """By how many standard uncertainties it shows."""
+        return abs(self.size_per_s2) / self.std_per_s2
+
+    @property
+    def moved_s2(self) -> float:
+        """By how much W moves with it."""
+        return self.frequency_change * self.size_per_s2
+
+    def expected(self, usual_per_s2: float) -> tuple[float, float]:
+        """Return by how much W moves, and the standard uncertainty of that, where sizes are usually so large.
+
+        The record and the usual size, each with its uncertainty, give the expected size.
+        """
+        weight = usual_per_s2**2 / (usual_per_s2**2 + self.std_per_s2**2)
+        return weight * self.moved_s2, math.sqrt(weight) * abs(self.frequency_change) * self.std_per_s2
 
 
-def varying_friction(swing: FreeSwing, fit: OutputError) -> VaryingFriction | None:
-    """Return the variation of dry friction that the record shows most clearly, None where none is clear.
-
-    Each probe is estimated together with all coefficients, linearly about the fit (a score test).
-    """
+def friction_probes(swing: FreeSwing, fit: OutputError) -> tuple[FrictionProbe, ...]:
+    """Estimate each of PROBES beside all coefficients, linearly about the fit."""
     columns = probed(fit, swing.hands_off[0])
     found = []
     own = [i for i in range(columns.shape[1]) if not 5 <= i < 5 + len(PROBES)]
@@ -103,9 +121,8 @@ def varying_friction(swing: FreeSwing, fit: OutputError) -> VaryingFriction | No
         change = np.linalg.lstsq(jacobian / size, fit.residual_rad, rcond=1e-10)[0] / size
         left = fit.residual_rad - jacobian @ change
         std = std_of(sandwich(jacobian, left, longest=_samples_a_period(fit)))
-        found.append(VaryingFriction(name, float(abs(change[-1]) / std[-1]), float(abs(change[0]))))
-    clearest = max(found, key=lambda one: one.shown_std)
-    return clearest if clearest.shown_std > _VARIES_STD else None
+        found.append(FrictionProbe(name, float(change[-1]), float(std[-1]), float(change[0] / change[-1])))
+    return tuple(found)
 
 
 def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Array]:

@@ -77,7 +77,8 @@ def test_a_run_gives_round_trips_and_the_vehicles_clock(tmp_path: Path) -> None:
     assert skew.value == pytest.approx(RATE - 1, abs=3 * skew.std)
     assert skew.std < 1e-4
     assert result.accepted
-    assert not result.findings
+    (short,) = result.findings
+    assert (short.code, short.severity) == ("pings-of-a-short-time", "note")
 
 
 def test_the_clocks_offset_and_skew_scatter_as_stated(tmp_path: Path) -> None:
@@ -117,9 +118,17 @@ def test_too_few_stamps_take_the_clock_away_and_leave_the_round_trips(tmp_path: 
     result = latency.fit([ping_run(tmp_path, count=2)])
 
     assert result.accepted
-    assert [(one.code, one.severity) for one in result.findings] == [("clock-stamps-too-few", "rejection")]
+    assert [one.code for one in result.findings if one.severity == "rejection"] == ["clock-stamps-too-few"]
     assert result.findings[0].concerns("latency.clock_skew")
     assert set(result.quantities) == {"latency.rtt_mean_s", "latency.rtt_std_s", "latency.rtt_min_s"}
+
+
+def test_pings_for_ten_minutes_need_no_note(tmp_path: Path) -> None:
+    path = tmp_path / "pings.csv"
+    rtt_s = np.random.default_rng(1).exponential(0.01, 600)
+    pd.DataFrame({"t": np.arange(600.0), "rtt_s": rtt_s}).to_csv(path, index=False)
+
+    assert latency.fit([path]).findings == ()
 
 
 def test_one_round_trip_has_no_standard_deviation(tmp_path: Path) -> None:

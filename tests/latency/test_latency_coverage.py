@@ -22,6 +22,11 @@ def gamma(count: int, rng: np.random.Generator) -> tuple[Array, float]:
     return rng.gamma(4.0, 1e-3, count), 4e-3
 
 
+def rounded(count: int, rng: np.random.Generator) -> tuple[Array, float]:
+    """Latencies without a sharp edge: hardly any is near the least."""
+    return rng.gamma(2.0, 2e-3, count), 4e-3
+
+
 def bursts(count: int, rng: np.random.Generator) -> tuple[Array, float]:
     """Retries come in bursts: one packet in ten, ten in a row on average."""
     busy, state = np.zeros(count, dtype=bool), False
@@ -38,7 +43,7 @@ def congestion(count: int, rng: np.random.Generator) -> tuple[Array, float]:
     return 5e-3 + 1e-3 * wander + rng.gamma(3.0, 5e-4, count), 6.5e-3
 
 
-CHANNELS = {"exponential": exponential, "gamma": gamma, "bursts": bursts, "congestion": congestion}
+CHANNELS = {"exponential": exponential, "gamma": gamma, "rounded": rounded, "bursts": bursts, "congestion": congestion}
 
 
 def rows(name: str, campaigns: int, *, count: int, seed: int) -> tuple[Row, Row]:
@@ -54,16 +59,26 @@ def rows(name: str, campaigns: int, *, count: int, seed: int) -> tuple[Row, Row]
     return Row(f"ping: mean, {kind}", mean, mean_std, 5e-3), Row(f"ping: skew, {kind}", rate, rate_std, 1e-2)
 
 
-@pytest.mark.parametrize("name", CHANNELS)
-def test_round_trips_and_clocks_lie_within_their_intervals(name: str) -> None:
-    for row in rows(name, 40, count=1000, seed=1):
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("exponential", 1000),
+        ("gamma", 1000),
+        ("rounded", 300),
+        ("rounded", 1000),
+        ("bursts", 2000),
+        ("congestion", 2000),
+    ],
+)
+def test_round_trips_and_clocks_lie_within_their_intervals(name: str, count: int) -> None:
+    for row in rows(name, 100, count=count, seed=1):
         print(row)
         assert row.covers()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "count"), [("exponential", 500), ("gamma", 500), *((name, 2000) for name in CHANNELS)]
+    ("name", "count"), [("exponential", 500), ("gamma", 500), ("rounded", 300), *((name, 2000) for name in CHANNELS)]
 )  # 500 of the others are too short to know how they are correlated, and marked
 def test_round_trips_and_clocks_cover_over_many_campaigns(name: str, count: int) -> None:
     for row in rows(name, 1000, count=count, seed=2):

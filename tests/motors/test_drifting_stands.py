@@ -32,27 +32,58 @@ def codes(findings: Iterable[Finding]) -> set[str]:
     return {one.code for one in findings}
 
 
+def times(command: Array) -> Array:
+    """Return when steps of ten seconds were held."""
+    return 10.0 * np.arange(len(command), dtype=np.float64)
+
+
 def test_a_command_held_again_shows_that_the_load_cell_warmed_up() -> None:
     command = np.append(UP[2:], UP[2])
     warm = 1 - 0.02 * np.exp(-np.arange(len(command)) / 3)
-    causes, findings = warm_up(measured(command, factor=warm), None, "run")
+    causes, findings = warm_up(measured(command, factor=warm), times(command), None, "run")
 
     assert codes(findings) == {"load-cell-drifted"}
     assert findings[0].concerns("motor.max_thrust_n")
-    assert causes[0].std == pytest.approx(2 * 0.02 * (1 - np.exp(-2)), rel=0.3)
+    assert causes[0].std == pytest.approx(0.02 * (1 - np.exp(-2)), rel=0.3)
+
+
+def test_commands_that_were_held_again_late_show_more_of_a_warm_up_than_those_held_at_once() -> None:
+    command = np.append(UP, UP[::-1])
+    warm = 1 - 0.02 * np.exp(-np.arange(len(command)) / len(command))
+    _, findings = warm_up(measured(command, factor=warm), times(command), None, "run")
+
+    # The mean of all changes is 0.6 %, from first to last it is 1.2 %.
+    assert codes(findings) == {"load-cell-drifted"}
+    assert float(findings[0].text.split("gave ")[1].split(" %")[0]) == pytest.approx(1.2, abs=0.3)
+
+
+def test_a_run_too_noisy_to_show_a_warm_up_states_what_it_would_show() -> None:
+    command = np.append(UP, UP[::-1])
+    points = measured(command)
+    assert points.thrust_n is not None
+    assert points.thrust_std_n is not None
+    noisy = dataclasses.replace(points, thrust_std_n=points.thrust_std_n + 0.02 * points.thrust_n)
+    _, findings = warm_up(noisy, times(command), None, "run")
+
+    assert [(one.code, one.severity) for one in findings] == [("load-cell-drift-unseen", "note")]
+    assert "only beyond" in findings[0].text
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_load_cell_that_keeps_its_gain_has_no_drift(seed: int) -> None:
-    assert warm_up(measured(np.append(UP, UP[::-1]), seed=seed), None, "run") == ((), ())
+    command = np.append(UP, UP[::-1])
+    causes, findings = warm_up(measured(command, seed=seed), times(command), None, "run")
+
+    assert sum(cause.std or 0.0 for cause in causes) < 0.004
+    assert findings == ()
 
 
 def test_thrust_that_fell_with_the_battery_is_no_drift_of_the_load_cell() -> None:
     command = np.append(UP, UP[0])
     points = measured(command, factor=np.linspace(1, 0.9, len(command)))
 
-    assert warm_up(points, np.linspace(4.1, 3.8, len(command)), "run") == ((), ())
-    assert warm_up(points, None, "run")[1]
+    assert warm_up(points, times(command), np.linspace(4.1, 3.8, len(command)), "run") == ((), ())
+    assert warm_up(points, times(command), None, "run")[1]
 
 
 def test_halves_of_a_log_that_contradict_each_other_are_reported() -> None:

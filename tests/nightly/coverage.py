@@ -27,6 +27,7 @@ from cfid.console.campaign import make_campaign
 from cfid.errors import CfidError
 from cfid.records.campaign import find_campaign
 from cfid.records.result import Result
+from cfid.records.rig_file import change_rig
 from cfid.sim.demo import DEMO_TRUTH
 from cfid.sim.truth_file import SimTruth, as_mounted
 from cfid.units import COVERAGE_95
@@ -39,12 +40,16 @@ WRONG = 4.0  # standard uncertainties, of what is accepted
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """An experiment with imperfections (key and size, None for the usual one), and what else the truth file has."""
+    """An experiment with imperfections (key and size, None for the usual one), and what else the truth file has.
+
+    `rig` has the keys of rig.toml, "table.key", by which the lab states how well it knows its scales.
+    """
 
     name: str
     run: on.Experiment
     drawn: Mapping[str, float | None] = field(default_factory=dict)
     stated: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    rig: Mapping[str, Any] = field(default_factory=dict)
     fits: int = 200
 
     def truth(self, rng: np.random.Generator) -> SimTruth:
@@ -56,12 +61,20 @@ class Row:
         return draw(truth, [imperfection(key, size=size) for key, size in self.drawn.items()], rng=rng)
 
 
-def _row(name: str, run: on.Experiment, *keys: str, stated: Mapping[str, Any] | None = None, **sizes: float) -> Row:
+def _row(
+    name: str,
+    run: on.Experiment,
+    *keys: str,
+    stated: Mapping[str, Any] | None = None,
+    rig: Mapping[str, Any] | None = None,
+    **sizes: float,
+) -> Row:
     drawn = {**dict.fromkeys(keys), **{key.replace("__", "."): size for key, size in sizes.items()}}
-    return Row(name=name, run=run, drawn=drawn, stated=stated or {}, fits=1000 if run in _QUICK else 200)
+    return Row(name=name, run=run, drawn=drawn, stated=stated or {}, rig=rig or {}, fits=1000 if run in _QUICK else 200)
 
 
 _QUICK = (on.swing, on.speed, on.pings)
+_GAIN_OF_1_PERCENT = {"loadcell.gain_std": [0.01] * 6}
 
 ROWS = (
     _row("swing: ideal", on.swing),
@@ -84,12 +97,19 @@ ROWS = (
     _row("maps: ideal", on.thrust_and_torque),
     _row("maps: thrust scatters 0.5 %", on.thrust_and_torque, "rotors.thrust_scatter"),
     _row("maps: thrust scatters 2 %", on.thrust_and_torque, rotors__thrust_scatter=0.02),
-    _row("maps: load cell's gain 1 % off", on.thrust_and_torque, "loadcell.gain_error"),
+    _row("maps: load cell's gain 1 % off", on.thrust_and_torque, "loadcell.gain_error", rig=_GAIN_OF_1_PERCENT),
     _row("maps: cross-talk", on.thrust_and_torque, "loadcell.crosstalk"),
     _row("maps: warm-up 2 %", on.up_and_down, "loadcell.warm_up"),
+    _row("maps: warm-up 2 %, commands held for 10 s", on.slow_up_and_down, "loadcell.warm_up"),
+    _row("maps: up and down", on.up_and_down),
     _row("speed map: ideal", on.speed),
     _row("speed map: error in proportion", on.speed, "rotors.tachometer_std"),
-    _row("speed map: tachometer's gain 0.5 % off", on.speed, "rotors.tachometer_gain"),
+    _row(
+        "speed map: tachometer's gain 0.5 % off",
+        on.speed,
+        "rotors.tachometer_gain",
+        rig={"tachometer.scale_std": 0.005},
+    ),
     _row("maximum thrust: ideal", on.maximum_thrust),
     _row("maximum thrust: battery sags", on.maximum_thrust, "battery.charge", stated=LIPO),
     _row("steps: ideal", on.step_response),
@@ -100,18 +120,19 @@ ROWS = (
     _row("transfer: 1 % of reports lost", on.transfer_function, "radio.loss"),
     _row("transfer: 3 % of reports lost", on.transfer_function, radio__loss=0.03),
     _row("transfer: 10 % of reports lost", on.transfer_function, radio__loss=0.1),
-    _row("transfer: arm 1 % off", on.transfer_function, "rotors.arm_error"),
-    _row("transfer: gain 1 % off", on.transfer_function, "loadcell.gain_error"),
+    _row("transfer: arm 1 % off", on.transfer_function, "rotors.arm_error", rig={"loadcell.arm_std_mm": 0.46}),
+    _row("transfer: gain 1 % off", on.transfer_function, "loadcell.gain_error", rig=_GAIN_OF_1_PERCENT),
     _row("transfer: slower fall", on.transfer_function, "rotors.slower_fall"),
     _row("transfer: latency floor wanders 5 ms", on.transfer_function, "radio.floor_wander_s"),
     _row("drag: ideal", on.drag),
-    _row("drag: anemometer's gain 4 % off", on.drag, "wind.anemometer_gain"),
+    _row("drag: anemometer's gain 4 % off", on.drag, "wind.anemometer_gain", rig={"wind.speed_scale_std": 0.04}),
     _row("drag: battery sags", on.drag, "battery.charge", stated=LIPO),
     _row("drag: tare wanders 6 mN", on.drag, "loadcell.bias_wander"),
     _row("pings: ideal", on.pings),
     _row("pings: congestion", on.pings, "radio.congestion_s"),
     _row("pings: delay without an edge", on.pings, "radio.jitter_shape"),
     _row("pings: floor wanders", on.pings, "radio.floor_wander_s"),
+    _row("pings: floor wanders, ten minutes", on.pings_for_long, "radio.floor_wander_s"),
 )
 
 
@@ -122,6 +143,9 @@ def measure(place: int, seed: int) -> dict[str, Any]:
     line: dict[str, Any] = {"row": row.name, "seed": seed, "numbers": {}, "rejected": {}, "warnings": []}
     with TemporaryDirectory(prefix="cfid-coverage-") as folder:
         make_campaign(Path(folder) / "lab")
+        for key, value in row.rig.items():
+            table, name = key.split(".")
+            change_rig(Path(folder) / "lab", table, {name: value})
         campaign = find_campaign(Path(folder) / "lab", start=Path(folder))
         assert campaign is not None
         truth = as_mounted(row.truth(for_truth), campaign.rig)

@@ -15,6 +15,7 @@ from cfid.sim.demo import true_motors
 from cfid.sim.demo_motors import (
     FULL_RATE_HZ,
     MOTORS,
+    PINGS,
     QUICK_STEPS,
     ping_run,
     record_staircase,
@@ -108,6 +109,11 @@ def up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -
     return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1])))
 
 
+def slow_up_and_down(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same, each command held for as long as the thesis did."""
+    return _maps(campaign, truth, _staircase(campaign, truth, rng, (*STEPS, *STEPS[::-1]), hold_s=10.0))
+
+
 def _maps(campaign: Campaign, truth: SimTruth, path: Path) -> Measured:
     known = {name: true for name, true in true_motors(truth).items() if name.startswith(("motor.thrust_poly", _TORQUE))}
     rotors, gravity_mps2 = truth.rotors, campaign.rig.site.gravity_mps2
@@ -138,8 +144,10 @@ def maximum_thrust(campaign: Campaign, truth: SimTruth, rng: np.random.Generator
     return Measured(known, [cfid.motors.maps.fit_thrust(path, gravity_mps2=campaign.rig.site.gravity_mps2)])
 
 
-def _staircase(campaign: Campaign, truth: SimTruth, rng: np.random.Generator, steps: Sequence[int]) -> Path:
-    run = record_staircase(truth, rng, steps=steps, motors=MOTORS, hold_s=HOLD_S, rest_s=REST_S)
+def _staircase(
+    campaign: Campaign, truth: SimTruth, rng: np.random.Generator, steps: Sequence[int], *, hold_s: float = HOLD_S
+) -> Path:
+    run = record_staircase(truth, rng, steps=steps, motors=MOTORS, hold_s=hold_s, rest_s=REST_S)
     (path,) = write_runs(campaign, [run])
     return path
 
@@ -189,6 +197,15 @@ def drag(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measu
 
 def pings(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
     """Half a minute of pings: the mean round trip, and the vehicle's clock."""
-    (path,) = write_runs(campaign, [ping_run(truth, rng)])
+    return _pings(campaign, truth, ping_run(truth, rng))
+
+
+def pings_for_long(campaign: Campaign, truth: SimTruth, rng: np.random.Generator) -> Measured:
+    """The same for ten minutes."""
+    return _pings(campaign, truth, ping_run(truth, rng, count=20 * PINGS))
+
+
+def _pings(campaign: Campaign, truth: SimTruth, run: SimulatedRun) -> Measured:
+    (path,) = write_runs(campaign, [run])
     known = {"latency.rtt_mean_s": 2 * truth.radio.mean_s, "latency.clock_skew": truth.crazyflie.clock_skew}
     return Measured(known, [cfid.latency.fit([path])])

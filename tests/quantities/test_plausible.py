@@ -1,8 +1,12 @@
 """Values in another unit are recognised, and what a vehicle can have passes."""
 
+import math
+
+import numpy as np
 import pytest
 
 from cfid.quantities.plausible import centre_fault, implausible
+from cfid.report.published import INERTIA, PublishedInertia
 
 
 @pytest.mark.parametrize(
@@ -85,3 +89,35 @@ def test_a_centre_of_mass_beyond_the_rotors_is_refused() -> None:
     assert centre_fault([0.032, -0.032, 0.1], 0.046) == ""
     assert "x = 70.0 mm and y = 0.0 mm: beyond the rotors. Expected within 32.5 mm" in centre_fault([0.07, 0, 0], 0.046)
     assert "x = 0.0 mm and y = -70.0 mm: beyond the rotors" in centre_fault([0, -0.07, 0], 0.046)
+
+
+MOMENTS = np.diag([16.6e-6, 16.7e-6, 29.3e-6])  # of a vehicle of 28 g
+
+
+def product_is_refused(matrix: np.ndarray) -> bool:
+    return "geometric mean of the moments" in implausible("inertia.matrix_kg_m2", matrix.tolist())
+
+
+@pytest.mark.parametrize("published", INERTIA, ids=lambda one: f"{one.who}, {one.vehicle}")
+def test_the_products_of_published_vehicles_are_half_of_what_is_allowed(published: PublishedInertia) -> None:
+    xx, yy, zz, xy, xz, yz = published.matrix_kg_m2
+    doubled = np.array([[xx, 1.8 * xy, 1.8 * xz], [1.8 * xy, yy, 1.8 * yz], [1.8 * xz, 1.8 * yz, zz]])
+
+    assert not product_is_refused(doubled)
+
+
+@pytest.mark.parametrize(("degrees", "refused"), [(12, False), (15, False), (17, True), (30, True)])
+def test_axes_may_be_tilted_by_sixteen_degrees(degrees: float, refused: bool) -> None:
+    sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    turn = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+
+    assert product_is_refused(turn @ MOMENTS @ turn.T) == refused
+
+
+@pytest.mark.parametrize(("load_kg", "refused"), [(0.001, False), (0.003, False), (0.0035, True), (0.006, True)])
+def test_a_load_at_the_end_of_an_arm_may_have_a_tenth_of_the_mass(load_kg: float, refused: bool) -> None:
+    about_both = load_kg * 0.028 / (load_kg + 0.028)
+    there = 0.046 / math.sqrt(2) * np.array([1, 1, 0])
+    loaded = MOMENTS + about_both * (there @ there * np.eye(3) - np.outer(there, there))
+
+    assert product_is_refused(loaded) == refused

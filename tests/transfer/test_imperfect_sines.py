@@ -45,7 +45,7 @@ def responses(late_s: np.ndarray, rng: np.random.Generator, *, relative: float =
 
 def test_delays_that_differ_from_run_to_run_are_found_and_leave_the_intervals_true() -> None:
     rng, held, sizes = np.random.default_rng(1), [], []
-    for _ in range(30):
+    for _ in range(100):
         series = MeasuredSeries(name="a", responses=responses(rng.normal(0, 5e-3, 12), rng))
         fit = fit_transfer([series])
         held += [
@@ -57,7 +57,7 @@ def test_delays_that_differ_from_run_to_run_are_found_and_leave_the_intervals_tr
         assert "transfer-delays-scatter" in {one.code for one in fit.findings(["tf.delay_s"])}
     print(f"{100 * np.mean(held):.0f} % of {len(held)}")
 
-    assert np.mean(held) > 0.85
+    assert np.mean(held) >= 0.93
     assert np.sqrt(np.mean(np.square(sizes))) == pytest.approx(5e-3, rel=0.25)
 
 

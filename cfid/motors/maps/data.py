@@ -117,7 +117,8 @@ def _evidence(
         points = replace(points_of(settled, motors=motors), speed_rad_s=speed, speed_std_rad_s=std)
     thrust_n = channels_of(record, flip_fz=bool(stand.flip_fz))[:, FZ]
     vbat_v = found.volts(settled)
-    drifts, about_drift = warm_up(points, vbat_v, record.name)
+    middle_s = np.array([(point.begin_s + point.end_s) / 2 for point in settled])
+    drifts, about_drift = warm_up(points, middle_s, vbat_v, record.name)
     return Evidence(
         points=points,
         vbat_v=vbat_v,
