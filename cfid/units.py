@@ -1,7 +1,7 @@
 """Numbers of units and of the vehicle that every experiment shares, each once; nothing here computes.
 
 The simulation's plants keep their own on purpose: a plant that shared a constant with a fit
-could not catch a wrong one.
+could not catch a wrong one. What the wires fix, such as the largest command, is the wires'.
 """
 
 import math

@@ -32,7 +32,7 @@ Once = Callable[[str, Callable[[Path], None]], Path]
 LONGEST_S = 120.0
 RECORDINGS_SEED = 5
 
-_WITH_DEVICES = ("log", "motors", "rig")  # signals, loops and terminals are a process' own
+_WITH_DEVICES = ("log", "motors", "rig", "next")  # signals, loops and terminals are a process' own
 
 
 @pytest.fixture

@@ -26,7 +26,9 @@ class LoadOptions:
     ] = None
     at_mm: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Where the weight hangs, from the cell's origin.", rich_help_panel=LABEL),
+        typer.Option(
+            metavar="X,Y,Z[:STD]", help="Where the weight hangs, from the cell's origin.", rich_help_panel=LABEL
+        ),
     ] = None
 
     def on(self, label: "Label") -> "Label":
@@ -37,10 +39,17 @@ class LoadOptions:
             raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
         if self.at_mm and not label.weight_g:
             raise ConfigError("--at-mm: is where a weight hangs: give --weight too.")
-        place = None if self.at_mm is None else comma_list(self.at_mm, "--at-mm", float, example="46,0,0")
-        if place is not None and len(place) != 3:
-            raise ConfigError(f"--at-mm {self.at_mm}: should be three numbers, as in 46,0,0.")
-        return label.model_copy(update={"pull": self.pull, "at_mm": place})
+        if self.at_mm is None:
+            return label.model_copy(update={"pull": self.pull})
+        words, colon, spread = self.at_mm.partition(":")
+        place = comma_list(words, "--at-mm", float, example="46,0,0")
+        std = comma_list(spread, "--at-mm", float, least=0, example="46,0,0:0.2") if colon else ()
+        if len(place) != 3 or len(std) > 1:
+            raise ConfigError(
+                f"--at-mm {self.at_mm}: should be three numbers, as in 46,0,0, or with their standard uncertainty, as "
+                "in 46,0,0:0.2."
+            )
+        return label.model_copy(update={"pull": self.pull, "at_mm": place, "at_std_mm": next(iter(std), None)})
 
 
 @flat

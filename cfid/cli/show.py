@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import open_workplace
-from cfid.console.options import Delivery, LoadCellOptions, ReadingOptions, RigOptions, flat
+from cfid.console.options import Delivery, EscUs, LoadCellOptions, ReadingOptions, RigOptions, flat, pulses_us
 from cfid.console.outcome import deliver
 from cfid.console.views import View, views_of
 from cfid.records.result import Result
@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 @flat
 def show_run(
     *,
-    run: Annotated[str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a CSV file.")],
+    run: Annotated[
+        str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a file of another program.")
+    ],
     rig: RigOptions,
     reading: ReadingOptions,
     loadcell: LoadCellOptions,
+    esc_us: EscUs = None,
     delivery: Delivery,
     terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of a file.")] = False,
 ) -> None:
@@ -36,7 +39,7 @@ def show_run(
 
     if terminal and delivery.json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
-    views, faults = views_of(run, open_workplace(rig), reading, loadcell)
+    views, faults = views_of(run, open_workplace(rig), reading, loadcell, pulses_us(esc_us))
     if terminal:
         for view in views:
             _plot_in_terminal(view)
@@ -47,16 +50,16 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     from cfid.findings import warning
 
     def drawings() -> "dict[str, Figure]":
-        return {f"{view.path.stem}_recording": view.draw() for view in views}
+        return {view.figure_name: view.draw() for view in views}
 
     notes = [note for view in views for note in view.notes]
     return Result(
         command="show",
         method="",
         quantities=_parameters(views),
-        quality={},
         findings=tuple(warning("recording", text) for text in dict.fromkeys((*notes, *faults))),
         sources=tuple(view.source for view in views),
+        lines=tuple(line for view in views for line in view.lines),
         drawings=drawings if draws else None,
         folder=views[0].path.parent,
     )

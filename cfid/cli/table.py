@@ -26,6 +26,14 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.interchange.command:convert",
         "Write a recording in another format: every row and column, in the units of whoever recorded it.",
     ),
+    "status": (
+        "cfid.guide.command:status",
+        "Show what a campaign found, how sure that is against what it is for, what is missing, and what comes next.",
+    ),
+    "next": (
+        "cfid.guide.command:next_step",
+        "Do what comes next in a campaign: record a run, fit, or report; says what to do at the rig before.",
+    ),
     "parameters": (
         "cfid.cli.parameters:list_parameters",
         "List the campaign's parameters, each with its standard uncertainty, unit and origin.",

@@ -6,7 +6,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cfid.console.options import RigOptions, positive
+from cfid.console.lists import NOT_GIVEN, Measured
+from cfid.console.options import RigOptions
 from cfid.console.selection import LAST, RUN_FILE, is_glob
 from cfid.errors import ConfigError
 from cfid.records.facts import NONE_STATED, RigFacts
@@ -42,8 +43,8 @@ class Workplace:
         return files[0].parent if files else Path()
 
 
-def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) -> Workplace:
-    """Find the campaign and its rig; --geometry and --gravity-mps2 override it, the thesis' rig is the default."""
+def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Workplace:
+    """Find the campaign and its rig; --geometry and `gravity` in m/s^2 override it, the thesis' rig is the default."""
     from cfid.records.campaign import find_campaign
     from cfid.records.rig_file import load_rig, thesis_rig
 
@@ -53,9 +54,10 @@ def open_workplace(options: RigOptions, *, gravity_mps2: float | None = None) ->
         rig = load_rig(options.geometry)
     else:
         rig = thesis_rig() if campaign is None else campaign.rig
-    if gravity_mps2 is not None:
-        gravity = positive(gravity_mps2, "--gravity-mps2")
-        rig = rig.model_copy(update={"site": rig.site.model_copy(update={"gravity_mps2": gravity})})
+    given = {"gravity_mps2": gravity.value, "gravity_std_mps2": gravity.std}
+    stated = {key: number for key, number in given.items() if number is not None}
+    if stated:
+        rig = rig.model_copy(update={"site": rig.site.model_copy(update=stated)})
     return Workplace(campaign, rig, borrowed)
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.console.options import positive
+from cfid.console.lists import measured
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -21,9 +21,9 @@ class LabelOptions:
     axis: Annotated[
         str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as in rig.toml.", rich_help_panel=LABEL)
     ] = None
-    weight: Annotated[float | None, typer.Option(metavar="GRAMS", help="A dropping weight.", rich_help_panel=LABEL)] = (
-        None
-    )
+    weight: Annotated[
+        str | None, typer.Option(metavar="GRAMS[:STD]", help="A dropping weight.", rich_help_panel=LABEL)
+    ] = None
     body: Annotated[
         Literal["crazyflie", "testbody", "fixture"] | None,
         typer.Option(help="What swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
@@ -46,11 +46,10 @@ class LabelOptions:
         body = self.body or ("crazyflie" if self.axis else None)
         if self.axis and self.weight:
             raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
-        if self.weight is not None:
-            positive(self.weight, "--weight")
+        weight = measured(self.weight, "--weight")
         rig = campaign.rig
         mounts = rig.testbody.mounts if body == "testbody" and rig.testbody is not None else rig.mounts
         if self.axis and body != "fixture" and self.axis not in mounts:
             known = ", ".join(mounts) or "none"
             raise ConfigError(f"--axis {self.axis}: rig.toml has no such mount of the {body}; it has {known}.")
-        return Label(axis=self.axis, weight_g=self.weight, body=body, note=self.note)
+        return Label(axis=self.axis, weight_g=weight.value, weight_std_g=weight.std, body=body, note=self.note)

@@ -52,13 +52,16 @@ class Measured(NamedTuple):
     std: float | None
 
 
+NOT_GIVEN = Measured(None, None)
+
+
 def measured(text: str | None, option: str) -> Measured:
     """Return a number above zero, with its standard uncertainty where one follows a colon.
 
     Raises ConfigError that names the option.
     """
     if text is None:
-        return Measured(None, None)
+        return NOT_GIVEN
     number, colon, spread = text.partition(":")
     try:
         value, std = _number(number, float), _number(spread, float) if colon else None

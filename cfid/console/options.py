@@ -29,7 +29,12 @@ MassKg = Annotated[
     ),
 ]
 GravityMps2 = Annotated[
-    float | None, typer.Option(help="Local gravity; its standard uncertainty stays rig.toml's.", rich_help_panel=_RIG)
+    str | None,
+    typer.Option(
+        metavar="MPS2[:STD]",
+        help="Local gravity; without a standard uncertainty, rig.toml's.",
+        rich_help_panel=_RIG,
+    ),
 ]
 YawDeg = Annotated[
     float | None,

@@ -34,25 +34,38 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """One device's recording, ready to show."""
+    """One device's recording, ready to show; `lines` state how a file of another program was read."""
 
     device: str
     name: str
     path: Path
     source: Source
-    notes: tuple[str, ...]
     parameters: Mapping[str, Parameter]
     curve: Curve
     draw: "Callable[[], Figure]"
+    notes: tuple[str, ...] = ()
+    lines: tuple[str, ...] = ()
+    figure: str = ""
+
+    @property
+    def figure_name(self) -> str:
+        """The name of the figure's file."""
+        return f"{self.figure or self.path.stem}_recording"
 
 
 def views_of(
-    word: str, workplace: Workplace, file: ReadingOptions, loadcell: LoadCellOptions
+    word: str,
+    workplace: Workplace,
+    file: ReadingOptions,
+    loadcell: LoadCellOptions,
+    esc_us: tuple[float, float] | None = None,
 ) -> tuple[list[View], tuple[str, ...]]:
     """Read a RUN; return a view of every device in it, and why another could not be read.
 
     The columns of a file outside a run decide what it is. Raises DataError when nothing can be read.
     """
+    from cfid.console.log_views import log_views, stand_view
+    from cfid.records.logs.kinds import kind_at
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.times import run_at
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
@@ -64,6 +77,11 @@ def views_of(
     }
     run = run_at(path)
     if run is None:
+        kind = kind_at(path, forces) if path.is_file() else None
+        if kind == "flight":
+            return log_views(path, forces), ()
+        if kind == "stand":
+            return [stand_view(path, forces, esc_us)], ()
         return [readers[LOADCELL if holds_wrench(path, forces) else ENCODER]()], ()
     order = sorted(run.header.devices, key=lambda device: [*readers, device].index(device))
     wanted = [_reader_of(run, device, readers) for device in order]
@@ -91,21 +109,23 @@ def _readable(readers: list[Callable[[], View]]) -> tuple[list[View], tuple[str,
 def _angle_view(device: str, record: "AngleRecord") -> View:
     import numpy as np
 
+    from cfid.findings import texts
+
     def draw() -> "Figure":
         from cfid.drawing.angle import recording_figure
 
         return recording_figure(record, title=record.name)
 
-    chosen = np.linspace(0, len(record.time_s) - 1, min(_CURVE_POINTS, len(record.time_s))).astype(int)
     return View(
         device=device,
         name=record.name,
         path=record.path,
         source=record.source,
         notes=record.notes,
-        parameters=_sampling(record.time_s)
+        lines=texts(record.findings, "note"),
+        parameters=sampling(record.time_s)
         | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
-        curve=Curve(record.time_s[chosen], np.degrees(record.angle_rad[chosen]), "angle, degrees"),
+        curve=curve_of(record.time_s, np.degrees(record.angle_rad), "angle, degrees"),
         draw=draw,
     )
 
@@ -127,7 +147,7 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
         path=record.path,
         source=record.source,
         notes=record.notes,
-        parameters=_sampling(record.time_s)
+        parameters=sampling(record.time_s)
         | {
             "mean_n": Parameter(value=record.force_n.mean(axis=0), unit="N"),
             "std_n": Parameter(value=record.force_n.std(axis=0), unit="N"),
@@ -140,7 +160,6 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
 
 def _device_view(run: "Run", device: str) -> View:
-    import numpy as np
 
     from cfid.drawing.device import groups
     from cfid.records.tables.times import losses
@@ -152,7 +171,6 @@ def _device_view(run: "Run", device: str) -> View:
     if device == SUPERVISOR:
         notes += (_states(since_s, rows.columns["state"]),)
     first = groups(list(rows.columns))[0][0]
-    chosen = np.linspace(0, len(rows.time_s) - 1, min(_CURVE_POINTS, len(rows.time_s))).astype(int)
 
     def draw() -> "Figure":
         from cfid.drawing.device import device_figure
@@ -165,13 +183,13 @@ def _device_view(run: "Run", device: str) -> View:
         path=run.device_file(device),
         source=rows.source,
         notes=notes,
-        parameters=_sampling(since_s)
+        parameters=sampling(since_s)
         | {
             f"mean.{name}": Parameter(value=float(column.mean()), unit=unit_of(f"recording.mean.{name}"))
             for name, column in rows.columns.items()
             if device != SUPERVISOR  # a word of bits has no mean
         },
-        curve=Curve(since_s[chosen], rows.columns[first][chosen], first),
+        curve=curve_of(since_s, rows.columns[first], first),
         draw=draw,
     )
 
@@ -183,7 +201,16 @@ def _states(since_s: "Array", words: "Array") -> str:
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
-def _sampling(time_s: "Array") -> dict[str, Parameter]:
+def curve_of(time_s: "Array", value: "Array", name: str) -> Curve:
+    """Return some of the values (n,) at times (n,)."""
+    import numpy as np
+
+    chosen = np.linspace(0, len(time_s) - 1, min(_CURVE_POINTS, len(time_s))).astype(int)
+    return Curve(time_s[chosen], value[chosen], name)
+
+
+def sampling(time_s: "Array") -> dict[str, Parameter]:
+    """Return how many samples there are at times (n,) since the first, how long, and how far apart."""
     import numpy as np
 
     if len(time_s) < 2:

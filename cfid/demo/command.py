@@ -46,8 +46,6 @@ def demo(
 
 def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
     """Simulate everything as fast as possible; return the true values by the parameters' names."""
-    from cfid.cli.parameters import set_by_hand
-    from cfid.demo.fits import ARM_M, ARM_STD_M
     from cfid.demo.recordings import write_runs
     from cfid.sim.demo import DEMO_TRUTH, simulate_demo
     from cfid.sim.truth_file import load_truth
@@ -56,7 +54,6 @@ def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, fl
     known, runs = simulate_demo(campaign.rig, DEMO_TRUTH if truth is None else load_truth(truth), seed=seed)
     folders = write_runs(campaign, runs)
     typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
-    set_by_hand("arm_m", str(ARM_M), std=ARM_STD_M, campaign=campaign.folder)
     return known
 
 

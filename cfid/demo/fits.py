@@ -42,7 +42,6 @@ FITS_OVER_WIRES = (
     "tf latency {ping[0]}",
 )
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
-ARM_M, ARM_STD_M = 0.046, 0.0005
 
 
 def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> None:

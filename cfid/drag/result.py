@@ -20,14 +20,14 @@ from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import AS_THEY_ARE, WindReading
 from cfid.estimate.common_causes import Effects, moved_by, with_common_causes
-from cfid.findings import Finding, note, rejected
+from cfid.findings import Finding, note
 from cfid.quantities.lookup import unit_of
 from cfid.quantities.quantity import Range
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.facts import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import Given, implausible_inputs
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading
 
@@ -93,7 +93,7 @@ def fit(
         quantities=quantities,
         wanted=quantities_of(found.chosen),
         findings=findings,
-        quality=drag_quality(found),
+        merits=drag_merits(found),
         sources=experiments.sources,
         covariances=drag_covariances(found),
         lines=tuple(drag_lines(found, quantities)),
@@ -146,7 +146,7 @@ def drag_covariances(found: DragModels) -> tuple[Covariance, ...]:
     )
 
 
-def drag_quality(found: DragModels) -> dict[str, Any]:
+def drag_merits(found: DragModels) -> dict[str, Any]:
     """Return the figures that judge the models."""
     runs, cross, complex_ = found.experiments, found.fits.get("cross"), found.fits.get("complex")
     sideways = "|v_xy|" if cross is not None and cross.model is CROSS_MENDED else "v_x + v_y"
@@ -159,29 +159,32 @@ def drag_quality(found: DragModels) -> dict[str, Any]:
         "kappa_4_times": sideways if cross is not None else None,
         "unresolved": () if cross is None or resolves_kappa_4(runs) else ("kappa_4",),
         "margin_nats": found.comparison.margin if found.comparison else None,
-        "normalised_squared": _normalised(complex_.value, runs).squared if complex_ is not None else None,
+        "normalised_squared": None
+        if complex_ is None
+        else Dependent(_normalised(complex_.value, runs).squared, *_complex(complex_, runs)),
         "models": {name: _judged(found, fit) for name, fit in found.fits.items()},
     }
 
 
-def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[str]:
-    """Return how the accepted models compare, and tables of the wanted values."""
-    gone, runs = rejected(found.findings, quantities), found.experiments
-    lines = [f"{len(runs.command)} experiments in {runs.settings} wind settings; squared errors of each model in N^2:"]
+def drag_lines(found: DragModels, quantities: Mapping[str, Parameter]) -> list[str | Dependent]:
+    """Return how the models compare, and tables of the wanted values."""
+    runs = found.experiments
+    lines: list[str | Dependent] = [
+        f"{len(runs.command)} experiments in {runs.settings} wind settings; squared errors of each model in N^2:"
+    ]
     for name, fit in found.fits.items():
-        if f"drag.sse_n2.{name}" in gone:
-            continue
         left_out = _judged(found, fit)["left_out_sse_n2"]
         predicted = "" if left_out is None else f", {left_out:.4g} where its wind setting was left out"
         chosen = "  <- chosen" if name == found.chosen and found.comparison is not None else ""
-        lines.append(
+        line = (
             f"  {name:8} {fit.sse_n2:.4g}{predicted} (condition {fit.condition:.3g}, "
             f"{fit.model.unknowns} coefficients){chosen}"
         )
+        lines.append(Dependent(line, f"drag.sse_n2.{name}"))
     for key, what in (("drag.intercepts_n.simple", "constant forces of the simple model:"), ("drag.groups", "")):
-        if key in quantities and key not in gone:
-            lines += [what] * bool(what)
-            lines += [_row_line(row) for row in quantities[key].value]
+        if key in quantities:
+            rows = [what] * bool(what) + [_row_line(row) for row in quantities[key].value]
+            lines += [Dependent(row, key) for row in rows]
     return lines
 
 

@@ -19,8 +19,13 @@ _FEW = 400  # rows, up to which each is marked
 
 
 @styled
-def device_figure(time_s: Array, columns: Mapping[str, Array], *, title: str, notes: Sequence[str]) -> Figure:
-    """Return a panel for each group of columns (n,) that differ by a number only, over times (n,) in seconds."""
+def device_figure(
+    time_s: Array, columns: Mapping[str, Array], *, title: str, notes: Sequence[str], along: str = "time (s)"
+) -> Figure:
+    """Return a panel for each group of columns (n,) that differ by a number only, over times (n,) in seconds.
+
+    `along` names the axis where they are not times.
+    """
     panels = groups(list(columns))[:_MOST_PANELS]
     page, grid = figure(len(panels), 1, heights_in=[_PANEL_IN] * len(panels), title=title, notes=notes)
     since_s = time_s - time_s[0]
@@ -30,7 +35,7 @@ def device_figure(time_s: Array, columns: Mapping[str, Array], *, title: str, no
             how = {"drawstyle": "steps-post"} if _HELD.fullmatch(name) else {}
             mark = "." if len(since_s) < _FEW and not how else ""
             draw_line(axes, since_s, columns[name], color=colour, label=name, marker=mark, **how)
-        name_panel(axes, ", ".join(names), x="time (s)" if row == len(panels) - 1 else "", y="")
+        name_panel(axes, ", ".join(names), x=along if row == len(panels) - 1 else "", y="")
         if len(names) > 1:
             legend(axes)
     page.align_ylabels()

@@ -22,7 +22,7 @@ from cfid.quantities.quantity import Shape
 from cfid.records.covariances import Covariance, numbers_of, shaped_as
 from cfid.records.facts import LoadCellMount, RigFacts
 from cfid.records.parameters import Parameter, plain
-from cfid.records.result import Result
+from cfid.records.result import Dependent, Result
 
 Array = npt.NDArray[np.float64]
 
@@ -155,7 +155,7 @@ def with_common_causes(result: Result, *effects: Effects) -> Result:
             **result.common,
             **{name: {key: one.tolist() for key, one in moved.items()} for name, moved in common.items()},
         },
-        quality={**result.quality, "common_causes": _budget(result.quantities, common)} if common else result.quality,
+        merits={**result.merits, "common_causes": _budget(result.quantities, common)} if common else result.merits,
         findings=(*result.findings, *_taken_as_exact(unstated)),
         lines=(*result.lines, *_lines(result, common)),
     )
@@ -218,26 +218,31 @@ def _budget(quantities: Mapping[str, Parameter], common: Mapping[str, Mapping[st
     """Return by quantity the standard uncertainty of the fit itself and what each cause adds to it."""
     keys = dict.fromkeys(key for moved in common.values() for key in moved)
     return {
-        key: {
-            "fit": plain(quantities[key].std),
-            **{
-                name: shaped_as(key, np.abs(moved[key]).tolist(), plain(quantities[key].value))
-                for name, moved in common.items()
-                if key in moved
+        key: Dependent(
+            {
+                "fit": plain(quantities[key].std),
+                **{
+                    name: shaped_as(key, np.abs(moved[key]).tolist(), plain(quantities[key].value))
+                    for name, moved in common.items()
+                    if key in moved
+                },
             },
-        }
+            key,
+        )
         for key in keys
     }
 
 
-def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[str]:
+def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[Dependent]:
     """Return a line a cause: how far one standard uncertainty of it moves what the analysis is for."""
     wanted = [key for key in result.quantities if any(fnmatchcase(key, one) for one in result.wanted or ("*",))]
     lines = []
     for name, moved in common.items():
-        parts = [f"{key} {_percent(moved[key], result.quantities[key].value, key)}" for key in wanted if key in moved]
-        lines += [f"  {name}: {', '.join(parts)}"] if parts else []
-    return ["causes of error that fits share, their part of the standard uncertainties:", *lines] if lines else []
+        parts = {key: _percent(moved[key], result.quantities[key].value, key) for key in wanted if key in moved}
+        if parts:
+            lines.append(Dependent(f"  {name}: {', '.join(f'{key} {part}' for key, part in parts.items())}", *parts))
+    head = "causes of error that fits share, their part of the standard uncertainties:"
+    return [Dependent(head, *lines[0].quantities), *lines] if lines else []
 
 
 def _percent(moved: Array, value: Any, key: str) -> str:

@@ -8,9 +8,7 @@ from cfid.export.hover import drag_n_s_per_m, inertia_kg_m2, moment_per_thrust_m
 from cfid.export.target import Target, has
 from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import SLASHES, number
-
-_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
-_ENTRIES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+from cfid.quantities.values import ENTRIES
 
 
 def write(vehicle: ExportVehicle) -> str:
@@ -43,8 +41,8 @@ def _macros(vehicle: ExportVehicle) -> Iterator[tuple[str, float, str]]:
             yield f"DRAG_B_{axis}", drag / vehicle["mass"], "1/s, drag over velocity and mass while hovering"
     if "inertia" in vehicle:
         matrix = inertia_kg_m2(vehicle)
-        for name, (i, j) in zip(_NAMES, _ENTRIES, strict=True):
-            yield f"CFID_INERTIA_{name}", matrix[i][j], "kg m^2"
+        for name, (i, j) in sorted(ENTRIES.items()):
+            yield f"CFID_INERTIA_{name.upper()}", matrix[i][j], "kg m^2"
 
 
 def _fault(vehicle: ExportVehicle) -> str:

@@ -156,10 +156,11 @@ def _joint(known: "ExportInput") -> "Joint":
     vehicle = known.vehicle
     fits: dict[str, tuple[Section, list[str]]] = {
         quantity.key: (_stated(quantity), [quantity.key])
-        for quantity in (vehicle.quantities["mass"], vehicle.centre, vehicle.gravity)
+        for quantity in (*vehicle.quantities.values(), vehicle.centre, vehicle.gravity)
+        if quantity.origin == vehicle.gravity.origin  # rig.toml
     }
     for quantity in vehicle.quantities.values():
-        if quantity.key in ("motor.command_of_thrust", "mass_kg"):  # the former follows from the map
+        if quantity.key in fits or quantity.key == "motor.command_of_thrust":  # follows from the map
             continue
         holding = [
             (quantity.key not in section.rejected, section.found, name)
@@ -172,12 +173,12 @@ def _joint(known: "ExportInput") -> "Joint":
 
 
 def _stated(quantity: "ExportQuantity") -> "Section":
-    """Return what rig.toml states as a fit; the mass, with itself as the cause that it shares."""
+    """Return what rig.toml states as a fit; mass and arm, each with itself as the cause that it shares."""
     from datetime import UTC, datetime
 
     from cfid.records.parameters import Parameter, Section
 
-    mass = quantity.key == "mass_kg" and quantity.std is not None
+    cause = {"mass_kg": "mass", "arm_m": "arm"}.get(quantity.key) if quantity.std is not None else None
     return Section(
         method="by hand",
         found=datetime.now(UTC),
@@ -186,7 +187,7 @@ def _stated(quantity: "ExportQuantity") -> "Section":
         sources=(),
         parameters={quantity.key: Parameter(value=quantity.value, std=quantity.std, unit=quantity.unit)},
         covariance=_independent(quantity),
-        common={"mass": {"mass_kg": [quantity.std]}} if mass else {},
+        common={cause: {quantity.key: [quantity.std]}} if cause else {},
     )
 
 

@@ -20,6 +20,7 @@ from cfid.export.hover import (
 )
 from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import number, numbers
+from cfid.quantities.values import ENTRIES
 
 NEEDS = (
     "mass",
@@ -165,5 +166,5 @@ def _add(inertia: list[list[float]], place: Sequence[float], mass_kg: float) -> 
 
 
 def _entries(inertia: Sequence[Sequence[float]]) -> str:
-    names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    return "".join(f"          <{name}>{number(inertia[i][j])}</{name}>\n" for name, (i, j) in names.items())
+    entries = sorted(ENTRIES.items())
+    return "".join(f"          <i{name}>{number(inertia[i][j])}</i{name}>\n" for name, (i, j) in entries)

@@ -14,6 +14,7 @@ from cfid.export.hover import (
 from cfid.export.target import Target
 from cfid.export.vehicle import ExportVehicle
 from cfid.export.wording import XML, number, numbers
+from cfid.quantities.values import ENTRIES
 from cfid.units import FULL_COMMAND, RPM
 
 _NEEDS = ("mass", "inertia", "arm", "thrust_per_speed_squared", "torque_of_thrust", "max_thrust")
@@ -80,9 +81,9 @@ def write_safe_control(vehicle: ExportVehicle) -> str:
 
 
 def _robot(vehicle: ExportVehicle, measured: Mapping[str, float], gyms_own: Mapping[str, float]) -> str:
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia_kg_m2(vehicle)
-    entries = {"ixx": xx, "ixy": 0.0, "ixz": 0.0, "iyy": yy, "iyz": 0.0, "izz": zz}
-    lost = _attributes({"ixy": xy, "ixz": xz, "iyz": yz})
+    matrix = inertia_kg_m2(vehicle)
+    entries = {f"i{name}": matrix[i][j] if i == j else 0.0 for name, (i, j) in sorted(ENTRIES.items())}
+    lost = _attributes({f"i{name}": matrix[i][j] for name, (i, j) in ENTRIES.items() if i != j})
     others = {name: value for name, value in gyms_own.items() if name not in measured}
     return f"""<?xml version="1.0" ?>
 <robot name="cf2">

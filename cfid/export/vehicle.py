@@ -76,9 +76,9 @@ class ExportVehicle:
     """All that is known, in the body frame that rig.toml states; `quantities` has the names of `SOURCES`.
 
     `gravity` and `centre` are what rig.toml states, the latter the centre of mass (3,) in m from the vehicle's middle,
-    on the table it stands on. `others` are the quantities that no target takes, `further` has by section
-    the values of keys that were taken from another section. `covariance` has by section the covariances and common
-    causes of parameters.toml. `platform` sets what is plausible.
+    on the table it stands on; so are the mass, and the arm where none was noted by hand. `others` are the quantities
+    that no target takes, `further` has by section the values of keys that were taken from another section. `covariance`
+    has by section the covariances and common causes of parameters.toml. `platform` sets what is plausible.
     """
 
     name: str
@@ -149,6 +149,8 @@ def collect(
         for name, section in sections.items()
     }
     quantities["mass"] = _weighed(rig, rig_file)  # stands in rig.toml alone
+    if "arm" not in quantities and rig.loadcell.arm_mm is not None:
+        quantities["arm"] = _arm(rig, rig.loadcell.arm_mm, rig_file)
     return ExportVehicle(
         name=rig.vehicle.name,
         frame=rig.vehicle.body_frame,
@@ -172,6 +174,19 @@ def _weighed(rig: Rig, rig_file: str) -> ExportQuantity:
         unit=unit_of("mass_kg"),
         origin=rig_file,
         caveat=f"As `cfid new` writes it, which is the thesis' vehicle: was yours weighed? ({rig_file})" * unweighed,
+    )
+
+
+def _arm(rig: Rig, arm_mm: float, rig_file: str) -> ExportQuantity:
+    own, preset = rig.loadcell, thesis_rig().loadcell
+    unmeasured = (own.arm_mm, own.arm_std_mm) == (preset.arm_mm, preset.arm_std_mm)
+    return ExportQuantity(
+        key="arm_m",
+        value=MM * arm_mm,
+        std=None if own.arm_std_mm is None else MM * own.arm_std_mm,
+        unit=unit_of("arm_m"),
+        origin=rig_file,
+        caveat=f"As `cfid new` writes it, which is the thesis' vehicle: was yours measured? ({rig_file})" * unmeasured,
     )
 
 

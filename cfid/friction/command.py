@@ -17,7 +17,6 @@ from cfid.console.options import (
     ReadingOptions,
     RigOptions,
     flat,
-    positive,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen, labelled
@@ -33,7 +32,7 @@ def friction(
     runs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="GRAMS=FILE|RUN ...",
+            metavar="GRAMS[:STD]=FILE|RUN ...",
             help="Dropped weights; a run has its own label. Default: the campaign's complete drops.",
         ),
     ] = None,
@@ -55,7 +54,8 @@ def friction(
     """
     from cfid.friction import result
 
-    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(rig, gravity=gravity)
     words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
     radius = measured(radius_mm, "--radius-mm")
     found = result.fit(
@@ -63,7 +63,8 @@ def friction(
         rig=None if workplace.borrowed else workplace.rig,
         radius_m=None if radius.value is None else MM * radius.value,
         radius_std_m=None if radius.std is None else MM * radius.std,
-        gravity_mps2=gravity_mps2,
+        gravity_mps2=gravity.value,
+        gravity_std_mps2=gravity.std,
         from_s=cut.from_s,
         to_s=cut.to_s,
         method=method,
@@ -82,14 +83,16 @@ def _read_weights(words: Sequence[str], reading: ReadingOptions, workplace: Work
         if not equals or Path(word).exists():
             name, rest = "", word
         record = read_recording(rest, reading.reading(), workplace)
-        found.append(angle.labelled(record, weight_g=_grams(name)) if name else record)
+        found.append(angle.labelled(record, **_weight(name)) if name else record)
     return found
 
 
-def _grams(text: str) -> float:
+def _weight(text: str) -> dict[str, float | None]:
+    """Return the parts of a label that GRAMS[:STD] states."""
     from cfid.errors import ConfigError
 
     try:
-        return positive(float(text), "GRAMS=")
-    except ValueError:
-        raise ConfigError(f"'{text}' is no weight in grams: write GRAMS=FILE.") from None
+        weight = measured(text, "GRAMS=")
+    except ConfigError:
+        raise ConfigError(f"'{text}' is no weight in grams: write GRAMS=FILE, or GRAMS:STD=FILE.") from None
+    return {"weight_g": weight.value} | ({} if weight.std is None else {"weight_std_g": weight.std})

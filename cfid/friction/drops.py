@@ -51,6 +51,7 @@ class Drop:
     model_rad: Array
     speed_per_turn: float = 0.0
     turns: float = 0.0
+    weight_std_kg: float = 0.0
 
 
 def measure_drop(
@@ -58,6 +59,7 @@ def measure_drop(
     angle_rad: Array,
     *,
     weight_kg: float,
+    weight_std_kg: float = 0.0,
     radius_m: float,
     gravity_mps2: float,
     from_s: float | None = None,
@@ -87,6 +89,7 @@ def measure_drop(
     fall = slice(moving.start, window.stop)  # behind it the weight may be on the floor
     return Drop(
         weight_kg=weight_kg,
+        weight_std_kg=weight_std_kg,
         time_s=grid,
         angle_rad=angle,
         trace_rad_per_s=speed,

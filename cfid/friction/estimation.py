@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.linear import fit_linear, mean_of
+from cfid.estimate.linear import fit_linear, mean_of, std_of
 from cfid.estimate.propagation import widened
 from cfid.findings import Finding, rejection, warning
 from cfid.friction.drops import Drop
@@ -42,7 +42,7 @@ class FrictionEstimate:
 
 
 def fit_friction(
-    drops: Sequence[Drop], *, radius_m: float, radius_std_m: float, gravity_mps2: float
+    drops: Sequence[Drop], *, radius_m: float, radius_std_m: float, gravity_mps2: float, gravity_std_mps2: float = 0.0
 ) -> FrictionEstimate:
     """Fit Coulomb and viscous friction to all settled drops, and the set-up's inertia to their starts.
 
@@ -55,10 +55,10 @@ def fit_friction(
         return FrictionEstimate(findings=(_ONE_WEIGHT if settled else _NEVER_SETTLED,))
     torque = gravity_mps2 * radius_m * np.array([drop.weight_kg for drop in settled])
     speed = np.array([drop.terminal_rad_per_s for drop in settled])
-    coulomb, viscous, findings = _line(speed, torque)
+    coulomb, viscous, findings = _line(speed, torque, _weights_covariance(settled) * (gravity_mps2 * radius_m) ** 2)
     findings += (*_order_finding(settled), *_layers_finding(settled, viscous.value, radius_m, gravity_mps2))
-    # The radius is common to all runs: its error does not average out.
-    common = radius_std_m / radius_m
+    # Radius and gravity are common to all runs: their errors do not average out.
+    common = math.hypot(radius_std_m / radius_m, gravity_std_mps2 / gravity_mps2)
     inertia = _setup_inertia(settled, viscous, radius_m, common) if viscous.value > 0 else _Estimate(None, None)
     return FrictionEstimate(
         viscous_nms_per_rad=viscous.value,
@@ -115,17 +115,27 @@ _ONE_WEIGHT = rejection(
 )
 
 
-def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:
-    """Fit torque = coulomb + viscous * speed, neither negative; return both, and what was found on the way."""
-    coulomb, viscous = _least_squares([np.ones_like(speed), speed], torque)
+def _weights_covariance(drops: Sequence[Drop]) -> Array:
+    """Return the covariance (n, n) in kg^2 of the weights: drops of one weight share its error."""
+    weights = np.array([drop.weight_kg for drop in drops])
+    stds = np.array([drop.weight_std_kg for drop in drops])
+    return np.asarray(np.outer(stds, stds) * (weights[:, np.newaxis] == weights))
+
+
+def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:
+    """Fit torque = coulomb + viscous * speed, neither negative; return both, and what was found on the way.
+
+    `weights` (n, n) is the covariance that the torques (n,) have from their weights.
+    """
+    coulomb, viscous = _least_squares([np.ones_like(speed), speed], torque, weights)
     if coulomb.value < 0:
         text = f"Coulomb friction came out at {coulomb.value:.2g} N m: it is set to zero. Drop more weights."
-        through_zero = _least_squares([speed], torque)[0]
+        through_zero = _least_squares([speed], torque, weights)[0]
         return _Known(0.0, None), through_zero, (warning("friction-coulomb-zero", text, COULOMB),)
     if viscous.value < 0:
         text = f"viscous friction came out at {viscous.value:.2g} N m s/rad: it is set to zero. Drop more weights."
         unknown = "without viscous friction the start of a fall does not give the inertia of the set-up."
-        level = _least_squares([np.ones_like(speed)], torque)[0]
+        level = _least_squares([np.ones_like(speed)], torque, weights)[0]
         return (
             level,
             _Known(0.0, None),
@@ -137,16 +147,18 @@ def _line(speed: Array, torque: Array) -> tuple[_Known, _Known, tuple[Finding, .
     return coulomb, viscous, ()
 
 
-def _least_squares(columns: list[Array], torque: Array) -> list[_Known]:
+def _least_squares(columns: list[Array], torque: Array, weights: Array) -> list[_Known]:
     """Return each column's coefficient with its standard uncertainty from the scatter, None without degrees of freedom.
+
+    The covariance of the weights (n, n) is added: their errors need not scatter.
 
     What differs from drop to drop is the friction itself, so the residual is a torque.
     """
     found = fit_linear(np.stack(columns, axis=1), torque, noise_known=False)
-    freedom = found.degrees_of_freedom
+    freedom, of_weights = found.degrees_of_freedom, std_of(found.gain @ weights @ found.gain.T)
     return [
-        _Known(float(value), widened(float(std), freedom) if freedom else None)
-        for value, std in zip(found.values, found.std, strict=True)
+        _Known(float(value), math.hypot(widened(float(std), freedom), weighed) if freedom else None)
+        for value, std, weighed in zip(found.values, found.std, of_weights, strict=True)
     ]
 
 

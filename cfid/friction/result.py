@@ -12,7 +12,7 @@ from cfid.friction.figures import drops_figure, friction_figure
 from cfid.quantities.quantity import Range
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import Given, implausible_inputs, implausible_quantities, taken_as_exact
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.data import rig_or_thesis
@@ -29,6 +29,7 @@ def fit(
     radius_m: float | None = None,
     radius_std_m: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
     method: Literal["default", "thesis"] = "default",
@@ -46,18 +47,26 @@ def fit(
     records = [angle_record(drop) for drop in drops]
     rig, notes = rig_or_thesis(records, rig)
     gravity_mps2 = gravity_mps2 or rig.site.gravity_mps2
+    gravity_std_mps2 = rig.site.gravity_std_mps2 if gravity_std_mps2 is None else gravity_std_mps2
     if radius_m is None:
         radius_m, radius_std_m, line = _lever_m(rig, thesis=method == "thesis")
         notes += line
     else:
         notes = () if radius_std_m is not None else (taken_as_exact("radius", VISCOUS, COULOMB, SETUP_INERTIA),)
-        radius_std_m = radius_std_m or 0.0
+    if method == "default" and any(record.label.weight_std_g is None for record in records):
+        notes += (taken_as_exact("weight", VISCOUS, COULOMB, SETUP_INERTIA),)
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
     measured = [_measured(record, **setup) for record in records]
     if method == "thesis":
         found = thesis_friction(measured)
     else:
-        found = fit_friction(measured, radius_m=radius_m, radius_std_m=radius_std_m, gravity_mps2=gravity_mps2)
+        found = fit_friction(
+            measured,
+            radius_m=radius_m,
+            radius_std_m=radius_std_m or 0.0,
+            gravity_mps2=gravity_mps2,
+            gravity_std_mps2=gravity_std_mps2,
+        )
     quantities = _quantities(found, measured)
     unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]
 
@@ -73,7 +82,7 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=(VISCOUS, COULOMB),
-        quality={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
+        merits={"settled": len(measured) - len(unsettled), "left_out": len(unsettled)},
         findings=(
             *notes,
             *(finding for record in records for finding in record.findings),
@@ -86,7 +95,7 @@ def fit(
             ),
         ),
         sources=tuple(record.source for record in records),
-        lines=tuple(_line(drop) for drop in measured),
+        lines=tuple(Dependent(_line(drop), "friction.runs") for drop in measured),
         drawings=drawings,
         folder=records[0].path.parent if records else Path(),
     )
@@ -123,10 +132,13 @@ def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:
 
 
 def _measured(record: AngleRecord, **setup: Any) -> Drop:
-    if record.label.weight_g is None:
+    weight_g, std_g = record.label.weight_g, record.label.weight_std_g or 0.0
+    if weight_g is None:
         raise DataError(f"{record.name}: does not say its weight in grams: name it, as in 20={record.name}.")
     try:
-        return measure_drop(record.time_s, record.angle_rad, weight_kg=record.label.weight_g / 1000, **setup)
+        return measure_drop(
+            record.time_s, record.angle_rad, weight_kg=weight_g / 1000, weight_std_kg=std_g / 1000, **setup
+        )
     except DataError as error:
         raise DataError(f"{record.path}: {error}") from None
 

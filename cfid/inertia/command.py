@@ -52,13 +52,15 @@ def inertia(
     """
     from cfid.inertia import result
 
-    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(rig, gravity=gravity)
     mass = measured(mass_kg, "--mass-kg")
     fit = partial(
         result.fit,
         mass_kg=mass.value,
         mass_std_kg=mass.std,
-        gravity_mps2=gravity_mps2,
+        gravity_mps2=gravity.value,
+        gravity_std_mps2=gravity.std,
         method=method,
         propose=propose or plan,
     )
@@ -85,13 +87,15 @@ def testbody(
     """
     from cfid.inertia import testbody_result
 
-    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(rig, gravity=gravity)
     mass = measured(mass_kg, "--mass-kg")
     fit = partial(
         testbody_result.fit_testbody,
         mass_kg=mass.value,
         mass_std_kg=mass.std,
-        gravity_mps2=gravity_mps2,
+        gravity_mps2=gravity.value,
+        gravity_std_mps2=gravity.std,
         method=method,
     )
     _fit_swings(fit, runs, body="testbody", window=window, reading=reading, workplace=workplace, delivery=delivery)

@@ -21,6 +21,11 @@ def as_matrix(entries: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+def entries_of(matrix: Array) -> Array:
+    """Return the entries xx, yy, zz, xy, xz, yz of a symmetric matrix (3, 3)."""
+    return np.asarray(matrix[tuple(zip(*ENTRIES.values(), strict=True))])
+
+
 def is_consistent(matrix_kg_m2: Array) -> bool:
     """Return whether a matrix (3, 3) belongs to a possible body."""
     return bool(np.linalg.eigvalsh(_second_moments(matrix_kg_m2))[0] > 0)
@@ -57,5 +62,4 @@ def _entries(factor: Array, scale: float) -> Array:
     lower = np.diag(np.exp(factor[:3]))
     lower[[1, 2, 2], [0, 0, 1]] = factor[3:]
     moments = scale * lower @ lower.T
-    matrix = np.trace(moments) * np.eye(3) - moments
-    return np.asarray(matrix[tuple(zip(*ENTRIES.values(), strict=True))])
+    return entries_of(np.trace(moments) * np.eye(3) - moments)

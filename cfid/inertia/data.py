@@ -8,6 +8,7 @@ from typing import Any
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import Finding
 from cfid.records.parameters import Source
+from cfid.records.result import Dependent
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
 from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, swing_in
@@ -22,18 +23,14 @@ Peaks = int | Mapping[str, int] | None
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredSwings:
-    """All swings of a body, that of the empty fixture apart, with figures of quality and findings, by mount."""
+    """All swings of a body, that of the empty fixture apart, with figures of merit, lines and findings, by mount."""
 
     mounted: tuple[MountedSwing, ...]
     fixture: MountedSwing | None
-    quality: tuple[dict[str, Any], ...]
+    merits: tuple[dict[str, Any], ...]
+    lines: tuple[str | Dependent, ...]
     found: tuple[tuple[str, Finding], ...]
     records: tuple[AngleRecord, ...]
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """What a person reads of each swing."""
-        return tuple(_line(quality) for quality in self.quality)
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -61,21 +58,29 @@ def records_of(swings: Sequence[Swing]) -> list[AngleRecord | KnownInertia]:
 
 
 def measure(
-    swings: Sequence[AngleRecord | KnownInertia], *, body: str, peaks: Peaks, smallest_peak_rad: float, method: Method
+    swings: Sequence[AngleRecord | KnownInertia],
+    *,
+    body: str,
+    gives: str,
+    peaks: Peaks,
+    smallest_peak_rad: float,
+    method: Method,
 ) -> MeasuredSwings:
     """Fit every recording of a body, on the mount of its label; known axis inertias stay as they are.
 
+    `gives` is the key, without the mount, of the quantity that a swing gives.
     Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
     """
     mounts = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
     if mounts.count(FIXTURE) > 1:
         raise ConfigError("more than one swing of the empty fixture: give one.")
     check_peaks(peaks, mounts)
-    mounted, quality, found = [], [], []
+    mounted, merits, lines, found = [], list[dict[str, Any]](), list[str | Dependent](), []
     for mount, swing in zip(mounts, swings, strict=True):
         if isinstance(swing, KnownInertia):
             mounted.append(MountedSwing(axis=mount, value=swing.value_kg_m2, std=swing.std_kg_m2, known=True))
-            quality.append({"axis": mount, "known_kg_m2": swing.value_kg_m2})
+            merits.append({"axis": mount, "known_kg_m2": swing.value_kg_m2})
+            lines.append(f"{mount}: {swing.value_kg_m2:.7g} kg m^2, as given")
             continue
         free = swing_in(swing, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)
         try:
@@ -83,12 +88,17 @@ def measure(
         except FitError as error:
             raise FitError(f"{swing.path}: {error}") from None
         mounted.append(MountedSwing(axis=mount, value=value, std=std))
-        quality.append({"axis": mount, "natural_frequency_squared_s2": value, "std_s2": std, **figures})
+        numbers = {"natural_frequency_squared_s2": value, "std_s2": std}
+        key = f"{gives}.{mount}"
+        merits.append({"axis": mount, **{name: Dependent(one, key) for name, one in numbers.items()}, **figures})
+        about = _about(figures)
+        lines.append(Dependent(f"{mount}: W {value:.7g} 1/s^2, {about}", key, instead=f"{mount}: rejected, {about}"))
         found += [(mount, finding) for finding in (*free.findings, *rejections)]
     return MeasuredSwings(
         mounted=tuple(swing for swing in mounted if swing.axis != FIXTURE),
         fixture=next((swing for swing in mounted if swing.axis == FIXTURE), None),
-        quality=tuple(quality),
+        merits=tuple(merits),
+        lines=tuple(lines),
         found=tuple(found),
         records=tuple(swing for swing in swings if isinstance(swing, AngleRecord)),
     )
@@ -130,11 +140,8 @@ def _by_thesis(swing: FreeSwing) -> tuple[float, float, dict[str, Any], tuple[Fi
     return frequency, std, {"accepted": not rejections, "peaks_used": swing.peaks_used}, rejections
 
 
-def _line(quality: Mapping[str, Any]) -> str:
-    if "known_kg_m2" in quality:
-        return f"{quality['axis']}: {quality['known_kg_m2']:.7g} kg m^2, as given"
-    frequency = f"W {quality['natural_frequency_squared_s2']:.7g} 1/s^2" if quality["accepted"] else "rejected"
-    line = f"{quality['axis']}: {frequency}, {quality['peaks_used']} peaks"
-    if "damping_terms" not in quality:
-        return f"{line}, damped cosine"
-    return f"{line}, waveform off by {100 * quality['distortion']:.2g} %, drift {100 * quality['drift']:+.2g} %"
+def _about(figures: Mapping[str, Any]) -> str:
+    peaks = f"{figures['peaks_used']} peaks"
+    if "damping_terms" not in figures:
+        return f"{peaks}, damped cosine"
+    return f"{peaks}, waveform off by {100 * figures['distortion']:.2g} %, drift {100 * figures['drift']:+.2g} %"

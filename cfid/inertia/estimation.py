@@ -1,27 +1,30 @@
 """Axis inertias to the inertia matrix: generalised least squares, budget, consistency, mounting advice."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri
 
 from cfid.errors import FitError
 from cfid.estimate.linear import gain_of
-from cfid.estimate.propagation import budget, contributions
-from cfid.findings import Finding, rejection, warning
+from cfid.estimate.propagation import Input, budget
+from cfid.findings import Finding, note, rejection, warning
 from cfid.inertia.consistency import as_matrix, is_consistent, nearest_consistent
 from cfid.inertia.directions import matrix_rows
+from cfid.inertia.sensitivities import UNKNOWNS, Moved, moved_by_inputs
 from cfid.swing.axis_inertias import AxisInertias
 from cfid.swing.plausibility import BEYOND_STD
 
 Array = npt.NDArray[np.float64]
 
-UNKNOWNS = 6
 MATRIX = "inertia.matrix_kg_m2"
 UNLIKELY = 1e-3  # chance of a chi-squared as large, below which the swings contradict each other
+SCATTER_BY_CHANCE = 0.05  # chance of a chi-squared as large, above which scatter needs no cause
 _SHARED = ("mass", "gravity", "centre of mass")  # groups of inputs
 _INDEPENDENT = 1e-6  # smallest over largest singular value of the axes' rows
 
@@ -57,7 +60,7 @@ class InertiaFit:
     """
 
     axes: MeasuredAxes
-    moved: "Moved"
+    moved: Moved
     matrix_kg_m2: Array
     std_kg_m2: Array
     covariance: Array
@@ -97,16 +100,16 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
     evaluated = axis_inertias.evaluate(axis_inertias.values)
     rows = matrix_rows(evaluated.direction)
     condition = _check_axes(rows)
-    moved = moved_by_inputs(axis_inertias)
-    solved = solve(rows, evaluated.about_centre_kg_m2, moved)
+    moved, hangings, solved, hanging_findings = _solved_with_hangings(axis_inertias, rows)
     gain, columns, covariance = solved.gain, solved.columns, solved.covariance
     degrees_of_freedom = len(rows) - UNKNOWNS
     inflation, findings = _scatter(solved.chi_squared, degrees_of_freedom)
+    findings += hanging_findings
     raw, entries = as_matrix(solved.entries), solved.possible()
     projection_std = deviation(entries - solved.entries, covariance)
     findings += (*_projection_finding(raw, projection_std), *_moment_findings(as_matrix(entries), covariance))
     spread = inflation * np.sqrt(np.diag(covariance))
-    shares = budget(gain @ columns, axis_inertias.inputs)
+    shares = budget(gain @ columns, (*axis_inertias.inputs, *hangings))
     if inflation > 1:
         shares["scatter between swings"] = math.sqrt(1 - inflation**-2) * spread
     return InertiaFit(
@@ -115,7 +118,7 @@ def fit_inertia(axis_inertias: AxisInertias) -> InertiaFit:
         matrix_kg_m2=as_matrix(entries),
         std_kg_m2=as_matrix(spread),
         covariance=inflation**2 * covariance,
-        common=_common(gain @ columns, axis_inertias),
+        common=_common(gain @ columns[:, : len(axis_inertias.inputs)], axis_inertias),
         residual=None if degrees_of_freedom == 0 else solved.residual / _residual_std(rows, gain, columns),
         chi_squared=solved.chi_squared,
         degrees_of_freedom=degrees_of_freedom,
@@ -143,7 +146,43 @@ class Solved(NamedTuple):
         return self.entries if consistent else nearest_consistent(self.entries, self.covariance)
 
 
-def solve(rows: Array, about_centre_kg_m2: Array, moved: "Moved") -> Solved:
+def _solved_with_hangings(
+    axis_inertias: AxisInertias, rows: Array
+) -> tuple[Moved, Sequence[Input], Solved, tuple[Finding, ...]]:
+    """Solve; where swings about one mount differ by more than their fits allow, give each its own hanging.
+
+    Hung anew, a body takes another place in its mount, somewhere within what the mount is known to. The share of that
+    in each hanging is the one with which the swings scatter as expected, up to the whole; swings that contradict each
+    other even then are solved without. Returns by how much inputs and hangings move the swings, the hangings as
+    inputs, what is solved, and what was found.
+    """
+    inertias, inputs = axis_inertias.evaluate(axis_inertias.values).about_centre_kg_m2, axis_inertias.inputs
+    moved = moved_by_inputs(axis_inertias)
+    solved = solve(rows, inertias, moved)
+    mounts = [swing.axis for swing in axis_inertias.swings]
+    repeated = [mount for mount in dict.fromkeys(mounts) if mounts.count(mount) > 1]
+    freedom = len(rows) - UNKNOWNS
+    if not repeated or solved.chi_squared <= chdtri(freedom, SCATTER_BY_CHANCE):
+        return moved, (), solved, ()
+
+    def excess(share: float) -> float:
+        return solve(rows, inertias, moved.hung_anew(inputs, share)).chi_squared - freedom
+
+    most = excess(1.0)
+    if contradictory(most + freedom, freedom):
+        return moved, (), solved, ()
+    share = 1.0 if most > 0 else brentq(excess, 0.0, 1.0, xtol=1e-4)
+    moved = moved.hung_anew(inputs, share)
+    hanging = Input(name="hanging", group="hangings", value=0.0, std=share)
+    hangings = [hanging] * (moved.about_centre.shape[1] - len(inputs))
+    text = (
+        f"swings about {' and '.join(repeated)} differ by more than their fits allow, as bodies do that are hung anew: "
+        f"each hanging counts with {100 * share:.2g} % of its mount's standard uncertainties."
+    )
+    return moved, hangings, solve(rows, inertias, moved), (note("inertia-hangings-differ", text, MATRIX),)
+
+
+def solve(rows: Array, about_centre_kg_m2: Array, moved: Moved) -> Solved:
     """Solve for the entries by generalised least squares; rows (n, 6), inertias (n,)."""
     entries = np.linalg.lstsq(rows, about_centre_kg_m2, rcond=None)[0].astype(np.float64)
     # A tilt moves an axis' row too, by an amount that depends on the matrix: hence twice.
@@ -173,27 +212,6 @@ def _check_axes(rows: Array) -> float:
             "(1, -1.618, 0), (1.618, 0, 1), (-1.618, 0, 1)."
         )
     return float(singular[0] / singular[-1])
-
-
-class Moved(NamedTuple):
-    """By how much each input's standard uncertainty moves what is measured: (n, i), (n, i) and (n, 6, i)."""
-
-    about_axis: Array
-    about_centre: Array
-    rows: Array
-
-
-def moved_by_inputs(axis_inertias: AxisInertias) -> Moved:
-    """Return by how much each input's standard uncertainty moves the inertias and the rows of the swings."""
-
-    def outputs(values: Array) -> Array:
-        found = axis_inertias.evaluate(values)
-        rows = matrix_rows(found.direction)
-        return np.concatenate([found.about_axis_kg_m2, found.about_centre_kg_m2, rows.ravel()])
-
-    count = len(axis_inertias.swings)
-    columns = contributions(outputs, axis_inertias.inputs)
-    return Moved(columns[:count], columns[count : 2 * count], columns[2 * count :].reshape(count, UNKNOWNS, -1))
 
 
 def _measured(axis_inertias: AxisInertias, moved: Moved) -> MeasuredAxes:
@@ -276,7 +294,7 @@ def _moment_findings(matrix: Array, covariance: Array) -> tuple[Finding, ...]:
 
 def _scatter(chi_squared: float, degrees_of_freedom: int) -> tuple[float, tuple[Finding, ...]]:
     """Return the factor by which repeated swings scatter beyond their uncertainties, and what that means."""
-    if degrees_of_freedom == 0 or chi_squared <= chdtri(degrees_of_freedom, 0.05):
+    if degrees_of_freedom == 0 or chi_squared <= chdtri(degrees_of_freedom, SCATTER_BY_CHANCE):
         return 1.0, ()
     inflation = math.sqrt(chi_squared / degrees_of_freedom)
     text = (

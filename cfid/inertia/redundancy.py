@@ -10,16 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.findings import Finding, note, rejection
+from cfid.inertia.consistency import entries_of
 from cfid.inertia.directions import checking_axis, matrix_rows
-from cfid.inertia.estimation import (
-    MATRIX,
-    UNKNOWNS,
-    InertiaFit,
-    Moved,
-    contradictory,
-    deviation,
-    solve,
-)
+from cfid.inertia.estimation import MATRIX, InertiaFit, contradictory, deviation, solve
+from cfid.inertia.sensitivities import UNKNOWNS, Moved
 from cfid.swing.axis_inertias import AxisInertias
 from cfid.swing.plausibility import BEYOND_STD
 
@@ -132,7 +126,7 @@ def _suspects(axis_inertias: AxisInertias, swings: _Swings) -> Finding:
 
 def _unchecked(axis_inertias: AxisInertias, swings: _Swings, fit: InertiaFit) -> tuple[Finding, ...]:
     """Ask for a seventh mount where there are six, and name the exchanges that would pass."""
-    entries = fit.matrix_kg_m2[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    entries = entries_of(fit.matrix_kg_m2)
     unseen = [
         pair
         for pair, others in _exchanges(axis_inertias, swings)

@@ -1,6 +1,6 @@
 """The inertia matrix and its axis inertias: quantities, findings, budget and mounting advice."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,16 +8,18 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.linear import weighted_mean
-from cfid.findings import Finding, note, rejected, rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.inertia.data import MeasuredSwings, Peaks, Swing, measure, records_of
 from cfid.inertia.directions import icosahedron_axes, off_diagonal_gain
-from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes, moved_by_inputs
+from cfid.inertia.estimation import MATRIX, InertiaFit, MeasuredAxes, fit_inertia, measure_axes
 from cfid.inertia.figures import budget_figure
 from cfid.inertia.redundancy import distance_findings, redundancy_findings
+from cfid.inertia.sensitivities import moved_by_inputs
+from cfid.quantities.values import PRODUCTS
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs, implausible_quantities
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, SwungBody
@@ -28,6 +30,7 @@ from cfid.swing.result import Method
 
 Array = npt.NDArray[np.float64]
 
+_AXIS = "inertia.axis_kg_m2"
 _GRAM_KG, _FIXTURE_M = 1e-3, 2e-3
 
 
@@ -38,6 +41,7 @@ def fit(
     mass_kg: float | None = None,
     mass_std_kg: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     method: Method = "default",
@@ -56,9 +60,11 @@ def fit(
     given = records_of(swings)
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
     body = vehicle(rig, mass_kg, mass_std_kg)
-    measured = measure(given, body="crazyflie", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
+    measured = measure(
+        given, body="crazyflie", gives=_AXIS, peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method
+    )
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
-    around = surroundings(rig, gravity_mps2, measured.fixture)
+    around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     axis_inertias = AxisInertias(measured.mounted, body, around)
     findings = [*notes, *measured.findings(_resting_on), *_two_directions(axis_inertias)]
     matrix: InertiaFit | None = None
@@ -76,7 +82,6 @@ def fit(
         *_body_findings(body, axes, about, rig),
         *implausible_quantities(quantities, rig),
     ]
-    lost = rejected(findings, [MATRIX, *(f"inertia.centre_kg_m2.{axis}" for axis in axes)])
 
     def drawings() -> Figures:
         return {} if matrix is None else {"inertia": budget_figure(matrix, axes=axes)}
@@ -90,13 +95,13 @@ def fit(
         if matrix is None
         else covariance_between({MATRIX: matrix.matrix_kg_m2.tolist()}, matrix.covariance),
         common={} if matrix is None else {cause: {MATRIX: column.tolist()} for cause, column in matrix.common.items()},
-        quality=_quality(axes, about, matrix, measured),
+        merits=_merits(axes, about, matrix, measured),
         findings=tuple(findings),
         sources=measured.sources,
         lines=(
             *measured.lines,
-            *(_budget_lines(matrix) if matrix is not None and MATRIX not in lost else ()),
-            *(_proposals(axis_inertias, axes, about, lost) if propose else ()),
+            *(() if matrix is None else (Dependent(line, MATRIX) for line in _budget_lines(matrix))),
+            *(_proposals(axis_inertias, axes, about, matrix is not None) if propose else ()),
         ),
         drawings=drawings,
         folder=measured.folder,
@@ -163,11 +168,11 @@ def _combined(values: Array, std: Array) -> tuple[float, float]:
     return float(weighted_mean(values, std=std).values[0]), float(std.min())
 
 
-def _quality(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swings: MeasuredSwings) -> dict[str, Any]:
+def _merits(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swings: MeasuredSwings) -> dict[str, Any]:
     residual = None if fit is None else fit.residual
     return {
-        **({} if fit is None else _matrix_quality(fit)),
-        "swings": swings.quality,
+        **({} if fit is None else _matrix_merits(fit)),
+        "swings": swings.merits,
         "mounts": [
             {
                 "axis": axis,
@@ -181,16 +186,16 @@ def _quality(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, sw
     }
 
 
-def _matrix_quality(fit: InertiaFit) -> dict[str, Any]:
+def _matrix_merits(fit: InertiaFit) -> dict[str, Any]:
     return {
         "rms": None if fit.residual is None else float(np.sqrt(np.mean(fit.residual**2))),
         "chi_squared": fit.chi_squared,
         "degrees_of_freedom": fit.degrees_of_freedom,
-        "eigenvalues_kg_m2": np.linalg.eigvalsh(fit.matrix_kg_m2),
+        "eigenvalues_kg_m2": Dependent(np.linalg.eigvalsh(fit.matrix_kg_m2), MATRIX),
         "consistent": fit.raw_matrix_kg_m2 is None,
-        "raw_matrix_kg_m2": fit.raw_matrix_kg_m2,
+        "raw_matrix_kg_m2": Dependent(fit.raw_matrix_kg_m2, MATRIX),
         "condition": fit.condition,
-        "budget_kg_m2": dict(fit.budget),
+        "budget_kg_m2": Dependent(dict(fit.budget), MATRIX),
     }
 
 
@@ -214,28 +219,27 @@ def _budget_lines(fit: InertiaFit) -> list[str]:
     lines = ["uncertainty budget, contribution to the diagonal (mean) and to the products (mean), 1e-9 kg m^2:"]
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
-        products = 1e9 * np.mean([share[0, 1], share[0, 2], share[1, 2]])
+        products = 1e9 * np.mean([share[place] for place in PRODUCTS])
         lines.append(f"  {group:<18}{diagonal:9.1f}{products:9.1f}")
     return lines
 
 
 def _proposals(
-    axis_inertias: AxisInertias, axes: list[str], measured: MeasuredAxes, rejected: Mapping[str, str]
-) -> list[str]:
-    lines = ["distances: where an error of 0.1 mm in the mount does not matter"]
+    axis_inertias: AxisInertias, axes: list[str], measured: MeasuredAxes, determined: bool
+) -> list[str | Dependent]:
+    lines: list[str | Dependent] = ["distances: where an error of 0.1 mm in the mount does not matter"]
     for i, axis in enumerate(axes):
-        if f"inertia.centre_kg_m2.{axis}" in rejected:
-            continue
         felt = 1e9 * 1e-4 * abs(measured.sensitivity_kg_m[i])
-        lines.append(
+        line = (
             f"  {axis:<6} now {1e3 * measured.distance_m[i]:6.2f} mm (0.1 mm moves I_G by {felt:6.1f}e-9 kg m^2), "
             f"best {1e3 * measured.best_distance_m[i]:6.2f} mm"
         )
-    lines.append("axes: the six diagonals of an icosahedron determine all entries equally well")
-    direction = axis_inertias.evaluate(axis_inertias.values).direction
-    if MATRIX not in rejected:
-        gain = off_diagonal_gain(direction)
-        lines[-1] += f"; the products' standard uncertainties become {100 * gain:.0f} % smaller"
-    lines[-1] += ":"
+        lines.append(Dependent(line, f"inertia.centre_kg_m2.{axis}"))
+    better = "axes: the six diagonals of an icosahedron determine all entries equally well"
+    lines.append(f"{better}:")
+    if determined:
+        gain = off_diagonal_gain(axis_inertias.evaluate(axis_inertias.values).direction)
+        smaller = f"{better}; the products' standard uncertainties become {100 * gain:.0f} % smaller:"
+        lines[-1] = Dependent(smaller, MATRIX, instead=f"{better}:")
     lines += [f"  direction = [{x:+.4f}, {y:+.4f}, {z:+.4f}]" for x, y, z in icosahedron_axes()]
     return lines

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from cfid.findings import Finding, rejected, rejection, warning
+from cfid.findings import Finding, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
 from cfid.inertia.figures import testbody_figure
 from cfid.records.parameters import Parameter
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, swung_test_body
@@ -19,6 +19,8 @@ from cfid.swing.result import Method
 UNLIKELY_STD = 4.0
 ANOTHER_STD = 20.0  # no calliper is that wrong
 
+_MEASURED = "testbody.measured_kg_m2"
+
 
 def fit_testbody(
     swings: Sequence[Swing],
@@ -27,6 +29,7 @@ def fit_testbody(
     mass_kg: float | None = None,
     mass_std_kg: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     peaks: Peaks = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     method: Method = "default",
@@ -38,16 +41,20 @@ def fit_testbody(
     given = records_of(swings)
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
     body = drawn_body(rig, mass_kg, mass_std_kg)
-    measured = measure(given, body="testbody", peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method)
+    measured = measure(
+        given, body="testbody", gives=_MEASURED, peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method
+    )
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
-    around = surroundings(rig, gravity_mps2, measured.fixture)
+    around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     comparisons = compare(body, AxisInertias(measured.mounted, swung_test_body(body), around))
     findings = (*notes, *measured.findings(_resting_on), *_differences(comparisons))
     quantities = _quantities(comparisons)
-    differences = tuple(
-        f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing"
+    differences = (
+        Dependent(
+            f"{c.axis}: measured {100 * (c.measured_kg_m2 / c.calculated_kg_m2 - 1):+.4f} % off the drawing",
+            f"testbody.error.{c.axis}",
+        )
         for c in comparisons
-        if f"testbody.error.{c.axis}" not in rejected(findings, quantities)
     )
 
     def drawings() -> Figures:
@@ -58,7 +65,7 @@ def fit_testbody(
         method=method,
         quantities=quantities,
         wanted=("testbody.error.*",),
-        quality={"swings": measured.quality, "deviations": {c.axis: c.deviations for c in comparisons}},
+        merits={"swings": measured.merits, "deviations": {c.axis: c.deviations for c in comparisons}},
         findings=findings,
         sources=measured.sources,
         lines=(*measured.lines, *differences),

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,32 +12,21 @@ import numpy.typing as npt
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
 from cfid.records.campaign import Campaign
-from cfid.records.logs.any_kind import is_binary_log, read_log
+from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.kinds import Kind, is_flown, kind_at
 from cfid.records.logs.log import Array, Series
 from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
-from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
-from cfid.records.tables.blocks import table_blocks
-from cfid.records.tables.schema import TIME, Foreign
+from cfid.records.tables.schema import Foreign
+from cfid.records.tables.table import open_table
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
-from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 from cfid.units import MOTORS
-
-Kind = Literal["angle", "wrench", "flight"]
 
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 _COMMAND_NAMES = tuple(tuple(f"{name}{motor}" for motor in MOTORS) for name in ("motor.m", "pwm.m"))
-_FLOWN = re.compile(
-    r"(?:\w+_)?(?:(?:gyro|acc)[._][xyz]|(?:motor|pwm|rpm)[._]m[1-4]\w*|(?:stateEstimate|stabilizer)[._]\w+|pm[._]vbat\w*)"
-)
-_COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
-    "wrench": tuple(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
-    "flight": (_FLOWN,),
-    "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
-}
 _NO_COLUMN = re.compile(r'[\s,;"]+')
 
 
@@ -67,22 +55,18 @@ class _Devices:
 
 
 def kind_of(path: Path, reading: Foreign) -> Kind:
-    """Return what a recording is: a log of a vehicle, forces and torques, or an angle.
+    """Return what a recording is that can be imported.
 
     Raises ConfigError where its columns do not show it, DataError where it cannot be read.
     """
-    if is_binary_log(path):
-        return "flight"
-    if reading.columns:
-        return "wrench" if len(reading.columns) > len(AXES) else "angle"
-    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
-    for kind, columns in _COLUMNS.items():
-        if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
-            return kind
-    raise ConfigError(
-        f"{path}: its columns ({table.listing}) do not show what was recorded: give `kind` angle, wrench or flight. "
-        "A table of a thrust stand is not imported: `cfid fit thrust` and `cfid fit speed` read it as it is."
-    )
+    kind = kind_at(path, reading)
+    if kind is None or kind == "stand":
+        raise ConfigError(
+            f"{path}: its columns ({open_table(path, skip_lines=reading.skip_lines).listing}) do not show what was "
+            "recorded: give `kind` angle, wrench or flight. A table of a thrust stand is not imported: `cfid fit "
+            "thrust` and `cfid fit speed` read it as it is."
+        )
+    return kind
 
 
 def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Label, kind: str) -> Imported:
@@ -128,7 +112,7 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
     Columns with numbers that are not finite are left out. Raises DataError and ConfigError as `read_log`.
     """
     log = read_log(path, reading)
-    main = max(log.series, key=lambda one: (any(map(_is_flown, one.names)), one.rows))
+    main = max(log.series, key=lambda one: (any(map(is_flown, one.names)), one.rows))
     records: dict[str, DeviceRecord] = {}
     blocks: dict[str, Iterator[Array]] = {}
     commands: Iterator[Array] | None = None
@@ -146,7 +130,7 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
         if not names or len(set(names)) < len(names):
             notes.append(f"{series.name}: left out: {'two columns have one name' if names else 'no column is left'}.")
             continue
-        device = VEHICLE_LOG if series is main and any(map(_is_flown, names)) else _word(series.name)
+        device = VEHICLE_LOG if series is main and any(map(is_flown, names)) else _word(series.name)
         while device in records:
             device += "_"
         records[device] = DeviceRecord(file=f"{device}.csv", columns=("t", *names))
@@ -203,11 +187,6 @@ def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label,
     assumed = f" Assumed: {'; '.join(devices.assumed)}." if devices.assumed else ""
     run = Run(folder=writer.folder, header=writer.header)
     return Imported(run=run, understood=f"{devices.understood}{assumed}", notes=devices.notes)
-
-
-def _is_flown(name: str) -> bool:
-    """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
-    return bool(_FLOWN.fullmatch(name))
 
 
 def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) -> str:

@@ -75,4 +75,4 @@ def _found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
         result = fit([run])
     except FitError as error:
         return {}, [str(error)]
-    return {key: quantity.as_json() for key, quantity in result.quantities.items()}, result.lines
+    return {key: quantity.as_json() for key, quantity in result.quantities.items()}, result.summary()

@@ -55,7 +55,7 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
         method="default",
         quantities={**_trip_quantities(trips), **({} if line is None else _clock_quantities(line, trips))},
         wanted=("latency.rtt_*",),
-        quality={
+        merits={
             "answers": trips.answers,
             "one_way_mean_s": trips.one_way_mean_s,
             "offset_bound_s": trips.offset_bound_s,

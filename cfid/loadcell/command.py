@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import find_recording, open_workplace
+from cfid.console.lists import measured
 from cfid.console.messages import note
 from cfid.console.options import Delivery, GravityMps2, RigOptions, flat, positive
 from cfid.console.outcome import deliver
@@ -23,7 +24,9 @@ def loadcell(
         list[str] | None,
         typer.Argument(metavar="RUN ...", help="Runs with a load; default: the campaign's with --pull."),
     ] = None,
-    at_std_mm: Annotated[float, typer.Option(help="Standard uncertainty of the places of weights.")] = 0.2,
+    at_std_mm: Annotated[
+        float, typer.Option(help="Standard uncertainty of the places of weights that state none.")
+    ] = 0.2,
     store: Annotated[bool, typer.Option("--store", help="Write the calibration to rig.toml for later runs.")] = False,
     rig: RigOptions,
     delivery: Delivery,
@@ -39,7 +42,8 @@ def loadcell(
     from cfid.loadcell import fit
     from cfid.units import MM
 
-    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(rig, gravity=gravity)
     if store and workplace.campaign is None:
         raise ConfigError("--store: there is no campaign here whose rig.toml could be changed: give --campaign.")
     words = chosen(

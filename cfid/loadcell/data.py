@@ -33,6 +33,8 @@ class LoadedRun:
     weight_kg: float
     pull: Pull
     at_m: Array
+    at_std_m: float | None
+    weight_std_kg: float
     reading: Array
     std: Array
     source: Source
@@ -67,6 +69,8 @@ def read_load(run: Run | Path | str) -> LoadedRun:
         weight_kg=_GRAM * (label.weight_g or 0.0),
         pull=label.pull,
         at_m=MM * np.array(label.at_mm or (0.0, 0.0, 0.0)),
+        at_std_m=None if label.at_std_mm is None else MM * label.at_std_mm,
+        weight_std_kg=_GRAM * (label.weight_std_g or 0.0),
         reading=mean.value,
         std=mean.std,
         source=record.source,
@@ -77,10 +81,15 @@ def read_load(run: Run | Path | str) -> LoadedRun:
 
 
 def loads_of(runs: Sequence[LoadedRun], *, gravity_mps2: float, at_std_m: float) -> Loads:
-    """Return all runs' loads and readings, with the uncertainty of their places."""
+    """Return all runs' loads and readings, with the uncertainty of their weights and places.
+
+    `at_std_m` is that of a place that states none.
+    """
     parts = []
     for run in runs:
         load = run.load(gravity_mps2)
-        std = np.hypot(run.std, place_error(load=load, std_m=at_std_m))
+        of_place = place_error(load=load, std_m=at_std_m if run.at_std_m is None else run.at_std_m)
+        of_weight = np.abs(load) * run.weight_std_kg / (run.weight_kg or 1.0)
+        std = np.sqrt(run.std**2 + of_place**2 + of_weight**2)
         parts.append((load, run.reading, std, run.pull))
     return joined(parts)

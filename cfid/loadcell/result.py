@@ -53,7 +53,7 @@ def fit(
         quantities={key: one for fit in found.values() for key, one in _quantities(fit).items()},
         wanted=("loadcell.gain.*",),
         covariances=tuple(one for fit in found.values() for one in _covariances(fit)),
-        quality={"runs": len(loaded), "misfit": {axis: fit.misfit for axis, fit in found.items()}},
+        merits={"runs": len(loaded), "misfit": {axis: fit.misfit for axis, fit in found.items()}},
         findings=(
             *(finding for run in loaded for finding in run.findings),
             *(finding for fit in found.values() for finding in _findings(fit)),

@@ -20,7 +20,7 @@ from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-COMMAND = "command (0 to 65535)"
+COMMAND = f"command (0 to {FULL_COMMAND})"
 
 _MOST_BINS = 2000  # of the band: two for every dot of a screen
 _FEWEST = 10  # samples of a mean that leaves the lowest and the highest out

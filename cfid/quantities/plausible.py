@@ -11,7 +11,7 @@ from typing import Any
 from cfid.quantities.lookup import find
 from cfid.quantities.platforms import RANGES, Platform
 from cfid.quantities.quantity import Quantity, Range
-from cfid.quantities.values import coefficient_units, evaluate, is_matrix
+from cfid.quantities.values import PRODUCTS, coefficient_units, evaluate, is_matrix
 from cfid.units import RPM, USUAL_GRAVITY_MPS2
 
 _OTHER_UNITS: Mapping[str, Mapping[float, str]] = {
@@ -126,7 +126,7 @@ def _leaves(value: Any) -> Iterator[float]:
 def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
     """Return why no body has an inertia matrix (3, 3): its second moments must be positive definite [WKS]."""
     trace = sum(matrix[i][i] for i in range(3))
-    if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in ((0, 1), (0, 2), (1, 2))):
+    if any(abs(matrix[i][j] - matrix[j][i]) > _ROUNDING * trace for i, j in PRODUCTS):
         return f"{key} is not that of a body: it is not symmetric."
     (a, b, c), (_, d, e), (_, _, f) = ([(i == j) - 2 * matrix[i][j] / trace for j in range(3)] for i in range(3))
     if min(a, a * d - b * b, a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) > 0:
@@ -140,7 +140,7 @@ def _body_fault(key: str, matrix: Sequence[Sequence[float]]) -> str:
 
 def _product_fault(key: str, matrix: Sequence[Sequence[float]], std: Any) -> str:
     """Return why no quadrocopter of its kind has a product of inertia, with two standard uncertainties to spare."""
-    for i, j in ((0, 1), (0, 2), (1, 2)):
+    for i, j in PRODUCTS:
         moments = math.sqrt(matrix[i][i] * matrix[j][j])
         margin = 2 * std[i][j] if is_matrix(std) else 0.0
         if abs(matrix[i][j]) > _PRODUCT * moments + margin:

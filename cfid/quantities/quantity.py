@@ -36,8 +36,8 @@ class Quantity:
 
     `unit` is that of --json and parameters.toml. A polynomial gives `of` (a unit) over `over`, its highest power first
     where it is not `lowest_first`. `count` is how many numbers a list has, where that is known; `columns` are those of
-    rows that must be numbers. `section` is its section of parameters.toml, `given_by` the way to measure it. A property
-    of a run, not of the vehicle, is `of_the_run`.
+    rows that must be numbers, `measured` those that a row's rejection takes away. `section` is its section of
+    parameters.toml, `given_by` the way to measure it. A property of a run, not of the vehicle, is `of_the_run`.
     """
 
     key: str
@@ -48,6 +48,7 @@ class Quantity:
     plausible: Range | None = None
     count: int | None = None
     columns: tuple[str, ...] = ()
+    measured: tuple[str, ...] = ()
     of: str = ""
     over: str = ""
     lowest_first: bool = False

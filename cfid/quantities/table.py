@@ -136,7 +136,8 @@ _ROTORS = _given(
     "rotor", "`cfid fit rotor`",
     Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
              Range(200, 5000, "slower ones stand, faster ones no propeller survives")),
-    Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS),
+    Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS,
+             measured=("speed_rad_s", "std_rad_s")),
 ) + _given(
     "dynamics", "`cfid fit dynamics`",
     Quantity("dynamics.rising", "1/s, 1/rad", "k_r", "rotor model, spinning up: linear and quadratic", Shape.LIST,
@@ -145,7 +146,8 @@ _ROTORS = _given(
              _SPINNING, count=2),
     Quantity("dynamics.delay_s", "s", "δ", "delay of the rotor behind its logged command", plausible=_LATE,
              given_by="`cfid fit dynamics` of a flight log"),
-    Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS),
+    Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS,
+             measured=("time_constant_s", "std_s", "delay_s")),
     Quantity("dynamics.map", "as named", "", "what each rotor's lag follows, c0 + c1 u + c2 u^2 of its command",
              Shape.ROWS, given_by="`cfid fit dynamics` of a flight log"),
 )  # fmt: skip
@@ -232,7 +234,7 @@ _STATED = _given(
 ) + _given(
     "set", "",
     Quantity("arm_m", "m", "l", "vehicle's centre to a motor's axis", plausible=Range(0.015, 0.3, "a Crazyflie has "
-             "0.046"), given_by="`cfid set arm_m 0.046`: from the vehicle's centre to a motor's axis"),
+             "0.046"), given_by="rig.toml's loadcell, or `cfid set arm_m 0.046`"),
     Quantity("rotor_inertia_kg_m2", "kg m^2", "I_r", "inertia of rotor and propeller about their axis",
              plausible=Range(1e-10, 1e-5, "a Crazyflie has 3e-8"), given_by="`cfid set rotor_inertia_kg_m2 3e-8`"),
     Quantity("rotor_radius_m", "m", "R", "radius of a propeller", plausible=Range(0.005, 0.15, "a Crazyflie has "
@@ -250,6 +252,8 @@ _SHOWN = _given(
     Quantity("recording.[<device>.]std_n", "N", "", "how far forces scatter", Shape.LIST, count=3, of_the_run=True),
     Quantity("recording.[<device>.]mean_nm", "N m", "", "mean torque", Shape.LIST, count=3, of_the_run=True),
     Quantity("recording.[<device>.]std_nm", "N m", "", "how far torques scatter", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]range.<column>", "", "", "lowest and highest number of a column",
+             Shape.LIST, count=2, of_the_run=True),
     Quantity("recording.[<device>.]mean.<column>", "", "", "mean of a column, its unit as the column's name ends",
              of_the_run=True),
 )  # fmt: skip

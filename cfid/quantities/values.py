@@ -10,6 +10,7 @@ from cfid.quantities.lookup import find, registered
 from cfid.quantities.quantity import Quantity, Shape
 
 ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}  # of a symmetric matrix
+PRODUCTS = (ENTRIES["xy"], ENTRIES["xz"], ENTRIES["yz"])  # its places off the diagonal, each once
 ALL_ENTRIES = {f"{row}{column}": (i, j) for i, row in enumerate("xyz") for j, column in enumerate("xyz")}
 
 _NUMBER = 0  # any number in a form

@@ -126,7 +126,7 @@ class Campaign(BaseModel):
             section=section,
             quality=plain(given.quality),
             findings=given.findings,
-            lines=given.lines,
+            lines=given.summary(),
             figures=tuple(self._path_in(str(path)) for path in figures),
         )
         store_section(self.parameters_file, fit.name, section)

@@ -111,8 +111,10 @@ def _content(path: Path) -> Any:
         raise DataError(
             f"{path}: has format {found}, written by a newer cfid; this one reads formats up to {FORMAT}. Update cfid."
         )
-    old = [(rejection, content.pop("doubts", [])), (warning, content.pop("warnings", []))]
-    findings = [finding("of-an-older-version", text) for finding, sentences in old for text in sentences]
+    findings = [
+        *(rejection("of-an-older-version", text) for text in content.pop("doubts", [])),
+        *(warning("of-an-older-version", text) for text in content.pop("warnings", [])),
+    ]
     return content | {
         "section": with_current_keys(content.get("section")),
         "findings": _with_sentences(content.get("findings")) or findings,

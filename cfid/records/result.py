@@ -1,6 +1,6 @@
 """The result of an analysis: its quantities, findings, lines for the terminal and figures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from cfid.findings import Finding, merged
 from cfid.findings import rejected as rejected_among
-from cfid.quantities.lookup import unit_of
+from cfid.quantities.lookup import find, unit_of
+from cfid.quantities.values import is_rows
 from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter, Source
 
@@ -18,14 +19,30 @@ if TYPE_CHECKING:
 Figures = Mapping[str, "Figure"]
 
 
+class Dependent:
+    """A figure of merit or a line that gives away the numbers of quantities: it goes where one of them is rejected.
+
+    `instead` is what then stands in its place, None for nothing.
+    """
+
+    def __init__(self, value: Any, *quantities: str, instead: Any = None) -> None:
+        """Let a value depend on quantities, which are named by their keys."""
+        self.value, self.quantities, self.instead = value, quantities, instead
+
+    def is_lost(self, rejections: Sequence[Finding]) -> bool:
+        """Return whether a rejection concerns one of the quantities."""
+        return any(one.concerns(key) for one in rejections for key in self.quantities)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Result:
     """The result of one analysis, the same type for every experiment.
 
     `command` is the command that gives it, `section` its section of parameters.toml. `quantities` has every quantity,
     rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means all.
-    `quality` has figures of merit of the fit. `covariances` and `common` are as in a section of parameters.toml.
-    `lines` are further lines for the terminal. `drawings` makes the figures by file name, and `folder` is their folder.
+    `merits` has figures of merit of the fit, which `quality` reads. `covariances` and `common` are as in a section of
+    parameters.toml. `lines` are further lines for the terminal, which `summary` reads. `drawings` makes the figures by
+    file name, and `folder` is their folder.
     """
 
     command: str
@@ -34,11 +51,11 @@ class Result:
     quantities: Mapping[str, Parameter]
     wanted: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    quality: Mapping[str, Any] = field(default_factory=dict)
+    merits: Mapping[str, Any] = field(default_factory=dict)
     sources: tuple[Source, ...] = ()
     covariances: tuple[Covariance, ...] = ()
     common: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
-    lines: tuple[str, ...] = ()
+    lines: tuple[str | Dependent, ...] = ()
     drawings: Callable[[], Figures] | None = None
     folder: Path = field(default_factory=Path)
 
@@ -56,28 +73,74 @@ class Result:
     @property
     def accepted(self) -> bool:
         """Whether no quantity that the analysis is for was rejected."""
-        against = [one for one in self.findings if one.severity == "rejection"]
-        whole = any(not one.quantities for one in against)
+        rejections = [one for one in self.findings if one.severity == "rejection"]
+        whole = any(not one.quantities for one in rejections)
         return not whole and not any(fnmatchcase(key, wanted) for key in self.rejected for wanted in self.wanted or "*")
 
     def summary(self) -> tuple[str, ...]:
         """Return the lines for the terminal besides the table of quantities."""
-        return self.lines
+        return tuple(_plain(self.lines))
+
+    @property
+    def quality(self) -> Mapping[str, Any]:
+        """The figures of merit of the fit, by name."""
+        return dict(_plain(self.merits))
 
     def figures(self) -> Figures:
         """Draw the figures, by file name."""
         return self.drawings() if self.drawings is not None else {}
 
     def without_rejected(self) -> "Result":
-        """Return the result without the rejected quantities; the findings stay."""
+        """Return the result without the rejected quantities and what gives their numbers away; the findings stay.
+
+        Of a table's rejected rows what was measured goes.
+        """
         gone = self.rejected.keys()
+        rejections = [one for one in self.findings if one.severity == "rejection"]
         common = {
             cause: {key: effect for key, effect in effects.items() if key not in gone}
             for cause, effects in self.common.items()
         }
         return replace(
             self,
-            quantities={key: found for key, found in self.quantities.items() if key not in gone},
+            quantities={key: _accepted_rows(key, one) for key, one in self.quantities.items() if key not in gone},
+            merits=_without(self.merits, rejections),
+            lines=_without(self.lines, rejections),
             covariances=tuple(one for one in self.covariances if not gone & set(one.of)),
             common={cause: effects for cause, effects in common.items() if effects},
         )
+
+
+def _accepted_rows(key: str, quantity: Parameter) -> Parameter:
+    """Return a quantity; in rows that were rejected the measured columns are unknown."""
+    found = find(key)
+    if found is None or not is_rows(quantity.value):
+        return quantity
+    unknown = dict.fromkeys(found.measured)
+    rows = [row if row.get("accepted", True) else {**row, **unknown} for row in quantity.value]
+    return replace(quantity, value=rows)
+
+
+def _without(content: Any, rejections: Sequence[Finding]) -> Any:
+    """Return nested content without what depends on rejected quantities."""
+
+    def kept(one: Any) -> list[Any]:
+        if isinstance(one, Dependent) and one.is_lost(rejections):
+            return [] if one.instead is None else [one.instead]
+        return [_without(one, rejections)]
+
+    return _each(content, kept)
+
+
+def _plain(content: Any) -> Any:
+    """Return nested content with what depends on quantities as itself."""
+    return _each(content, lambda one: [one.value if isinstance(one, Dependent) else _plain(one)])
+
+
+def _each(content: Any, replaced: Callable[[Any], list[Any]]) -> Any:
+    """Return a mapping or list with each member replaced by one or by none, anything else as it is."""
+    if isinstance(content, Mapping):
+        return {key: new for key, one in content.items() for new in replaced(one)}
+    if type(content) in (list, tuple):
+        return type(content)(new for one in content for new in replaced(one))
+    return content

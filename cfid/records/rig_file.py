@@ -232,10 +232,20 @@ class Devices(RigTable):
     crazyflie: CrazyflieLink = CrazyflieLink()
 
 
+CampaignKind = Literal["full", "inertia", "motors", "afternoon"]
+
+
+class CampaignGoal(RigTable):
+    """What a campaign should find: everything, the inertia, the motors, or what an afternoon allows."""
+
+    kind: CampaignKind = "full"
+
+
 class Rig(RigTable):
     """The contents of rig.toml."""
 
     vehicle: VehicleData
+    campaign: CampaignGoal = CampaignGoal()
     site: Site = Site()
     encoder: EncoderScale = EncoderScale()
     loadcell: LoadCellMount = LoadCellMount()

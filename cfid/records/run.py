@@ -27,6 +27,7 @@ State = Literal["recording", "complete", "interrupted", "failed"]
 
 _Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 _Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
 _FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*\.csv$")]  # in this folder, and no other file
 _ColumnName = Annotated[str, Field(pattern=r"^[^\s,;\"][^\t\r\n,;\"]*$")]
@@ -42,14 +43,17 @@ Pull = Literal["x", "-x", "y", "-y", "z", "-z"]
 class Label(_Section):
     """The operator's label of a run: mount, weight, body and note.
 
-    `pull` is the axis of the load cell along which gravity points, and `at_mm` where the weight hangs in its frame.
+    `pull` is the axis of the load cell along which gravity points, and `at_mm` where the weight hangs in its frame;
+    `..._std...` are standard uncertainties, `at_std_mm` along each axis.
     """
 
     axis: str | None = None
     weight_g: _Positive | None = None
+    weight_std_g: _Spread | None = None
     body: Literal["crazyflie", "testbody", "fixture"] | None = None
     pull: Pull | None = None
     at_mm: tuple[_Finite, _Finite, _Finite] | None = None
+    at_std_mm: _Spread | None = None
     note: str | None = None
 
 

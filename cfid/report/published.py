@@ -4,10 +4,11 @@ Facts alone, in the units that the columns of `comparison` name. Values that wer
 turning its frame say so: in the thesis x is the pitch axis and y the roll axis, in all that copied it x is forward.
 """
 
-import math
 from typing import NamedTuple
 
 from cfid.records.rig_file import BodyFrame
+from cfid.transfer.model import EQ_3_15, EQ_3_16, Dynamics
+from cfid.units import RPM
 
 X_FORWARD = BodyFrame()
 X_PITCH = BodyFrame(forward="y", left="-x", up="z")  # the thesis' figure 2.4
@@ -130,7 +131,6 @@ INERTIA = (
 
 COMMANDS = (16384, 32768, 49152, 61440)  # 25, 50, 75 and 93.75 % of full scale, where Bitcraze's table has rows
 _GRAM_OF_FOUR_N = 1e-3 * 9.80665 / 4
-_RPM = 0.10471975511965977  # 2 pi/60, rad/s
 
 
 def _thesis_thrust_n(command: float) -> float:
@@ -153,11 +153,11 @@ THRUST_N = (
 )
 SPEED_RAD_S = (
     Published("thesis", "Crazyflie 2.0", tuple(map(_thesis_speed_rad_s, COMMANDS)), APPENDIX_A),
-    Published("Bitcraze 2015", "Crazyflie 2.0", tuple(_RPM * x for x in (10885, 15924, 20539, 23882)), STAND_2015),
+    Published("Bitcraze 2015", "Crazyflie 2.0", tuple(RPM * x for x in (10885, 15924, 20539, 23882)), STAND_2015),
     Published(
         "Luis and Le Ny",
         "Crazyflie 2.0",
-        tuple(_RPM * (0.2685 * command + 4070.3) for command in COMMANDS),
+        tuple(RPM * (0.2685 * command + 4070.3) for command in COMMANDS),
         LUIS,
         note=f"{_QUOTED} (gym-pybullet-drones has the same line)",
     ),
@@ -168,7 +168,7 @@ SPEEDS_RAD_S = (1000.0, 1500.0, 2000.0)
 
 def _of_rpm(*coefficients: float) -> tuple[float, ...]:
     """Return thrust at SPEEDS_RAD_S of a polynomial in rpm, lowest power first."""
-    return tuple(sum(c * (speed / _RPM) ** i for i, c in enumerate(coefficients)) for speed in SPEEDS_RAD_S)
+    return tuple(sum(c * (speed / RPM) ** i for i, c in enumerate(coefficients)) for speed in SPEEDS_RAD_S)
 
 
 def _squared(k_n_s2: float) -> tuple[float, ...]:
@@ -244,18 +244,16 @@ THRUST_AT_VOLTAGE_N = (
     ),
 )
 
-_SAMPLE_S = 0.002  # of the thesis' transfer functions
 
-
-def _first_order(gain_n: float, pole: float) -> tuple[float, float]:
-    """Return time constant and static gain of gain/(1 - pole z^-1)."""
-    return -_SAMPLE_S / math.log(pole), gain_n / (1 - pole)
+def _first_order(plant: Dynamics) -> tuple[float, float]:
+    """Return time constant and static gain."""
+    return plant.lags_s[0], plant.static_gain_n
 
 
 _LATE = "of its pole; the latency of its stamps was left out"
 DYNAMICS = (
-    Published("thesis (3.16)", "2.0", _first_order(7.2345374e-8, 0.9695404), APPENDIX_A, note=_LATE),
-    Published("thesis (3.15)", "2.0", _first_order(6.0705967e-8, 0.9745210), f"{THESIS}, eq. 3.15", note=_LATE),
+    Published("thesis (3.16)", "2.0", _first_order(EQ_3_16), APPENDIX_A, note=_LATE),
+    Published("thesis (3.15)", "2.0", _first_order(EQ_3_15), f"{THESIS}, eq. 3.15", note=_LATE),
     Published("RotorPy", "Crazyflie", (0.072, None), ROTORPY, note="of the rotor's speed, from flights"),
     Published("RotorPy", "Brushless", (0.050, None), ROTORPY_BL, note="of the rotor's speed"),
     *(

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cfid.quantities.values import ENTRIES
 from cfid.records.rig_file import Rig
 from cfid.sim.demo_motors import record_chapter_3
 from cfid.sim.demo_runs import SimulatedRun
@@ -28,9 +29,8 @@ def simulate_demo(rig: Rig, truth: SimTruth, *, seed: int) -> tuple[dict[str, fl
 
 def _of_bodies(truth: SimTruth, testbody: Mapping[str, float]) -> dict[str, float]:
     matrix = np.array(truth.vehicle.inertia_kg_m2)
-    pairs = [("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2)]
     return {
-        **{f"inertia.matrix_kg_m2 {name}": float(matrix[i, j]) for name, i, j in pairs},
+        **{f"inertia.matrix_kg_m2 {name}": float(matrix[place]) for name, place in ENTRIES.items()},
         "friction.coulomb_nm": truth.axis.coulomb_nm,
         "friction.viscous_nms_per_rad": truth.axis.viscous_nms_per_rad,
         "friction.setup_inertia_kg_m2": truth.axis.setup_inertia_kg_m2,

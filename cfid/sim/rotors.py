@@ -13,10 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from cfid.records.facts import Number, Positive, Spread
 from cfid.sim.stepping import Array
 from cfid.sim.wander import Wander
+from cfid.wire.app import LARGEST_COMMAND
 
 Six = tuple[Number, Number, Number, Number, Number, Number]
 
-LARGEST_COMMAND = 65535
 WANDER_S = 0.1
 NOMINAL_V = 3.7  # of a lithium cell that is half empty
 # Crazyflie 2.0, motor 1 to 4, x forward and y left: front right, back right, back left, front left.

@@ -46,7 +46,8 @@ def swing(
     """
     from cfid.swing import arguments, result
 
-    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(rig, gravity=gravity)
     mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
     found = result.fit(
         read_recording(run, reading.reading(), workplace),
@@ -56,7 +57,8 @@ def swing(
         mass_std_kg=mass.std,
         distance_m=distance.value,
         distance_std_m=distance.std,
-        gravity_mps2=gravity_mps2,
+        gravity_mps2=gravity.value,
+        gravity_std_mps2=gravity.std,
         peaks=arguments.parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
         from_s=cut.from_s,

@@ -1,7 +1,7 @@
 """What swung about what: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,9 +58,10 @@ def swing_in(record: AngleRecord, **window: Any) -> FreeSwing:
     Raises DataError that names the file.
     """
     try:
-        return find_swing(record.time_s, record.angle_rad, **window)
+        swing = find_swing(record.time_s, record.angle_rad, **window)
     except DataError as error:
         raise DataError(f"{record.path}: {error}") from None
+    return replace(swing, time_scale_std=record.time_scale_std)
 
 
 def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:
@@ -112,8 +113,15 @@ def drawn_body(rig: Rig, mass_kg: float | None, mass_std_kg: float | None = None
     return rig.testbody.model_copy(update={key: value for key, value in given.items() if value is not None})
 
 
-def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwing | None = None) -> Surroundings:
-    """Return gravity and, with a swing of it, the empty fixture; `gravity_mps2` replaces that of rig.toml.
+def surroundings(
+    rig: Rig,
+    gravity_mps2: float | None,
+    gravity_std_mps2: float | None = None,
+    fixture_swing: MountedSwing | None = None,
+) -> Surroundings:
+    """Return gravity and, with a swing of it, the empty fixture.
+
+    `gravity_mps2` and `gravity_std_mps2` replace those of rig.toml.
 
     Raises ConfigError when a fixture swung that rig.toml does not describe, and for gravity of zero or less.
     """
@@ -122,7 +130,7 @@ def surroundings(rig: Rig, gravity_mps2: float | None, fixture_swing: MountedSwi
         raise ConfigError("a swing of the fixture needs its mass and distance: add [fixture] to rig.toml.")
     return Surroundings(
         gravity_mps2=rig.site.gravity_mps2 if gravity_mps2 is None else gravity_mps2,
-        gravity_std_mps2=rig.site.gravity_std_mps2,
+        gravity_std_mps2=rig.site.gravity_std_mps2 if gravity_std_mps2 is None else gravity_std_mps2,
         fixture=rig.fixture,
         fixture_swing=fixture_swing,
     )

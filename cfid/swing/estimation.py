@@ -186,6 +186,7 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
         "noise": float(std[0]),
         "choice of terms": _spread_of_choices(ranked),
         "grid": step_error(swing, fit),
+        "clock of the encoder": 2 * frequency * swing.time_scale_std,
         # Halves that disagree by more than noise: the truth lies between them as likely as anywhere else.
         "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
         "scatter between windows": scatter_of_windows(swing, fit),

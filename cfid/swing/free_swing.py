@@ -36,6 +36,7 @@ class FreeSwing:
     `time_s` and `angle_rad` (n,) are the whole record, from its first sample and about rest. The free swing
     runs from sample `release` to sample `end` (inclusive); the default fit looks at it from `hand_gone` on.
     Peaks are those on the release's side, the release first; in a window set by hand, those that lie in it.
+    `time_scale_std` is the relative standard uncertainty of the times' scale.
     """
 
     time_s: Array
@@ -49,6 +50,7 @@ class FreeSwing:
     peaks_used: int
     period_s: float
     resolution_rad: float
+    time_scale_std: float = 0.0
     findings: tuple[Finding, ...] = ()
 
     @property

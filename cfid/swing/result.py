@@ -13,7 +13,7 @@ from cfid.estimate.propagation import contributions
 from cfid.findings import Finding, note, rejection, warning
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_inputs, implausible_quantities, taken_as_exact
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
@@ -54,6 +54,7 @@ def fit(
     distance_m: float | None = None,
     distance_std_m: float | None = None,
     gravity_mps2: float | None = None,
+    gravity_std_mps2: float | None = None,
     peaks: int | Mapping[str, int] | None = None,
     smallest_peak_rad: float = SMALLEST_PEAK_RAD,
     from_s: float | None = None,
@@ -76,7 +77,7 @@ def fit(
     rig = rig_around([record], rig)
     mass, distance = (mass_kg, mass_std_kg), (distance_m, distance_std_m)
     body = body_of_swing(rig, axis=axis, body=record.label.body, mass=mass, distance=distance)
-    around = surroundings(rig or thesis_rig(), gravity_mps2)
+    around = surroundings(rig or thesis_rig(), gravity_mps2, gravity_std_mps2)
     check_peaks(peaks, [axis] if axis else [])
     swing = swing_in(record, peaks=peaks_on(axis, peaks), smallest_peak_rad=smallest_peak_rad, from_s=from_s, to_s=to_s)
     found = _by_thesis(record, swing) if method == "thesis" else _by_default(record, swing)
@@ -88,7 +89,7 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=(_FREQUENCY, _INERTIA),
-        quality=found.quality,
+        merits=found.merits,
         findings=(
             *record.findings,
             *found.findings,
@@ -97,7 +98,7 @@ def fit(
             *(() if distance_m is None else _exact(mass=mass_std_kg, distance=distance_std_m)),
         ),
         sources=(record.source,),
-        lines=(_window_line(swing), *found.lines, *(() if inertia is None else (inertia.budget,))),
+        lines=(_window_line(swing), *found.lines, *(() if inertia is None else (Dependent(inertia.budget, _INERTIA),))),
         drawings=found.drawings,
         folder=record.path.parent,
     )
@@ -119,9 +120,9 @@ class _SwingEstimate:
     std: Coefficients
     start: tuple[float, float]
     start_std: tuple[float | None, float | None]
-    quality: Mapping[str, Any]
+    merits: Mapping[str, Any]
     findings: tuple[Finding, ...]
-    lines: tuple[str, ...]
+    lines: tuple[str | Dependent, ...]
     drawings: Callable[[], Figures]
 
 
@@ -138,7 +139,7 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
         std=fitted.std,
         start=(fitted.output_error.start_angle_rad, fitted.output_error.start_speed_rad_per_s),
         start_std=fitted.start_std,
-        quality={
+        merits={
             "rms": fitted.residual_rms_rad,
             "misfit": quality.misfit,
             "distortion": quality.distortion,
@@ -146,33 +147,40 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
             "drift_std": quality.drift_std,
             "damping_terms": fitted.terms,
             "damping_split_bic": fitted.split_bic,
-            **_window_quality(swing),
+            **_window(swing),
             **checks,
         },
         findings=fitted.findings,
         lines=(
             f"damping: {', '.join(fitted.terms) or 'none'}; residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
             f"waveform off by {100 * quality.distortion:.2g} % of the start angle, drift {100 * quality.drift:+.2g} %",
-            *(check_lines if fitted.accepted else ()),
+            *check_lines,
         ),
         drawings=drawings,
     )
 
 
-def _checks(swing: FreeSwing, fitted: SwingFit, cosine: DampedCosine) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _checks(
+    swing: FreeSwing, fitted: SwingFit, cosine: DampedCosine
+) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:
     """Return what the thesis' simpler methods find, as figures and as lines."""
     decrement, linear = log_decrement(swing), cosine.frequencies
     # An inertia is m g r over W: a frequency that is too low is an inertia that is too high.
     excess = fitted.coefficients.natural_frequency_squared_s2 / linear.natural_frequency_squared_s2 - 1
     scatter = decrement.viscous_scatter_per_s
-    return {
+    figures = {
         "damped_cosine": {**linear._asdict(), "relative_inertia_excess": excess},
         "log_decrement": {**decrement.frequencies._asdict(), "viscous_scatter_per_s": scatter},
-    }, (
+    }
+    lines = (
         f"check: the thesis' damped cosine would give {linear.natural_frequency_squared_s2:.6g} 1/s^2, "
         f"an inertia {100 * excess:+.2f} % off",
         f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
         f"{scatter / 2:.2g}; its period gives {decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
+    )
+    return (
+        {name: Dependent(each, _FREQUENCY) for name, each in figures.items()},
+        tuple(Dependent(line, _FREQUENCY) for line in lines),
     )
 
 
@@ -180,7 +188,6 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     cosine, flexible = fit_damped_cosine(swing), fit_flexible(swing)
     residual = cosine.angle_rad - cosine.model_rad
     rms = float((residual @ residual / len(residual)) ** 0.5)
-    rejected = rejections_of(swing)
     nonlinear = (
         "nonlinear equation (2.9) on the flexible function (2.16): "
         f"{flexible.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
@@ -195,13 +202,17 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
         std=Coefficients(*cosine.std, 0.0, 0.0, 0.0),
         start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
         start_std=(None, None),
-        quality={"rms": rms, **_window_quality(swing), "nonlinear_equation": flexible.frequencies._asdict()},
+        merits={
+            "rms": rms,
+            **_window(swing),
+            "nonlinear_equation": Dependent(flexible.frequencies._asdict(), _FREQUENCY),
+        },
         findings=(
             *swing.findings,
             warning("swing-thesis-bias", _THESIS_BIAS, _FREQUENCY, _INERTIA),
-            *rejected,
+            *rejections_of(swing),
         ),
-        lines=(f"damped cosine: residual {1e3 * rms:.3g} mrad rms", *(() if rejected else (nonlinear,))),
+        lines=(f"damped cosine: residual {1e3 * rms:.3g} mrad rms", Dependent(nonlinear, _FREQUENCY)),
         drawings=drawings,
     )
 
@@ -276,7 +287,7 @@ def _exact(**stds: float | None) -> list[Finding]:
     return [taken_as_exact(name, _INERTIA) for name, std in stds.items() if std is None]
 
 
-def _window_quality(swing: FreeSwing) -> dict[str, Any]:
+def _window(swing: FreeSwing) -> dict[str, Any]:
     return {
         "release_s": swing.release_s,
         "window_s": [float(swing.time_s[swing.hand_gone]), float(swing.time_s[swing.end])],

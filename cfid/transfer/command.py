@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.inputs import Workplace, find_recording, open_workplace
-from cfid.console.lists import comma_list
+from cfid.console.lists import comma_list, measured
 from cfid.console.options import (
     Delivery,
     LoadCellOptions,
@@ -18,7 +18,6 @@ from cfid.console.options import (
     YawDeg,
     finite,
     flat,
-    positive,
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
@@ -60,8 +59,9 @@ class SineInputs:
         typer.Option(help="Of thrust in that channel; auto: thrust is positive.", rich_help_panel=_INPUT),
     ] = "auto"
     arm_mm: Annotated[
-        float | None,
+        str | None,
         typer.Option(
+            metavar="MM[:STD]",
             help="From the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
             rich_help_panel=_INPUT,
         ),
@@ -78,11 +78,13 @@ class SineInputs:
         """
         from cfid.transfer.sines.data import read_sines
 
+        arm = measured(self.arm_mm, "--arm-mm")
         return read_sines(
             [find_recording(word, workplace) for word in self._chosen(words, workplace)],
             index=self.index,
             channel=self.channel,
-            arm_m=None if self.arm_mm is None else MM * positive(self.arm_mm, "--arm-mm"),
+            arm_m=None if arm.value is None else MM * arm.value,
+            arm_std_m=None if arm.std is None else MM * arm.std,
             yaw_deg=None if self.yaw_deg is None else finite(self.yaw_deg, "--yaw-deg"),
             facts=workplace.facts,
             middle=self.offset,

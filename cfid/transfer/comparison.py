@@ -4,11 +4,15 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 from cfid.findings import Finding, warning
+from cfid.records.result import Dependent
 from cfid.transfer.model import EQ_3_15, EQ_3_16
 
 Published = Literal["eq3.15", "eq3.16"]
 
 _LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope, by which a static gain may be off without a warning
+
+
+_GAIN, _LAG = "tf.static_gain_n", "tf.time_constant_s"
 
 
 class GainAndLag(NamedTuple):
@@ -37,11 +41,11 @@ class Comparison:
     command: float
     published: Published | None
 
-    def quality(self, ours: GainAndLag) -> dict[str, Any]:
+    def merits(self, ours: GainAndLag) -> dict[str, Any]:
         """Return the figures of the comparison."""
         found: dict[str, Any] = {"thrust_map_slope_n": self.slope_n}
         if self.slope_n is not None:
-            found["static_gain_off_slope"] = ours.gain_n / self.slope_n - 1
+            found["static_gain_off_slope"] = Dependent(ours.gain_n / self.slope_n - 1, _GAIN)
         other = self.other
         named = {} if other is None else {self.published: other}
         return {
@@ -60,17 +64,17 @@ class Comparison:
             f"the static gain is {100 * off:+.0f} % off the thrust map's slope (limit {100 * _LARGEST_OFF_SLOPE:.0f} "
             "%): are channel, arm and yaw those of the rig, and is the battery as full as for the map?"
         )
-        return (warning("gain-off-map-slope", text, "tf.static_gain_n"),)
+        return (warning("gain-off-map-slope", text, _GAIN),)
 
-    def lines(self, ours: GainAndLag) -> list[str]:
+    def lines(self, ours: GainAndLag) -> list[Dependent]:
         """Return the comparison for a person."""
         lines = []
         if self.slope_n is not None:
             off = ours.gain_n / self.slope_n - 1
             slope = f"slope of the thrust map at {self.command:.0f}: {self.slope_n:.4g} N"
-            lines.append(f"{slope}; the static gain is {100 * off:+.2f} % off")
+            lines.append(Dependent(f"{slope}; the static gain is {100 * off:+.2f} % off", _GAIN))
         if self.other is not None and self.published is not None:
-            lines.append(f"({self.published.removeprefix('eq')}) of the thesis: {self.other.text(ours)}")
+            lines.append(compared(f"({self.published.removeprefix('eq')}) of the thesis: {self.other.text(ours)}"))
         return lines
 
     @property
@@ -80,3 +84,8 @@ class Comparison:
             return None
         plant = EQ_3_15 if self.published == "eq3.15" else EQ_3_16
         return GainAndLag(plant.static_gain_n, plant.lags_s[0])
+
+
+def compared(line: str) -> Dependent:
+    """Return a line that compares a static gain and a time constant with ours."""
+    return Dependent(line, _GAIN, _LAG)

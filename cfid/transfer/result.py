@@ -12,9 +12,9 @@ from cfid.estimate.common_causes import arm_scales, force_scales, power_law, wit
 from cfid.findings import Finding, rejection, warning
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
-from cfid.transfer.comparison import Comparison, GainAndLag, Published
+from cfid.transfer.comparison import Comparison, GainAndLag, Published, compared
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.figures import (
     fit_figures,  # matplotlib takes longer to load than a fit
@@ -98,17 +98,17 @@ def _of_fit(
         },
         wanted=_WANTED,
         covariances=_covariances(fit),
-        quality={
-            **_quality(found),
-            "thesis": None if of_thesis is None else _thesis_quality(of_thesis),
-            **comparison.quality(ours),
+        merits={
+            **_merits(found),
+            "thesis": None if of_thesis is None else _thesis_merits(of_thesis, "tf"),
+            **comparison.merits(ours),
         },
         findings=(*sines.findings, *found.findings, *_findings(found, joint, each), *comparison.findings(ours)),
         sources=sines.sources,
         lines=(
             *fit_lines(found),
-            *_thesis_lines(thesis, ours if fit.accepted else None),
-            *(comparison.lines(ours) if fit.accepted else ()),
+            *_thesis_lines(thesis, ours),
+            *comparison.lines(ours),
         ),
         drawings=lambda: _fit_figures(found, of_thesis, settle_s),
     )
@@ -152,7 +152,7 @@ def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Res
     else:
         apart = (one for name, own in found.each.items() for one in own.rejections(tuple(each[name])))
         rejections = (*fit.rejections(tuple(joint)), *apart)
-    lines = [
+    lines: list[str | Dependent] = [
         *convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
         "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
         *comparison.lines(ours),
@@ -168,15 +168,15 @@ def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Res
             "tf.frequency_response": Parameter(value=rows),
         },
         wanted=_WANTED,
-        quality={
+        merits={
             "form": "thesis",
             "frequencies": len(fit.responses),
-            "series": {name: _thesis_quality(own) for name, own in found.each.items()},
-            **comparison.quality(ours),
+            "series": {name: _thesis_merits(own, f"tf.series.{name}") for name, own in found.each.items()},
+            **comparison.merits(ours),
         },
         findings=(*sines.findings, *fit.findings, *rejections, *comparison.findings(ours)),
         sources=sines.sources,
-        lines=() if rejections else tuple(lines),
+        lines=tuple(lines),
         drawings=lambda: _thesis_figures(found),
     )
 
@@ -224,7 +224,7 @@ def _covariances(fit: TransferFit) -> tuple[Covariance, ...]:
     return covariance_between(values, covariance)
 
 
-def _quality(found: Identified) -> dict[str, Any]:
+def _merits(found: Identified) -> dict[str, Any]:
     fit = found.fit
     return {
         "shape": fit.shape,
@@ -246,22 +246,23 @@ def _quality(found: Identified) -> dict[str, Any]:
     }
 
 
-def _thesis_quality(fit: ThesisFit) -> dict[str, Any]:
-    return {
+def _thesis_merits(fit: ThesisFit, of: str) -> dict[str, Dependent]:
+    """Return the thesis method's numbers beside the transfer function `of` a key, or as those of a series."""
+    found = {
         "numerator": fit.numerator.tolist(),
         "denominator": fit.denominator.tolist(),
         "static_gain_n": fit.static_gain_n,
         "time_constant_s": fit.time_constant_s,
     }
+    return {name: Dependent(one, f"{of}.{name}") for name, one in found.items()}
 
 
-def _thesis_lines(thesis: ThesisFit | str, ours: GainAndLag | None) -> list[str]:
+def _thesis_lines(thesis: ThesisFit | str, ours: GainAndLag) -> list[str | Dependent]:
     """Return the thesis method's result for the same runs, or why it has none."""
     if isinstance(thesis, str):
         return [f"thesis method: no result: {thesis}"]
-    if ours is None:
-        return []
-    return [f"thesis method, latency left out: {GainAndLag(thesis.static_gain_n, thesis.time_constant_s).text(ours)}"]
+    theirs = GainAndLag(thesis.static_gain_n, thesis.time_constant_s)
+    return [compared(f"thesis method, latency left out: {theirs.text(ours)}")]
 
 
 def _row(periods: int, frequency_rad_s: float, value: complex) -> dict[str, Any]:

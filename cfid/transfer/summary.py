@@ -1,5 +1,6 @@
 """The printed lines about a transfer function besides the table of its quantities."""
 
+from cfid.records.result import Dependent
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.identification import Identified
 from cfid.transfer.model import Array
@@ -11,42 +12,40 @@ _FORMS = {
 }
 
 
-def fit_lines(found: Identified) -> list[str]:
-    """Return chi-squared and the shapes' scores; of what was accepted also H(z), each series, and the delays."""
+def fit_lines(found: Identified) -> list[str | Dependent]:
+    """Return H(z), chi-squared and the shapes' scores, each series, and the delays."""
     fit = found.fit
     aicc = ", ".join(f"{shape} {score:+.1f}" for shape, score in found.aicc.items())
-    each = [_series_line(name, own) for name, own in found.each.items() if own.accepted]
+    each = [_series_line(name, own) for name, own in found.each.items()]
     return [
-        *(
-            convention_lines(fit.numerator, fit.denominator, form=fit.form, sample_s=fit.sample_s)
-            if fit.accepted
-            else ()
-        ),
+        *convention_lines(fit.numerator, fit.denominator, form=fit.form, sample_s=fit.sample_s),
         f"chi-squared {fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom (probability "
         f"{fit.probability:.2g}): the model {'describes' if fit.described else 'does not describe'} {len(fit.model)} "
         "frequencies",
         *([f"corrected AIC above the best: {aicc}"] if aicc else []),
         *(each if len(found.each) > 1 else []),
-        *((_delay_line(name, found) for name in fit.delays) if fit.accepted else ()),
+        *(Dependent(_delay_line(name, found), "tf.delay_s") for name in fit.delays),
     ]
 
 
-def convention_lines(numerator: Array, denominator: Array, *, form: str, sample_s: float) -> list[str]:
+def convention_lines(numerator: Array, denominator: Array, *, form: str, sample_s: float) -> list[Dependent]:
     """Return H(z) in rising powers of z^-1, and its convention."""
-    return [
+    lines = (
         f"H(z) = ({_polynomial(numerator)}) / ({_polynomial(denominator)}), N of thrust over units of the command",
         f"coefficients of z^0, z^-1, ... at {1e3 * sample_s:.5g} ms, leading 1; {_FORMS[form]}",
-    ]
+    )
+    return [Dependent(line, "tf.numerator", "tf.denominator") for line in lines]
 
 
-def _series_line(name: str, fit: TransferFit) -> str:
+def _series_line(name: str, fit: TransferFit) -> Dependent:
     delay = fit.delays[name]
-    return (
+    line = (
         f"{name} for itself: static gain {fit.dynamics.static_gain_n:.4g} +- {fit.std.static_gain_n:.2g} N, time "
         f"constant {1e3 * fit.time_constant_s:.2f} +- {1e3 * fit.time_constant_std_s:.2g} ms, delay "
         f"{1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms, chi-squared {fit.chi_squared:.1f} of "
         f"{fit.degrees_of_freedom}"
     )
+    return Dependent(line, *(f"tf.series.{name}.{key}" for key in ("static_gain_n", "time_constant_s", "delay_s")))
 
 
 def _delay_line(name: str, found: Identified) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, warning
 from cfid.records.parameters import Parameter, Source
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.transfer.figures import verification_figure  # matplotlib takes longer to load than the comparison
 from cfid.transfer.frequency_response import SETTLE_S
@@ -108,10 +108,14 @@ def verify(
         method="default",
         quantities={key: quantity for quantities, _ in found for key, quantity in quantities.items()},
         wanted=("tf.verify.*",),
-        quality={
+        merits={
             "runs": {
-                name: {"off": own.off, "off_std": own.off_std, "unfiltered_fit_percent": own.unfiltered_fit_percent}
-                for name, (_, own) in zip(names, compared, strict=True)
+                name: {
+                    "off": own.off,
+                    "off_std": own.off_std,
+                    "unfiltered_fit_percent": Dependent(own.unfiltered_fit_percent, *quantities),
+                }
+                for name, (quantities, own) in zip(names, found, strict=True)
             }
         },
         findings=(
@@ -121,7 +125,7 @@ def verify(
             *(finding for quantities, own in found for finding in own.findings(tuple(quantities))),
         ),
         sources=sines.sources,
-        lines=tuple(_line(own) for _, own in compared if own.accepted),
+        lines=tuple(Dependent(_line(own), *quantities) for quantities, own in found),
         drawings=lambda: _figures(compared),
     )
 

@@ -49,7 +49,8 @@ def test_a_command_of_the_rig_needs_a_campaign(cfid: Cfid, words: tuple[str, ...
         ("encoder --axis q", "--axis q: rig.toml has no such mount of the crazyflie; it has x, y, z, xy, xz, yz."),
         ("encoder --axis y --body testbody", "--axis y: rig.toml has no such mount of the testbody; it has x, z."),
         ("encoder --axis x --weight 50", "--axis is for a swing and --weight for a dropping weight: give one of them."),
-        ("encoder --weight 0", "--weight 0: has to be above zero."),
+        ("encoder --weight 0", "--weight 0: has to be above zero, a number alone or with its standard uncertainty"),
+        ("loadcell --pull z --weight 5 --at-mm 1,2:3", "--at-mm 1,2:3: should be three numbers, as in 46,0,0, or with"),
         ("encoder --for 0", "--for 0: has to be above zero."),
         ("loadcell --for=-1", "--for -1: has to be above zero."),
         ("loadcell --for nan", "--for nan: has to be above zero."),
@@ -78,8 +79,13 @@ def test_an_option_that_cannot_be_meant_so_is_told_before_anything_is_opened(
     [
         ("encoder --axis x --note first", "swing", {"axis": "x", "body": "crazyflie", "note": "first"}),
         ("encoder --axis z --body testbody", "swing", {"axis": "z", "body": "testbody"}),
-        ("encoder --weight 50", "drop", {"weight_g": 50.0}),
+        ("encoder --weight 50:0.1", "drop", {"weight_g": 50.0, "weight_std_g": 0.1}),
         ("encoder", "encoder", {}),
+        (
+            "loadcell --pull -z --weight 50 --at-mm 46,0,0:0.3",
+            "loadcell",
+            {"weight_g": 50.0, "pull": "-z", "at_mm": (46.0, 0.0, 0.0), "at_std_mm": 0.3},
+        ),
         ("loadcell --body fixture --note empty", "loadcell", {"body": "fixture", "note": "empty"}),
     ],
 )

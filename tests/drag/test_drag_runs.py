@@ -199,4 +199,4 @@ def test_one_wind_setting_is_fitted_without_a_comparison(campaign: Path) -> None
     assert (result.quality["chosen"], result.quality["margin_nats"]) == ("simple", None)
     (found,) = (one for one in result.findings if one.code == "drag-models-not-compared")
     assert "too few to leave one out" in found.text
-    assert not any("<- chosen" in line for line in result.lines)
+    assert not any("<- chosen" in line for line in result.summary())

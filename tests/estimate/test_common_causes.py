@@ -111,7 +111,7 @@ def test_the_covariance_grows_by_the_products_of_the_effects_and_agrees_with_the
     assert result.quality["common_causes"]["motor.max_thrust_n"]["gain of Fz"] == pytest.approx(
         0.006 * result.quantities["motor.max_thrust_n"].value
     )
-    assert any(line.startswith("  gain of Fz: motor.thrust_poly 0.6 %") for line in result.lines)
+    assert any(line.startswith("  gain of Fz: motor.thrust_poly 0.6 %") for line in result.summary())
 
 
 def test_cross_talk_of_thrust_adds_to_the_slope_of_the_torque_alone() -> None:

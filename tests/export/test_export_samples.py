@@ -103,7 +103,8 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
     assert said.returncode == 0, said.stderr
     folder = campaign / "drawn"
     head, rows = read_csv(folder / "samples.csv")
-    packed = np.load(folder / "samples.npz")
+    with np.load(folder / "samples.npz") as file:
+        packed = dict(file)
     drones = json.loads((folder / "samples_crazyflow.json").read_text())["drones"]
     names: dict[str, Any] = {}
     exec((folder / "samples_rotorpy.py").read_text(), names)
@@ -143,6 +144,23 @@ def test_the_centre_of_mass_and_gravity_are_drawn_too(cfid: Cfid, campaign: Path
     assert not re.search(
         r"(no uncertainty|no covariance) is k\w+ of [^:]*(centre|gravity)", " ".join(said.stderr.split())
     )
+
+
+def test_an_arm_of_rig_toml_is_drawn_with_its_uncertainty(cfid: Cfid, campaign: Path) -> None:
+    parameters = campaign / "parameters.toml"
+    parameters.unlink()
+    for name, found in sections().items():
+        if name != "set":
+            store_section(parameters, name, uncertain(found))
+    rig = campaign / "rig.toml"
+    rig.write_text(re.sub(r"^arm_std_mm = .*$", "arm_std_mm = 0.4", rig.read_text(), flags=re.MULTILINE))
+    said = cfid("export", "samples", "--n", "400", "--seed", "3")
+    assert said.returncode == 0, said.stderr
+
+    head, rows = read_csv(campaign / "exports" / "samples.csv")
+    arm_m = rows[:, head.index("arm_m")]
+    assert arm_m.mean() == pytest.approx(0.046, abs=1e-4)
+    assert arm_m.std() == pytest.approx(4e-4, rel=0.15)
 
 
 def test_a_gravity_without_an_uncertainty_is_listed_as_constant(cfid: Cfid, campaign: Path) -> None:
@@ -236,7 +254,8 @@ def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, camp
 
     folder = campaign / "exports"
     texts = {name: (folder / name).read_text() for name in ("samples.csv", "samples_rotorpy.py", FILES["crazyflow"])}
-    texts["samples.npz"] = " ".join(np.load(folder / "samples.npz")["about"].tolist())
+    with np.load(folder / "samples.npz") as file:
+        texts["samples.npz"] = " ".join(file["about"].tolist())
     texts["screen"] = " ".join(said.stderr.split())
     for name, text in texts.items():
         assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in text, name

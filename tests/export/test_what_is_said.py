@@ -217,10 +217,10 @@ def test_a_target_that_cannot_do_without_names_the_key_and_the_fit(name: str, ne
     assert "`cfid " in str(caught.value)
 
 
-def test_a_campaign_that_measured_nothing_still_has_its_mass_for_the_firmware() -> None:
+def test_a_campaign_that_measured_nothing_still_has_its_mass_and_arm_for_the_firmware() -> None:
     text = text_of(TARGETS["firmware"], collect(thesis_rig(), {}))
 
-    assert macros(text) == {"CF_MASS": 0.028}
+    assert macros(text) == {"CF_MASS": 0.028, "ARM_LENGTH": 0.046}
     assert "NOT MEASURED" in text
     assert "inertia.matrix_kg_m2 (`cfid fit inertia`)" in text
 
@@ -271,6 +271,19 @@ def test_a_mass_that_nobody_changed_since_the_campaign_was_made_is_asked_about()
 
     assert "which is the thesis' vehicle: was yours weighed?" in text_of(TARGETS["firmware"], collect(rig, {}))
     assert "was yours weighed?" not in text_of(TARGETS["firmware"], collect(weighed, {}))
+
+
+def test_the_arm_is_that_of_rig_toml_where_none_was_noted_by_hand() -> None:
+    rig = thesis_rig()
+    measured = rig.model_copy(update={"loadcell": rig.loadcell.model_copy(update={"arm_mm": 46.3})})
+    of_preset, stated, noted = (
+        collect(*known).quantities["arm"] for known in ((rig, {}), (measured, {}), (measured, sections()))
+    )
+
+    assert (of_preset.value, of_preset.std, of_preset.origin) == (pytest.approx(0.046), pytest.approx(2e-4), "rig.toml")
+    assert "which is the thesis' vehicle: was yours measured?" in of_preset.caveat
+    assert (stated.value, stated.caveat) == (pytest.approx(0.0463), "")
+    assert (noted.value, noted.std) == (0.046, 1e-4)
 
 
 # The body frame

@@ -91,6 +91,8 @@ def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str
     if frame is not None:
         body = rig.vehicle.model_copy(update={"body_frame": rig.vehicle.body_frame.model_validate(dict(frame))})
         rig = rig.model_copy(update={"vehicle": body})
+    if "arm_m" in without:
+        rig = rig.model_copy(update={"loadcell": rig.loadcell.model_copy(update={"arm_mm": None})})
     kept = {
         name: replace(
             found,

@@ -1,6 +1,7 @@
 """Friction from dropping weights: table 2.1, simulated drops, and the speed that never settles."""
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import cfid.friction
 from cfid.errors import ConfigError, DataError
 from cfid.findings import rejected
 from cfid.friction.drops import Drop, measure_drop
-from cfid.friction.estimation import fit_friction, thesis_friction
+from cfid.friction.estimation import FrictionEstimate, fit_friction, thesis_friction
 from cfid.records.parameters import Source
 from cfid.records.rig_file import load_rig
 from cfid.records.run import Label
@@ -170,6 +171,25 @@ def test_an_uncertain_radius_does_not_average_out() -> None:
     assert uncertain.setup_inertia_kg_m2 is not None
     assert uncertain.setup_inertia_std is not None
     assert uncertain.setup_inertia_std > 0.1 * uncertain.setup_inertia_kg_m2
+
+
+def test_uncertain_weights_and_gravity_widen_friction() -> None:
+    speeds = {20: 66.0, 30: 244.0, 40: 423.0, 50: 600.0}
+    drops = [_settled_at(*each) for each in speeds.items()]
+    vague = [replace(drop, weight_std_kg=1e-3) for drop in drops]
+
+    def fitted(of: list[Drop], **stds: float) -> FrictionEstimate:
+        return fit_friction(of, radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY, **stds)
+
+    exact, uncertain, anywhere = fitted(drops), fitted(vague), fitted(drops, gravity_std_mps2=0.1 * GRAVITY)
+    drawn = np.random.default_rng(4).normal(0, 1e-3, (400, 4)) + [drop.weight_kg for drop in drops]
+    seen = [
+        np.polyfit([drop.terminal_rad_per_s for drop in drops], GRAVITY * RADIUS_M * weights, 1)[0] for weights in drawn
+    ]
+    assert uncertain.viscous_std == pytest.approx(np.hypot(exact.viscous_std or 0, np.std(seen)), rel=0.1)
+    assert anywhere.viscous_std == pytest.approx(
+        np.hypot(exact.viscous_std or 0, 0.1 * (exact.viscous_nms_per_rad or 0))
+    )
 
 
 def test_the_mean_speed_is_as_uncertain_as_its_blocks_scatter() -> None:

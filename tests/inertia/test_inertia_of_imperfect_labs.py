@@ -143,6 +143,28 @@ def test_sound_labs_are_covered_and_none_is_rejected() -> None:
     assert min(row.covered for row in rows) > 0.86
 
 
+def hung_twice(rng: np.random.Generator, *, apart: float) -> tuple[InertiaFit, Array]:
+    """Fit six swings and one more about x, which differs by a part of itself; return its scores too."""
+    _, axis_inertias = Lab().fitted(rng)
+    first = axis_inertias.swings[0]
+    again = replace(first, value=first.value * (1 + apart))
+    both = AxisInertias([*axis_inertias.swings, again], axis_inertias.body, axis_inertias.surroundings)
+    fit = fit_inertia(both)
+    return fit, ((fit.matrix_kg_m2 - TRUTH) / fit.std_kg_m2)[UPPER]
+
+
+def test_a_body_that_is_hung_anew_swings_a_little_differently_and_contradicts_nothing() -> None:
+    rng = np.random.default_rng(5)
+    fits, scores = zip(*(hung_twice(rng, apart=rng.normal(0, 3e-4)) for _ in range(40)), strict=True)
+    far, _ = hung_twice(rng, apart=0.03)
+
+    assert sum(fit.contradictory for fit in fits) == 0
+    assert sum("inertia-hangings-differ" in codes(fit.findings) for fit in fits) > 20
+    assert np.mean(np.abs(scores) < 1.96) > 0.9
+    assert all("hangings" in fit.budget for fit in fits if "inertia-hangings-differ" in codes(fit.findings))
+    assert far.contradictory
+
+
 def test_an_exchange_that_no_body_allows_is_rejected_and_named() -> None:
     fit, axis_inertias = Lab(exchanged=("x", "z")).fitted(np.random.default_rng(1))
 

@@ -126,7 +126,7 @@ def test_one_round_trip_has_no_standard_deviation(tmp_path: Path) -> None:
     one, more = rtt_file(tmp_path / "one.csv", 0.05), rtt_file(tmp_path / "more.csv", 0.04, 0.06)
     with pytest.raises(FitError, match=r"1 round trip\(s\) have no standard deviation: at least two are needed."):
         latency.fit([one])
-    lines = latency.fit([one, more]).lines
+    lines = latency.fit([one, more]).summary()
 
     assert lines[1].split() == ["one", "1", "50.0000", "-", "50.0000"]
     assert lines[3].split() == ["all", "3", "50.0000", "10.0000", "40.0000"]

@@ -170,6 +170,27 @@ def test_a_weight_with_another_label_is_rejected(tmp_path: Path) -> None:
     assert "loadcell-misfit" in {one.code for one in result.findings}
 
 
+def test_a_run_states_how_uncertain_its_weight_and_place_are(tmp_path: Path) -> None:
+    runs = record(tmp_path, cell_of(np.random.default_rng(3)), UPRIGHT)
+
+    def stated(**stds: float) -> list[Run]:
+        headers = [
+            run.header.model_copy(update={"label": run.header.label.model_copy(update=stds)})
+            if run.header.label.weight_g
+            else run.header
+            for run in runs
+        ]
+        return [Run(folder=run.folder, header=header) for run, header in zip(runs, headers, strict=True)]
+
+    key = "loadcell.gain.fz"
+    exact, uncertain = fit(runs).quantities[key], fit(stated(weight_std_g=2.0)).quantities[key]
+    assert float(uncertain.std) > 2 * float(exact.std)
+    key = "loadcell.gain.ty"
+    usual, same, moved = (fit(each).quantities[key] for each in (runs, stated(at_std_mm=0.2), stated(at_std_mm=5.0)))
+    assert float(same.std) == pytest.approx(float(usual.std))
+    assert float(moved.std) > 5 * float(same.std)
+
+
 def test_the_scales_of_the_weights_are_a_common_cause_of_every_gain(tmp_path: Path) -> None:
     result = fit(record(tmp_path, Cell(np.eye(6)), UPRIGHT), gravity_mps2=GRAVITY)
 

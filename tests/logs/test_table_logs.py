@@ -77,3 +77,5 @@ def test_nanobench_is_read_with_the_firmware_s_names() -> None:
     assert np.median(acceleration) == pytest.approx(9.81, rel=0.05)
     assert {"motor.m1", "pm.vbat", "stateEstimate.vx", "wx_vicon", "gyro.y"} <= set(log.series[0].names)
     assert log.channel("stateEstimate.roll")[1].max() < np.pi
+    gyro, seen = log.channel("gyro.x")[1], log.channel("wx_vicon")[1]  # by motion capture, late and smoothed
+    assert gyro @ seen == pytest.approx(seen @ seen, rel=0.3)

@@ -4,6 +4,7 @@ The plant is a fixed-step integrator of its own, over all trials at once.
 """
 
 import math
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from scipy.stats import beta
 import cfid.swing
 from cfid.errors import ConfigError
 from cfid.records.parameters import Source
+from cfid.records.result import Result
 from cfid.records.rig_file import load_rig, new_rig_text
-from cfid.records.run import Label
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import AngleRecord, labelled
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing
@@ -111,6 +114,50 @@ def test_dry_friction_that_is_larger_at_low_speed_is_named_and_widens_the_interv
     assert "swing-friction-varies" not in {finding.code for finding in sound.findings}
 
 
+def test_a_swing_recorded_by_a_busy_computer_is_timed_by_the_encoders_own_clock(tmp_path: Path) -> None:
+    columns = ("t", "phi", "device_us")
+    encoder = DeviceRecord(file="encoder.csv", columns=columns, counts_per_turn=8192.0)
+    scores, by_arrival = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        trials = Trials(rng, 1)
+        taken_s, angle = trials.swung(8.0)
+        truth = float(trials.frequency_squared_s2[0])
+        late_s = rng.gamma(3.0, 15e-6, len(taken_s))
+        arrival_s = np.maximum.accumulate(taken_s + late_s + 16e-3 * (rng.random(len(taken_s)) < 0.01))
+        kept = np.append(np.diff(arrival_s) > 0, True)  # a poll waits for its answer: others were never sent
+        counts = np.round(encoded(angle[:, 0], rng) / (2 * math.pi / 8192))
+        rows = (1.7e9 + arrival_s, counts, np.floor(1e6 * taken_s * (1 + 30e-6)) + 5e6)
+        with create_run(
+            tmp_path / "runs",
+            kind="swing",
+            label=Label(),
+            devices={"encoder": encoder},
+            started=datetime(2026, 1, 1, tzinfo=UTC),
+            cfid_version="0.2.0",
+        ) as writer:
+            writer.append("encoder", [column[kept] for column in rows])
+        scores.append(score(cfid.swing.fit(writer.folder), truth))
+        in_table = AngleRecord(
+            path=Path("swing.csv"),
+            source=Source("swing.csv", ""),
+            label=Label(),
+            time_s=arrival_s[kept] - arrival_s[0],
+            angle_rad=encoded(angle[:, 0], rng)[kept],
+            findings=(),
+        )
+        by_arrival.append(score(cfid.swing.fit(in_table), truth))
+
+    assert max(scores) < 2.5
+    assert float(np.median(by_arrival)) > 2 * float(np.median(scores))
+
+
+def score(result: Result, truth: float) -> float:
+    """Return how many of its standard uncertainties a frequency is off."""
+    found = result.quantities["swing.natural_frequency_squared_s2"]
+    return float(abs(found.value - truth) / found.std)
+
+
 def test_a_window_from_zero_changes_nothing_and_one_that_begins_at_rest_finds_the_release() -> None:
     time_s, angle, _ = one_swing()
     read = encoded(angle, np.random.default_rng(5))
@@ -153,7 +200,7 @@ def test_uncertainties_of_mass_and_distance_are_lines_of_the_budget_and_none_is_
     value, alone, together = exact.quantities[key].value, exact.quantities[key].std, known.quantities[key].std
 
     assert together == pytest.approx(math.hypot(alone, 0.01 * value, 0.02 * value), rel=0.01)
-    assert any("mass 1 %" in line and "mount distances 2 %" in line for line in known.lines)
+    assert any("mass 1 %" in line and "mount distances 2 %" in line for line in known.summary())
     codes = [[one.text for one in result.findings if one.code == "input-taken-as-exact"] for result in (exact, known)]
     assert [len(texts) for texts in codes] == [2, 0]
     assert "the mass is taken as exact" in codes[0][0]

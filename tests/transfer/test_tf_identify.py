@@ -197,9 +197,11 @@ def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says
         write_run(tmp_path, run, facts=facts)
     content = found(tf)
     overridden = found(tf, "--arm-mm", 46)
+    uncertain = found(tf, "--arm-mm", "46:2.3")["parameters"]["tf.static_gain_n"]
 
     assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(2 * GAIN_N, rel=0.01)
     assert overridden["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
+    assert uncertain["std"] == pytest.approx(0.05 * uncertain["value"], rel=0.05)
     assert not any("assumed" in warning for warning in sentences(content))
 
 
@@ -327,6 +329,8 @@ def test_what_no_such_plant_explains_is_rejected_and_exits_with_5(tf: Here, both
     }
     assert not content["accepted"]
     assert "tf.time_constant_s" in forced["parameters"]
+    assert "static_gain_n" in forced["quality"]["thesis"]
+    assert content["quality"]["thesis"] == {}
     assert said.returncode == 5
     assert said.stderr.splitlines()[-1].startswith("cfid: rejected: chi-squared is ")
     assert "'first+delay' describes the responses clearly better than 'first'" in said.stderr

@@ -73,7 +73,7 @@ def test_a_run_that_differs_from_the_simulation_takes_away_its_own_quantities(
 
     assert not given.accepted
     assert {key.split(".")[2] for key in given.quantities} == {good.folder.name}
-    assert len(given.lines) == 1
+    assert len(given.summary()) == 1
 
 
 def test_a_rejected_function_leaves_the_measured_responses(runs: list[Run]) -> None:
@@ -82,7 +82,7 @@ def test_a_rejected_function_leaves_the_measured_responses(runs: list[Run]) -> N
     assert not given.accepted
     assert set(given.quantities) == {"tf.sample_time_s", "tf.frequency_response"}
     assert not given.covariances
-    assert not any("H(z)" in line or "static gain" in line for line in given.lines)
+    assert not any("H(z)" in line or "static gain" in line for line in given.summary())
 
 
 def test_all_motors_count_as_one_by_the_vertical_force_alone(tmp_path: Path) -> None:
@@ -152,12 +152,12 @@ def test_a_gain_more_than_a_tenth_off_the_thrust_maps_slope_is_warned_of(ratio: 
     beside = Comparison(2e-6, 30000, None)
 
     assert [f"{100 * (ratio - 1):+.0f} % off" in one.text for one in beside.findings(ours)] == [True] * warned
-    assert beside.quality(ours)["static_gain_off_slope"] == pytest.approx(ratio - 1)
+    assert beside.merits(ours)["static_gain_off_slope"].value == pytest.approx(ratio - 1)
 
 
 def test_a_published_function_is_compared_by_its_gain_and_time_constant() -> None:
     ours = GainAndLag(EQ_3_15.static_gain_n / 2, EQ_3_15.lags_s[0] / 4)
     (line,) = Comparison(None, 30000, "eq3.15").lines(ours)
 
-    assert line == ("(3.15) of the thesis: static gain 2.383e-06 N (+100.0 %), time constant 77.49 ms (+300.0 %)")
+    assert line.value == ("(3.15) of the thesis: static gain 2.383e-06 N (+100.0 %), time constant 77.49 ms (+300.0 %)")
     assert GainAndLag(1e-6, None).text(ours).endswith("no decay that makes a time constant")

@@ -234,7 +234,7 @@ def _typed(readings: Rows | None, began_s: float, point: Point) -> float | None:
 
 
 def _notes(record: WrenchRecord) -> list[Finding]:
-    return [replace(one, severity="note", quantities=("drag.*",)) for one in record.findings]
+    return [replace(one, quantities=("drag.*",)) for one in record.findings]
 
 
 def _vibration_used(typed_rpm: float | None, at: WindSetting) -> list[Finding]:

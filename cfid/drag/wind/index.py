@@ -44,7 +44,7 @@ def read_wind_index(path: Path) -> tuple[list[IndexedRun], Source, tuple[Finding
         if run.loadcell in seen:
             raise DataError(f"{run.where}: {run.loadcell} is the file of {seen[run.loadcell]} too: which is it?")
         seen[run.loadcell] = run.where
-    return found, source, tuple(replace(one, severity="note", quantities=("drag.*",)) for one in findings)
+    return found, source, tuple(replace(one, quantities=("drag.*",)) for one in findings)
 
 
 def _run_of(row: IndexRow) -> IndexedRun:

@@ -13,11 +13,13 @@ from cfid.motors.lag.estimation import LagFit, fit_lag
 from cfid.motors.lag.figures import lag_figure
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
+from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
 _THRUST = "thrust of all rotors"
+_ROWS = "dynamics.time_constant_s"
 _NO_LAG = "no rotor is described by a first-order lag: see the warnings."
 _OF_ACCELERATION = (
     "the log has no rotor speeds: the lag is that of the acceleration along z behind the commands. It contains the "
@@ -53,12 +55,12 @@ def fit(record: RotorLog) -> Result:
             "dynamics.rising": Parameter(value=coefficients["dynamics.rising"], std=[float(rates_std[0]), np.nan]),
             "dynamics.falling": Parameter(value=coefficients["dynamics.falling"], std=[float(rates_std[1]), np.nan]),
             "dynamics.delay_s": Parameter(value=delay_s, std=delay_std_s),
-            "dynamics.time_constant_s": Parameter(value=_rows(record, fits)),
+            _ROWS: Parameter(value=_rows(record, fits)),
             "dynamics.map": Parameter(value=_maps(record, fits)),
         },
-        wanted=("dynamics.*",) if record.speeds else ("dynamics.time_constant_s",),
+        wanted=("dynamics.*",) if record.speeds else (_ROWS,),
         covariances=covariance_between(coefficients, whole),
-        quality={
+        merits={
             "rotors": list(fits),
             "rejected": sum(not one.accepted for one in fits.values()),
             "explained": {name: one.explained for name, one in fits.items()},
@@ -71,7 +73,7 @@ def fit(record: RotorLog) -> Result:
             *(() if any(one.accepted for one in fits.values()) else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
         ),
         sources=record.sources,
-        lines=(*filter(None, [record.understood]), *(_line(name, one) for name, one in fits.items())),
+        lines=(*filter(None, [record.understood]), *(Dependent(_line(name, one), _ROWS) for name, one in fits.items())),
         drawings=drawings,
         folder=record.path.parent,
     )
@@ -138,7 +140,7 @@ def _rows(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object
 
 
 def _maps(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
-    over = "cmd / 65535" if record.volts is None else "cmd / 65535 * V"
+    over = f"cmd / {FULL_COMMAND}" if record.volts is None else f"cmd / {FULL_COMMAND} * V"
     of = "rad/s" if record.speeds else "m/s^2"
     return [
         {"rotor": _rotor(name), "of": of, "over": over, **{f"c{power}": value for power, value in enumerate(fit.map)}}

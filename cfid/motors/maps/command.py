@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.inputs import Workplace, find_recording, open_workplace
-from cfid.console.lists import span
+from cfid.console.lists import measured, span
 from cfid.console.options import (
     Delivery,
     EscUs,
@@ -117,7 +117,8 @@ def thrust(
     from cfid.motors.maps import fit_thrust
     from cfid.motors.maps.arguments import read_evidence
 
-    workplace = open_workplace(rig, gravity_mps2=gravity_mps2)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(rig, gravity=gravity)
     result = fit_thrust(
         read_evidence(
             runs or [],

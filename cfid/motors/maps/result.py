@@ -32,7 +32,7 @@ from cfid.motors.vibration.data import Rotors
 from cfid.records.covariances import Covariance
 from cfid.records.facts import RigFacts
 from cfid.records.parameters import Parameter
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
@@ -57,8 +57,8 @@ class _MapDetails:
     parameters: Mapping[str, Parameter]
     covariances: tuple[Covariance, ...]
     findings: Sequence[Finding] = ()
-    lines: Sequence[str] = ()
-    quality: Mapping[str, Any] | None = None
+    lines: Sequence[Dependent] = ()
+    merits: Mapping[str, Any] | None = None
     over_speed: SpeedThrustMap | None = None
     voltage: VoltageComparison | None = None
     verification: ScalesCheck | None = None
@@ -86,12 +86,12 @@ def fit_thrust(
             found.points, method=method, order=order, robust=robust, expected=found.expected or None
         )
     most = maximum_thrust(mapped, gravity_mps2=gravity_mps2)
-    parameters, lines, findings = values.map_parameters(mapped), list[str](), list(most.findings)
+    parameters, lines, findings = values.map_parameters(mapped), list[Dependent](), list(most.findings)
     given = None
     try:
         inverse = invert(mapped)
         parameters |= values.inverse_parameters(inverse) | values.maximum_parameters(most)
-        lines += [] if values.is_rejected(mapped) else values.inverse_lines(inverse)
+        lines += values.inverse_lines(inverse)
         given = most
         findings += inverse.findings
     except FitError as error:
@@ -100,7 +100,7 @@ def fit_thrust(
     if method == "default" and given and voltage and (sagging := on_battery(given, voltage, order=mapped.fit.order)):
         given, findings = sagging, [*(one for one in findings if one not in given.findings), *sagging.findings]
         parameters |= values.maximum_parameters(given)
-    if given is not None and not values.is_rejected(mapped):
+    if given is not None:
         lines += values.maximum_lines(given)
     over_speed, about_speed = _by_speed(found, method, robust=robust)
     verification, about_scales = _verified(mapped, scales, stand or Stand(), found.loadcells, gravity_mps2)
@@ -113,15 +113,12 @@ def fit_thrust(
         covariances=values.covariances(mapped, most=given, voltage=voltage, over_speed=over_speed),
         findings=(*findings, *about_voltage, *about_speed, *about_scales),
         lines=(*lines, *(values.verification_lines(verification) if verification else ())),
-        quality={
+        merits={
             "voltage_rms_n": voltage.voltage_rms if voltage else None,
             "command_rms_n": voltage.command_rms if voltage else None,
             "better_form": voltage.better if voltage else None,
-            "max_thrust_at_v": given.volts if given else None,
-            "verification_rms_n": verification.rms_n if verification else None,
-            "verification_rms_percent": verification.rms_percent if verification else None,
-            "verification_gain": verification.gain if verification else None,
-            "verification_gain_std": verification.gain_std if verification else None,
+            "max_thrust_at_v": Dependent(given.volts if given else None, "motor.max_thrust_n"),
+            **values.verification_merits(verification),
         },
         over_speed=over_speed,
         voltage=voltage,
@@ -171,7 +168,7 @@ def _of_speed_alone(found: Evidence, method: Method, *, robust: bool) -> Result:
         quantities=values.speed_parameters(mapped),
         wanted=estimation.OVER_SPEED[:1],
         covariances=values.covariances(over_speed=mapped),
-        quality={"points": len(mapped.thrust_n), "difference_n": mapped.difference_n},
+        merits={"points": len(mapped.thrust_n), "difference_n": mapped.difference_n},
         findings=(*found.findings, *mapped.findings),
         sources=found.sources,
         lines=found.lines,
@@ -285,7 +282,7 @@ def _result(mapped: MotorMap, found: Evidence, details: _MapDetails) -> Result:
         quantities={**details.parameters, **values.table_parameter(found.points)},
         wanted=GIVEN_BY[mapped.quantity][:1],
         covariances=details.covariances,
-        quality=values.figures_of_merit(mapped, **(details.quality or {})),
+        merits=values.figures_of_merit(mapped, **(details.merits or {})),
         findings=(*found.findings, *mapped.findings, *details.findings),
         sources=found.sources,
         lines=(*found.lines, *values.map_lines(mapped), *details.lines),

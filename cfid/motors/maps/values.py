@@ -9,7 +9,6 @@ from scipy.linalg import block_diag
 
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.shared_points import PointFit, joint_covariance
-from cfid.findings import texts
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.inverse import InverseMap, MaximumThrust
 from cfid.motors.maps.scales import ScalesCheck
@@ -17,6 +16,7 @@ from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.points import MotorPoints, motor_table
 from cfid.records.covariances import Covariance, covariance_between
 from cfid.records.parameters import Parameter
+from cfid.records.result import Dependent
 from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -169,14 +169,10 @@ def voltage_parameters(found: VoltageComparison) -> dict[str, Parameter]:
     }
 
 
-def is_rejected(found: MotorMap) -> bool:
-    """Return whether the polynomial does not describe the points."""
-    return bool(texts(found.findings, "rejection"))
-
-
-def map_lines(found: MotorMap) -> list[str]:
-    """Return a map as the thesis writes it and how its order was chosen; nothing for a rejected one."""
-    return [] if is_rejected(found) else [_polynomial_line(found), *_aicc_line(found)]
+def map_lines(found: MotorMap) -> list[Dependent]:
+    """Return a map as the thesis writes it and how its order was chosen."""
+    lines = [_polynomial_line(found), *_aicc_line(found)]
+    return [Dependent(line, f"motor.{found.quantity}_poly") for line in lines]
 
 
 def _polynomial_line(found: MotorMap) -> str:
@@ -198,32 +194,41 @@ def _aicc_line(found: MotorMap) -> list[str]:
     return [f"corrected AIC above the best: {orders}"]
 
 
-def inverse_lines(inverse: InverseMap) -> list[str]:
+def inverse_lines(inverse: InverseMap) -> list[Dependent]:
     """Return range and round trip of the inverse."""
     low, high = inverse.thrust_range_n
-    return [
+    line = (
         f"command of thrust: from {low:.4g} to {high:.4g} N (commands {inverse.command_range[0]:.0f} to "
         f"{inverse.command_range[1]:.0f}), there and back within {inverse.round_trip_command:.2g} commands, "
-        f"{1e3 * inverse.round_trip_n:.2g} mN by rounding",
-    ]
+        f"{1e3 * inverse.round_trip_n:.2g} mN by rounding"
+    )
+    return [Dependent(line, "motor.thrust_poly", "motor.command_of_thrust")]
 
 
-def maximum_lines(most: MaximumThrust) -> list[str]:
+def maximum_lines(most: MaximumThrust) -> list[Dependent]:
     """Return what can hover, and at which voltage of the battery."""
     at = "" if most.volts is None else f" at {most.volts:.2f} V, to which the battery sags then"
-    return [
+    line = (
         f"at most {most.thrust_n:.4g} N a motor{at}, measured {most.measured_n:.4g} N at {most.measured_command:.0f}: "
-        f"four motors hover {1e3 * most.hover_mass_kg:.4g} g",
-    ]
+        f"four motors hover {1e3 * most.hover_mass_kg:.4g} g"
+    )
+    return [Dependent(line, "motor.thrust_poly", "motor.max_thrust_n", "motor.hover_mass_kg")]
 
 
-def verification_lines(found: ScalesCheck) -> list[str]:
+def verification_merits(found: ScalesCheck | None) -> dict[str, Dependent]:
+    """Return the figures of the comparison with a second instrument, None where there was none."""
+    names = ("rms_n", "rms_percent", "gain", "gain_std")
+    return {f"verification_{name}": Dependent(getattr(found, name, None), "motor.thrust_poly") for name in names}
+
+
+def verification_lines(found: ScalesCheck) -> list[Dependent]:
     """Return how far a second instrument is from the map (figure 3.9)."""
     largest = max(abs(value) for value in found.difference_n.tolist())
-    return [
+    line = (
         f"verification: {len(found.command)} readings, {1e3 * found.rms_n:.3g} mN rms ({found.rms_percent:.2g} %), at "
         f"most {1e3 * largest:.3g} mN from the map"
-    ]
+    )
+    return [Dependent(line, "motor.thrust_poly")]
 
 
 def figures_of_merit(found: MotorMap, **more: Any) -> dict[str, Any]:

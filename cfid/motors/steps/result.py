@@ -13,12 +13,13 @@ from cfid.motors.steps.figures import dynamics_figure
 from cfid.motors.steps.model import CommandStep, command_steps, followed
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
 from cfid.records.tables.wrench import WrenchReading
 
+_ROWS = "dynamics.time_constant_s"
 _NO_LAG = "no step is described by a first-order lag."
 
 
@@ -49,7 +50,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
         quantities=_quantities(lags, model),
         wanted=("dynamics.*",),
         covariances=covariance_between(coefficients, model.covariance),
-        quality={
+        merits={
             "steps": len(lags),
             "rejected": len(lags) - len(accepted),
             "explained": model.explained,
@@ -63,7 +64,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
             *(model.findings if accepted else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
         ),
         sources=record.sources,
-        lines=tuple(_line(lag) for lag in accepted),
+        lines=tuple(Dependent(_line(lag), _ROWS) for lag in accepted),
         drawings=drawings,
         folder=record.path.parent,
     )
@@ -127,5 +128,5 @@ def _quantities(lags: Sequence[StepFit], model: RotorModel) -> dict[str, Paramet
     return {
         "dynamics.rising": Parameter(value=list(model.rising), std=list(model.rising_std)),
         "dynamics.falling": Parameter(value=list(model.falling), std=list(model.falling_std)),
-        "dynamics.time_constant_s": Parameter(value=rows),
+        _ROWS: Parameter(value=rows),
     }

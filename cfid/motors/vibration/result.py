@@ -15,7 +15,7 @@ from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.motors.vibration.estimation import KEY, RotorSpeed
 from cfid.motors.vibration.figures import rotor_figure
 from cfid.records.parameters import Parameter
-from cfid.records.result import Figures, Result
+from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
 from cfid.records.tables.wrench import WrenchReading, WrenchRecord, read_wrench
 
@@ -85,14 +85,14 @@ def fit(
         method="default",
         quantities=_quantities(windows),
         wanted=(KEY,),
-        quality={"windows": len(windows), "rejected": len(rejected)},
+        merits={"windows": len(windows), "rejected": len(rejected)},
         findings=(
             *record.findings,
             *(finding for one in windows for finding in one.findings),
             *(none if len(rejected) == len(windows) else ()),
         ),
         sources=(record.source,) if staircase is None else staircase.sources,
-        lines=tuple(_line(one) for one in windows if one.speed.accepted),
+        lines=tuple(Dependent(_line(one), KEY) for one in windows if one.speed.accepted),
         drawings=drawings,
         folder=record.path.parent,
     )
@@ -142,15 +142,15 @@ def _quantities(windows: Sequence[RotorWindow]) -> dict[str, Parameter]:
     rows = [
         {
             "cmd": one.command,
-            "speed_rad_s": value[place],
-            "std_rad_s": std[place],
+            "speed_rad_s": one.speed.speed_rad_per_s,
+            "std_rad_s": one.speed.std_rad_per_s,
             "tachometer_rad_s": one.reported_rad_s,
             "rotors": len(one.speed.rotors),
             "from_s": one.begin_s,
             "to_s": one.end_s,
             "accepted": one.speed.accepted,
         }
-        for place, one in enumerate(windows)
+        for one in windows
     ]
     only = len(windows) == 1
     speed = Parameter(value=value[0] if only else value, std=std[0] if only else std)

@@ -31,6 +31,7 @@ _NANOBENCH = {
     **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
     **dict.fromkeys(("wx_vicon", "wy_vicon", "wz_vicon"), "rad/s"),
 }
+_NANOBENCH_OWN = {f"gyro.{axis}": "rad/s" for axis in "xyz"}  # as its motion capture shows; the firmware's are deg/s
 _CRAZYSWARM = {**dict.fromkeys("xyz", "m"), **dict.fromkeys(("qw", "qx", "qy", "qz"), "1")}
 _CLIENT = "CSV log of the Crazyflie client"
 
@@ -91,7 +92,11 @@ def _nanobench(name: str) -> Channel:
     """Return the channel of a column of NanoBench: `imu_gyro_x` is `gyro.x`."""
     match = _BLOCK_NAME.fullmatch(name)
     variable = crazyflie_channel(f"{match['group']}.{match['variable']}" if match else name)
-    return variable if variable.own_unit else Channel(printable(name))
+    return (
+        Channel(variable.name, _NANOBENCH_OWN.get(variable.name, variable.own_unit))
+        if variable.own_unit
+        else Channel(printable(name))
+    )
 
 
 def _clock(table: CsvTable, time: str | None, reading: Foreign) -> str:

@@ -16,6 +16,7 @@ from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
+from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array, open_table
 from cfid.records.tables.times import (
     CUT_LINE,
@@ -36,6 +37,7 @@ from cfid.wire.rls import RLS_13BIT_IN_22
 AngleUnit = Literal["counts", "rad", "deg"]
 
 ENCODER = "encoder"
+STAMP = "device_us"  # a column of a run: when the interface took the sample, by its own clock
 
 _ANGLE = Column(
     "angle",
@@ -61,7 +63,11 @@ class _EncoderFacts(Facts):
 
 @dataclass(frozen=True, kw_only=True)
 class AngleRecord:
-    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample."""
+    """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
+
+    `begin_s` is the first sample's Unix time in a run, `time_scale_std` the relative standard uncertainty of intervals
+    beyond that of this computer's clock.
+    """
 
     path: Path
     source: Source
@@ -70,6 +76,8 @@ class AngleRecord:
     angle_rad: Array
     findings: tuple[Finding, ...]
     run: str | None = None
+    begin_s: float = 0.0
+    time_scale_std: float = 0.0
 
     @property
     def name(self) -> str:
@@ -118,7 +126,7 @@ def angle_record(recording: Recording) -> AngleRecord:
 
 
 def labelled(record: AngleRecord, **label: object) -> AngleRecord:
-    """Return a record with an `axis`, `weight_g` or `body` in its label.
+    """Return a record with an `axis`, `weight_g`, `weight_std_g` or `body` in its label.
 
     Raises ConfigError where the record's own label has another one.
     """
@@ -159,6 +167,9 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     time_name, angle_name = places.get(TIME), places[_ANGLE.key]
     table, values, gaps_notes = complete_rows(table, list(places.values()), own=own)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
+    stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
+    if stamped is not None:
+        time = stamped.time_s - values[0, 0]
     unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "angle_unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
     notes = (*gaps_notes, *notes, *angle.notes, *((CUT_LINE,) if table.cut else ()))
@@ -175,5 +186,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         time_s=time[angle.rows] - time[angle.rows[0]],
         angle_rad=angle.angle_rad,
         findings=(*read, *of_recording(file_name(path, own=own), notes)),
+        begin_s=float(values[0, 0] + time[angle.rows[0]]) if own else 0.0,
+        time_scale_std=0.0 if stamped is None else stamped.scale_std,
     )
     return record, len(values)

@@ -19,7 +19,7 @@ def frame(run: Run, device: str) -> DataFrame:
     zero_s = min(begin_s(run.device_file(name)) for name, record in run.header.devices.items() if record.rows != 0)
     if device == ENCODER:
         angle = read_angle(run.folder, Reading())
-        return DataFrame({"t": angle.time_s + begin_s(file) - zero_s, "angle_rad": angle.angle_rad})
+        return DataFrame({"t": angle.time_s + angle.begin_s - zero_s, "angle_rad": angle.angle_rad})
     if device == LOADCELL:
         cell = read_wrench(run.folder, WrenchReading())
         names = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")

@@ -61,6 +61,7 @@ def read_sines(
     index: Path | None = None,
     channel: Channel = "arm",
     arm_m: float | None = None,
+    arm_std_m: float | None = None,
     yaw_deg: float | None = None,
     facts: RigFacts = NONE_STATED,
     middle: float = MIDDLE,
@@ -68,14 +69,14 @@ def read_sines(
 ) -> SineSet:
     """Return runs of `cfid log sine` and the runs of an index, a CSV file with a row a run, as thrust of one motor.
 
-    `arm_m` and `yaw_deg` of the load cell override those that a run states; `facts` hold for files, as do `middle`,
-    B of eq. 3.6, and `reading`. Paths of an index are relative to it. Raises ConfigError when there is nothing to read
-    and DataError with the name of a file that cannot be read or that is named twice.
+    `arm_m`, `arm_std_m` and `yaw_deg` of the load cell override those that a run states; `facts` hold for files, as do
+    `middle`, B of eq. 3.6, and `reading`. Paths of an index are relative to it. Raises ConfigError when there is
+    nothing to read and DataError with the name of a file that cannot be read or that is named twice.
     """
     if index is None and not runs:
         raise ConfigError("no sine to read: name runs or an index.")
     cells = replace(reading or WrenchReading(), gain=facts.loadcell.gain)
-    reader = _Reader(channel, arm_m, yaw_deg, middle, cells)
+    reader = _Reader(channel, arm_m, arm_std_m, yaw_deg, middle, cells)
     if index is not None:
         listed = read_index(index, columns=_COLUMNS, optional=("series",))
         reader.sources.append(listed.source)
@@ -97,6 +98,7 @@ class _Reader:
 
     channel: Channel
     arm_m: float | None
+    arm_std_m: float | None
     yaw_deg: float | None
     middle: float
     reading: WrenchReading
@@ -194,7 +196,8 @@ class _Reader:
                 raise ConfigError(f"{path}: has no times, which tie a load cell to the vehicle's reports.")
             arm_m, yaw_deg = self._mount(facts)
             thrust = thrust_of(self.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
-            self._rigs.append(RigFacts(loadcell=LoadCellMount(arm_mm=arm_m / MM)).over(facts))
+            std_mm = None if self.arm_std_m is None else self.arm_std_m / MM
+            self._rigs.append(RigFacts(loadcell=LoadCellMount(arm_mm=arm_m / MM, arm_std_mm=std_mm)).over(facts))
             self._thrusts[path, motor] = cell.time_s + cell.begin_s, thrust / 4 if motor == 0 else thrust
         return self._thrusts[path, motor]
 

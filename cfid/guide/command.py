@@ -1,0 +1,117 @@
+"""`cfid status` and `cfid next`: where a campaign stands, and the next step of it."""
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from cfid.console.campaign import here
+from cfid.errors import ConfigError
+
+if TYPE_CHECKING:
+    from cfid.guide.plan import Recording
+    from cfid.guide.status import Next, TaskStatus
+    from cfid.records.campaign import Campaign
+
+Kind = Annotated[
+    Literal["full", "inertia", "motors", "afternoon"] | None,
+    typer.Option(help="What the campaign should find; default: rig.toml's campaign.kind."),
+]
+CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")]
+
+
+def status(
+    kind: Kind = None,
+    campaign: CampaignFolder = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Show what a campaign found, how sure that is against what it is for, what is missing, and what comes next.
+
+    Example: [bold]cfid status --kind afternoon[/bold]
+    """
+    from cfid.guide.status import next_of, status_of
+
+    statuses = status_of(here(campaign), kind=kind)
+    (_print_json if json else _print)(statuses, next_of(statuses))
+
+
+def next_step(
+    kind: Kind = None,
+    campaign: CampaignFolder = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before it starts; motors still ask.")] = False,
+) -> None:
+    """Do what comes next in a campaign: record a run, fit, or report; says what to do at the rig before.
+
+    Example: [bold]cfid next[/bold]
+    """
+    from cfid.guide.status import next_of, status_of
+
+    found = here(campaign)
+    step = next_of(status_of(found, kind=kind))
+    typer.echo(step.why)
+    words = step.words if step.recording is None else _prepared(step.recording)
+    typer.echo(f"next: cfid {' '.join(words)}")
+    if not yes and not typer.confirm("Start it?", default=True):
+        raise typer.Exit
+    _become(words, found)
+
+
+def _prepared(recording: "Recording") -> tuple[str, ...]:
+    """Say what to do at the rig; return the command's words with what the operator answered."""
+    typer.echo(recording.reminder)
+    questions = recording.questions or {}
+    answers = {name: typer.prompt(question).strip() for name, question in questions.items()}
+    if empty := [question for name, question in questions.items() if not answers[name]]:
+        raise ConfigError(f"{empty[0]}: nothing was answered; `cfid next` asks again.")
+    return tuple(word.format(**answers) for word in recording.words)
+
+
+def _become(words: tuple[str, ...], campaign: "Campaign") -> None:
+    """Replace this program by the command: signals, terminal and exit code are the command's own."""
+    sys.stdout.flush()
+    where = ["--campaign", str(campaign.folder)]
+    os.execv(sys.executable, [sys.executable, "-m", "cfid.cli.main", *words, *where])
+
+
+def _print(statuses: "tuple[TaskStatus, ...]", step: "Next") -> None:
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    from cfid.guide.status import percent
+
+    table = Table(box=SIMPLE, pad_edge=False)
+    for heading in ("fit", "runs", "state", "how sure", "what for"):
+        table.add_column(heading, overflow="fold")
+    for one in statuses:
+        runs = f"{one.recorded} of {len(one.task.recordings)}"
+        sure = "\n".join(percent(found.std) for found in one.found)
+        table.add_row(one.task.section, runs, one.state, sure, "\n".join(found.aim.purpose for found in one.found))
+    Console().print(table)
+    for one in statuses:
+        if one.reason:
+            typer.echo(f"{one.task.section}: {one.reason}")
+    typer.echo(f"next: cfid {' '.join(step.words)}\n      {step.why}")
+
+
+def _print_json(statuses: "tuple[TaskStatus, ...]", step: "Next") -> None:
+    import json
+
+    rows = [
+        {
+            "fit": one.task.section,
+            "runs": one.recorded,
+            "runs_planned": len(one.task.recordings),
+            "state": one.state,
+            "reason": one.reason,
+            "quantities": [
+                {"key": found.aim.key, "relative_std": found.std, "wanted_relative_std": found.aim.std}
+                for found in one.found
+            ],
+        }
+        for one in statuses
+    ]
+    following = {"command": list(step.words), "why": step.why}
+    typer.echo(json.dumps({"command": "status", "tasks": rows, "next": following}, indent=2))

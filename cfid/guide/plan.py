@@ -1,0 +1,169 @@
+"""What each kind of campaign records and fits, in order, and how sure its results should be."""
+
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cfid.records.rig_file import CampaignKind, Rig
+from cfid.records.run import Label
+
+Words = tuple[str, ...]
+
+_WEIGHTS_G = (20, 30, 40)
+_WINDS = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aim:
+    """A quantity, and the relative standard uncertainty that what it is for asks for.
+
+    A polynomial has None: how sure its values are depends on where, and its coefficients alone do not tell.
+    """
+
+    key: str
+    std: float | None = None
+    purpose: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """A run to record: the words of the command, what to do at the rig before, and how to tell the run by its label.
+
+    `questions` are asked before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
+    """
+
+    words: Words
+    reminder: str
+    kind: str
+    label: Label = field(default_factory=Label)
+    questions: Mapping[str, str] | None = None
+
+    def is_of(self, kind: str, label: Label) -> bool:
+        """Return whether a run of a kind with a label is this recording, or another of the same."""
+        same = (self.label.axis, self.label.weight_g) == (label.axis, label.weight_g)
+        return kind.partition("_")[0] == self.kind and same and (label.body or "crazyflie") == "crazyflie"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One fit: its section of parameters.toml, the runs that it takes, its command and what it should find."""
+
+    section: str
+    recordings: tuple[Recording, ...]
+    fit: Words
+    aims: tuple[Aim, ...]
+
+
+def tasks(rig: Rig, *, kind: CampaignKind | None = None, order: str = "") -> tuple[Task, ...]:
+    """Return a campaign's tasks; `kind` replaces that of rig.toml.
+
+    Mounts come in an order drawn by `order`, so that no drift of a day looks like a difference between axes. The first
+    is swung about once more at the end: what differs then has drifted.
+    """
+    every = {
+        "inertia": _inertia(rig, order),
+        "friction": _friction(rig),
+        "thrust": _thrust(),
+        "torque": _torque(),
+        "speed": _speed(),
+        "latency": _latency(),
+        "tf": _transfer(),
+        "drag": _drag(),
+    }
+    sections: Mapping[CampaignKind, Sequence[str]] = {
+        "full": tuple(every),
+        "inertia": ("inertia", "friction"),
+        "motors": ("thrust", "torque", "speed", "latency", "tf"),
+        "afternoon": ("inertia", "thrust", "torque"),
+    }
+    return tuple(every[name] for name in sections[kind or rig.campaign.kind] if every[name].recordings)
+
+
+def _inertia(rig: Rig, order: str) -> Task:
+    mounts = sorted(rig.mounts)
+    random.Random(order).shuffle(mounts)
+    swings = tuple(
+        Recording(
+            words=("log", "encoder", "--axis", mount, "--for", "20"),
+            reminder=f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s.",
+            kind="swing",
+            label=Label(axis=mount),
+        )
+        for mount in (*mounts, *mounts[:1])
+    )
+    aim = Aim(key="inertia.matrix_kg_m2", std=0.03, purpose="a rate controller's gains: 3 %")
+    return Task(section="inertia", recordings=swings, fit=("fit", "inertia"), aims=(aim,))
+
+
+def _friction(rig: Rig) -> Task:
+    drops = tuple(
+        Recording(
+            words=("log", "encoder", "--weight", str(grams), "--for", "20"),
+            reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
+            kind="drop",
+            label=Label(weight_g=grams),
+        )
+        for grams in _WEIGHTS_G
+    )
+    aim = Aim(key="friction.viscous_nms_per_rad", std=0.2, purpose="how swings decay: 20 %")
+    recordings = drops if rig.friction is not None else ()
+    return Task(section="friction", recordings=recordings, fit=("fit", "friction"), aims=(aim,))
+
+
+def _thrust() -> Task:
+    aims = (
+        Aim(key="motor.max_thrust_n", std=0.03, purpose="the limit of a mixer: 3 %"),
+        Aim(key="motor.hover_mass_kg", std=0.02, purpose="the command that hovers: 2 %"),
+    )
+    return Task(section="thrust", recordings=(_staircase("thrust"),), fit=("fit", "thrust"), aims=aims)
+
+
+def _torque() -> Task:
+    torques = Aim(key="motor.torque_poly")
+    return Task(section="torque", recordings=(_staircase("thrust"),), fit=("fit", "torque"), aims=(torques,))
+
+
+def _speed() -> Task:
+    speeds = Aim(key="motor.speed_poly")
+    return Task(section="speed", recordings=(_staircase("speed"),), fit=("fit", "speed"), aims=(speeds,))
+
+
+def _staircase(kind: str) -> Recording:
+    reminder = "Fasten the vehicle on the load cell, propellers on, a full battery in."
+    if kind == "speed":
+        reminder = "Point the tachometer at rotor 1, with its strips on, a full battery in."
+    return Recording(words=("log", kind), reminder=reminder, kind=kind)
+
+
+def _latency() -> Task:
+    reminder = "Switch the vehicle on; no motor turns."
+    pings = Recording(words=("log", "ping"), reminder=reminder, kind="ping")
+    aim = Aim(key="latency.rtt_mean_s", std=0.05, purpose="a delay in the loop: 5 %")
+    return Task(section="latency", recordings=(pings,), fit=("tf", "latency", "last"), aims=(aim,))
+
+
+def _transfer() -> Task:
+    reminder = "Fasten the vehicle on the load cell, the propellers on, a full battery in."
+    sines = Recording(words=("log", "sine"), reminder=reminder, kind="sine")
+    aim = Aim(key="tf.time_constant_s", std=0.05, purpose="an attitude controller's bandwidth: 5 %")
+    return Task(section="tf", recordings=(sines,), fit=("tf", "identify"), aims=(aim,))
+
+
+def _drag() -> Task:
+    still = Recording(
+        words=("log", "wind", "--wind", "0,0"),
+        reminder="Fasten the vehicle on the load cell as it will stand in the wind; no wind blows.",
+        kind="wind",
+    )
+    windy = Recording(
+        words=("log", "wind", "--angle", "{angle}", "--fan-voltage", "{volts}", "--wind", "{wind}"),
+        reminder="Set the wind generator to another angle or voltage, and measure the wind at the vehicle.",
+        kind="wind",
+        questions={
+            "angle": "Angle of the generator to the vertical, in degrees",
+            "volts": "Voltage at its fan",
+            "wind": "Lowest and highest wind in m/s, as 2.0,3.7",
+        },
+    )
+    aim = Aim(key="drag.simple_kg_per_rad", std=0.2, purpose="a simulator at 3 m/s: 20 %")
+    return Task(section="drag", recordings=(still, *[windy] * _WINDS), fit=("fit", "drag"), aims=(aim,))

@@ -1,0 +1,146 @@
+"""Where a campaign stands: every task with what is recorded and found, and the one command that comes next."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from cfid.guide.plan import Aim, Recording, Task, Words, tasks
+from cfid.quantities.values import Number
+from cfid.records.campaign import RUNS_FOLDER, Campaign
+from cfid.records.parameters import Section
+from cfid.records.rig_file import CampaignKind
+from cfid.records.run import Run
+from cfid.records.stale import Stale, stale_in
+
+State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
+
+_SMALL = 0.1  # of a value's largest number: smaller ones, as products of inertia, are judged by the largest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found."""
+
+    aim: Aim
+    std: float | None
+
+    @property
+    def short_by(self) -> float:
+        """How many times as uncertain it is as it should be, 0 where that cannot be said."""
+        return 0.0 if self.std is None or self.aim.std is None else self.std / self.aim.std
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskStatus:
+    """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are."""
+
+    task: Task
+    lacking: tuple[Recording, ...]
+    state: State
+    reason: str
+    found: tuple[Found, ...]
+
+    @property
+    def recorded(self) -> int:
+        """How many of its runs are there."""
+        return len(self.task.recordings) - len(self.lacking)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Next:
+    """The command that comes next, why, and what to do at the rig before."""
+
+    words: Words
+    why: str
+    recording: Recording | None = None
+
+
+def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
+    """Return how each task of a campaign stands. Raises DataError when parameters.toml is invalid."""
+    runs = campaign.runs()
+    stale = stale_in(campaign.folder, campaign.runs(complete=False))
+    sections = campaign.sections()
+    order = campaign.folder.resolve().name
+    planned = tasks(campaign.rig, kind=kind, order=order)
+    return tuple(_status(task, runs, sections.get(task.section), stale) for task in planned)
+
+
+def next_of(statuses: Sequence[TaskStatus]) -> Next:
+    """Return what comes next: the first thing to record, then to fit, to repeat, to improve, else the report."""
+    for one in statuses:
+        if one.state == "missing":
+            recording = one.lacking[0]
+            why = f"{one.task.section}: {one.recorded} of {len(one.task.recordings)} runs are recorded."
+            return Next(words=recording.words, why=why, recording=recording)
+        if one.state in ("not fitted", "stale"):
+            return Next(words=one.task.fit, why=f"{one.task.section}: {one.reason}")
+    for one in statuses:
+        if one.state == "rejected":
+            recording = one.task.recordings[-1]
+            why = f"{one.task.section} was rejected: {one.reason}"
+            return Next(words=recording.words, why=why, recording=recording)
+    weak = [(found, one.task) for one in statuses for found in one.found if found.short_by > 1]
+    if weak:
+        found, task = max(weak, key=lambda pair: pair[0].short_by)
+        why = f"{found.aim.key} is known to {percent(found.std)}; {found.aim.purpose}."
+        return Next(words=task.recordings[-1].words, why=why, recording=task.recordings[-1])
+    return Next(words=("report",), why="everything is found, and sure enough.")
+
+
+def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Stale) -> TaskStatus:
+    lacking, taken = _lacking(task.recordings, runs)
+    state: State = "accepted"
+    reason = ""
+    if section is not None and (rejected := [text for key, text in section.rejected.items() if _aimed(task, key)]):
+        state, reason = "rejected", rejected[0]
+    elif section is not None and (reasons := stale(section)):
+        state, reason = "stale", reasons[0]
+    elif lacking:
+        state = "missing"
+    elif section is None:
+        state, reason = "not fitted", "recorded, not fitted yet."
+    elif newer := _newer(section, taken):
+        state, reason = "stale", f"{newer} run{'s were' if newer > 1 else ' was'} recorded after the fit."
+    found = tuple(Found(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)
+    return TaskStatus(task=task, lacking=lacking, state=state, reason=reason, found=found)
+
+
+def _aimed(task: Task, key: str) -> bool:
+    return any(aim.key == key for aim in task.aims)
+
+
+def _lacking(recordings: Iterable[Recording], runs: Sequence[Run]) -> tuple[tuple[Recording, ...], list[Run]]:
+    """Return the recordings without a run of their own, and the runs that were found for the others."""
+    left, lacking, taken = list(runs), [], []
+    for recording in recordings:
+        run = next((run for run in left if recording.is_of(run.header.kind, run.header.label)), None)
+        if run is None:
+            lacking.append(recording)
+        else:
+            left.remove(run)
+            taken.append(run)
+    return tuple(lacking), taken
+
+
+def _newer(section: Section, runs: Sequence[Run]) -> int:
+    used = {source.path.split("/")[1] for source in section.sources if source.path.startswith(f"{RUNS_FOLDER}/")}
+    return sum(run.folder.name not in used and run.header.started > section.found for run in runs)
+
+
+def _relative_std(section: Section, aim: Aim) -> float | None:
+    """Return the largest standard uncertainty relative to its number, or to the largest one where that is small."""
+    parameter = section.parameters.get(aim.key)
+    if aim.std is None or parameter is None or aim.key in section.rejected:
+        return None
+    numbers: list[Number] = [one for one in parameter.numbers(aim.key) if one.value is not None and one.std is not None]
+    sizes = [abs(one.value or 0.0) for one in numbers]
+    if not sizes or max(sizes) == 0:
+        return None
+    ratios = [(one.std or 0.0) / size for one, size in zip(numbers, sizes, strict=True) if size > _SMALL * max(sizes)]
+    return max(ratios) if all(math.isfinite(ratio) for ratio in ratios) else None
+
+
+def percent(std: float | None) -> str:
+    """Return a relative standard uncertainty as text."""
+    return "-" if std is None else f"{100 * std:.2g} %"

@@ -1,0 +1,55 @@
+"""What a recording of another program is, by its columns."""
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from cfid.errors import DataError
+from cfid.records.logs.any_kind import is_binary_log
+from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
+from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.schema import TIME, Foreign
+from cfid.records.tables.stand_heads import check_heads, heads_of
+from cfid.records.tables.table import CsvTable
+from cfid.records.tables.wrench import AXES
+from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
+
+Kind = Literal["angle", "wrench", "flight", "stand"]
+
+_FLOWN = re.compile(
+    r"(?:\w+_)?(?:(?:gyro|acc)[._][xyz]|(?:motor|pwm|rpm)[._]m[1-4]\w*|(?:stateEstimate|stabilizer)[._]\w+|pm[._]vbat\w*)"
+)
+_COLUMNS: dict[Kind, tuple[re.Pattern[str], ...]] = {  # of which one shows the kind
+    "wrench": tuple(column.called for column in WRENCH_COLUMNS.columns if column.key in AXES),
+    "flight": (_FLOWN,),
+    "angle": tuple(column.called for column in ANGLE_COLUMNS.columns if column.key != TIME),
+}
+
+
+def kind_at(path: Path, reading: Foreign) -> Kind | None:
+    """Return a log of a vehicle, forces and torques, an angle, a thrust stand's table, or None: columns do not show it.
+
+    Raises DataError where it cannot be read.
+    """
+    if is_binary_log(path):
+        return "flight"
+    if reading.columns:
+        return "wrench" if len(reading.columns) > len(AXES) else "angle"
+    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
+    for kind, columns in _COLUMNS.items():
+        if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
+            return kind
+    return "stand" if table.has_head and _of_stand(table) else None
+
+
+def is_flown(name: str) -> bool:
+    """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
+    return bool(_FLOWN.fullmatch(name))
+
+
+def _of_stand(table: CsvTable) -> bool:
+    try:
+        check_heads(table, heads_of(table.names), ())
+    except DataError:
+        return False
+    return True

@@ -1,0 +1,147 @@
+"""What a campaign found, what it lacks, and the one command that comes next."""
+
+import hashlib
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError
+from cfid.guide.plan import tasks
+from cfid.guide.status import Next, TaskStatus, next_of, status_of
+from cfid.records.campaign import open_campaign
+from cfid.records.parameters import Parameter, Section, Source, store_section
+from cfid.records.rig_file import load_rig
+from cfid.records.run import DeviceRecord, Label, amend_run, list_runs, read_run
+from cfid.records.run_writer import create_run
+from tests.campaigns import Cfid
+
+ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
+BEGAN = datetime(2026, 1, 1, 8, tzinfo=UTC)
+LATER = BEGAN + timedelta(hours=9)
+MATRIX = np.diag([16e-6, 17e-6, 29e-6])
+
+
+@pytest.fixture
+def folder(cfid: Cfid, tmp_path: Path) -> Path:
+    """Return a new campaign's folder."""
+    assert cfid("new", "lab").returncode == 0
+    return tmp_path / "lab"
+
+
+def swing(folder: Path, axis: str, *, minute: int) -> Path:
+    devices = {"encoder": ENCODER}
+    started = BEGAN + timedelta(minutes=minute)
+    how = {"kind": "swing", "label": Label(axis=axis), "devices": devices, "started": started, "cfid_version": "0.2.0"}
+    with create_run(folder / "runs", **how) as writer:  # type: ignore[arg-type]
+        writer.append("encoder", (1.7e9 + np.arange(10) * 1e-3, np.arange(10)))
+    return writer.folder
+
+
+def fitted(folder: Path, *, std: float = 1e-7, rejected: str = "", found: datetime = LATER) -> None:
+    """Store a matrix of the six swings there are, as `cfid fit inertia` does."""
+    files = sorted(folder.glob("runs/*/encoder.csv"))
+    sources = tuple(Source(str(p.relative_to(folder)), hashlib.sha256(p.read_bytes()).hexdigest()) for p in files)
+    section = Section(
+        method="default",
+        found=found,
+        cfid_version="0.2.0",
+        accepted=not rejected,
+        sources=sources,
+        parameters={"inertia.matrix_kg_m2": Parameter(value=MATRIX, std=np.full((3, 3), std), unit="kg m^2")},
+        rejected={"inertia.matrix_kg_m2": rejected} if rejected else {},
+    )
+    store_section(folder / "parameters.toml", "inertia", section)
+
+
+def standing(folder: Path, *, task: str = "inertia") -> tuple[TaskStatus, Next]:
+    statuses = status_of(open_campaign(folder), kind="inertia")
+    return next(one for one in statuses if one.task.section == task), next_of(statuses)
+
+
+def swung(folder: Path) -> list[str]:
+    """Record every swing that is asked for, in that order; return the axes."""
+    axes = []
+    while (step := standing(folder)[1]).words[:2] == ("log", "encoder") and "--axis" in step.words:
+        axes.append(step.words[3])
+        swing(folder, axes[-1], minute=len(axes))
+    return axes
+
+
+def test_a_new_campaign_asks_for_every_mount_in_a_drawn_order_and_for_the_first_once_more(folder: Path) -> None:
+    axes = swung(folder)
+    orders = {tuple(task.label.axis or "" for task in tasks(load_rig(folder / "rig.toml"), order=name)[0].recordings)
+              for name in "abcdef"}  # fmt: skip
+
+    assert sorted(axes[:6]) == sorted(load_rig(folder / "rig.toml").mounts)
+    assert axes[6:] == axes[:1]
+    assert len(orders) > 3
+
+
+def test_recorded_swings_are_fitted_next_and_a_fit_that_is_no_longer_current_again(folder: Path) -> None:
+    swung(folder)
+    recorded, step = standing(folder)
+    assert (recorded.state, step.words) == ("not fitted", ("fit", "inertia"))
+
+    fitted(folder)
+    assert standing(folder)[0].state == "accepted"
+
+    run = read_run(sorted((folder / "runs").iterdir())[2])
+    amend_run(run, excluded="the cable touched")
+    left_out, step = standing(folder)
+    assert (left_out.state, step.words) == ("stale", ("fit", "inertia"))
+    assert "the cable touched" in left_out.reason
+    assert left_out.recorded == 6
+
+
+def test_a_run_recorded_after_the_fit_makes_it_stale(folder: Path) -> None:
+    swung(folder)
+    fitted(folder, found=BEGAN)
+    file = folder / "parameters.toml"
+    file.write_text(file.read_text().replace("_swing_", "_other_"))  # as if it had been fitted to others
+
+    assert standing(folder)[0].state == "stale"
+
+
+def test_a_rejected_matrix_is_to_be_recorded_again_and_one_that_is_not_sure_enough_too(folder: Path) -> None:
+    swung(folder)
+    fitted(folder, rejected="the swings contradict each other")
+    rejected, _ = standing(folder)
+    assert (rejected.state, rejected.reason) == ("rejected", "the swings contradict each other")
+
+    fitted(folder, std=2e-6)
+    unsure, _ = standing(folder)
+    assert unsure.found[0].std == pytest.approx(2e-6 / 16e-6)
+    assert unsure.found[0].short_by == pytest.approx(2e-6 / 16e-6 / 0.03)
+
+
+def test_when_all_is_found_and_sure_the_report_comes_next(folder: Path) -> None:
+    swung(folder)
+    fitted(folder)
+    statuses = [one for one in status_of(open_campaign(folder), kind="inertia") if one.task.section == "inertia"]
+
+    assert next_of(statuses).words == ("report",)
+
+
+def test_the_kind_of_a_campaign_stands_in_its_rig_file_and_another_is_refused(cfid: Cfid, folder: Path) -> None:
+    rig = folder / "rig.toml"
+    rig.write_text('[campaign]\nkind = "motors"\n' + rig.read_text())
+    said = cfid("status", "--campaign", folder, "--json")
+    assert [task["fit"] for task in json.loads(said.stdout)["tasks"]] == ["thrust", "torque", "speed", "latency", "tf"]
+
+    rig.write_text(rig.read_text().replace('"motors"', '"morning"'))
+    with pytest.raises(ConfigError, match=r"campaign\.kind"):
+        load_rig(rig)
+
+
+def test_next_says_what_to_do_asks_and_becomes_the_command(cfid: Cfid, folder: Path) -> None:
+    swung(folder)
+    runs = len(list_runs(folder / "runs"))
+    said = cfid("next", "--campaign", folder, "--kind", "inertia", "--yes")
+
+    # Ten rows are no swing: the fit that came next says so, with its own exit code.
+    assert "next: cfid fit inertia" in said.stdout
+    assert said.returncode == 4
+    assert len(list_runs(folder / "runs")) == runs

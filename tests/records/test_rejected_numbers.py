@@ -1,0 +1,232 @@
+"""A rejection takes the numbers of its quantities away everywhere: figures of merit, lines, covariances and rows.
+
+Each experiment gives a result; then each of its quantities is rejected alone, and the digits that only this quantity
+has are looked for in what is left.
+"""
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cfid.friction
+import cfid.inertia
+import cfid.swing
+from cfid import drag, transfer
+from cfid.findings import rejection
+from cfid.inertia.data import Swing
+from cfid.motors import lag, steps
+from cfid.motors.maps.result import fit_thrust
+from cfid.motors.steps.data import SpeedRecord
+from cfid.records.parameters import Source, plain
+from cfid.records.result import Dependent, Result
+from cfid.records.rig_file import thesis_rig
+from cfid.records.run import Label
+from cfid.records.tables.angle import AngleRecord, labelled
+from cfid.transfer.verification_result import Function
+from tests.drag.test_drag_campaigns import COMPLEX_AIR, measured
+from tests.drawn import swing_record
+from tests.estimate.test_common_causes import evidence
+from tests.friction.test_drops_of_imperfect_labs import record as dropped
+from tests.inertia.test_inertia_result import TABLE_2_3, known
+from tests.motors.test_lag_coverage import flown
+from tests.motors.test_lag_of_logs import MOTORS, NEXT, SPEEDS, logged, read
+from tests.motors.test_rotor_dynamics import COMMAND, TIME_S, followed_speed, noise
+from tests.transfer.sines_in_a_folder import sines, write_run
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def _swing(name: str = "encoder") -> AngleRecord:
+    time_s, angle_rad = swing_record()
+    return AngleRecord(
+        path=Path(f"{name}.csv"),
+        source=Source(f"{name}.csv", "0" * 64),
+        label=Label(),
+        time_s=time_s,
+        angle_rad=angle_rad,
+        findings=(),
+    )
+
+
+def swing(_: Path) -> Result:
+    return cfid.swing.fit(_swing(), mass_kg=0.03, distance_m=0.02)
+
+
+def swing_by_thesis(_: Path) -> Result:
+    return cfid.swing.fit(_swing(), mass_kg=0.03, distance_m=0.02, method="thesis")
+
+
+def inertia(_: Path) -> Result:
+    swings: list[Swing] = [*known()[:5], labelled(_swing(), axis="yz")]
+    return cfid.inertia.fit(swings, rig=thesis_rig(), propose=True)
+
+
+def drawn_body(_: Path) -> Result:
+    return cfid.inertia.fit_testbody([labelled(_swing(), axis="x")], rig=thesis_rig())
+
+
+def friction(_: Path) -> Result:
+    return cfid.friction.fit([dropped(grams) for grams in (20.0, 30.0, 40.0)], rig=thesis_rig())
+
+
+def thrust(_: Path) -> Result:
+    return fit_thrust(evidence(np.random.default_rng(1)), gravity_mps2=9.81)
+
+
+def model_of_steps(_: Path) -> Result:
+    speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(1, 3.0)
+    speed[-100:] += np.linspace(0, 400, 100)  # the last step's lag does not fit
+    path = Path("stand.csv")
+    return steps.fit(
+        SpeedRecord(name="stand", path=path, time_s=TIME_S, speed_rad_s=speed, command_time_s=TIME_S, command=COMMAND)
+    )
+
+
+def lag_of_a_log(folder: Path) -> Result:
+    _, command, speed = flown(4, 7, rotors=1, noise=3.0, red=0.0)
+    speed[3] = 1800 + 200 * np.random.default_rng(2).standard_normal(speed.shape[1])
+    columns: list[Array] = [*(65535 * command[:, 0]), *(NEXT * speed)]
+    return lag.fit(read(logged(folder, MOTORS + SPEEDS, *columns)))
+
+
+def drag_of_a_complex_vehicle(_: Path) -> Result:
+    return drag.fit(measured(COMPLEX_AIR, np.random.default_rng(3)), intercepts=False)
+
+
+def transfer_function(folder: Path) -> Result:
+    runs = [write_run(folder, run, series="bench") for run in sines((2, 5, 10, 20, 40), samples=2000)]
+    return transfer.fit(runs, thrust_poly=[1e-11, 1e-6, 0.0], compare="eq3.15")
+
+
+def transfer_by_thesis(folder: Path) -> Result:
+    runs = [write_run(folder, run, series="bench") for run in sines((2, 5, 10, 20, 40), samples=2000)]
+    return transfer.fit(runs, thrust_poly=[1e-11, 1e-6, 0.0], method="thesis")
+
+
+def verification(folder: Path) -> Result:
+    runs = [write_run(folder, run) for run in sines((5, 10), samples=2000)]
+    function = Function.of_coefficients([0, 6.0705967e-8], [1, -0.9745210], delay_s=-0.0274)
+    return transfer.verify(runs, function)
+
+
+# What a rejection of a quantity takes from the figures of merit, of which the numbers are others than the quantity's.
+LOST: Mapping[Callable[[Path], Result], tuple[str, set[str]]] = {
+    swing: ("swing.natural_frequency_squared_s2", {"damped_cosine", "log_decrement"}),
+    swing_by_thesis: ("swing.natural_frequency_squared_s2", {"nonlinear_equation"}),
+    inertia: ("inertia.matrix_kg_m2", {"eigenvalues_kg_m2", "raw_matrix_kg_m2", "budget_kg_m2"}),
+    drawn_body: ("testbody.measured_kg_m2.x", {"swings.0.natural_frequency_squared_s2", "swings.0.std_s2"}),
+    friction: ("friction.viscous_nms_per_rad", set()),
+    thrust: ("motor.max_thrust_n", {"common_causes.motor.max_thrust_n", "max_thrust_at_v"}),
+    model_of_steps: ("dynamics.rising", set()),
+    lag_of_a_log: ("dynamics.rising", set()),
+    drag_of_a_complex_vehicle: ("drag.complex.normalised.k3", {"normalised_squared"}),
+    transfer_function: ("tf.static_gain_n", {"thesis.static_gain_n", "static_gain_off_slope"}),
+    transfer_by_thesis: ("tf.series.bench.time_constant_s", {"series.bench.time_constant_s"}),
+    verification: ("tf.verify.*.fit_percent", {"runs.*.unfiltered_fit_percent"}),
+}
+
+# Data, which no rejection of a quantity takes away: known axis inertias, and points that a map is fitted to.
+GIVEN = {f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in TABLE_2_3} | {"motor.table"}
+
+
+@pytest.fixture(scope="module", params=LOST, ids=lambda make: make.__name__)
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Result]:
+    return request.param, request.param(tmp_path_factory.mktemp("given"))
+
+
+def test_no_digit_of_a_rejected_quantity_is_left(made: tuple[Any, Result]) -> None:
+    _, result = made
+    for key, quantity in result.quantities.items():
+        if key in GIVEN:
+            continue
+        others = {digits for name, one in result.quantities.items() if name != key for digits in _digits_of(one)}
+        own = {digits for digits in _digits_of(quantity) if len(digits) > 3} - others
+        left = _without(result, key)
+
+        assert key not in left.quantities
+        assert not own & set(_digits(_text(left))), key
+        assert not any(_states(line, own) for line in left.summary()), key
+
+
+def test_what_follows_from_a_rejected_quantity_goes_with_it_and_the_rest_stays(made: tuple[Any, Result]) -> None:
+    make, result = made
+    key, lost = LOST[make]
+    rejected = re.compile(re.escape(key).replace(r"\*", ".*"))
+    (key, *_) = (one for one in result.quantities if rejected.fullmatch(one))
+    before, after = set(_paths(plain(result.quality))), set(_paths(plain(_without(result, key).quality)))
+    gone = {re.sub(r"^runs\.[^.]*\.", "runs.*.", path) for path in before - after}
+
+    assert {path for path in lost if not any(one.startswith(path) for one in gone)} == set()
+    assert {one for one in gone if not one.startswith((*lost, f"common_causes.{key}"))} == set()
+
+
+@pytest.mark.parametrize("make", [model_of_steps, lag_of_a_log])
+def test_a_rejected_row_keeps_its_place_and_loses_what_was_measured(
+    make: Callable[[Path], Result], tmp_path: Path
+) -> None:
+    result = make(tmp_path)
+    all_rows, given = (one.quantities["dynamics.time_constant_s"].value for one in (result, result.without_rejected()))
+
+    assert result.accepted
+    assert {row["accepted"] for row in given} == {True, False}
+    for whole, row in zip(all_rows, given, strict=True):
+        assert math.isfinite(whole["time_constant_s"])
+        unknown = {"time_constant_s", "std_s", "delay_s"}
+        assert row == (whole if row["accepted"] else {**whole, **dict.fromkeys(unknown)})
+
+
+def test_something_may_stand_instead_of_a_lost_line_and_a_rejection_of_everything_takes_all() -> None:
+    lines = (Dependent("W is 150.1", "a.w", instead="rejected"), Dependent("I is 3.1", "a.i"), "10 peaks")
+    result = Result(
+        command="fit a", method="default", quantities={}, lines=lines, merits={"n": [Dependent(1.5, "a.i")]}
+    )
+
+    assert result.summary() == ("W is 150.1", "I is 3.1", "10 peaks")
+    assert replace(result, findings=(rejection("a", "no.", "a.w"),)).without_rejected().summary() == (
+        "rejected",
+        "I is 3.1",
+        "10 peaks",
+    )
+    nothing = replace(result, findings=(rejection("a", "no."),)).without_rejected()
+    assert nothing.summary() == ("rejected", "10 peaks")
+    assert nothing.quality == {"n": []}
+
+
+def _without(result: Result, key: str) -> Result:
+    return replace(result, findings=(*result.findings, rejection("a-code", "no.", key))).without_rejected()
+
+
+def _text(result: Result) -> str:
+    content = [result.quality, result.common, [one.matrix for one in result.covariances]]
+    return json.dumps(plain(content))
+
+
+def _paths(content: Any, before: str = "") -> Iterator[str]:
+    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    yield before
+    for name, one in items:
+        yield from _paths(one, f"{before}.{name}".removeprefix("."))
+
+
+def _digits_of(quantity: Any) -> Iterator[str]:
+    return _digits(json.dumps(plain([quantity.value, quantity.std])))
+
+
+def _digits(text: str) -> Iterator[str]:
+    """Yield the significant digits of each number, the first eight of them, whatever its power of ten."""
+    for number in re.findall(r"\d+\.?\d*(?:e[-+]?\d+)?", text):
+        yield number.split("e")[0].replace(".", "").strip("0")[:8]
+
+
+def _states(line: str, own: set[str]) -> bool:
+    """Return whether a line has one of the numbers, rounded to three digits or more."""
+    shown = {digits for digits in _digits(line) if len(digits) > 3}
+    rounded = {f"{float('0.' + digits):.{places}g}"[2:] for digits in own for places in range(4, 8)}
+    return bool(shown & rounded)

@@ -1,0 +1,56 @@
+"""Samples of a busy computer are placed by the stamps of the device that took them."""
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.records.tables.stamps import StampedTimes, stamped_times
+
+Array = npt.NDArray[np.float64]
+
+SKEW = 40e-6
+
+
+def busy(rng: np.random.Generator, *, seconds: float = 4.0) -> tuple[Array, Array, Array]:
+    """Return when samples were taken, when they arrived, and the device's stamps of a crystal that is too fast.
+
+    A poll waits for its answer, and this computer turns to other programs for up to 16 ms.
+    """
+    taken, arrived, now = [], [], 1.7e9
+    while now < 1.7e9 + seconds:
+        stalled = rng.exponential(4e-3) if rng.random() < 0.1 else 0.0
+        taken.append(now)
+        arrived.append(now + rng.gamma(3.0, 15e-6) + min(stalled, 16e-3))
+        now = max(now + 1e-3, arrived[-1])
+    return np.array(taken), np.array(arrived), np.floor((np.array(taken) - 1.7e9) * (1 + SKEW) * 1e6) + 3.3e6
+
+
+def placed(arrival_s: Array, stamp_us: Array) -> StampedTimes:
+    found = stamped_times(arrival_s, stamp_us)
+    assert found is not None
+    return found
+
+
+def test_stalls_of_16_ms_leave_intervals_true_within_their_stated_scale() -> None:
+    scores = []
+    for seed in range(40):
+        taken, arrived, stamps = busy(np.random.default_rng(seed))
+        found = placed(arrived, stamps)
+        off_s = (found.time_s - taken) - (found.time_s - taken).mean()
+        scale = float(np.polyfit(taken - taken[0], off_s, 1)[0])
+        scores.append(abs(scale) / found.scale_std)
+
+        assert np.ptp(arrived - taken) > 10e-3
+        assert np.ptp(off_s) < 1e-4
+    assert max(scores) < 1.96
+    assert found.scale_std < 3e-5
+
+
+def test_stamps_are_not_used_that_count_something_else_or_start_anew() -> None:
+    _, arrived, stamps = busy(np.random.default_rng(1))
+    anew = stamps - np.where(np.arange(len(stamps)) > len(stamps) // 2, stamps[len(stamps) // 2], 0)
+
+    assert stamped_times(arrived, stamps) is not None
+    assert stamped_times(arrived, np.floor(stamps / 1000)) is None  # milliseconds
+    assert stamped_times(arrived, anew) is None
+    assert stamped_times(arrived, np.full_like(stamps, 7.0)) is None
+    assert stamped_times(arrived[:20], stamps[:20]) is None
