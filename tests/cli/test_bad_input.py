@@ -14,12 +14,12 @@ Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Spoil = Callable[[list[str]], list[str]]
 
 
-def refused(said: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    assert said.returncode == code, said.stderr
-    assert "Traceback" not in said.stderr
+def refused(ended: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert ended.returncode == code, ended.stderr
+    assert "Traceback" not in ended.stderr
     for word in words:
-        assert word in said.stderr
-    assert '"value"' not in said.stdout
+        assert word in ended.stderr
+    assert '"value"' not in ended.stdout
 
 
 def replaced(row: int, text: str) -> Spoil:
@@ -116,10 +116,10 @@ def test_a_swing_from(cfid: Cfid, files: Path, tmp_path: Path, case: str) -> Non
 def test_a_file_cut_in_the_middle_of_a_row_loses_that_row_and_says_so(cfid: Cfid, files: Path, tmp_path: Path) -> None:
     path = tmp_path / "cut.csv"
     path.write_text((files / "x.csv").read_text()[:-4])
-    said = cfid("fit", "swing", path, "--json")
+    ended = cfid("fit", "swing", path, "--json")
 
-    assert said.returncode == 0
-    assert "the last line was cut" in said.stdout
+    assert ended.returncode == 0
+    assert "the last line was cut" in ended.stdout
 
 
 def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, files: Path, tmp_path: Path) -> None:
@@ -131,9 +131,9 @@ def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, file
     path = tmp_path / "shaken.csv"
     path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, shaken, strict=True)))
 
-    said = cfid("fit", "swing", path, "--json")
-    refused(said, 5, "rejected", "differs from a pendulum's", "--force")
-    assert '"accepted": false' in said.stdout
+    ended = cfid("fit", "swing", path, "--json")
+    refused(ended, 5, "rejected", "differs from a pendulum's", "--force")
+    assert '"accepted": false' in ended.stdout
     forced = cfid("fit", "swing", path, "--json", "--force")
     assert forced.returncode == 0
     assert '"accepted": false' in forced.stdout

@@ -18,9 +18,9 @@ HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twist
 def test_help_imports_nothing_heavy() -> None:
     words = "import sys\ntry:\n    from cfid.cli.main import app\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
     words += f"print('loaded:', [name for name in {HEAVY} if name in sys.modules])"
-    said = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    ended = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
 
-    assert said.stdout.strip().endswith("loaded: []")
+    assert ended.stdout.strip().endswith("loaded: []")
 
 
 def test_the_version_is_printed(cfid: Cfid) -> None:
@@ -29,11 +29,11 @@ def test_the_version_is_printed(cfid: Cfid) -> None:
 
 @pytest.mark.parametrize("command", [path for path, (function, _) in COMMANDS.items() if function])
 def test_every_command_has_help_with_an_example(cfid: Cfid, command: str) -> None:
-    said = cfid(*command.split(), "--help")
+    ended = cfid(*command.split(), "--help")
 
-    assert said.returncode == 0
+    assert ended.returncode == 0
     example = {"fit tf": "tf identify"}.get(command, command)  # one command by two names
-    assert f"Example: cfid {example}" in " ".join(said.stdout.split())
+    assert f"Example: cfid {example}" in " ".join(ended.stdout.split())
 
 
 def test_a_warning_of_a_library_is_a_sentence_without_a_place_in_its_source() -> None:
@@ -44,9 +44,9 @@ def test_a_warning_of_a_library_is_a_sentence_without_a_place_in_its_source() ->
         "    warnings.warn('np.old is gone', FutureWarning)\n"
         "main.app = app\nmain.main([])\n"
     )
-    said = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    ended = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
 
-    assert said.stderr.strip() == "note: a library that cfid uses warns: invalid value in divide."
+    assert ended.stderr.strip() == "note: a library that cfid uses warns: invalid value in divide."
 
 
 def test_an_unknown_option_is_a_usage_error(cfid: Cfid) -> None:
@@ -54,16 +54,16 @@ def test_an_unknown_option_is_a_usage_error(cfid: Cfid) -> None:
 
 
 def test_an_error_is_one_sentence_on_stderr_and_nothing_on_stdout(cfid: Cfid) -> None:
-    said = cfid("fit", "swing", "missing.csv")
+    ended = cfid("fit", "swing", "missing.csv")
 
-    assert said.returncode == 4
-    assert said.stdout == ""
-    assert said.stderr == "cfid: missing.csv: no such file.\n"
+    assert ended.returncode == 4
+    assert ended.stdout == ""
+    assert ended.stderr == "cfid: missing.csv: no such file.\n"
 
 
 def test_output_into_a_closed_pipe_is_no_traceback(files: Path) -> None:
     words = f"{sys.executable} -m cfid.cli.main fit swing {files / 'x.csv'} --no-figures --json | head -1"
-    said = subprocess.run(["bash", "-c", words], capture_output=True, text=True, check=False)
+    ended = subprocess.run(["bash", "-c", words], capture_output=True, text=True, check=False)
 
-    assert "Traceback" not in said.stderr
-    assert said.stdout == "{\n"
+    assert "Traceback" not in ended.stderr
+    assert ended.stdout == "{\n"

@@ -14,7 +14,7 @@ def test_ctrl_c_ends_the_demo_with_130_and_says_no_traceback(tmp_path: Path) -> 
     while not (tmp_path / "demo" / "rig.toml").exists() and time.monotonic() < deadline:
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=30)
+    _, message = running.communicate(timeout=30)
 
     assert running.returncode == 130
-    assert "Traceback" not in said
+    assert "Traceback" not in message

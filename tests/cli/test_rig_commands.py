@@ -29,11 +29,11 @@ def test_a_sound_rig_is_ready_and_no_setting_is_changed(lab: Lab) -> None:
     lab.e201.word_bits = 18
     lab.box.box.settings.buffer_size = 3
 
-    said = lab.cfid("rig", "check", "--json")
-    content = json.loads(said.out)
+    ended = lab.cfid("rig", "check", "--json")
+    content = json.loads(ended.out)
 
-    assert said.code == 0
-    assert said.err == ""
+    assert ended.code == 0
+    assert ended.err == ""
     assert not content["simulated"]
     assert [answer["asked"] for answer in content["devices"]["loadcell"]] == [
         "settings, HTTP",
@@ -52,13 +52,13 @@ def test_what_is_wrong_is_told_with_what_to_do(lab: Lab) -> None:
     lab.loadcell_suffers(drop_every=3)
     lab.box.box.status = 0x80010000
 
-    said = lab.cfid("rig", "check")
+    ended = lab.cfid("rig", "check")
 
-    assert said.code == 3
-    assert said.err == "cfid: not ready: encoder, loadcell.\n"
-    assert "-> plug it in, or set devices.encoder.port in rig.toml" in said.out
-    assert "reading, TCP    warning  a threshold is latched" in said.out
-    assert "-> the stream broke off: another client uses the same box, or the network drops datagrams" in said.out
+    assert ended.code == 3
+    assert ended.err == "cfid: not ready: encoder, loadcell.\n"
+    assert "-> plug it in, or set devices.encoder.port in rig.toml" in ended.out
+    assert "reading, TCP    warning  a threshold is latched" in ended.out
+    assert "-> the stream broke off: another client uses the same box, or the network drops datagrams" in ended.out
 
 
 # A simulated rig
@@ -75,8 +75,8 @@ def test_logs_of_a_simulated_rig_say_so_and_meet_its_faults(lab: Lab) -> None:
     runs = json.loads(listed.out)["runs"]
 
     assert checked.code == loadcell.code == encoder.code == 0
-    for said in (checked, loadcell, encoder):
-        assert said.err.startswith(SIMULATED)
+    for ended in (checked, loadcell, encoder):
+        assert ended.err.startswith(SIMULATED)
     assert "7000 Hz" in checked.out
     assert "rig.toml states 700 Hz: `cfid log loadcell` sets them" in checked.out
     assert "duplicates" in loadcell.out
@@ -106,10 +106,10 @@ def test_a_killed_simulated_rig_counts_for_nothing(lab: Lab) -> None:
         sim.process.wait()
     assert (lab.folder / SIM_FILE).exists()
 
-    said = lab.cfid("log", "encoder", "--for", 0.3)
+    ended = lab.cfid("log", "encoder", "--for", 0.3)
 
-    assert said.code == 0
-    assert SIMULATED not in said.err
+    assert ended.code == 0
+    assert SIMULATED not in ended.err
     assert not lab.run().header.simulated
     with rig_sim(lab):  # and the next one takes its place
         assert lab.cfid("rig", "check").err.startswith(SIMULATED)
@@ -117,12 +117,12 @@ def test_a_killed_simulated_rig_counts_for_nothing(lab: Lab) -> None:
 
 def test_a_second_simulated_rig_is_refused_and_the_first_goes_on(lab: Lab) -> None:
     with rig_sim(lab):
-        said = lab.cfid("rig", "sim")
+        ended = lab.cfid("rig", "sim")
         checked = lab.cfid("rig", "check")
 
-    assert said.code == 2
+    assert ended.code == 2
     assert (
-        said.err == f"cfid: {lab.folder / SIM_FILE}: another simulated rig serves this campaign. End that one first.\n"
+        ended.err == f"cfid: {lab.folder / SIM_FILE}: another simulated rig serves this campaign. End that one first.\n"
     )
     assert checked.code == 0
 
@@ -147,22 +147,22 @@ def test_a_simulated_rig_that_ends_under_a_log_is_a_lost_device(lab: Lab) -> Non
 
 def test_a_signal_ends_a_simulated_rig_and_nothing_is_left(lab: Lab) -> None:
     with rig_sim(lab) as sim:
-        said = sim.ask_to_end(signal.SIGTERM)
+        ended = sim.ask_to_end(signal.SIGTERM)
 
-    assert said.code == 0
+    assert ended.code == 0
     assert not (lab.folder / SIM_FILE).exists()
     assert list(lab.folder.glob("cfid-sim-*")) == []
 
 
 def test_a_simulated_rig_ends_after_its_time(lab: Lab) -> None:
-    said = lab.cfid("rig", "sim", "--for", 0.2)
+    ended = lab.cfid("rig", "sim", "--for", 0.2)
 
-    assert said.code == 0
+    assert ended.code == 0
     assert not (lab.folder / SIM_FILE).exists()
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         ("--fault loadcell.drop=1", "there is no fault 'loadcell.drop'. Known faults: encoder.drop_every,"),
         ("--spin 1,2,3", "--spin 1,2,3: expected four motor commands"),
@@ -172,9 +172,9 @@ def test_a_simulated_rig_ends_after_its_time(lab: Lab) -> None:
         ("--trace no/such/folder", "no/such/folder: cannot be written: No such file or directory."),
     ],
 )
-def test_a_simulation_that_cannot_be_meant_so_is_told(lab: Lab, words: str, told: str) -> None:
-    said = lab.cfid("rig", "sim", *words.split())
+def test_a_simulation_that_cannot_be_meant_so_is_told(lab: Lab, words: str, expected: str) -> None:
+    ended = lab.cfid("rig", "sim", *words.split())
 
-    assert said.code == 2
-    assert told in said.err
+    assert ended.code == 2
+    assert expected in ended.err
     assert not (lab.folder / SIM_FILE).exists()

@@ -95,8 +95,8 @@ def test_last_says_which_newer_runs_it_is_not(campaign: Campaign, capsys: pytest
 
     amend_run(read_run(campaign.runs_folder / third), excluded="the line slipped")
     words(campaign, "last")
-    told = f"note: last is {first}; newer ones are left out: "
-    assert capsys.readouterr().err.startswith(told)
+    message = f"note: last is {first}; newer ones are left out: "
+    assert capsys.readouterr().err.startswith(message)
 
 
 def test_a_run_that_two_words_mean_counts_once(campaign: Campaign) -> None:
@@ -176,10 +176,10 @@ def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campa
         started=datetime.now(UTC),
         cfid_version="0",
     )
-    said = cfid("runs", "exclude", writer.folder.name)
+    ended = cfid("runs", "exclude", writer.folder.name)
 
-    assert said.returncode == 2
-    assert "is still being recorded" in said.stderr
+    assert ended.returncode == 2
+    assert "is still being recorded" in ended.stderr
     time.sleep(2.1)
     assert cfid("runs", "exclude", "last").returncode == 0  # a run that was cut
     writer.close("failed")
@@ -220,20 +220,20 @@ def test_a_run_that_ended_since_it_was_read_keeps_its_end(campaign: Campaign) ->
 
 
 def test_a_name_that_no_run_has_is_told(cfid: Cfid, campaign: Campaign) -> None:
-    said = cfid("runs", "exclude", "nothing")
+    ended = cfid("runs", "exclude", "nothing")
 
-    assert said.returncode == 2
-    assert "nothing: no run of this campaign matches: `cfid runs` lists them." in said.stderr
+    assert ended.returncode == 2
+    assert "nothing: no run of this campaign matches: `cfid runs` lists them." in ended.stderr
 
 
 @pytest.mark.parametrize("by_name", [True, False])
 def test_a_run_that_cannot_be_read_is_not_taken_for_another(cfid: Cfid, campaign: Campaign, by_name: bool) -> None:
     last = names(campaign)[-1]
     (campaign.runs_folder / last / "run.toml").write_text("kind = ")
-    said = cfid("runs", "exclude", last if by_name else "last")
+    ended = cfid("runs", "exclude", last if by_name else "last")
 
-    assert (said.returncode, said.stdout) == (4, "")
-    assert "invalid TOML" in said.stderr
+    assert (ended.returncode, ended.stdout) == (4, "")
+    assert "invalid TOML" in ended.stderr
 
 
 # cfid parameters, cfid set
@@ -242,11 +242,11 @@ def test_a_run_that_cannot_be_read_is_not_taken_for_another(cfid: Cfid, campaign
 def test_the_mass_is_changed_in_rig_toml_with_every_comment_kept(cfid: Cfid, campaign: Campaign) -> None:
     path = campaign.folder / "rig.toml"
     before = path.read_text()
-    said = cfid("set", "mass_kg", "0.0301", "--std", "0.0002")
+    ended = cfid("set", "mass_kg", "0.0301", "--std", "0.0002")
     after = path.read_text()
 
-    assert said.returncode == 0
-    assert "vehicle.mass_kg. Earlier fits used the old number" in said.stdout
+    assert ended.returncode == 0
+    assert "vehicle.mass_kg. Earlier fits used the old number" in ended.stdout
     changed = [line for line, old in zip(after.splitlines(), before.splitlines(), strict=True) if line != old]
     assert [line.split("#")[0].strip() for line in changed] == ["mass_kg = 0.0301", "mass_std_kg = 0.0002"]
     assert all("#" in line for line in changed)
@@ -278,7 +278,7 @@ def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: 
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "expected"),
     [
         ("mass_kg 0", "vehicle.mass_kg: should be greater than 0"),
         ("wind_m_per_s 3", "its unit is unknown"),
@@ -289,12 +289,12 @@ def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: 
         ("arm_m 1 --std inf", "finite numbers"),
     ],
 )
-def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, given: str, told: str) -> None:
+def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, given: str, expected: str) -> None:
     before = (campaign.folder / "rig.toml").read_bytes()
-    said = cfid("set", *given.split())
+    ended = cfid("set", *given.split())
 
-    assert said.returncode == 2
-    assert told in said.stderr
+    assert ended.returncode == 2
+    assert expected in ended.stderr
     assert (campaign.folder / "rig.toml").read_bytes() == before
     assert not campaign.parameters_file.exists()
 

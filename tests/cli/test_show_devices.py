@@ -40,10 +40,10 @@ def recorded(folder: Path, *devices: str) -> Path:
 @pytest.mark.parametrize("device", DEVICES)
 def test_any_device_is_shown_alone(cfid: Cfid, tmp_path: Path, device: str) -> None:
     run = recorded(tmp_path, device)
-    said = cfid("show", run)
+    ended = cfid("show", run)
 
-    assert said.returncode == 0, said.stderr
-    assert "recording.samples" in said.stdout
+    assert ended.returncode == 0, ended.stderr
+    assert "recording.samples" in ended.stdout
     assert (run / f"{device}_recording.png").is_file()
 
 
@@ -58,7 +58,7 @@ def test_devices_of_one_run_have_a_figure_and_numbers_each(cfid: Cfid, tmp_path:
 
 
 def test_the_terminal_shows_the_first_column_that_says_something(cfid: Cfid, tmp_path: Path) -> None:
-    said = cfid("show", recorded(tmp_path, "crazyflie"), "--terminal")
+    ended = cfid("show", recorded(tmp_path, "crazyflie"), "--terminal")
 
-    assert said.returncode == 0
-    assert "pm.vbat" in said.stdout
+    assert ended.returncode == 0
+    assert "pm.vbat" in ended.stdout

@@ -52,22 +52,22 @@ def bare(path: Path, values: np.ndarray[Any, Any] = COUNTS, form: str = "%d") ->
     return path
 
 
-def shown(said: subprocess.CompletedProcess[str]) -> dict[str, Any]:
-    assert said.returncode == 0, said.stderr
-    result: dict[str, Any] = json.loads(said.stdout)
+def shown(ended: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert ended.returncode == 0, ended.stderr
+    result: dict[str, Any] = json.loads(ended.stdout)
     return result
 
 
 def test_a_load_cell_run_is_told_in_newtons(cfid: Cfid, tmp_path: Path) -> None:
     result = shown(cfid("show", recorded(tmp_path), "--json"))
-    told = result["parameters"]
+    content = result["parameters"]
 
-    assert set(told) == {f"recording.{name}" for name in (*TIMING, *WRENCH)}
-    assert told["recording.samples"]["value"] == len(TIME_S)
-    assert told["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
-    assert told["recording.mean_nm"]["value"] == pytest.approx([0.001, 0.002, -0.003], abs=1e-4)
-    assert told["recording.std_n"]["value"] == pytest.approx([2.89e-4] * 3, rel=0.1)
-    assert len(told["recording.std_nm"]["value"]) == 3
+    assert set(content) == {f"recording.{name}" for name in (*TIMING, *WRENCH)}
+    assert content["recording.samples"]["value"] == len(TIME_S)
+    assert content["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
+    assert content["recording.mean_nm"]["value"] == pytest.approx([0.001, 0.002, -0.003], abs=1e-4)
+    assert content["recording.std_n"]["value"] == pytest.approx([2.89e-4] * 3, rel=0.1)
+    assert len(content["recording.std_nm"]["value"]) == 3
     assert sentences(result) == ["2026-11-21_083012_loadcell: recorded on the simulated rig."]
 
 
@@ -87,24 +87,24 @@ def test_a_bare_file_is_told_from_a_swing_by_its_columns(cfid: Cfid, tmp_path: P
 
     swing = tmp_path / "swing.csv"
     swing.write_text("t_s,phi_rad\n" + "".join(f"{t:.6f},{np.sin(t):.6f}\n" for t in TIME_S))
-    told = shown(cfid("show", swing, "--json"))["parameters"]
-    assert set(told) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
+    ended = shown(cfid("show", swing, "--json"))["parameters"]
+    assert set(ended) == {f"recording.{name}" for name in (*TIMING, "range_rad")}
 
 
 def test_what_a_bare_file_cannot_say_is_said_by_options(cfid: Cfid, tmp_path: Path) -> None:
     scaled = bare(tmp_path / "scaled.csv", COUNTS // 1000)
     words = ["--counts-per-n", "1e3", "--counts-per-nm", "1e3"]
-    told = shown(cfid("show", scaled, *words, "--json"))
-    assert told["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-3)
-    assert sentences(told) == []
+    ended = shown(cfid("show", scaled, *words, "--json"))
+    assert ended["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-3)
+    assert sentences(ended) == []
 
     newtons = bare(tmp_path / "newtons.csv", COUNTS / 1e6, "%.6f")
     refused = cfid("show", newtons, "--json")
     assert refused.returncode == 4
     assert "newtons.csv:2: " in refused.stderr
     assert "--units n,nm" in refused.stderr
-    told = shown(cfid("show", newtons, "--units", "n,nm", "--json"))
-    assert told["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
+    ended = shown(cfid("show", newtons, "--units", "n,nm", "--json"))
+    assert ended["parameters"]["recording.mean_n"]["value"] == pytest.approx([0.1, -0.2, 1.5], abs=1e-4)
 
 
 def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cfid: Cfid, tmp_path: Path) -> None:

@@ -29,8 +29,8 @@ def test_a_page_shows_what_its_command_prints(
     assert command is not None
     assert shown is not None
 
-    said = cfid(*command[1].split()[1:], "--no-figures")
-    assert said.returncode == 0, said.stderr
-    lines = plain(said.stdout).splitlines()
+    ended = cfid(*command[1].split()[1:], "--no-figures")
+    assert ended.returncode == 0, ended.stderr
+    lines = plain(ended.stdout).splitlines()
     for line in plain(shown[0]).splitlines():
         assert any(each.startswith(line) for each in lines), line

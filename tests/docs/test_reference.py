@@ -33,9 +33,9 @@ def test_the_page_of_commands_is_what_the_program_says() -> None:
 
 def test_every_key_of_rig_toml_is_told_with_its_default() -> None:
     text = (REFERENCE / "rig-toml.md").read_text(encoding="utf-8")
-    told = dict(re.findall(r"^\| `([a-z][^`]*)` \| (.*?) \|", text, re.MULTILINE))
+    found = dict(re.findall(r"^\| `([a-z][^`]*)` \| (.*?) \|", text, re.MULTILINE))
 
-    assert told == dict(_keys(Rig, ""))
+    assert found == dict(_keys(Rig, ""))
 
 
 def _keys(model: type[BaseModel], before: str) -> Iterator[tuple[str, str]]:

@@ -90,18 +90,18 @@ def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
         "NO_COLOR": "1",
     }
     # A file rather than a pipe: nothing that stays in the background can keep this waiting.
-    with (folder / "said.txt").open("w+", encoding="utf-8") as said, cfid_in_a_shell() as programs:
+    with (folder / "said.txt").open("w+", encoding="utf-8") as found, cfid_in_a_shell() as programs:
         code = subprocess.run(
             ["bash", "-c", script],
             check=False,
             cwd=folder,
             env={**environment, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"},
-            stdout=said,
+            stdout=found,
             stderr=subprocess.STDOUT,
             timeout=900,
         ).returncode
-        said.seek(0)
-        text = said.read()
+        found.seek(0)
+        text = found.read()
     assert code == 0, text[-3000:]
     printed = alike(text, folder).split(f"{MARK}\n")
     return [(block, lines, output) for (block, lines), output in zip(page, printed, strict=True)]

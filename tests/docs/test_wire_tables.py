@@ -60,8 +60,8 @@ def _rows(name: str, value: Any) -> Iterator[str]:
 def test_the_table_of_status_bits_is_that_of_the_code() -> None:
     rows = re.findall(r"^\| (\d+) \| ([^|]*) \| ?([^|]*)\|$", TEXT, re.MULTILINE)
     for column, family, names in ((1, "netft", rdt_status._NETFT), (2, "axia", rdt_status._AXIA)):
-        said = {int(row[0]): row[column].strip() for row in rows if row[column].strip()}
-        warnings = {bit for bit, text in said.items() if text.startswith("~ ")}
+        found = {int(row[0]): row[column].strip() for row in rows if row[column].strip()}
+        warnings = {bit for bit, text in found.items() if text.startswith("~ ")}
 
-        assert {bit: text.removeprefix("~ ") for bit, text in said.items()} == dict(names)
+        assert {bit: text.removeprefix("~ ") for bit, text in found.items()} == dict(names)
         assert warnings == rdt_status._WARNINGS[family]  # type: ignore[index]

@@ -39,10 +39,10 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lacks(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
-    said = cfid("log", "wind", "--angle", 48.4, "--fan-voltage", 8, "--wind", "2.0,3.7", "--dry-run")
+    ended = cfid("log", "wind", "--angle", 48.4, "--fan-voltage", 8, "--wind", "2.0,3.7", "--dry-run")
 
-    assert said.returncode == 0, said.stderr
-    lines = said.stdout.splitlines()
+    assert ended.returncode == 0, ended.stderr
+    lines = ended.stdout.splitlines()
     assert lines[0] == "wind of 2 to 3.7 m/s at 48.4 degrees, fan at 8 V"
     assert "7 commands from 0 to 50000 on motors 1, 2, 3, 4, 10 s each with 3 s of pause: 1:34 min" in lines[1]
     assert lines[2] == "and as long as it takes to read a tachometer 6 times"
@@ -104,8 +104,8 @@ def test_the_operator_confirms_types_the_tachometer_and_reads_what_is_missing(be
 
     assert pilot.process.returncode == 0, pilot.err
     assert not any(bench.motors)
-    told, run = json.loads(pilot.out), bench.run()
-    assert told["parameters"]["wind.missing_runs"]["value"] == 112 - 3
+    content, run = json.loads(pilot.out), bench.run()
+    assert content["parameters"]["wind.missing_runs"]["value"] == 112 - 3
     requested = run.header.requested
     assert (requested["angle_deg"], requested["fan_v"], requested["wind_min_mps"], requested["wind_max_mps"]) == (
         48.4,

@@ -55,10 +55,10 @@ def test_winds_recorded_one_after_the_other_give_the_coefficients_that_act(tmp_p
         assert pilot.process.returncode == 0, told(pilot)
     assert "of the thesis' 112 runs 8 are recorded" in pilot.out
 
-    said = cfid("fit", "drag", *sorted(path.name for path in (tmp_path / RUNS_FOLDER).iterdir()), "--json")
+    ended = cfid("fit", "drag", *sorted(path.name for path in (tmp_path / RUNS_FOLDER).iterdir()), "--json")
 
-    assert said.returncode == 0, said.stderr
-    found = json.loads(said.stdout)["parameters"]["drag.simple_kg_per_rad"]
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)["parameters"]["drag.simple_kg_per_rad"]
     true = np.array(WindTruth().kg_per_rad)
     print(found, (np.array(found["value"]) - true) / np.array(found["std"]))
     assert np.all(np.abs(np.array(found["value"]) - true) < 3 * np.array(found["std"]))

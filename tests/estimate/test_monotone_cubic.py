@@ -74,9 +74,9 @@ def test_the_firmware_finds_the_voltage_of_what_it_gives() -> None:
 def test_what_rises_is_accepted_and_what_folds_is_refused_with_the_numbers() -> None:
     assert not any(fitted(INSIDE, seed=seed).refusal for seed in range(40))
     assert not any(fitted(SQUARE, seed=seed).refusal for seed in range(20))  # departs by less than 1 %
-    said = [fitted(FOLDED, seed=seed).refusal for seed in range(20)]
-    assert all("no voltage cubic for the firmware" in one for one in said)
-    assert "% of the largest thrust at" in said[0]
+    messages = [fitted(FOLDED, seed=seed).refusal for seed in range(20)]
+    assert all("no voltage cubic for the firmware" in one for one in messages)
+    assert "% of the largest thrust at" in messages[0]
 
 
 def test_noise_that_hides_a_fold_is_no_reason_to_refuse() -> None:

@@ -48,11 +48,11 @@ def thrust_ns2_per_rad2(table: pd.DataFrame, point: Point) -> float:
 
 @needs_data
 def test_the_same_steps_are_found_with_and_without_the_log() -> None:
-    told, seen = (reduced(STEPS, logged=logged)[1].points for logged in (True, False))
+    found, seen = (reduced(STEPS, logged=logged)[1].points for logged in (True, False))
 
-    assert [point.command for point in told] == [*range(15000, 45001, 5000), *range(40000, 4999, -5000)]
-    assert len(seen) == len(told)
-    pairs = [(one, other) for one, other in zip(told, seen, strict=True) if one.settled]
+    assert [point.command for point in found] == [*range(15000, 45001, 5000), *range(40000, 4999, -5000)]
+    assert len(seen) == len(found)
+    pairs = [(one, other) for one, other in zip(found, seen, strict=True) if one.settled]
     assert all(abs(one.begin_s - other.begin_s) < 0.05 and abs(one.end_s - other.end_s) < 0.05 for one, other in pairs)
     assert all(other.settled for _, other in pairs)
 

@@ -59,7 +59,7 @@ def test_intervals_are_those_within_the_record(cut: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("times", "log", "said"),
+    ("times", "log", "expected"),
     [
         ([1.0, 2.0], [STILL], "as many rows of four"),
         ([2.0, 1.0], [STILL, STILL], "do not rise"),
@@ -67,8 +67,8 @@ def test_intervals_are_those_within_the_record(cut: float) -> None:
         ([1.0, 2.0], [STILL, [0, 0, np.nan, 0]], "no numbers"),
     ],
 )
-def test_a_log_that_is_none_is_refused(times: list[float], log: list[list[float]], said: str) -> None:
-    with pytest.raises(DataError, match=said):
+def test_a_log_that_is_none_is_refused(times: list[float], log: list[list[float]], expected: str) -> None:
+    with pytest.raises(DataError, match=expected):
         commanded_intervals(np.array(times), np.array(log, float), begin_s=0.0, end_s=5.0)
 
 

@@ -31,18 +31,18 @@ def campaign(tmp_path: Path) -> Path:
 
 
 def test_a_file_is_written_into_the_campaign_and_its_path_is_all_of_stdout(cfid: Cfid, campaign: Path) -> None:
-    said = cfid("export", "crazyflow")
+    ended = cfid("export", "crazyflow")
 
     path = campaign / "exports" / "crazyflow_params.toml"
-    assert (said.returncode, Path(said.stdout.strip()).resolve()) == (0, path.resolve())
+    assert (ended.returncode, Path(ended.stdout.strip()).resolve()) == (0, path.resolve())
     assert tomllib.loads(path.read_text())["cf2x_L250"]["mass"] == 0.028
-    assert "rotor_inertia_kg_m2" in said.stderr
+    assert "rotor_inertia_kg_m2" in ended.stderr
 
 
 def test_a_dash_is_stdout_and_nothing_but_the_file(cfid: Cfid, campaign: Path) -> None:
-    said = cfid("export", "crazyflow", "--out", "-")
+    ended = cfid("export", "crazyflow", "--out", "-")
 
-    assert tomllib.loads(said.stdout)["cf2x_L250"]["mass"] == 0.028
+    assert tomllib.loads(ended.stdout)["cf2x_L250"]["mass"] == 0.028
     assert not (campaign / "exports").exists()
 
 
@@ -53,20 +53,20 @@ def test_a_file_goes_where_it_is_told(cfid: Cfid, campaign: Path) -> None:
 
 def test_a_file_that_is_there_is_overwritten_by_force_alone(cfid: Cfid, campaign: Path) -> None:
     (campaign / "mine.h").write_text("mine")
-    said = cfid("export", "firmware", "--out", "mine.h")
+    ended = cfid("export", "firmware", "--out", "mine.h")
 
-    assert (said.returncode, said.stdout, (campaign / "mine.h").read_text()) == (2, "", "mine")
-    assert "--force" in said.stderr
+    assert (ended.returncode, ended.stdout, (campaign / "mine.h").read_text()) == (2, "", "mine")
+    assert "--force" in ended.stderr
     assert cfid("export", "firmware", "--out", "mine.h", "--force").returncode == 0
     assert "CF_MASS" in (campaign / "mine.h").read_text()
 
 
 def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
-    said = cfid("export", "rotorpy")
+    ended = cfid("export", "rotorpy")
 
-    assert (said.returncode, said.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 (`cfid fit inertia`)" in said.stderr
+    assert (ended.returncode, ended.stdout) == (4, "")
+    assert "inertia.matrix_kg_m2 (`cfid fit inertia`)" in ended.stderr
     assert not (tmp_path / "exports").exists()
 
 
@@ -77,18 +77,18 @@ def test_what_was_rejected_is_exported_by_force_alone_and_marked(cfid: Cfid, cam
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 was rejected: too little. Use --force to write it" in " ".join(refused.stderr.split())
 
-    said = cfid("export", "crazyswarm2", "--out", "-", "--force")
-    assert said.returncode == 0
-    assert "REJECTED by its fit" in said.stdout
-    assert "inertia.matrix_kg_m2 is rejected" in said.stderr
+    ended = cfid("export", "crazyswarm2", "--out", "-", "--force")
+    assert ended.returncode == 0
+    assert "REJECTED by its fit" in ended.stdout
+    assert "inertia.matrix_kg_m2 is rejected" in ended.stderr
 
 
 def test_a_rig_without_a_body_frame_is_refused_by_key(cfid: Cfid, campaign: Path) -> None:
     before, _, after = new_rig_text().partition("[vehicle.body_frame]")
     (campaign / "rig.toml").write_text(before + after[after.index("[site]") :])
-    said = cfid("export", "firmware")
+    ended = cfid("export", "firmware")
 
-    assert (said.returncode, "vehicle.body_frame is missing" in said.stderr) == (2, True)
+    assert (ended.returncode, "vehicle.body_frame is missing" in ended.stderr) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -97,17 +97,17 @@ def test_a_rig_without_a_body_frame_is_refused_by_key(cfid: Cfid, campaign: Path
     ids=["an unknown target", "json of a file", "no target"],
 )
 def test_wrong_words_are_usage_errors(cfid: Cfid, campaign: Path, words: tuple[str, ...], part: str) -> None:
-    said = cfid("export", *words)
+    ended = cfid("export", *words)
 
-    assert (said.returncode, said.stdout) == (2, "")
-    assert part in said.stderr
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert part in ended.stderr
 
 
 def test_a_place_that_cannot_be_written_is_a_sentence(cfid: Cfid, campaign: Path) -> None:
-    said = cfid("export", "mujoco", "--out", "rig.toml/x.xml")
+    ended = cfid("export", "mujoco", "--out", "rig.toml/x.xml")
 
-    assert said.returncode == 2
-    assert "cannot be written" in said.stderr
+    assert ended.returncode == 2
+    assert "cannot be written" in ended.stderr
 
 
 def test_outside_a_campaign_there_is_nothing_to_export(cfid: Cfid) -> None:
@@ -127,12 +127,12 @@ def test_the_json_has_what_parameters_toml_says_of_numbers_that_depend_on_each_o
 
 def test_the_list_names_every_target_what_it_has_and_what_gives_the_rest(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
-    said = cfid("export", "list")
+    ended = cfid("export", "list")
 
-    assert said.returncode == 0
-    assert all(f"{name}: " in said.stdout for name in TARGETS)
-    assert "MISSING: inertia.matrix_kg_m2: `cfid fit inertia`" in said.stdout
-    assert "has: mass_kg" in said.stdout
+    assert ended.returncode == 0
+    assert all(f"{name}: " in ended.stdout for name in TARGETS)
+    assert "MISSING: inertia.matrix_kg_m2: `cfid fit inertia`" in ended.stdout
+    assert "has: mass_kg" in ended.stdout
 
 
 def test_the_list_as_json_is_one_object_with_needs_by_key(cfid: Cfid, campaign: Path) -> None:
@@ -180,31 +180,31 @@ def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, ca
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
     assert "inertia.matrix_kg_m2 is outdated. Fitted to runs that are now excluded" in " ".join(refused.stderr.split())
-    said = cfid("export", "crazyswarm2", "--out", "-", "--force")
+    ended = cfid("export", "crazyswarm2", "--out", "-", "--force")
 
-    assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(said.stderr.split())
-    assert "made of SIMULATED recordings" in said.stdout
+    assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(ended.stderr.split())
+    assert "made of SIMULATED recordings" in ended.stdout
     excluded = (
         f"Fitted to runs that are now excluded: {writer.folder.name} (the cable touched): fit again without them."
     )
-    assert f"inertia.matrix_kg_m2: {excluded}" in " ".join(said.stderr.split())
-    assert excluded in said.stdout
+    assert f"inertia.matrix_kg_m2: {excluded}" in " ".join(ended.stderr.split())
+    assert excluded in ended.stdout
 
 
 def test_a_mass_in_grams_and_an_arm_in_millimetres_are_refused_where_they_are_noted(cfid: Cfid, campaign: Path) -> None:
     before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
-    for words, told in ((("mass_kg", "28"), "28.0 kg: grams?"), (("arm_m", "46"), "46.0 m: millimetres?")):
-        said = cfid("set", *words)
-        assert said.returncode == 2
-        assert told in said.stderr
+    for words, expected in ((("mass_kg", "28"), "28.0 kg: grams?"), (("arm_m", "46"), "46.0 m: millimetres?")):
+        ended = cfid("set", *words)
+        assert ended.returncode == 2
+        assert expected in ended.stderr
     assert {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()} == before
 
 
 def test_what_is_implausible_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
     assert cfid("set", "arm_m", "46", "--force").returncode == 0
-    said = cfid("export", "firmware")
-    assert said.returncode == 4
-    assert "arm_m is implausible, 46.0 m: millimetres?" in " ".join(said.stderr.split())
+    ended = cfid("export", "firmware")
+    assert ended.returncode == 4
+    assert "arm_m is implausible, 46.0 m: millimetres?" in " ".join(ended.stderr.split())
     assert not (campaign / "exports").exists()
 
     text = cfid("export", "firmware", "--out", "-", "--force").stdout
@@ -213,35 +213,35 @@ def test_what_is_implausible_is_exported_by_force_alone_and_marked(cfid: Cfid, c
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "expected"),
     [
         ("gravity_mps2 = 981.0", "gravity_mps2 is implausible, 981.0 m/s^2: cm/s^2?"),
         ("centre_of_mass_mm = [70.0, 0.0, 17.4]", "x = 70.0 mm and y = 0.0 mm: beyond the rotors"),
     ],
 )
-def test_what_rig_toml_states_is_judged_as_well(cfid: Cfid, campaign: Path, line: str, said: str) -> None:
+def test_what_rig_toml_states_is_judged_as_well(cfid: Cfid, campaign: Path, line: str, expected: str) -> None:
     key, rig = line.partition(" ")[0], campaign / "rig.toml"
     rig.write_text(re.sub(rf"^{key} = .*$", line, rig.read_text(), count=1, flags=re.MULTILINE))
     refused = cfid("export", "mujoco", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert said in " ".join(refused.stderr.split())
+    assert expected in " ".join(refused.stderr.split())
 
     forced = cfid("export", "mujoco", "--out", "-", "--force")
     assert forced.returncode == 0
     assert "IMPLAUSIBLE: " in forced.stdout
-    assert said in forced.stdout
+    assert expected in forced.stdout
 
 
 def test_a_unit_that_contradicts_the_name_or_a_gravity_of_another_unit_is_not_noted(cfid: Cfid, campaign: Path) -> None:
     before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
-    for words, told in (
+    for words, expected in (
         (("arm_m", "0.046", "--unit", "mm"), "arm_m is in m, as its name states, but --unit is mm"),
         (("mass_kg", "0.028", "--unit", "g"), "mass_kg is in kg, as its name states, but --unit is g"),
         (("gravity_mps2", "981"), "981.0 m/s^2: cm/s^2?"),
     ):
-        said = cfid("set", *words)
-        assert said.returncode == 2
-        assert told in " ".join(said.stderr.split())
+        ended = cfid("set", *words)
+        assert ended.returncode == 2
+        assert expected in " ".join(ended.stderr.split())
     assert {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()} == before
     assert cfid("set", "arm_m", "0.046", "--unit", "m").returncode == 0
 
@@ -268,9 +268,9 @@ def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cf
         campaign / "parameters.toml", "thrust", replace(whole, parameters=kept, rejected={cubic: "It folds."})
     )
     for words in ((), ("--force",)):
-        said = cfid("export", "firmware", "--out", "-", *words)
-        assert (said.returncode, said.stdout) == (4, "")
-        assert "motor.thrust_voltage_poly was rejected: It folds." in " ".join(said.stderr.split())
+        ended = cfid("export", "firmware", "--out", "-", *words)
+        assert (ended.returncode, ended.stdout) == (4, "")
+        assert "motor.thrust_voltage_poly was rejected: It folds." in " ".join(ended.stderr.split())
     assert cfid("export", "crazyflow", "--out", "-").returncode == 0  # it takes no such map
 
 
@@ -280,17 +280,17 @@ def test_force_makes_no_header_of_a_voltage_cubic_that_would_stop_the_motors(cfi
     forced = replace(whole, parameters={**whole.parameters, cubic: kept}, rejected={cubic: "It folds."})
     store_section(campaign / "parameters.toml", "thrust", forced)
     for words in ((), ("--force",)):
-        said = cfid("export", "firmware", "--out", "-", *words)
-        assert (said.returncode, said.stdout) == (4, "")
-        assert "no header: motor.thrust_voltage_poly does not rise over all voltages" in " ".join(said.stderr.split())
-        assert "--force" not in said.stderr
+        ended = cfid("export", "firmware", "--out", "-", *words)
+        assert (ended.returncode, ended.stdout) == (4, "")
+        assert "no header: motor.thrust_voltage_poly does not rise over all voltages" in " ".join(ended.stderr.split())
+        assert "--force" not in ended.stderr
 
 
 def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid: Cfid, campaign: Path) -> None:
     cubic = "motor.thrust_voltage_poly"
-    said = cfid("set", cubic, "0.0036,0.0072,0.0113,-0.0003")
-    assert said.returncode == 2
-    assert "its motors stop. Nothing was changed." in " ".join(said.stderr.split())
+    ended = cfid("set", cubic, "0.0036,0.0072,0.0113,-0.0003")
+    assert ended.returncode == 2
+    assert "its motors stop. Nothing was changed." in " ".join(ended.stderr.split())
 
     assert cfid("set", cubic, "0.0067,0.0101,0.0103,0.0028").returncode == 0
     assert "#define VMOTOR2THRUST3 0.0028f" in cfid("export", "firmware", "--out", "-").stdout
@@ -299,18 +299,18 @@ def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid
 @pytest.mark.parametrize("cubic", ["nan,0.01,0,0.001", "0,inf,0,0.001", "0,1,1e200,1"])
 def test_a_voltage_cubic_that_single_precision_cannot_hold_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
     before = (campaign / "parameters.toml").read_bytes()
-    said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
+    ended = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
 
-    assert said.returncode == 2
-    assert "finite numbers in single precision. Nothing was changed." in " ".join(said.stderr.split())
+    assert ended.returncode == 2
+    assert "finite numbers in single precision. Nothing was changed." in " ".join(ended.stderr.split())
     assert (campaign / "parameters.toml").read_bytes() == before
 
 
 @pytest.mark.parametrize("cubic", ["0,0.04,0,1e-30", "100,0.01,0,0.001"])
 def test_a_voltage_cubic_that_no_header_could_have_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
     before = (campaign / "parameters.toml").read_bytes()
-    said = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
+    ended = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
 
-    assert said.returncode == 2
-    assert "Nothing was changed." in said.stderr
+    assert ended.returncode == 2
+    assert "Nothing was changed." in ended.stderr
     assert (campaign / "parameters.toml").read_bytes() == before

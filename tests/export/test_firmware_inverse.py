@@ -141,7 +141,7 @@ def test_a_map_that_stops_motors_is_no_header() -> None:
 
 
 @pytest.mark.parametrize(
-    ("cubic", "said"),
+    ("cubic", "expected"),
     [
         ([0, 0.04, 0, 1e-30], "has no inverse in the firmware's single precision"),
         ([100, 0.01, 0, 0.001], "gives 100 N at 0 V"),
@@ -149,9 +149,9 @@ def test_a_map_that_stops_motors_is_no_header() -> None:
         ([0, 1e-3, 0, 1e-5], "reaches none up to 4.2 V"),
     ],
 )
-def test_a_map_that_single_precision_cannot_invert_is_no_header(cubic: list[float], said: str) -> None:
+def test_a_map_that_single_precision_cannot_invert_is_no_header(cubic: list[float], expected: str) -> None:
     known = with_value(with_value(vehicle(), "thrust_of_voltage", cubic), "max_thrust", 0.16)
-    with pytest.raises(DataError, match=f"no header: motor.thrust_voltage_poly.*{said}"):
+    with pytest.raises(DataError, match=f"no header: motor.thrust_voltage_poly.*{expected}"):
         text_of(TARGET, known)
 
 

@@ -36,12 +36,12 @@ def test_the_firmwares_header_compiles_over_its_defaults(tmp_path: Path) -> None
     )
     command = ["cc", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", str(tmp_path / "try"), str(tmp_path / "try.c")]
     subprocess.run(command, check=True, capture_output=True, text=True)
-    said = subprocess.run([tmp_path / "try"], check=True, capture_output=True, text=True).stdout
+    found = subprocess.run([tmp_path / "try"], check=True, capture_output=True, text=True).stdout
 
     drag_1_s = 9.1785e-7 * 4 * thesis.HOVER_SPEED_RAD_S / thesis.MASS_KG
     cubic_3v = -0.01 + 0.04 * 3 - 0.02 * 9 + 0.006 * 27
     expected = (0.028, 0.046, 0.005964552, cubic_3v, drag_1_s, thesis.MAX_THRUST_N)
-    assert [float(word) for word in said.split()] == pytest.approx(expected, rel=1e-6)
+    assert [float(word) for word in found.split()] == pytest.approx(expected, rel=1e-6)
 
 
 def test_crazyflow_has_thrust_torque_and_lag_per_rpm_and_drag_per_velocity() -> None:

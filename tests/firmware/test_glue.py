@@ -51,7 +51,7 @@ def run_with(flags: tuple[str, ...], folder: Path) -> Glue:
     assert made.returncode == 0, made.stderr
 
     def run(*lines: str) -> list[str]:
-        told = subprocess.run(
+        ended = subprocess.run(
             [str(folder / "glue")],
             input="\n".join(lines) + "\n",
             capture_output=True,
@@ -59,7 +59,7 @@ def run_with(flags: tuple[str, ...], folder: Path) -> Glue:
             check=True,
             timeout=30,
         )
-        return told.stdout.splitlines()
+        return ended.stdout.splitlines()
 
     return run
 
@@ -164,7 +164,7 @@ def test_a_program_whose_motors_were_stopped_gets_no_hold_again_however_many_fol
     others = [line for owner in range(100, 107) for line in (alive(owner), "t 1", STOP, "t 1")]
     events = brushed("v 1 0", alive(), "t 1", STOP, "t 1", *others, alive(), thrust(9000), "t 5")
 
-    assert not any("9000" in told for _, told in seen(events, "motors"))
+    assert not any("9000" in message for _, message in seen(events, "motors"))
 
 
 def test_an_armed_vehicle_waits_for_its_first_thrust(brushless: Glue) -> None:
@@ -205,7 +205,7 @@ def test_idle_thrust_comes_back_as_it_was_found_when_the_client_dies(brushless: 
 def test_another_clients_keep_alives_do_not_prolong_a_command(glue: Glue) -> None:
     events = glue("v 1 1", alive(), thrust(20000), "t 400", alive(OTHER), "t 400", alive(OTHER), "t 100")
 
-    assert [(round_, told) for round_, told in seen(events, "motors") if round_ < 499] == [
+    assert [(round_, found) for round_, found in seen(events, "motors") if round_ < 499] == [
         (0, "20000 20000 20000 20000")
     ]
     assert (499, "") in seen(events, "pid")

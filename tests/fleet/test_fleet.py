@@ -46,9 +46,9 @@ def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5
 
 
 def compared(cfid: Cfid, *words: object) -> dict[str, Any]:
-    said = cfid("fleet", *words, "--json")
-    assert said.returncode == 0, said.stderr
-    content: dict[str, Any] = json.loads(said.stdout)
+    ended = cfid("fleet", *words, "--json")
+    assert ended.returncode == 0, ended.stderr
+    content: dict[str, Any] = json.loads(ended.stdout)
     return content
 
 
@@ -81,21 +81,21 @@ def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) ->
     for folder in (changed, gone):
         file = next(folder.glob("runs/*/encoder.csv"))
         file.write_text("t,phi\n1,2\n") if folder == changed else file.unlink()
-    said = cfid("fleet", changed, gone)
+    ended = cfid("fleet", changed, gone)
 
-    assert said.returncode == 0
-    assert "encoder.csv has changed since it was fitted." in said.stderr
-    assert "encoder.csv is missing." in said.stderr
+    assert ended.returncode == 0
+    assert "encoder.csv has changed since it was fitted." in ended.stderr
+    assert "encoder.csv is missing." in ended.stderr
 
 
 def test_a_folder_that_is_no_campaign_does_not_hide_the_others(cfid: Cfid, tmp_path: Path) -> None:
     one, nothing = campaign(tmp_path / "one", 0, 0.028), tmp_path / "nothing"
     nothing.mkdir()
-    said = cfid("fleet", one, nothing)
+    ended = cfid("fleet", one, nothing)
 
-    assert said.returncode == 0
-    assert "thing.mass_kg" in said.stdout
-    assert "nothing/rig.toml: no such file" in said.stderr
+    assert ended.returncode == 0
+    assert "thing.mass_kg" in ended.stdout
+    assert "nothing/rig.toml: no such file" in ended.stderr
     assert cfid("fleet", nothing).returncode == 2
 
 
@@ -154,7 +154,7 @@ def test_a_cluster_finds_the_same(cfid: Cfid, tmp_path: Path) -> None:
 
 
 def test_a_cluster_that_is_not_there_is_told(cfid: Cfid, tmp_path: Path) -> None:
-    said = cfid("fleet", campaign(tmp_path / "one", 0, 0.028), "--scheduler", "tcp://127.0.0.1:9")
+    ended = cfid("fleet", campaign(tmp_path / "one", 0, 0.028), "--scheduler", "tcp://127.0.0.1:9")
 
-    assert said.returncode == 2
-    assert "--scheduler" in said.stderr
+    assert ended.returncode == 2
+    assert "--scheduler" in ended.stderr

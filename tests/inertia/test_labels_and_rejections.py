@@ -29,10 +29,10 @@ def shaken() -> str:
 
 
 def test_a_swing_of_the_test_body_is_not_taken_for_the_vehicles(cfid: Cfid, bodies: Path) -> None:
-    said = cfid("fit", "inertia", run_named(bodies, "swing_testbody_x"), "--campaign", bodies, "--json")
+    ended = cfid("fit", "inertia", run_named(bodies, "swing_testbody_x"), "--campaign", bodies, "--json")
 
-    assert said.returncode == 2
-    assert "labelled as a swing of the testbody, not of the crazyflie" in said.stderr
+    assert ended.returncode == 2
+    assert "labelled as a swing of the testbody, not of the crazyflie" in ended.stderr
 
 
 def test_a_run_labelled_as_the_fixture_is_the_fixture(cfid: Cfid, bodies: Path, tmp_path: Path) -> None:
@@ -40,10 +40,10 @@ def test_a_run_labelled_as_the_fixture_is_the_fixture(cfid: Cfid, bodies: Path, 
     shutil.copytree(run_named(bodies, "swing_y"), copy)
     header = copy / "run.toml"
     header.write_text(header.read_text().replace('body = "crazyflie"', 'body = "fixture"'))
-    said = cfid("fit", "inertia", copy, "x=3.1e-5", "--campaign", bodies, "--json")
+    ended = cfid("fit", "inertia", copy, "x=3.1e-5", "--campaign", bodies, "--json")
 
-    assert said.returncode == 2
-    assert "[fixture]" in said.stderr
+    assert ended.returncode == 2
+    assert "[fixture]" in ended.stderr
 
 
 def test_the_thesis_method_is_rejected_where_no_pendulum_is(cfid: Cfid, tmp_path: Path) -> None:
@@ -64,9 +64,9 @@ def test_a_command_that_cannot_draw_keeps_no_parameters(cfid: Cfid, bodies: Path
     before = (campaign / "parameters.toml").read_bytes()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "encoder_swing.png").write_bytes(b"mine")
-    said = cfid(*words, "--out", tmp_path / "out")
+    ended = cfid(*words, "--out", tmp_path / "out")
 
-    assert said.returncode == 2
+    assert ended.returncode == 2
     assert (campaign / "parameters.toml").read_bytes() == before
 
 
@@ -83,24 +83,24 @@ def test_swings_are_kept_by_axis_with_paths_from_the_campaign_on(cfid: Cfid, bod
 
 
 def test_every_runs_name_is_printed_whole(cfid: Cfid, bodies: Path) -> None:
-    said = cfid("runs", "--campaign", bodies)
+    ended = cfid("runs", "--campaign", bodies)
 
-    assert all(run.name in said.stdout for run in (bodies / "runs").iterdir())
+    assert all(run.name in ended.stdout for run in (bodies / "runs").iterdir())
 
 
 @pytest.mark.parametrize("peaks", ["q=9", "x=9,q=9", "x=3,y=9", "9,10", "x=a"])
 def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, bodies: Path, peaks: str) -> None:
     words = [run_named(bodies, f"swing_{axis}") for axis in ("x", "y")]
-    said = cfid("fit", "inertia", *words, "--peaks", peaks, "--campaign", bodies, "--json")
+    ended = cfid("fit", "inertia", *words, "--peaks", peaks, "--campaign", bodies, "--json")
 
-    assert said.returncode == 2
-    assert "peaks" in said.stderr
+    assert ended.returncode == 2
+    assert "peaks" in ended.stderr
 
 
 def test_json_is_all_there_is_on_stdout(cfid: Cfid, bodies: Path) -> None:
-    said = cfid("fit", "swing", run_named(bodies, "swing_x"), "--json", "--campaign", bodies)
+    ended = cfid("fit", "swing", run_named(bodies, "swing_x"), "--json", "--campaign", bodies)
 
-    assert json.loads(said.stdout)["command"] == "fit swing"
+    assert json.loads(ended.stdout)["command"] == "fit swing"
 
 
 def test_one_weight_gives_its_runs_and_no_friction(cfid: Cfid, bodies: Path) -> None:

@@ -137,9 +137,9 @@ def test_the_speed_heard_in_windows_of_a_full_staircase_is_true_within_0_1_perce
     wrench = without_spikes(found.record.wrench.T, length=1400).T
     for point in found.steady[::3]:
         first, last = np.searchsorted(found.record.time_s, (point.begin_s, point.end_s))
-        heard = rotor_speed(time_s=found.record.time_s[first:last], wrench=wrench[first:last], rotors=2)
-        assert heard.accepted
-        off.append(heard.speed_rad_per_s / float(speed_rad_s(np.array(float(point.command or 0)))) - 1)
+        estimated = rotor_speed(time_s=found.record.time_s[first:last], wrench=wrench[first:last], rotors=2)
+        assert estimated.accepted
+        off.append(estimated.speed_rad_per_s / float(speed_rad_s(np.array(float(point.command or 0)))) - 1)
     print(f"speed heard off by at most {100 * np.abs(off).max():.4f} % in {len(off)} windows")
 
     assert np.abs(off).max() < 1e-3

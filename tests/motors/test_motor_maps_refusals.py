@@ -84,7 +84,7 @@ def test_too_few_commands_are_refused_and_just_enough_are_said_to_prove_nothing(
 
     with pytest.raises(FitError, match="2 points are too few for a polynomial of order 2"):
         fit_thrust(of(2))
-    assert any("leave nothing to judge them by" in said for said in remarks(fit_thrust(of(3))))
+    assert any("leave nothing to judge them by" in message for message in remarks(fit_thrust(of(3))))
 
 
 # Missing commands
@@ -95,7 +95,7 @@ def test_a_gap_in_an_even_staircase_is_named_once_at_its_command() -> None:
     gap = MotorPoints(command=COMMANDS[there], thrust_n=THRUST[there])
 
     assert "command 26000, 28000 is missing." in remarks(fit_thrust(gap))
-    assert not any("missing" in said for said in remarks(fit_thrust(POINTS)))
+    assert not any("missing" in message for message in remarks(fit_thrust(POINTS)))
 
 
 def test_commands_that_were_asked_for_are_missed_at_the_ends_too() -> None:
@@ -124,11 +124,11 @@ def test_commands_that_are_no_staircase_or_slightly_uneven_have_no_gaps() -> Non
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 @pytest.mark.parametrize("with_thrust", [False, True])
 def test_speeds_that_are_all_counted_with_the_wrong_markers_are_doubted(factor: float, with_thrust: bool) -> None:
-    said = markers(COMMANDS, factor * SPEED, THRUST if with_thrust else None)
+    found = markers(COMMANDS, factor * SPEED, THRUST if with_thrust else None)
 
-    assert len(said) == 1
-    assert ("thrust over speed squared is" in said[0]) == with_thrust
-    assert "check the number of its reflective markers" in said[0]
+    assert len(found) == 1
+    assert ("thrust over speed squared is" in found[0]) == with_thrust
+    assert "check the number of its reflective markers" in found[0]
 
 
 @pytest.mark.parametrize("at", [(2000,), (30000,), (64000,), (4000, 30000, 32000, 34000, 36000, 64000)])
@@ -180,4 +180,4 @@ def test_scatter_beyond_the_windows_is_said() -> None:
     drifting = THRUST + 1e-3 * np.sin(COMMANDS / 5000)
     found = fit_thrust(MotorPoints(command=COMMANDS, thrust_n=drifting, thrust_std_n=np.full(len(COMMANDS), 1e-5)))
 
-    assert any("as far about the curve as within their windows" in said for said in remarks(found))
+    assert any("as far about the curve as within their windows" in message for message in remarks(found))

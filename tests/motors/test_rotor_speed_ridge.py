@@ -49,13 +49,13 @@ def ridge_of_the_staircase() -> tuple[SpeedRidge, Array]:
 
 def test_a_staircase_is_followed_up_and_down() -> None:
     ridge, truth = ridge_of_the_staircase()
-    heard = np.isfinite(ridge.speed_rad_per_s)
+    estimated = np.isfinite(ridge.speed_rad_per_s)
     off = np.abs(ridge.speed_rad_per_s / np.maximum(truth, 1) - 1)
 
     settling = ridge.time_s % 0.8 < WINDOW_S + 0.1  # where a window's lines are blurred by the step
-    assert np.all(heard[(truth > 600) & ~settling])
-    assert np.mean(off[heard] < 0.02) > 0.93
-    assert np.max(off[heard]) < 0.15  # no window in another octave, not even across a step
+    assert np.all(estimated[(truth > 600) & ~settling])
+    assert np.mean(off[estimated] < 0.02) > 0.93
+    assert np.max(off[estimated]) < 0.15  # no window in another octave, not even across a step
 
 
 def test_steady_windows_have_honest_deviations() -> None:
@@ -89,12 +89,12 @@ def test_a_loud_knock_does_not_throw_the_ridge_off() -> None:
     knock = slice(HZ, HZ + HZ // 5)
     wrench[knock] += 100 * noise(HZ // 5)
     ridge = speed_ridge(time_s=time, wrench=wrench, window_s=0.1, step_s=0.05)
-    heard = np.isfinite(ridge.speed_rad_per_s)
+    estimated = np.isfinite(ridge.speed_rad_per_s)
     knocked = (ridge.time_s > 0.95) & (ridge.time_s < 1.25)
 
-    assert np.all(heard[~knocked])
-    assert not np.any(heard[(ridge.time_s > 1.05) & (ridge.time_s < 1.15)])
-    np.testing.assert_allclose(ridge.speed_rad_per_s[heard], 1500, rtol=0.01)
+    assert np.all(estimated[~knocked])
+    assert not np.any(estimated[(ridge.time_s > 1.05) & (ridge.time_s < 1.15)])
+    np.testing.assert_allclose(ridge.speed_rad_per_s[estimated], 1500, rtol=0.01)
 
 
 def test_windows_too_short_or_longer_than_the_record_are_refused() -> None:

@@ -46,8 +46,8 @@ def test_another_key_has_no_row(key: str) -> None:
 
 
 def test_a_name_ends_with_the_unit_that_the_registry_has() -> None:
-    told = {quantity.key: unit_of(f"noted {quantity.key}") for quantity in QUANTITIES}  # by its end alone
-    known = {key: unit for key, unit in told.items() if unit}
+    found = {quantity.key: unit_of(f"noted {quantity.key}") for quantity in QUANTITIES}  # by its end alone
+    known = {key: unit for key, unit in found.items() if unit}
 
     assert len(known) > 30
     assert known == {key: registered(key).unit for key in known}
@@ -71,7 +71,7 @@ def test_a_unit_is_the_registrys_or_what_a_name_ends_with(key: str, unit: str) -
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "expected"),
     [
         ("tf.numerator", [1.0], ""),
         ("tf.numerator", [], "should be a list of coefficients"),
@@ -88,8 +88,8 @@ def test_a_unit_is_the_registrys_or_what_a_name_ends_with(key: str, unit: str) -
         ("noted_by_hand", {"any": "thing"}, ""),
     ],
 )
-def test_a_value_has_the_shape_of_its_key(key: str, value: object, said: str) -> None:
-    assert shape_error(key, value, None) == said
+def test_a_value_has_the_shape_of_its_key(key: str, value: object, expected: str) -> None:
+    assert shape_error(key, value, None) == expected
 
 
 def test_a_deviation_is_shaped_as_its_value() -> None:

@@ -111,7 +111,7 @@ def test_a_stretch_without_numbers_is_left_out_and_a_long_one_refused(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("head", "said"),
+    ("head", "expected"),
     [
         ("t,psi", "no column of angle (phi, angle, theta) among t, psi: give `columns` TIME,ANGLE"),
         ("x,phi_rad", "no column of time (t, time) among x, phi_rad: give `columns` TIME,ANGLE, or `rate_hz`"),
@@ -121,9 +121,9 @@ def test_a_stretch_without_numbers_is_left_out_and_a_long_one_refused(tmp_path: 
         ("t,phi_rad,time", "more than one column of time (t, time): t (1), time (3). Give"),
     ],
 )
-def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, said: str) -> None:
+def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, expected: str) -> None:
     row = ",".join("1" for _ in head.split(","))
-    assert said in refusal(tmp_path, f"{head}\n" + f"{row}\n" * 20)
+    assert expected in refusal(tmp_path, f"{head}\n" + f"{row}\n" * 20)
 
 
 def test_columns_are_chosen_by_name_or_number_and_keep_the_unit_of_their_name(tmp_path: Path) -> None:
@@ -142,16 +142,16 @@ def test_columns_that_are_no_pair_of_time_and_angle_are_a_usage_error(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("head", "options", "said"),
+    ("head", "options", "expected"),
     [
         ("t_ms,phi", {"time_unit": "us"}, "column 't_ms' is in ms, but `time_unit` is us"),
         ("t_ms,phi_rad", {"angle_unit": "deg"}, "column 'phi_rad' is in rad, but `angle_unit` is deg"),
     ],
 )
 def test_an_option_that_contradicts_the_head_is_a_usage_error(
-    tmp_path: Path, head: str, options: dict[str, Any], said: str
+    tmp_path: Path, head: str, options: dict[str, Any], expected: str
 ) -> None:
-    assert said in refusal(tmp_path, text_of(1e3 * TIME_S, ANGLE_RAD, head), ConfigError, **options)
+    assert expected in refusal(tmp_path, text_of(1e3 * TIME_S, ANGLE_RAD, head), ConfigError, **options)
 
 
 # Files without times
@@ -196,8 +196,8 @@ def test_decimal_commas_between_commas_are_refused_in_every_setting(tmp_path: Pa
                 f"{t:.3f},{a:.3f}\n".replace(".", ",")
                 for t, a in zip(1e3 * TIME_S, 100 * np.degrees(ANGLE_RAD), strict=True)
             )
-            said = refusal(tmp_path, head + rows, time_unit=time_unit, counts_per_turn=4194304.0)
-            assert "decimal points" in said
+            message = refusal(tmp_path, head + rows, time_unit=time_unit, counts_per_turn=4194304.0)
+            assert "decimal points" in message
 
 
 # Time
@@ -213,9 +213,9 @@ def test_time_in_a_wrong_unit_is_refused_and_the_right_one_proposed(
     if taken_for == unit:
         assert read(tmp_path, text, time_unit=taken_for).time_s == pytest.approx(TIME_S, abs=1e-6)
         return
-    said = refusal(tmp_path, text, time_unit=taken_for)
-    assert f"Give `time_unit` {unit}." in said
-    assert (f"a date (Unix time) in {unit}" in said) == (start_s > 0)
+    message = refusal(tmp_path, text, time_unit=taken_for)
+    assert f"Give `time_unit` {unit}." in message
+    assert (f"a date (Unix time) in {unit}" in message) == (start_s > 0)
 
 
 def test_time_of_a_slow_recording_in_a_finer_unit_is_doubted_and_with_a_date_refused(tmp_path: Path) -> None:
@@ -238,9 +238,9 @@ def test_time_that_goes_back_is_refused_with_its_line(tmp_path: Path, preface: l
     time_s = np.where(np.arange(2000) < 700, TIME_S, TIME_S - 0.5)
     lines = [*preface, *text_of(time_s, words(ANGLE_RAD), head="").splitlines()]
     text = end.join(lines) + end
-    said = refusal(tmp_path, text, skip_lines=(len(preface) - 1) * len(end.strip("\r")) if "rig 7" in preface else 0)
+    message = refusal(tmp_path, text, skip_lines=(len(preface) - 1) * len(end.strip("\r")) if "rig 7" in preface else 0)
     line = 1 + (len(preface) + 700) * end.count("\n")
-    assert f"swing.csv:{line}: time goes back from 0.699000 to 0.200000 s" in said
+    assert f"swing.csv:{line}: time goes back from 0.699000 to 0.200000 s" in message
 
 
 def test_time_that_stands_still_is_refused(tmp_path: Path) -> None:
@@ -261,8 +261,8 @@ def test_a_time_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [1, 15])
 def test_a_handful_of_rows_is_no_recording(tmp_path: Path, rows: int) -> None:
-    said = refusal(tmp_path, text_of(TIME_S[:rows], words(ANGLE_RAD[:rows])))
-    assert f"{rows} rows; a recording has at least 16" in said
+    message = refusal(tmp_path, text_of(TIME_S[:rows], words(ANGLE_RAD[:rows])))
+    assert f"{rows} rows; a recording has at least 16" in message
 
 
 # Angle
@@ -309,9 +309,9 @@ def test_counts_that_were_never_folded_may_turn_faster_than_half_a_turn_a_sample
 
 def test_folded_counts_that_turn_too_fast_for_their_rate_are_refused(tmp_path: Path) -> None:
     slow_s = 0.02 * np.arange(200)
-    said = refusal(tmp_path, text_of(slow_s, counts(300 * slow_s**2, 8192)), counts_per_turn=8192.0)
-    assert "swing.csv:10: the angle jumps" in said
-    assert "too fast for this rate. Whole turns cannot be counted" in said
+    message = refusal(tmp_path, text_of(slow_s, counts(300 * slow_s**2, 8192)), counts_per_turn=8192.0)
+    assert "swing.csv:10: the angle jumps" in message
+    assert "too fast for this rate. Whole turns cannot be counted" in message
 
 
 @pytest.mark.parametrize("scaled_by", [4194047, 4194304])
@@ -329,8 +329,8 @@ def test_words_are_told_from_plain_counts_and_the_guess_is_said(tmp_path: Path) 
     assert off_by(plain, ANGLE_RAD) < 2e-6
     own = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)))
     assert own.notes == ("swing.csv: counts are read as `counts_per_turn` rls-13bit-in-22.",)
-    said = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn="rls-13bit-in-22")
-    assert said.notes == ()
+    found = read(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn="rls-13bit-in-22")
+    assert found.notes == ()
 
 
 @pytest.mark.parametrize(
@@ -346,14 +346,14 @@ def test_words_are_told_from_plain_counts_and_the_guess_is_said(tmp_path: Path) 
     ids=["13 bits", "16 bits", "negative counts", "counts over the word", "whole degrees", "whole degrees above zero"],
 )
 def test_whole_numbers_that_leave_a_choice_are_asked_about(tmp_path: Path, values: npt.NDArray[np.int64]) -> None:
-    said = refusal(tmp_path, text_of(TIME_S, values))
-    assert f"counts range from {values.min()} to {values.max()}" in said
-    assert "give `counts_per_turn` N, or `angle_unit`" in said
+    message = refusal(tmp_path, text_of(TIME_S, values))
+    assert f"counts range from {values.min()} to {values.max()}" in message
+    assert "give `counts_per_turn` N, or `angle_unit`" in message
 
 
 def test_words_read_with_another_count_of_a_turn_are_refused(tmp_path: Path) -> None:
-    said = refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn=8192.0)
-    assert "give `counts_per_turn` rls-13bit-in-22" in said
+    message = refusal(tmp_path, text_of(TIME_S, words(ANGLE_RAD)), counts_per_turn=8192.0)
+    assert "give `counts_per_turn` rls-13bit-in-22" in message
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("rad", 1.0), ("deg", 180 / np.pi)])
@@ -365,8 +365,8 @@ def test_a_swing_shows_its_unit_by_its_range_and_that_is_said(tmp_path: Path, un
 
 @pytest.mark.parametrize("values", [20 * TIME_S, 10 * ANGLE_RAD], ids=["a spin", "a swing of 9 somethings"])
 def test_a_range_that_may_be_of_either_unit_is_asked_about(tmp_path: Path, values: npt.NDArray[np.float64]) -> None:
-    said = refusal(tmp_path, text_of(TIME_S, values))
-    assert "may be radians or degrees: give `angle_unit` rad or deg" in said
+    message = refusal(tmp_path, text_of(TIME_S, values))
+    assert "may be radians or degrees: give `angle_unit` rad or deg" in message
 
 
 def test_an_angle_with_fractions_is_no_count(tmp_path: Path) -> None:
@@ -407,9 +407,9 @@ def test_a_few_words_that_fail_their_check_are_left_out_and_many_are_refused(
     assert off_by(record, ANGLE_RAD[kept]) < TURN / 8192 + 1e-9
     assert any(f"10 of 2000 samples fail the 13-bit check (first: line {line})" in note for note in record.notes)
 
-    said = refusal(tmp_path, text_of(TIME_S, spoilt(0.05, spoil)), counts_per_turn=setting)
-    assert "100 of 2000 samples fail the check" in said
-    assert "`counts_per_turn`" in said
+    message = refusal(tmp_path, text_of(TIME_S, spoilt(0.05, spoil)), counts_per_turn=setting)
+    assert "100 of 2000 samples fail the check" in message
+    assert "`counts_per_turn`" in message
 
 
 def test_plain_counts_with_a_wrong_one_are_doubted_and_with_many_refused(tmp_path: Path) -> None:
@@ -420,8 +420,8 @@ def test_plain_counts_with_a_wrong_one_are_doubted_and_with_many_refused(tmp_pat
         "jumps by more than a quarter of a turn in 2 of 2000 samples (first: line 1236)" in n for n in record.notes
     )
     noise = np.random.default_rng(0).integers(0, 4194304, len(TIME_S))
-    said = refusal(tmp_path, text_of(TIME_S, noise))
-    assert "Whole turns cannot be counted" in said
+    message = refusal(tmp_path, text_of(TIME_S, noise))
+    assert "Whole turns cannot be counted" in message
 
 
 def test_a_wrong_number_far_off_does_not_make_folded_counts_look_unfolded(tmp_path: Path) -> None:

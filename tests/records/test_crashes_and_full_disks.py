@@ -105,7 +105,7 @@ def test_a_run_killed_while_recording_is_cut_and_every_whole_row_is_read(tmp_pat
 @linux
 @pytest.mark.parametrize("size", [50_000, 50_001, 50_013])
 def test_a_run_that_the_disk_refuses_is_failed_and_keeps_the_rows_that_fit(tmp_path: Path, size: int) -> None:
-    said = output(
+    found = output(
         f"""
 limit({size})
 try:
@@ -117,10 +117,10 @@ print(writer.folder)
 """,
         tmp_path,
     ).splitlines()
-    run = read_run(Path(said[1]))
+    run = read_run(Path(found[1]))
     rows = run.header.devices["encoder"].rows
     assert rows is not None
-    assert said[0] == f"4 {run.header.reason}"
+    assert found[0] == f"4 {run.header.reason}"
     assert f"encoder.csv: File too large after {rows} rows, which are kept" in run.header.reason
     assert run.header.state == "failed"
     content = (run.folder / "encoder.csv").read_bytes()
@@ -133,7 +133,7 @@ print(writer.folder)
 
 @linux
 def test_a_run_whose_full_disk_was_overlooked_is_failed_all_the_same(tmp_path: Path) -> None:
-    said = output(
+    found = output(
         """
 limit(50_000)
 with new() as writer:
@@ -150,9 +150,9 @@ print(writer.folder)
 """,
         tmp_path,
     ).splitlines()
-    assert said[0].startswith("refused:")
-    assert "File too large" in said[0]
-    run = read_run(Path(said[1]))
+    assert found[0].startswith("refused:")
+    assert "File too large" in found[0]
+    run = read_run(Path(found[1]))
     assert run.header.state == "failed"
     check_rows(run, run.header.devices["encoder"].rows or 0)
 
@@ -185,9 +185,11 @@ shutil.copytree(place, {str(kept)!r})
 
 @linux
 def test_a_disk_that_takes_no_run_at_all_is_a_configuration_error(tmp_path: Path) -> None:
-    said = output("limit(20)\ntry:\n    new()\nexcept CfidError as error:\n    print(error.exit_code, error)", tmp_path)
-    assert said.startswith(f"2 {tmp_path}")
-    assert "cannot be written: File too large." in said
+    message = output(
+        "limit(20)\ntry:\n    new()\nexcept CfidError as error:\n    print(error.exit_code, error)", tmp_path
+    )
+    assert message.startswith(f"2 {tmp_path}")
+    assert "cannot be written: File too large." in message
 
 
 # parameters.toml
@@ -205,8 +207,8 @@ except CfidError as error:
     print(error.exit_code, error)
 assert (place / "parameters.toml").read_bytes() == before
 """
-    said = output(body, tmp_path)
-    assert said.startswith(f"2 {tmp_path / 'parameters.toml'}: cannot be written: File too large.")
+    message = output(body, tmp_path)
+    assert message.startswith(f"2 {tmp_path / 'parameters.toml'}: cannot be written: File too large.")
     assert [path.name for path in tmp_path.iterdir()] == ["parameters.toml"]
 
 
@@ -296,11 +298,11 @@ print(find_campaign(None, start=place / "locked"))
         (place / "locked").mkdir(mode=0)
         place.chmod(0o555)
         try:
-            said = output(body, place)
+            message = output(body, place)
         finally:
             place.chmod(0o755)
             (place / "locked").chmod(0o755)
-    assert said.splitlines() == [
+    assert message.splitlines() == [
         "4 /file: cannot be read: Permission denied.",
         "4 /file: cannot be read: Permission denied.",
         "4 /locked/file: cannot be read: Permission denied.",
@@ -309,9 +311,9 @@ print(find_campaign(None, start=place / "locked"))
         "2 /file: cannot be read: Permission denied.",
         "4 /locked/parameters.toml: cannot be read: Permission denied.",
         "2 /locked/rig.toml: cannot be read: Permission denied.",
-        said.splitlines()[8],
+        message.splitlines()[8],
         "2 /parameters.toml: cannot be written: Permission denied. It is unchanged.",
         "None",
     ]
-    assert said.splitlines()[8].startswith("2 /20")
-    assert said.splitlines()[8].endswith("_swing: cannot be created: Permission denied.")
+    assert message.splitlines()[8].startswith("2 /20")
+    assert message.splitlines()[8].endswith("_swing: cannot be created: Permission denied.")

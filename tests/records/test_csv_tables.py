@@ -29,10 +29,10 @@ def refusal(folder: Path, content: str | bytes, *, columns: tuple[str, ...] = ("
     path = write(folder, content)
     with pytest.raises(DataError) as caught:
         open_table(path, skip_lines=skip_lines).numbers(columns)
-    said = str(caught.value)
-    assert said.startswith(f"{path}:")
+    message = str(caught.value)
+    assert message.startswith(f"{path}:")
     assert caught.value.__suppress_context__ or caught.value.__context__ is None
-    return said.removeprefix(f"{path}:").strip()
+    return message.removeprefix(f"{path}:").strip()
 
 
 SPELLINGS = {
@@ -240,8 +240,8 @@ def test_refused_with_a_sentence_is(tmp_path: Path, fault: str) -> None:
 
 
 def test_the_line_at_fault_counts_the_lines_that_were_skipped(tmp_path: Path) -> None:
-    said = refusal(tmp_path, "a\n\nb\n\nt,phi\n0,1\n\n0.1,x\n", skip_lines=3)
-    assert said.startswith("8: 'x' in column 'phi'")
+    message = refusal(tmp_path, "a\n\nb\n\nt,phi\n0,1\n\n0.1,x\n", skip_lines=3)
+    assert message.startswith("8: 'x' in column 'phi'")
 
 
 def test_more_lines_skipped_than_there_are_is_said(tmp_path: Path) -> None:

@@ -53,8 +53,8 @@ def test_a_recording_cut_at_any_byte_says_that_its_last_line_was_cut(tmp_path: P
         rows = content.count(b"\n", 0, length) - 1
         assert record.time_s.tolist() == whole.time_s[:rows].tolist()
         assert record.angle_rad.tolist() == whole.angle_rad[:rows].tolist()
-        said = [note for note in record.notes if "the last line was cut" in note]
-        assert len(said) == int(not content[:length].endswith(b"\n"))
+        messages = [note for note in record.notes if "the last line was cut" in note]
+        assert len(messages) == int(not content[:length].endswith(b"\n"))
     assert not whole.notes
 
 

@@ -31,9 +31,9 @@ def result(*findings: Finding) -> Result:
 
 def test_importing_cfid_imports_no_library() -> None:
     code = "import sys, cfid; print(*sorted({'numpy', 'scipy', 'pandas', 'pydantic', 'twisted'} & set(sys.modules)))"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
-    assert said.stdout.strip() == ""
+    assert ended.stdout.strip() == ""
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:

@@ -62,20 +62,20 @@ def test_a_file_of_before_has_no_number_and_is_read_and_numbered_by_the_next_fit
 
 
 @pytest.mark.parametrize(
-    ("number", "told"),
+    ("number", "expected"),
     [
         (str(FORMAT + 1), f"has format {FORMAT + 1}, written by a newer cfid"),
         ('"two"', "format: should be a whole number"),
         ("0", "format: should be a whole number"),
     ],
 )
-def test_a_newer_or_senseless_format_is_refused_and_left_as_it_is(tmp_path: Path, number: str, told: str) -> None:
+def test_a_newer_or_senseless_format_is_refused_and_left_as_it_is(tmp_path: Path, number: str, expected: str) -> None:
     file = tmp_path / "parameters.toml"
     store_section(file, "torque", WHOLE)
     file.write_text(file.read_text().replace(f"format = {FORMAT}", f"format = {number}", 1))
     before = file.read_bytes()
     for touch in (lambda: load_sections(file), lambda: store_section(file, "speed", WHOLE)):
-        with pytest.raises(DataError, match=told):
+        with pytest.raises(DataError, match=expected):
             touch()
     assert file.read_bytes() == before
 
@@ -85,7 +85,7 @@ def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -
 
 
 @pytest.mark.parametrize(
-    ("section", "told"),
+    ("section", "expected"),
     [
         (with_covariance(((1.0,),)), "matrix: should have 2 rows of 2 numbers"),
         (with_covariance(((1.0, 0.5), (0.4, 1.0))), "row 1, column 2 is impossible in a covariance matrix"),
@@ -99,10 +99,10 @@ def with_covariance(matrix: Any, of: tuple[str, ...] = ("motor.torque_poly",)) -
         (replace(WHOLE, common={"arm": {"arm_m": [1.0]}}), "common.arm: there is no arm_m"),
     ],
 )
-def test_what_was_edited_into_nonsense_is_named(tmp_path: Path, section: Section, told: str) -> None:
+def test_what_was_edited_into_nonsense_is_named(tmp_path: Path, section: Section, expected: str) -> None:
     file = tmp_path / "parameters.toml"
     store_section(file, "torque", section)
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=expected):
         load_sections(file)
 
 

@@ -210,7 +210,7 @@ def test_a_section_that_an_older_version_did_not_believe_is_rejected_whole(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "expected"),
     [
         ("[swing]", "swing", "invalid TOML"),
         ("[swing]", "x = 1\n[swing]", "invalid: x: should be a table, not 1."),
@@ -225,7 +225,9 @@ def test_a_section_that_an_older_version_did_not_believe_is_rejected_whole(tmp_p
         ('[swing.parameters."swing.x"]', "[swing.parameters]", "swing.parameters.value: should be a table, not 1.0."),
     ],
 )
-def test_a_damaged_file_is_refused_by_key_and_not_written_over(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_damaged_file_is_refused_by_key_and_not_written_over(
+    tmp_path: Path, old: str, new: str, expected: str
+) -> None:
     file = tmp_path / "parameters.toml"
     assert old in GOOD
     file.write_text(GOOD.replace(old, new, 1))
@@ -234,7 +236,7 @@ def test_a_damaged_file_is_refused_by_key_and_not_written_over(tmp_path: Path, o
         with pytest.raises(DataError) as caught:
             act()
         assert str(caught.value).startswith(f"{file}: ")
-        assert said in str(caught.value)
+        assert expected in str(caught.value)
     assert file.read_bytes() == before
 
 
@@ -273,7 +275,7 @@ def test_no_temporary_file_is_left(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "expected"),
     [
         ("inertia.matrix_kg_m2", [1e-5, 2e-5, 3e-5], "should be a matrix of 3 times 3 numbers"),
         ("motor.thrust_poly", 1.0, "should be a list of coefficients"),
@@ -286,7 +288,7 @@ def test_no_temporary_file_is_left(tmp_path: Path) -> None:
     ],
 )
 def test_a_value_that_a_calculation_cannot_take_is_refused_by_its_key(
-    tmp_path: Path, key: str, value: Any, said: str
+    tmp_path: Path, key: str, value: Any, expected: str
 ) -> None:
     file = tmp_path / "parameters.toml"
     one = replace(section(), parameters={key: Parameter(value=value, unit="u")})
@@ -294,7 +296,7 @@ def test_a_value_that_a_calculation_cannot_take_is_refused_by_its_key(
 
     with pytest.raises(DataError) as caught:
         load_sections(file)
-    assert f"parameters.toml: invalid: fit.parameters.{key}: {said}." in str(caught.value)
+    assert f"parameters.toml: invalid: fit.parameters.{key}: {expected}." in str(caught.value)
 
 
 def test_a_deviation_of_another_shape_is_refused_where_a_calculation_takes_it_and_else_left_out(tmp_path: Path) -> None:

@@ -160,12 +160,12 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_refused_by_file_and_key_is(tmp_path: Path, fault: str) -> None:
-    old, new, said = FAULTS[fault]
+    old, new, expected = FAULTS[fault]
     path = preset(tmp_path, old, new)
     with pytest.raises(ConfigError) as caught:
         load_rig(path)
     assert str(caught.value).startswith(f"{path}: ")
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
     assert caught.value.exit_code == 2
     assert len(str(caught.value)) - len(str(path)) < 200
 
@@ -186,7 +186,7 @@ def test_whole_numbers_are_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "expected"),
     [
         (b"", "vehicle: is missing"),
         (b"\xff\xfe[\0", "byte 1 is not UTF-8 text"),
@@ -195,13 +195,13 @@ def test_whole_numbers_are_numbers(tmp_path: Path) -> None:
         (b"\x89PNG\r\n\x1a\n", "not UTF-8 text"),
     ],
 )
-def test_a_file_that_is_no_rig_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+def test_a_file_that_is_no_rig_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
         load_rig(path)
     assert str(caught.value).startswith(f"{path}: ")
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
 
 
 @pytest.mark.parametrize("change", [lambda t: "\ufeff" + t, lambda t: t.replace("\n", "\r\n")], ids=["BOM", "CRLF"])
@@ -222,10 +222,10 @@ def test_a_rig_damaged_anywhere_is_a_rig_or_refused_with_its_name(
     path.write_bytes(RIG[:at] + junk + RIG[at + length :])
     try:
         mass_kg = load_rig(path).vehicle.mass_kg
-        said = f"{path}: "
+        message = f"{path}: "
     except ConfigError as error:
-        mass_kg, said = 1.0, str(error)
-    assert said.startswith(f"{path}: ")
+        mass_kg, message = 1.0, str(error)
+    assert message.startswith(f"{path}: ")
     assert 0 < mass_kg < math.inf
 
 

@@ -276,7 +276,7 @@ def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         (lambda c: c.pop("kind"), "kind: is missing"),
         (lambda c: c.pop("started"), "started: is missing"),
@@ -302,18 +302,18 @@ def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> No
     ],
 )
 def test_a_damaged_run_is_refused_by_file_and_key(
-    tmp_path: Path, change: Callable[[dict[str, Any]], object], said: str
+    tmp_path: Path, change: Callable[[dict[str, Any]], object], expected: str
 ) -> None:
     folder = changed(recorded(tmp_path), change)
     with pytest.raises(DataError) as caught:
         read_angle(folder, Reading())
     assert f"{folder / 'run.toml'}: " in str(caught.value)
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
     assert list_runs(tmp_path / "runs")[0].__class__ is DataError
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "expected"),
     [
         (b"", "kind: is missing"),
         (b"kind = ", "invalid TOML: Invalid value (at end of document)"),
@@ -324,12 +324,12 @@ def test_a_damaged_run_is_refused_by_file_and_key(
         (bytes(64), "invalid TOML"),
     ],
 )
-def test_a_run_file_that_is_no_toml_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+def test_a_run_file_that_is_no_toml_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
     folder = recorded(tmp_path)
     (folder / "run.toml").write_bytes(content)
     with pytest.raises(DataError) as caught:
         read_run(folder)
-    assert str(caught.value).startswith(f"{folder / 'run.toml'}: {said}")
+    assert str(caught.value).startswith(f"{folder / 'run.toml'}: {expected}")
 
 
 def test_a_run_file_with_a_byte_order_mark_and_crlf_is_read(tmp_path: Path) -> None:

@@ -102,8 +102,8 @@ def test_one_side_of_a_double_stand_is_read_and_two_are_asked_about(tmp_path: Pa
 
 
 def test_the_range_of_pulses_is_said_where_it_is_assumed_and_can_be_given(tmp_path: Path) -> None:
-    said = "stand.csv: pulse widths are read as `esc_us` 1000,2000, commands 0 to 65535."
-    assert said in notes_of(read(tmp_path, text_of()))
+    message = "stand.csv: pulse widths are read as `esc_us` 1000,2000, commands 0 to 65535."
+    assert message in notes_of(read(tmp_path, text_of()))
     given = read(tmp_path, text_of(), esc_us=(1100.0, 2200.0))
     assert given.command == pytest.approx(np.rint([0, 65535 * 150 / 1100, 65535 * 400 / 1100, 65535 * 900 / 1100]))
     assert "1 rows have pulses below 1100 us: motors stand there, command 0" in " ".join(notes_of(given))

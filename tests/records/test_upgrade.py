@@ -77,10 +77,10 @@ def test_what_is_of_today_stays_as_it_is(cfid: Cfid, tmp_path: Path) -> None:
 def test_nothing_is_written_when_one_file_cannot_be_read(cfid: Cfid, tmp_path: Path) -> None:
     folder = campaign_of_0_1(cfid, tmp_path / "old")
     (folder / "fits" / "broken.json").write_text("{")
-    said = cfid("upgrade", folder)
+    ended = cfid("upgrade", folder)
 
-    assert said.returncode == 4
-    assert "broken.json" in said.stderr
+    assert ended.returncode == 4
+    assert "broken.json" in ended.stderr
     assert (folder / "parameters.toml").read_text() == PARAMETERS
     assert not (folder / "before-upgrade").exists()
 
@@ -89,8 +89,8 @@ def test_old_files_that_were_kept_are_not_written_over(cfid: Cfid, tmp_path: Pat
     folder = campaign_of_0_1(cfid, tmp_path / "old")
     cfid("upgrade", folder)
     (folder / "parameters.toml").write_text(PARAMETERS)
-    said = cfid("upgrade", folder)
+    ended = cfid("upgrade", folder)
 
-    assert said.returncode == 2
-    assert "exists already" in said.stderr
+    assert ended.returncode == 2
+    assert "exists already" in ended.stderr
     assert (folder / "parameters.toml").read_text() == PARAMETERS

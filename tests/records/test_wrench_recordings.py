@@ -95,7 +95,7 @@ def test_a_scale_that_is_given_holds_for_a_run_and_other_options_do_not(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("facts", "said"),
+    ("facts", "expected"),
     [
         ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n: is missing: give `counts_per_n`."),
         ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm: is missing: give `counts_per_nm`."),
@@ -104,12 +104,12 @@ def test_a_scale_that_is_given_holds_for_a_run_and_other_options_do_not(tmp_path
     ],
 )
 def test_a_run_that_does_not_say_its_scale_or_says_nonsense_is_refused_by_key(
-    tmp_path: Path, facts: dict[str, Any], said: str
+    tmp_path: Path, facts: dict[str, Any], expected: str
 ) -> None:
     folder = recorded(tmp_path, facts)
     with pytest.raises(DataError) as caught:
         read_wrench(folder, WrenchReading())
-    assert str(caught.value).startswith(f"{folder / 'run.toml'}: {said}")
+    assert str(caught.value).startswith(f"{folder / 'run.toml'}: {expected}")
 
 
 def test_a_scale_missing_in_a_run_can_be_given(tmp_path: Path) -> None:
@@ -169,9 +169,9 @@ def test_a_run_still_recording_is_read_as_cut(tmp_path: Path) -> None:
     writer.close("complete")
 
 
-@pytest.mark.parametrize(("product", "said"), [("Net F/T", "broken"), ("Axia80", "broken gage")])
+@pytest.mark.parametrize(("product", "expected"), [("Net F/T", "broken"), ("Axia80", "broken gage")])
 def test_a_status_that_is_not_zero_is_counted_and_told_by_the_box_family(
-    tmp_path: Path, product: str, said: str
+    tmp_path: Path, product: str, expected: str
 ) -> None:
     status = np.where(np.isin(np.arange(ROWS), (70, 71)), 1 << 31 | 1 << 2, 0)
     folder = recorded(tmp_path, FACTS | {"settings": {"product": product}}, status=status)
@@ -180,7 +180,7 @@ def test_a_status_that_is_not_zero_is_counted_and_told_by_the_box_family(
     assert record.status.tolist() == status.tolist()
     (note,) = record.notes
     assert "2 of 200 samples have a status that is not 0 (first: line 72): " in note
-    assert (said in note) == (product == "Axia80")
+    assert (expected in note) == (product == "Axia80")
 
 
 def test_a_run_without_a_load_cell_or_without_an_axis_is_refused(tmp_path: Path) -> None:
@@ -231,9 +231,9 @@ def test_what_can_be_no_count_is_refused_with_its_line_and_the_option_to_say(tmp
     lines = text_of().split("\n")
     fields = lines[120].split(",")
     lines[120] = ",".join([*fields[:3], value, *fields[4:]])
-    said = refusal(tmp_path, "\n".join(lines))
-    assert f"fts.csv:121: {float(value):.9g} in column 'Fz' is not a count" in said
-    assert "give `units` n,nm" in said
+    message = refusal(tmp_path, "\n".join(lines))
+    assert f"fts.csv:121: {float(value):.9g} in column 'Fz' is not a count" in message
+    assert "give `units` n,nm" in message
 
 
 def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
@@ -241,7 +241,7 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "expected"),
     [
         ({"counts_per_n": 0.0}, "`counts_per_n` 0: has to be above zero"),
         ({"counts_per_nm": float("nan")}, "`counts_per_nm` nan: has to be above zero"),
@@ -250,8 +250,8 @@ def test_counts_taken_for_newtons_are_refused(tmp_path: Path) -> None:
         ({"rate_hz": 0.0}, "`rate_hz` 0: has to be above zero"),
     ],
 )
-def test_options_that_make_no_sense_are_a_usage_error(tmp_path: Path, options: dict[str, Any], said: str) -> None:
-    assert said in refusal(tmp_path, text_of(), ConfigError, **options)
+def test_options_that_make_no_sense_are_a_usage_error(tmp_path: Path, options: dict[str, Any], expected: str) -> None:
+    assert expected in refusal(tmp_path, text_of(), ConfigError, **options)
 
 
 def test_a_scale_for_newtons_and_a_unit_against_the_head_are_a_usage_error(tmp_path: Path) -> None:
@@ -261,7 +261,7 @@ def test_a_scale_for_newtons_and_a_unit_against_the_head_are_a_usage_error(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("head", "said"),
+    ("head", "expected"),
     [
         ("t,Fx,Fy,F3,Tx,Ty,T3", "no column Fz, Tz among t, Fx, Fy, F3, Tx, Ty, T3: give `columns` TIME,FX"),
         ("when,Fx,Fy,Fz,Tx,Ty,Tz", "no column of time (t, time) among when, Fx"),
@@ -269,8 +269,8 @@ def test_a_scale_for_newtons_and_a_unit_against_the_head_are_a_usage_error(tmp_p
         ("t,Fx,Fy,Fz,Tx_counts,Ty,Tz_nm", "some axes in counts and some not: give `units`"),
     ],
 )
-def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, said: str) -> None:
-    assert said in refusal(tmp_path, text_of(head=head))
+def test_a_head_that_leaves_a_choice_is_asked_about(tmp_path: Path, head: str, expected: str) -> None:
+    assert expected in refusal(tmp_path, text_of(head=head))
 
 
 def test_columns_without_a_head_are_taken_in_their_order_and_others_by_number(tmp_path: Path) -> None:
@@ -299,9 +299,9 @@ SPOILS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
 
 @pytest.mark.parametrize("spoil", SPOILS)
 def test_a_spoilt_file_is_refused_with_its_line(tmp_path: Path, spoil: str) -> None:
-    change, said = SPOILS[spoil]
+    change, expected = SPOILS[spoil]
     head, *rows = text_of().splitlines()
-    assert said in refusal(tmp_path, "\n".join([head, *change(rows), ""]))
+    assert expected in refusal(tmp_path, "\n".join([head, *change(rows), ""]))
 
 
 def test_a_status_word_beside_bare_counts_is_read_and_one_that_is_none_refused(tmp_path: Path) -> None:
@@ -309,8 +309,8 @@ def test_a_status_word_beside_bare_counts_is_read_and_one_that_is_none_refused(t
     record = read(tmp_path, text_of(values, head=f"{HEAD},status"))
     assert record.status is not None
     assert record.status[0] == 2**32 - 1
-    said = refusal(tmp_path, text_of(np.hstack([COUNTS, np.full((ROWS, 1), -1)]), head=f"{HEAD},status"))
-    assert "fts.csv:2: status -1 is not a word of 32 bits" in said
+    message = refusal(tmp_path, text_of(np.hstack([COUNTS, np.full((ROWS, 1), -1)]), head=f"{HEAD},status"))
+    assert "fts.csv:2: status -1 is not a word of 32 bits" in message
 
 
 def test_the_kind_of_a_bare_file_is_told_by_its_columns(tmp_path: Path) -> None:

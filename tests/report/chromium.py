@@ -56,14 +56,14 @@ def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) ->
     said = tuple(line for line in done.stderr.splitlines() if ":CONSOLE" in line)
     return {
         width: Look(
-            requests=tuple(asked) + tuple(told["resources"]),
+            requests=tuple(asked) + tuple(content["resources"]),
             said=said,
-            figures=tuple(told["figures"]),
-            overflow_px=told["overflow_px"],
-            background=told["background"],
-            faint=tuple(told["faint"]),
+            figures=tuple(content["figures"]),
+            overflow_px=content["overflow_px"],
+            background=content["background"],
+            faint=tuple(content["faint"]),
         )
-        for width, told in zip(widths_px, json.loads(html.unescape(seen[1])), strict=True)
+        for width, content in zip(widths_px, json.loads(html.unescape(seen[1])), strict=True)
     }
 
 

@@ -20,19 +20,19 @@ def campaign(tmp_path: Path) -> Path:
 
 def test_the_report_is_a_page_in_the_campaign_folder_and_replaces_itself(cfid: Cfid, campaign: Path) -> None:
     for _ in range(2):
-        said = cfid("report")
-        assert said.returncode == 0, said.stderr
+        ended = cfid("report")
+        assert ended.returncode == 0, ended.stderr
 
-    assert said.stdout.strip() == str(campaign / "report.html")
+    assert ended.stdout.strip() == str(campaign / "report.html")
     assert (campaign / "report.html").read_text().startswith("<!DOCTYPE html>")
 
 
 def test_a_file_that_cfid_did_not_make_stays_unless_force_is_said(cfid: Cfid, campaign: Path) -> None:
     (campaign / "report.md").write_text("mine")
-    said = cfid("report", "--format", "md")
+    ended = cfid("report", "--format", "md")
 
-    assert said.returncode == 2
-    assert "not an unchanged report of cfid" in said.stderr
+    assert ended.returncode == 2
+    assert "not an unchanged report of cfid" in ended.stderr
     assert (campaign / "report.md").read_text() == "mine"
     assert cfid("report", "--format", "md", "--force").returncode == 0
     assert "16.57" in (campaign / "report.md").read_text()
@@ -46,16 +46,16 @@ def test_json_goes_where_it_is_told(cfid: Cfid, campaign: Path, tmp_path: Path) 
 
 
 def test_without_a_campaign_there_is_no_report(cfid: Cfid, tmp_path: Path) -> None:
-    said = cfid("report", folder=tmp_path)
+    ended = cfid("report", folder=tmp_path)
 
-    assert said.returncode == 2
-    assert "cfid new" in said.stderr
+    assert ended.returncode == 2
+    assert "cfid new" in ended.stderr
 
 
 def test_a_fit_that_cannot_be_read_is_told_and_the_rest_reported(cfid: Cfid, campaign: Path) -> None:
     (campaign / "fits" / "2026-11-21_130000_thrust.json").write_text("{")
-    said = cfid("report")
+    ended = cfid("report")
 
-    assert said.returncode == 0
-    assert "thrust.json: invalid: " in said.stderr
+    assert ended.returncode == 0
+    assert "thrust.json: invalid: " in ended.stderr
     assert "What could not be read" in (campaign / "report.html").read_text()

@@ -139,7 +139,7 @@ def test_the_tex_sheet_compiles(kind: str, request: pytest.FixtureRequest, tmp_p
         pytest.skip("needs pdflatex to compile the sheet with")
     (tmp_path / "report.tex").write_text(text_of(request.getfixturevalue(kind), "tex"))
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
-    said = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
 
-    assert said.returncode == 0, said.stdout.decode(errors="replace")[-2000:]
+    assert ended.returncode == 0, ended.stdout.decode(errors="replace")[-2000:]
     assert (tmp_path / "report.pdf").stat().st_size > 10_000

@@ -164,10 +164,10 @@ def test_a_port_at_another_speed_ends_a_run_and_makes_no_row(
     factor: float,
 ) -> None:
     instrument, cable = make(session)
-    heard = at_another_speed(sent, sent_baud=2400, read_baud=int(2400 * factor))
-    assert heard
+    received = at_another_speed(sent, sent_baud=2400, read_baud=int(2400 * factor))
+    assert received
 
-    run, failure = session.record(instrument, for_s=None, also=every(0.5, lambda: cable.send(heard)))
+    run, failure = session.record(instrument, for_s=None, also=every(0.5, lambda: cable.send(received)))
 
     assert isinstance(failure, DeviceError)
     assert "bytes without a reading" in str(failure)

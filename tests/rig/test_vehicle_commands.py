@@ -54,9 +54,9 @@ def listening(answer: Callable[[bytes], bytes | None]) -> Iterator[str]:
                     datagram, client = line.recvfrom(64)
                 except TimeoutError:
                     continue
-                said = answer(datagram)
-                if said is not None:
-                    line.sendto(said, client)
+                found = answer(datagram)
+                if found is not None:
+                    line.sendto(found, client)
 
         thread = threading.Thread(target=serve)
         thread.start()
@@ -84,36 +84,36 @@ def refused(bench: Bench, *words: object, within_s: float = 15.0) -> str:
 
 def test_a_silent_address_is_told_within_its_time(bench: Bench) -> None:
     with listening(lambda datagram: None) as uri:
-        told = refused(bench, "motors", "stop", "--uri", uri, within_s=6.0)
-    assert told.startswith(f"cfid: {uri}: no answer within 2 s. Is the vehicle on")
+        message = refused(bench, "motors", "stop", "--uri", uri, within_s=6.0)
+    assert message.startswith(f"cfid: {uri}: no answer within 2 s. Is the vehicle on")
 
 
 def test_an_address_where_nobody_listens_is_told(bench: Bench) -> None:
-    told = refused(bench, "log", "ping", "--uri", "udp://127.0.0.1:9", within_s=4.0)
-    assert told == "cfid: udp://127.0.0.1:9: no program listens there: the vehicle is off, or the address is wrong."
+    message = refused(bench, "log", "ping", "--uri", "udp://127.0.0.1:9", within_s=4.0)
+    assert message == "cfid: udp://127.0.0.1:9: no program listens there: the vehicle is off, or the address is wrong."
 
 
 @pytest.mark.parametrize("uri", ["crazyflie", "radio:/0", "http://127.0.0.1", ""])
 def test_what_is_no_address_is_told(bench: Bench, uri: str) -> None:
-    told = refused(bench, "log", "ping", "--uri", uri or "x")
-    assert "this is not the address of a vehicle, such as radio://0/80/2M/E7E7E7E7E7." in told
+    message = refused(bench, "log", "ping", "--uri", uri or "x")
+    assert "this is not the address of a vehicle, such as radio://0/80/2M/E7E7E7E7E7." in message
 
 
 def test_a_missing_radio_is_told(bench: Bench) -> None:
-    told = refused(bench, "log", "ping", "--uri", "radio://0/80/2M/E7E7E7E7E7")
-    assert "Crazyradio" in told or "radio" in told
+    message = refused(bench, "log", "ping", "--uri", "radio://0/80/2M/E7E7E7E7E7")
+    assert "Crazyradio" in message or "radio" in message
 
 
 def test_something_else_that_answers_is_no_vehicle(bench: Bench) -> None:
     with listening(lambda datagram: datagram) as uri:
-        told = refused(bench, "log", "ping", "--uri", uri)
-    assert told.startswith(f"cfid: {uri}: ")
+        message = refused(bench, "log", "ping", "--uri", uri)
+    assert message.startswith(f"cfid: {uri}: ")
 
 
 def test_an_old_protocol_is_told(bench: Bench) -> None:
     bench.vehicle_suffers(old_protocol=True)
-    told = refused(bench, "log", "ping")
-    assert "speaks version 3 of its protocol, cfid needs 4 or newer: update its firmware." in told
+    message = refused(bench, "log", "ping")
+    assert "speaks version 3 of its protocol, cfid needs 4 or newer: update its firmware." in message
 
 
 @pytest.mark.parametrize("loss", [0.03, 0.1])
@@ -127,8 +127,8 @@ def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: 
 
 def test_a_link_that_loses_most_packets_is_named_as_the_cause(tmp_path: Path) -> None:
     with bench_in(tmp_path, radio={"latency_s": 4e-4, "jitter_s": 1e-4, "loss": 0.5}) as bench:
-        told = refused(bench, "motors", "set", 20000, "--yes", within_s=40.0)
-        assert re.search(r"(the|its) link loses (most )?packets", told)
+        message = refused(bench, "motors", "set", 20000, "--yes", within_s=40.0)
+        assert re.search(r"(the|its) link loses (most )?packets", message)
         assert not any(bench.motors)
 
 
@@ -161,9 +161,9 @@ def test_a_vehicle_that_cannot_run_is_refused_by_its_state_before_a_run_folder_e
     bench: Bench, words: tuple[object, ...], state: str
 ) -> None:
     spoiled(bench, state)
-    told = refused(bench, *words)
+    message = refused(bench, *words)
 
-    assert f"the vehicle is {state}: " in told
+    assert f"the vehicle is {state}: " in message
     assert list_runs(bench.folder / "runs") == []
 
 
@@ -194,18 +194,18 @@ def test_a_vehicle_that_is_busy_with_another_client_is_told(bench: Bench) -> Non
         thread.start()
         try:
             time.sleep(0.3)
-            told = refused(bench, "log", "ping", within_s=6.0)
+            message = refused(bench, "log", "ping", within_s=6.0)
         finally:
             ended.set()
             thread.join()
-    assert "no answer within 2 s" in told
+    assert "no answer within 2 s" in message
 
 
 def test_a_vehicle_that_another_cfid_drives_is_told_with_who_holds_it(bench: Bench) -> None:
     first = bench.start("motors", "set", 20000, "--yes")
     first.wait_until_motors_run()
-    told = refused(bench, "log", "ping")
-    assert f"held by process {first.process.pid}" in told
+    message = refused(bench, "log", "ping")
+    assert f"held by process {first.process.pid}" in message
     assert any(bench.motors)
 
 
@@ -225,8 +225,8 @@ def test_motors_stop_ends_what_overrides_the_app(bench: Bench) -> None:
         bench.in_loop(partial(bench.rig.crazyflie.received, write, ("127.0.0.1", 9), time.monotonic()))
     bench.in_loop(lambda: bench.rig.crazyflie.advance(time.monotonic() + 0.1))
     assert bench.motors[0] == 30000
-    said = bench.start("motors", "stop")
-    assert said.end() == 0, said.err
+    ended = bench.start("motors", "stop")
+    assert ended.end() == 0, ended.err
     assert not any(bench.motors)
 
 
@@ -243,19 +243,19 @@ def test_motors_that_an_app_on_other_ports_drives_are_stopped_too(bench: Bench) 
     rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
     bench.in_loop(drive)
     assert bench.motors == (15000,) * 4
-    said = bench.start("motors", "stop")
-    while said.process.poll() is None:
+    ended = bench.start("motors", "stop")
+    while ended.process.poll() is None:
         bench.in_loop(partial(bench.rig.crazyflie.received, alive, ("127.0.0.1", 9), time.monotonic()))
         time.sleep(0.05)
-    assert said.end() == 0, said.err
+    assert ended.end() == 0, ended.err
     assert not any(bench.motors)
 
 
 def test_a_stop_counts_where_nothing_can_be_printed(bench: Bench) -> None:
     with Path("/dev/full").open("w") as full:
-        said = bench.start("motors", "set", 20000, "--for", 0.3, "--yes", stdout=full)
-        assert said.end() == 0, said.err
-    assert "motors stopped, confirmed in" in said.err
+        ended = bench.start("motors", "set", 20000, "--for", 0.3, "--yes", stdout=full)
+        assert ended.end() == 0, ended.err
+    assert "motors stopped, confirmed in" in ended.err
     assert not any(bench.motors)
 
 
@@ -300,13 +300,13 @@ def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Benc
 
 
 @pytest.mark.parametrize(
-    ("typed", "told"), [(b"n\n", "not confirmed: no motor was started."), (b"", "use --yes in a script")]
+    ("typed", "expected"), [(b"n\n", "not confirmed: no motor was started."), (b"", "use --yes in a script")]
 )
-def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, told: str) -> None:
+def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, expected: str) -> None:
     pilot = bench.start(*STAIRS[:-1], stdin=subprocess.PIPE)
     pilot.process.communicate(typed)
     assert pilot.process.returncode == 2
-    assert told in pilot.err
+    assert expected in pilot.err
     assert len(bench.history) == 1
     assert not (bench.folder / "runs").exists()
 
@@ -322,7 +322,7 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         ("log sine --l 1,x", "--periods 1,x: should be whole numbers with commas between, as 1,2,4."),
         ("log sine --l 2001", "--periods 2001: has to be from 0 to N/2 = 2000."),
@@ -342,11 +342,11 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
         ("log ping --interval 0", "--interval 0: has to be above zero."),
     ],
 )
-def test_what_cannot_be_meant_so_is_told_first(cfid: Cfid, tmp_path: Path, words: str, told: str) -> None:
+def test_what_cannot_be_meant_so_is_told_first(cfid: Cfid, tmp_path: Path, words: str, expected: str) -> None:
     assert cfid("new", str(tmp_path)).returncode == 0
-    said = cfid(*words.split(), "--campaign", str(tmp_path))
-    assert said.returncode == 2
-    assert told in said.stderr
+    ended = cfid(*words.split(), "--campaign", str(tmp_path))
+    assert ended.returncode == 2
+    assert expected in ended.stderr
 
 
 # What is recorded
@@ -492,14 +492,14 @@ def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "told"), [(b"12000\nfast\n", "'fast' is not a reading"), (b"12000\n", "standard input ended")]
+    ("typed", "expected"), [(b"12000\nfast\n", "'fast' is not a reading"), (b"12000\n", "standard input ended")]
 )
-def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: bytes, told: str) -> None:
+def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: bytes, expected: str) -> None:
     words = ("log", "scales", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     pilot.process.communicate(typed)
     assert pilot.process.returncode == 2
-    assert told in pilot.err
+    assert expected in pilot.err
     assert not any(bench.motors)
     assert bench.run().header.state == "failed"
     assert len(pd.read_csv(bench.run().device_file("readings"))) == 1

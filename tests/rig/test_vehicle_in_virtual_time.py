@@ -58,11 +58,11 @@ def crossings_of(u: np.ndarray[Any, np.dtype[np.int64]]) -> list[int]:
 @KINDS
 def test_a_staircase_drives_the_motors_and_writes_down_when(tmp_path: Path, firmware: str) -> None:
     flight = Flight(tmp_path, firmware=firmware)
-    told: list[str] = []
+    messages: list[str] = []
 
     run, failure = flight.record(
         [flight.commands(), flight.log()],
-        lambda there: run_staircase(STAIRS, there["commands"], loop=flight.clock, tell=told.append),
+        lambda there: run_staircase(STAIRS, there["commands"], loop=flight.clock, tell=messages.append),
     )
 
     assert failure is None
@@ -77,7 +77,7 @@ def test_a_staircase_drives_the_motors_and_writes_down_when(tmp_path: Path, firm
     for _, row in steps.iterrows():
         began_s = next(time_s for time_s, motors in flight.motors if motors[0] == row.m1)
         assert row.t - UNIX_S == pytest.approx(began_s, abs=0.15)  # the way there; parameters are set one by one
-    assert told[0] == "command 0 (1 of 3), 0:09 left"
+    assert messages[0] == "command 0 (1 of 3), 0:09 left"
     log = rows(run, "crazyflie")
     assert set(log["motor.m1"]) == {0, 10000, 20000}
     assert (log["pm.vbat"] > 3).all()
@@ -202,7 +202,7 @@ def test_a_sine_beyond_the_limit_never_leaves(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("request_", "told"),
+    ("request_", "expected"),
     [
         (SineRequest(1, 20000, 0.1, 0), "N is zero"),
         (SineRequest(1, 20000, float("nan"), 100), "omega is no frequency from 0 to pi"),
@@ -210,14 +210,14 @@ def test_a_sine_beyond_the_limit_never_leaves(tmp_path: Path) -> None:
         (SineRequest(7, 20000, omega_of(3, 100), 100), "there is no such motor"),
     ],
 )
-def test_the_app_refuses_nonsense_and_says_why(tmp_path: Path, request_: SineRequest, told: str) -> None:
+def test_the_app_refuses_nonsense_and_says_why(tmp_path: Path, request_: SineRequest, expected: str) -> None:
     flight = Flight(tmp_path)
     _, failure = flight.record(
         [flight.crossings()],
         lambda there: play_sine(request_, there["crossings"], before_s=0.1, loop=flight.clock, tell=silent),
     )
     assert isinstance(failure, DeviceError)
-    assert told in str(failure)
+    assert expected in str(failure)
     assert len(flight.motors) == 1
 
 
@@ -273,9 +273,9 @@ STALLS = [
 ]
 
 
-@pytest.mark.parametrize(("firmware", "stall_s", "told"), STALLS)
+@pytest.mark.parametrize(("firmware", "stall_s", "expected"), STALLS)
 def test_a_stall_of_cfid_itself_is_not_taken_for_the_vehicles_silence(
-    tmp_path: Path, firmware: str, stall_s: float, told: str
+    tmp_path: Path, firmware: str, stall_s: float, expected: str
 ) -> None:
     flight = Flight(tmp_path, firmware=firmware)
 
@@ -286,7 +286,7 @@ def test_a_stall_of_cfid_itself_is_not_taken_for_the_vehicles_silence(
 
     _, failure = flight.record([flight.commands(), flight.log()], stall)
 
-    assert (told in str(failure)) if told else (failure is None)
+    assert (expected in str(failure)) if expected else (failure is None)
     assert not any(flight.motors[-1][1])
 
 

@@ -141,8 +141,8 @@ assert len(inbox.arrivals_s) == 6
 for late, at_most in late_s:
     assert -1e-3 < late < at_most + 1e-3, late_s
 """
-    told = subprocess.run(
+    ended = subprocess.run(
         [sys.executable, "-c", body], cwd=ROOT, env=stepping(step_s), capture_output=True, text=True, check=False
     )
-    assert told.returncode == 0, told.stderr
-    assert float(told.stdout) == pytest.approx(time.time() + step_s, abs=60)
+    assert ended.returncode == 0, ended.stderr
+    assert float(ended.stdout) == pytest.approx(time.time() + step_s, abs=60)

@@ -67,9 +67,9 @@ class Behaviour:
 
     def answer(self, packet: Packet) -> None:
         """Keep an answer, one to a keep-alive only where it differs from the last in more than number and time."""
-        told = self.answers.setdefault(packet[:2], [])
-        if packet[:2] != ALIVE or not told or told[-1][4:-4] != packet.payload[4:-4]:
-            told.append(packet.payload)
+        messages = self.answers.setdefault(packet[:2], [])
+        if packet[:2] != ALIVE or not messages or messages[-1][4:-4] != packet.payload[4:-4]:
+            messages.append(packet.payload)
 
 
 def keep(changes: list[Change], time_ms: float, value: Any) -> None:

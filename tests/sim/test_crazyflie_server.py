@@ -228,11 +228,11 @@ def test_cflib_logs_every_millisecond_and_none_is_missing(served: Served, period
         rows.clear()
         time.sleep(1.0)
         block.stop()
-        heard = list(rows)
-    stamps = [stamp for stamp, _ in heard]
+        received = list(rows)
+    stamps = [stamp for stamp, _ in received]
     assert set(np.diff(stamps)) == {period_ms}
     assert len(stamps) == pytest.approx(1000 / period_ms, rel=0.3)
-    assert heard[0][1] == {"pm.vbat": pytest.approx(3.7), "motor.m1": 0, "stabilizer.roll": 0}
+    assert received[0][1] == {"pm.vbat": pytest.approx(3.7), "motor.m1": 0, "stabilizer.roll": 0}
 
 
 @pytest.mark.usefixtures("no_usb")

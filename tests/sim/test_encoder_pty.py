@@ -113,14 +113,14 @@ def test_closing_leaves_nothing_behind(plugged: _Plugged, tmp_path: Path) -> Non
 
 def test_a_reply_does_not_overtake_the_one_before_it() -> None:
     clock = Clock()
-    said: list[bytes] = []
-    line = InOrder(said.append, clock=clock)
+    messages: list[bytes] = []
+    line = InOrder(messages.append, clock=clock)
 
     line.send([(0.2, b"late"), (0.2, b"r")])
     clock.advance(0.05)
     line.send([(0.0005, b"next")])
-    early = list(said)
+    early = list(messages)
     clock.advance(0.16)
 
     assert early == []
-    assert said == [b"late", b"r", b"next"]
+    assert messages == [b"late", b"r", b"next"]

@@ -84,14 +84,14 @@ def client() -> Iterator[socket.socket]:
 
 def _listen(client: socket.socket, *, for_s: float) -> bytes:
     """Return all that comes within a time."""
-    heard, end_s = [], time.monotonic() + for_s
+    messages, end_s = [], time.monotonic() + for_s
     client.settimeout(0.05)
     while time.monotonic() < end_s:
         try:
-            heard.append(client.recv(2048))
+            messages.append(client.recv(2048))
         except TimeoutError:
             continue
-    return b"".join(heard)
+    return b"".join(messages)
 
 
 def test_asked_for_records_come_at_their_rate(served: _Served, client: socket.socket) -> None:

@@ -40,19 +40,19 @@ def recorded() -> list[Said]:
 
 def _exchanges(recorded: list[Said]) -> Iterator[tuple[Said, bytes | None]]:
     """Pair each request with the first answer on its port and channel that answers no other."""
-    answers = [said for said in recorded if not said.to_vehicle and said.packet[0] != STREAM]
-    for said in recorded:
-        if said.to_vehicle:
-            mine = (a for a in answers if a.time_s >= said.time_s and a.packet[0] & 0xF3 == said.packet[0] & 0xF3)
+    answers = [found for found in recorded if not found.to_vehicle and found.packet[0] != STREAM]
+    for found in recorded:
+        if found.to_vehicle:
+            mine = (a for a in answers if a.time_s >= found.time_s and a.packet[0] & 0xF3 == found.packet[0] & 0xF3)
             answer = next(mine, None)
             if answer is not None:
                 answers.remove(answer)
-            yield said, None if answer is None else answer.packet
+            yield found, None if answer is None else answer.packet
 
 
 def _table(recorded: list[Said], port: int) -> dict[int, tuple[str, int]]:
     """Return name and type by number, as the recorded firmware told them."""
-    items = [said.packet for said in recorded if said.packet[:2] == bytes([port << 4, 2])]
+    items = [found.packet for found in recorded if found.packet[:2] == bytes([port << 4, 2])]
     names = {struct.unpack_from("<H", item, 2)[0]: item[5:-1].decode().replace("\0", ".") for item in items}
     return {number: (names[number], item[4]) for item in items for number in [struct.unpack_from("<H", item, 2)[0]]}
 
@@ -123,12 +123,12 @@ def test_the_simulated_log_streams_in_the_same_shape_at_the_same_pace(recorded: 
     bench = Bench(CrazyflieTruth(firmware="stock"))
     variables = bench.table()
     rows: list[bytes] = []
-    for said in recorded:
-        if said.to_vehicle:
-            rows += [packet for _, packet in bench.wait(said.time_s - bench.now_s) if packet[0] == STREAM]
-            bench.faulty.received(_translated(said.packet, recorded, variables), CLIENT, OPENED_S + bench.now_s)
+    for found in recorded:
+        if found.to_vehicle:
+            rows += [packet for _, packet in bench.wait(found.time_s - bench.now_s) if packet[0] == STREAM]
+            bench.faulty.received(_translated(found.packet, recorded, variables), CLIENT, OPENED_S + bench.now_s)
             bench.faulty.due(OPENED_S + bench.now_s)
-    expected = [said.packet for said in recorded if said.packet[0] == STREAM]
+    expected = [found.packet for found in recorded if found.packet[0] == STREAM]
     assert {(packet[:2], len(packet)) for packet in rows} == {(packet[:2], len(packet)) for packet in expected}
     assert len(rows) == pytest.approx(len(expected), abs=5)
     stamps, recorded_stamps = ([int.from_bytes(p[2:5], "little") for p in packets] for packets in (rows, expected))

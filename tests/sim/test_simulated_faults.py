@@ -101,11 +101,11 @@ def test_corrupted_datagrams_are_cut_short_or_have_one_bit_flipped_in_turns() ->
 def test_a_stream_falls_silent_when_it_should(faults: LoadCellFaults, received_s: dict[float, bool]) -> None:
     faulty = _faulty(faults)
     faulty.request(START, CLIENT, 100.0)
-    heard = {}
+    received = {}
     for at_s in received_s:
         faulty.due(100 + at_s - 0.002)
-        heard[at_s] = bool(faulty.due(100 + at_s))
-    assert heard == received_s
+        received[at_s] = bool(faulty.due(100 + at_s))
+    assert received == received_s
 
 
 def test_a_box_that_restarts_is_dead_for_a_while_and_counts_from_zero() -> None:
@@ -204,7 +204,7 @@ def test_words_name_faults_of_all_devices() -> None:
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "expected"),
     [
         ("loadcell.dorp_every=3", "loadcell.drop_every"),
         ("drop_every=3", "'drop_every'"),
@@ -218,6 +218,6 @@ def test_words_name_faults_of_all_devices() -> None:
         ("encoder.wrong_width=33", "from zero to 32"),
     ],
 )
-def test_a_fault_that_cannot_be_is_told(word: str, told: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(told)):
+def test_a_fault_that_cannot_be_is_told(word: str, expected: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(expected)):
         parse_faults([word])

@@ -89,7 +89,7 @@ def test_a_truth_says_what_it_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("[rotors]\ntime_constant = 0.1", "rotors.time_constant"),
         ("[rotors]\ntime_constant_s = '0.1'", "rotors.time_constant_s"),
@@ -103,10 +103,10 @@ def test_a_truth_says_what_it_says(tmp_path: Path) -> None:
         ("nonsense", "TOML"),
     ],
 )
-def test_a_wrong_truth_names_file_and_key(tmp_path: Path, text: str, told: str) -> None:
+def test_a_wrong_truth_names_file_and_key(tmp_path: Path, text: str, expected: str) -> None:
     path = tmp_path / "truth.toml"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=re.escape(told)) as caught:
+    with pytest.raises(ConfigError, match=re.escape(expected)) as caught:
         load_truth(path)
     assert str(path) in str(caught.value)
 

@@ -179,9 +179,9 @@ def test_a_stop_can_be_answered_and_ignored() -> None:
     bench = Bench(load_app=load_core, faults=CrazyflieFaults(stop_ignored=True))
     run(bench, for_s=0.3)
     (answer,) = bench.say(PORTS.ping, PingChannel.STOP, encode_alive(77))
-    told = decode_state(answer[1:])
-    assert told is not None
-    assert (told.number, told.commands) == (77, RUNNING)
+    found = decode_state(answer[1:])
+    assert found is not None
+    assert (found.number, found.commands) == (77, RUNNING)
     bench.wait(0.2)
     assert bench.motors == RUNNING
 

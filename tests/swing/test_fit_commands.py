@@ -31,9 +31,9 @@ C_1_4 = {
 }
 
 
-def found(said: subprocess.CompletedProcess[str]) -> dict[str, Any]:
-    assert said.returncode == 0, said.stderr
-    result: dict[str, Any] = json.loads(said.stdout)
+def found(ended: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert ended.returncode == 0, ended.stderr
+    result: dict[str, Any] = json.loads(ended.stdout)
     return result
 
 
@@ -270,16 +270,16 @@ def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path, 
 
 def test_the_last_run_of_a_campaign_without_any_is_refused(cfid: Cfid, tmp_path: Path) -> None:
     assert cfid("new", "mine").returncode == 0
-    said = cfid("show", "last", "--campaign", tmp_path / "mine")
+    ended = cfid("show", "last", "--campaign", tmp_path / "mine")
 
-    assert said.returncode == 2
-    assert "last: nothing is recorded yet" in said.stderr
+    assert ended.returncode == 2
+    assert "last: nothing is recorded yet" in ended.stderr
 
 
 @pytest.mark.parametrize("glob", ["/somewhere/*", "**x"])
 def test_a_glob_that_no_run_can_have_as_its_name_is_refused(cfid: Cfid, tmp_path: Path, glob: str) -> None:
     assert cfid("new", "mine").returncode == 0
-    said = cfid("show", glob, "--campaign", tmp_path / "mine")
+    ended = cfid("show", glob, "--campaign", tmp_path / "mine")
 
-    assert said.returncode == 2
-    assert "no runs match, expected one" in " ".join(said.stderr.split())
+    assert ended.returncode == 2
+    assert "no runs match, expected one" in " ".join(ended.stderr.split())

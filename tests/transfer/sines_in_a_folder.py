@@ -43,13 +43,13 @@ class Here:
     def __call__(self, *words: object) -> Said:
         with pytest.raises(SystemExit) as ended:
             main(["tf", *map(str, words)])
-        told = self._capsys.readouterr()
-        return Said(int(ended.value.code or 0), told.out, told.err)
+        captured = self._capsys.readouterr()
+        return Said(int(ended.value.code or 0), captured.out, captured.err)
 
     def json(self, *words: object, code: int = 0) -> dict[str, Any]:
-        said = self(*words, "--json")
-        assert said.returncode == code, said.stderr
-        content: dict[str, Any] = json.loads(said.stdout)
+        ended = self(*words, "--json")
+        assert ended.returncode == code, ended.stderr
+        content: dict[str, Any] = json.loads(ended.stdout)
         return content
 
 

@@ -28,11 +28,11 @@ def index(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
     return write_index(tmp_path, {"": runs}, cells=1)
 
 
-def refused(said: Said, code: int, *words: str) -> None:
-    assert said.returncode == code, said.stderr
-    assert said.stdout == ""
-    assert "Traceback" not in said.stderr
-    last = said.stderr.splitlines()[-1]
+def refused(ended: Said, code: int, *words: str) -> None:
+    assert ended.returncode == code, ended.stderr
+    assert ended.stdout == ""
+    assert "Traceback" not in ended.stderr
+    last = ended.stderr.splitlines()[-1]
     assert last.startswith("cfid: ")
     for word in words:
         assert word in last
@@ -141,9 +141,9 @@ def test_without_stamps_of_the_vehicle_a_cut_and_a_swap_are_found_too(
     refused(tf("identify", "--index", index), 4, "Were two runs swapped?")
     rewritten("crossings_20.csv", lambda lines: lines[:-5])(tmp_path)
     swapped(tmp_path)
-    said = tf("identify", "--index", index, "--no-figures")
-    assert said.returncode == 0, said.stderr
-    assert "(crossings_10.csv): the report of the end is missing" in said.stderr
+    ended = tf("identify", "--index", index, "--no-figures")
+    assert ended.returncode == 0, ended.stderr
+    assert "(crossings_10.csv): the report of the end is missing" in ended.stderr
 
 
 @pytest.mark.parametrize("method", ["default", "thesis"])
@@ -163,9 +163,9 @@ def test_a_load_cell_that_measured_nothing_gives_no_numbers(tf: Here, index: Pat
 
 
 def test_a_channel_that_does_not_measure_the_motor_gives_no_numbers(tf: Here, index: Path) -> None:
-    said = tf("identify", "--index", index, "--channel", "Tx", "--no-figures")
-    assert said.returncode == 5
-    assert "may be noise alone: are the channel and the motor those of the runs?" in said.stderr
+    ended = tf("identify", "--index", index, "--channel", "Tx", "--no-figures")
+    assert ended.returncode == 5
+    assert "may be noise alone: are the channel and the motor those of the runs?" in ended.stderr
     as_thesis = tf.json("identify", "--index", index, "--channel", "Tx", "--method", "thesis", code=5)
     assert any("the force's largest peak is not at the sine" in doubt for doubt in sentences(as_thesis))
     replaced("index.csv", "20000,1", "20000,0")(index.parent)
@@ -236,8 +236,8 @@ def test_no_spoilt_number_ends_in_a_traceback(tf: Here, index: Path) -> None:
         fields[field] = str(rng.choice(["", "-1", "0", "1e9", "x", "1.5", "inf", "3"]))
         index.write_text("\n".join([*lines[:row], ",".join(fields), *lines[row + 1 :]]) + "\n")
         method = rng.choice(["default", "thesis"])
-        said = tf("identify", "--index", index, "--no-figures", "--json", "--method", method)
-        assert said.returncode in (0, 2, 4, 5)
+        ended = tf("identify", "--index", index, "--no-figures", "--json", "--method", method)
+        assert ended.returncode in (0, 2, 4, 5)
 
 
 def test_a_row_that_contradicts_the_run_of_its_file_is_refused(

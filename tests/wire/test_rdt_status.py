@@ -17,9 +17,9 @@ words = st.integers(0, 2**32 - 1)
 
 def check_that_each_bit_is_told_once(word: int, family: Family) -> None:
     status = read_status(word, family)
-    said = status.faults + status.warnings
+    found = status.faults + status.warnings
     bits = word & 0x7FFFFFFF
-    assert len(set(said)) == len(said)
+    assert len(set(found)) == len(found)
     assert len(status.warnings) == (bits & WARNING_BITS[family]).bit_count()
     assert len(status.faults) == (bits & ~WARNING_BITS[family]).bit_count() + (word == 0x80000000)
 

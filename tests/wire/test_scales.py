@@ -138,16 +138,16 @@ def test_once_lines_have_heads_one_without_has_lost_its_own() -> None:
 @pytest.mark.parametrize("line", HEADED)
 def test_a_flipped_bit_behind_a_head_is_found_or_makes_one_digit_another_or_a_0_of_a_space(line: bytes) -> None:
     sent = line + b"\r\n"
-    said = read_weight(line)
-    assert said is not None
+    found = read_weight(line)
+    assert found is not None
     for bit in range(8 * len(sent)):
         flipped = bytearray(sent)
         flipped[bit // 8] ^= 1 << bit % 8
         reader = ScalesReader()
         reader.feed(sent)
         for weight in reader.feed(bytes(flipped)):
-            if weight != said:
-                assert weight.stable is said.stable
+            if weight != found:
+                assert weight.stable is found.stable
                 before, after = chr(sent[bit // 8]), chr(flipped[bit // 8])
                 assert (before + after).isdigit() or {before, after} == {"0", " "}
 

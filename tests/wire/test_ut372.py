@@ -115,9 +115,9 @@ def test_of_any_bytes_in_any_slicing_whole_packets_are_read_and_all_others_count
 ) -> None:
     reader = Ut372Reader()
     readings = [reading for part in sliced(stream, sizes) for reading in reader.feed(part)]
-    said = [what_it_says(line) for line in stream.split(b"\n")[:-1]]
-    assert [reading.number for reading in readings] == [number for number in said if number is not None]
-    assert reader.rejected == said.count(None)
+    messages = [what_it_says(line) for line in stream.split(b"\n")[:-1]]
+    assert [reading.number for reading in readings] == [number for number in messages if number is not None]
+    assert reader.rejected == messages.count(None)
 
 
 @pytest.mark.parametrize(
