@@ -1,6 +1,7 @@
 """`cfid parameters` and `cfid set`: list a campaign's parameters, and store those measured by hand."""
 
 import re
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,17 +31,35 @@ _IN_RIG = {
 
 
 def list_parameters(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME ...", help="Only those whose names contain one of these.")
+    ] = None,
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's parameters, each with its standard uncertainty, unit and origin.
 
-    Example: [bold]cfid parameters --campaign my-crazyflie[/bold]
+    Example: [bold]cfid parameters inertia.matrix motor.max_thrust_n[/bold]
     """
     from cfid.records.parameters import load_sections
 
     sections = load_sections(here(campaign).parameters_file)
-    (_print_json if json else _print_tables)(sections)
+    (_print_json if json else _print_tables)(_named(sections, names) if names else sections)
+
+
+def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
+    """Return the sections with only those parameters whose names contain a name. Raises ConfigError where none does."""
+    from dataclasses import replace
+
+    from cfid.errors import ConfigError
+
+    kept = {
+        section: {key: value for key, value in own.parameters.items() if any(name in key for name in names)}
+        for section, own in sections.items()
+    }
+    if not any(kept.values()):
+        raise ConfigError(f"{', '.join(names)}: no parameter has this in its name; `cfid parameters` lists all.")
+    return {section: replace(sections[section], parameters=own) for section, own in kept.items() if own}
 
 
 def set_by_hand(

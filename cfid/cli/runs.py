@@ -21,17 +21,19 @@ RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or fol
 
 def show_runs(
     context: typer.Context,
+    only: Annotated[str, typer.Option(metavar="TEXT", help="Runs whose name, state or note contains this.")] = "",
+    newest: Annotated[int | None, typer.Option(min=1, metavar="N", help="The last N of them.")] = None,
     campaign: CampaignFolder = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's runs: what, when, state, rows, losses.
 
-    Example: [bold]cfid runs --campaign my-crazyflie[/bold]
+    Example: [bold]cfid runs --only swing --newest 5[/bold]
     """
     from cfid.records.run import list_runs
 
     if context.invoked_subcommand is None:
-        _print_runs(list_runs(here(campaign).runs_folder), json=json)
+        _print_runs(list_runs(here(campaign).runs_folder), only=only, newest=newest, json=json)
 
 
 def exclude(
@@ -57,14 +59,14 @@ def include(run: RunWord, campaign: CampaignFolder = None) -> None:
 
 def note(
     run: RunWord,
-    text: Annotated[str, typer.Argument(metavar="TEXT", help="The note; an empty text removes it.")],
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="The note; an empty text removes all notes.")],
     campaign: CampaignFolder = None,
 ) -> None:
-    """Write a note into runs, in place of the present one.
+    """Add a note to runs, after those that they have.
 
     Example: [bold]cfid runs note last "new battery"[/bold]
     """
-    _amend(run, campaign, note=text, message=f"note: {text}" if text else "has no note any more")
+    _amend(run, campaign, note=text, message=f"note added: {text}" if text else "has no note any more")
 
 
 def _amend(
@@ -112,10 +114,11 @@ def _changed_lately(run: "Run") -> bool:
     return any(file.exists() and time.time() - file.stat().st_mtime < _QUIET_S for file in files)
 
 
-def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
+def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None, json: bool) -> None:
     from cfid.errors import DataError
 
     rows = [_row(run) for run in runs if not isinstance(run, DataError)]
+    rows = [row for row in rows if any(only in row[key] for key in ("run", "state", "note"))][-(newest or 0) :]
     broken = [str(run) for run in runs if isinstance(run, DataError)]
     if json:
         import json as encoder
@@ -123,7 +126,7 @@ def _print_runs(runs: "list[Run | DataError]", *, json: bool) -> None:
         typer.echo(encoder.dumps({"command": "runs", "runs": rows, "warnings": broken}, indent=2))
         return
     if not rows and not broken:
-        typer.echo("no runs yet")
+        typer.echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")
         return
     from rich.box import SIMPLE
     from rich.console import Console

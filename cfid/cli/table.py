@@ -61,7 +61,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Exclude runs from the fits that select their runs themselves. Nothing is deleted.",
     ),
     "runs include": ("cfid.cli.runs:include", "Include excluded runs again."),
-    "runs note": ("cfid.cli.runs:note", "Write a note into runs, in place of the present one."),
+    "runs note": ("cfid.cli.runs:note", "Add a note to runs, after those that they have."),
     "rig": (None, "Check the rig's devices, or simulate them."),
     "rig check": (
         "cfid.cli.rig:check",

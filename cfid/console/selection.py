@@ -97,7 +97,7 @@ def _latest(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> 
 def _taken(runs: "Sequence[Run]", campaign: "Campaign | None", wanted: str) -> list[str]:
     if campaign is None:
         raise ConfigError(f"there is no campaign here to look for runs in: name files or runs: {wanted}.")
-    taken = [run.folder.name for run in runs if _is_taken(run)]
+    taken = [run.folder.name for run in runs if run.usable]
     if not taken:
         unfit = f" ({_left(runs)})" if runs else ""
         raise ConfigError(f"{campaign.runs_folder}: no complete {wanted}{unfit}: record one, or name runs.")
@@ -108,7 +108,7 @@ def _matching(glob: str, runs: "Sequence[Run]", campaign: "Campaign | None", wan
     if campaign is None:
         raise ConfigError(f"{glob}: there is no campaign here whose runs it could match.")
     named = [run for run in runs if fnmatch(run.folder.name, glob)]
-    taken, left = [run.folder.name for run in named if _is_taken(run)], _left(named)
+    taken, left = [run.folder.name for run in named if run.usable], _left(named)
     if not taken:
         unfit = f" but {left}" if left else ""
         raise ConfigError(f"{glob}: no complete {wanted} in {campaign.runs_folder} matches{unfit}.")
@@ -128,18 +128,15 @@ def _readable(campaign: "Campaign") -> "list[Run]":
     return [run for run in found if isinstance(run, Run)]
 
 
-def _is_taken(run: "Run") -> bool:
-    return run.header.state == "complete" and not run.header.excluded
-
-
 def _left(runs: "Sequence[Run]") -> str:
     """Return which runs are left out, and why."""
-    return ", ".join(_why_left(run) for run in runs if not _is_taken(run))
+    return ", ".join(_why_left(run) for run in runs if not run.usable)
 
 
 def _why_left(run: "Run") -> str:
-    state = "cut" if run.cut else run.header.state
-    return f"{run.folder.name} ({f'excluded: {run.header.excluded}' if run.header.excluded else state})"
+    header = run.header
+    state = "cut" if run.cut else "not usable" if header.state == "complete" else header.state
+    return f"{run.folder.name} ({f'excluded: {header.excluded}' if header.excluded else state})"
 
 
 def interrupted(word: Path, campaign: "Campaign", *, kind: str) -> Path:

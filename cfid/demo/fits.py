@@ -122,7 +122,10 @@ def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
         )
     Console().print(table)
     inside = sum(covers(true, value, std) for _, true, value, std in rows)
-    typer.echo(f"{inside} of {len(rows)} lie in their 95 % interval; one in twenty lies outside by chance.")
+    typer.echo(
+        f"{inside} of {len(rows)} lie in their 95 % interval. 'no' is no failure: a 95 % interval misses one time in "
+        "twenty, and numbers of one fit miss together. `--seed` draws another lab."
+    )
 
 
 def compared(

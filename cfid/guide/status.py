@@ -112,8 +112,7 @@ def _aimed(task: Task, key: str) -> bool:
 
 def _lacking(recordings: Iterable[Recording], runs: Sequence[Run]) -> tuple[tuple[Recording, ...], list[Run]]:
     """Return the recordings without a run of their own, and the runs that were found for the others."""
-    left = [run for run in runs if run.header.verdict is None or run.header.verdict.usable]
-    lacking, taken = [], []
+    left, lacking, taken = list(runs), [], []
     for recording in recordings:
         run = next((run for run in left if recording.is_of(run.header.kind, run.header.label)), None)
         if run is None:

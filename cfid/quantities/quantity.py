@@ -35,9 +35,10 @@ class Quantity:
     """A quantity under its key of the contract; `<axis>` and `[...]` in a key stand for any name, or for none.
 
     `unit` is that of --json and parameters.toml. A polynomial gives `of` (a unit) over `over`, its highest power first
-    where it is not `lowest_first`. `count` is how many numbers a list has, where that is known; `columns` are those of
-    rows that must be numbers, `measured` those that a row's rejection takes away. `section` is its section of
-    parameters.toml, `given_by` the way to measure it. A property of a run, not of the vehicle, is `of_the_run`.
+    where it is not `lowest_first`. `count` is how many numbers a list has, where that is known, `places` what they are
+    called; `columns` are those of rows that must be numbers, `measured` those that a rejection takes away. `section` is
+    its section of parameters.toml, `given_by` the way to measure it. A property of a run, not of the vehicle, is
+    `of_the_run`.
     """
 
     key: str
@@ -47,6 +48,7 @@ class Quantity:
     shape: Shape = Shape.NUMBER
     plausible: Range | None = None
     count: int | None = None
+    places: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
     measured: tuple[str, ...] = ()
     of: str = ""

@@ -4,6 +4,7 @@ Plausible ranges cover quadrocopters from 10 g to 1 kg: a Crazyflie 2.0 has 0.02
 """
 
 from dataclasses import replace
+from typing import Any, Final
 
 from cfid.quantities.quantity import FitKind, Quantity, Range, Shape
 from cfid.units import FULL_COMMAND
@@ -39,6 +40,9 @@ _ROUND_TRIP = Range(1e-4, 1, "the thesis found 2 to 20 ms")
 _DRAG = Range(-1e-4, 1e-7, "the thesis found -9e-7; above zero, beyond noise, air would drive the vehicle")
 _CROSS_DRAG = Range(-1e-4, 1e-4, "as the simple model, of either sign off the diagonal")
 _PARASITIC = Range(-1e-2, 1e-3, "a plate of 0.1 m has 6e-3; above zero air would drive the vehicle")
+
+
+_AXES: Final[dict[str, Any]] = {"count": 3, "places": ("x", "y", "z")}
 
 
 def _given(section: str, given_by: str, *rows: Quantity) -> tuple[Quantity, ...]:
@@ -248,10 +252,14 @@ _SHOWN = _given(
     Quantity("recording.[<device>.]median_interval_s", "s", "", "median interval of samples", of_the_run=True),
     Quantity("recording.[<device>.]longest_interval_s", "s", "", "longest interval of samples", of_the_run=True),
     Quantity("recording.[<device>.]range_rad", "rad", "", "range of the angle", of_the_run=True),
-    Quantity("recording.[<device>.]mean_n", "N", "", "mean force", Shape.LIST, count=3, of_the_run=True),
-    Quantity("recording.[<device>.]std_n", "N", "", "how far forces scatter", Shape.LIST, count=3, of_the_run=True),
-    Quantity("recording.[<device>.]mean_nm", "N m", "", "mean torque", Shape.LIST, count=3, of_the_run=True),
-    Quantity("recording.[<device>.]std_nm", "N m", "", "how far torques scatter", Shape.LIST, count=3, of_the_run=True),
+    Quantity("recording.[<device>.]mean_n", "N", "", "mean force", Shape.LIST, of_the_run=True,
+             **_AXES),
+    Quantity("recording.[<device>.]std_n", "N", "", "how far forces scatter", Shape.LIST, of_the_run=True,
+             **_AXES),
+    Quantity("recording.[<device>.]mean_nm", "N m", "", "mean torque", Shape.LIST, of_the_run=True,
+             **_AXES),
+    Quantity("recording.[<device>.]std_nm", "N m", "", "how far torques scatter", Shape.LIST, of_the_run=True,
+             **_AXES),
     Quantity("recording.[<device>.]range.<column>", "", "", "lowest and highest number of a column",
              Shape.LIST, count=2, of_the_run=True),
     Quantity("recording.[<device>.]mean.<column>", "", "", "mean of a column, its unit as the column's name ends",

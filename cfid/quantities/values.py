@@ -91,8 +91,10 @@ def _numbers(key: str, place: str, value: Any, std: Any) -> Iterator[Number]:
         for name, (i, j) in entries.items():
             yield from _numbers(key, f"{place} {name}".strip(), value[i][j], _part(_part(std, i), j))
     else:
+        found = find(key)
+        places = found.places if found is not None and len(found.places) == len(value) else ()
         for i, item in enumerate(value):
-            yield from _numbers(key, f"{place} {i}".strip(), item, _part(std, i))
+            yield from _numbers(key, f"{place} {places[i] if places else i}".strip(), item, _part(std, i))
 
 
 def _part(std: Any, place: int) -> Any:

@@ -57,10 +57,7 @@ class Campaign(BaseModel):
         """
         found = (run for run in list_runs(self.runs_folder) if isinstance(run, Run))
         return [
-            run
-            for run in found
-            if kind in (None, run.header.kind, run.header.family)
-            and (not complete or (run.header.state == "complete" and not run.header.excluded))
+            run for run in found if kind in (None, run.header.kind, run.header.family) and (not complete or run.usable)
         ]
 
     def run(self, name: str) -> Run:

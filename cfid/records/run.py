@@ -135,6 +135,13 @@ class Run:
         """Whether the recording ended without being closed."""
         return self.header.state == "recording"
 
+    @property
+    def usable(self) -> bool:
+        """Whether fits take it that select their runs themselves: complete, not excluded, not judged as of no use."""
+        header = self.header
+        fit = header.verdict is None or header.verdict.usable
+        return header.state == "complete" and not header.excluded and fit
+
     def frame(self, device: str) -> "DataFrame":
         """Return a device's rows in SI units over `t`, in seconds from the first row of the run.
 
@@ -198,7 +205,9 @@ def refuse_contradiction(where: str, given: Mapping[str, object], own: Mapping[s
 
 
 def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None, verdict: Verdict | None = None) -> Run:
-    """Set in run.toml the reason to exclude a run from fits ("" includes it again), its note or its verdict.
+    """Set in run.toml the reason to exclude a run from fits ("" includes it again), its verdict, or add a note.
+
+    An empty note removes all notes.
 
     All else keeps its present content on disk, whatever it was when the run was read. Raises DataError when the file
     cannot be written.
@@ -211,7 +220,7 @@ def amend_run(run: Run, *, excluded: str | None = None, note: str | None = None,
             if verdict is not None:
                 header = header.model_copy(update={"verdict": verdict})
             if note is not None:
-                header = with_note(header, note or None)
+                header = with_note(header, "; ".join(filter(None, [header.label.note, note])) if note else None)
             write_header(run.folder, header)
     except OSError as error:
         raise DataError(f"{run.folder / RUN_FILE}: cannot be written: {error.strerror}. It is unchanged.") from None

@@ -158,13 +158,40 @@ def test_a_run_is_left_out_and_counts_again(cfid: Cfid, campaign: Campaign) -> N
     assert (campaign.runs_folder / first / "encoder.csv").read_bytes() == rows
 
 
-def test_a_note_is_written_into_runs_and_taken_away(cfid: Cfid, campaign: Campaign) -> None:
-    assert "note: new battery" in cfid("runs", "note", "*drop*", "new battery").stdout
+def test_notes_are_added_to_runs_and_taken_away(cfid: Cfid, campaign: Campaign) -> None:
+    assert "note added: new battery" in cfid("runs", "note", "*drop*", "new battery").stdout
     notes = [run.header.label.note for run in runs_of(campaign)]
     assert notes == ["new battery"] * 3 + [None] * 2
 
+    cfid("runs", "note", names(campaign)[0], "21 degrees")
+    assert runs_of(campaign)[0].header.label.note == "new battery; 21 degrees"
+
     cfid("runs", "note", names(campaign)[0], "")
     assert runs_of(campaign)[0].header.label.note is None
+
+
+def test_runs_are_listed_by_what_they_are_and_how_new(cfid: Cfid, campaign: Campaign) -> None:
+    def listed(*words: object) -> list[str]:
+        return [run["run"] for run in json.loads(cfid("runs", *words, "--json").stdout)["runs"]]
+
+    everything = listed()
+    assert listed("--only", "drop") == [name for name in everything if "drop" in name]
+    assert listed("--newest", 2) == everything[-2:]
+    assert (
+        listed("--only", "interrupted", "--newest", 1)
+        == [name for name in everything if name in listed("--only", "interrupted")][-1:]
+    )
+    assert "no run has 'sine'" in cfid("runs", "--only", "sine").stdout
+
+
+def test_parameters_are_listed_by_parts_of_their_names(cfid: Cfid, campaign: Campaign) -> None:
+    cfid("set", "arm_m", 0.046)
+    cfid("set", "rotor_radius_m", 0.0225)
+    named = json.loads(cfid("parameters", "arm", "--json").stdout)
+
+    assert "arm_m" in str(named)
+    assert "rotor_radius_m" not in str(named)
+    assert cfid("parameters", "thrust").returncode == 2
 
 
 def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campaign) -> None:

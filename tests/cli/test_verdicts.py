@@ -9,7 +9,7 @@ import pytest
 import cfid.friction.verdict
 import cfid.swing.verdict
 from cfid.console.recording import judged, verdict_line
-from cfid.records.run import Run, amend_run, list_runs, read_run
+from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
 from tests.campaigns import Cfid
 from tests.rig_in_a_folder import Lab, lab_in
 
@@ -84,3 +84,14 @@ def test_a_verdict_stays_when_a_note_is_written(bodies: Path) -> None:
 
     assert noted.header.verdict == run.header.verdict
     assert read_run(run.folder).header.label.note == "the second battery"
+
+
+def test_a_recording_of_no_use_is_left_out_unless_it_is_named(bodies: Path, cfid: Cfid) -> None:
+    swings = runs_of(bodies, "swing")
+    amend_run(swings[0], verdict=Verdict(usable=False, text="no release"))
+    said = cfid("fit", "swing", "last", "--campaign", bodies)
+    by_name = cfid("fit", "swing", swings[0].folder.name, "--campaign", bodies)
+    every = cfid("fit", "inertia", "--campaign", bodies)
+
+    assert said.returncode == by_name.returncode == 0
+    assert f"left out: {swings[0].folder.name} (not usable)" in every.stderr

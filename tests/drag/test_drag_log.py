@@ -37,6 +37,14 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 # Before anything turns
 
 
+def test_a_dry_run_without_a_wind_says_how_long_one_takes_and_what_is_missing(cfid: Cfid, tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    ended = cfid("log", "wind", "--dry-run")
+
+    assert ended.returncode == 0
+    assert "of the thesis" in ended.stdout
+
+
 def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lacks(cfid: Cfid, tmp_path: Path) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     ended = cfid("log", "wind", "--angle", 48.4, "--fan-voltage", 8, "--wind", "2.0,3.7", "--dry-run")

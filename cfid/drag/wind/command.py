@@ -144,6 +144,11 @@ def wind(
     from cfid.motors.record import record_forces
 
     rig = campaign, _, simulated = rig_of(keep.campaign)
+    if sweep.dry_run and options.wind is None and resume.word is None:
+        announce(sweep.staircase())
+        for line in _missing(_recorded(campaign, simulated=simulated))[1]:
+            typer.echo(line)
+        return
     resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
     setting, staircase = _requested(options, sweep, resumed)
     asks = sweep.tachometer == "typed" and not setting.is_reference
