@@ -20,6 +20,7 @@ import cfid.inertia
 import cfid.swing
 from cfid import drag, latency, transfer
 from cfid.findings import rejection
+from cfid.inertia.data import Swing
 from cfid.motors import lag, steps
 from cfid.motors.maps.result import fit_thrust
 from cfid.motors.steps.data import SpeedRecord
@@ -64,7 +65,7 @@ def swing_by_thesis(_: Path) -> Result:
 
 
 def inertia(_: Path) -> Result:
-    swings = [*known()[:5], labelled(_swing(), axis="yz")]
+    swings: list[Swing] = [*known()[:5], labelled(_swing(), axis="yz")]
     return cfid.inertia.fit(swings, rig=thesis_rig(), plan=True)
 
 
