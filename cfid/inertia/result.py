@@ -177,8 +177,8 @@ def _merits(axes: list[str], measured: MeasuredAxes, fit: InertiaFit | None, swi
             {
                 "axis": axis,
                 "distance_m": measured.distance_m[i],
-                "best_distance_m": measured.best_distance_m[i],
-                "sensitivity_kg_m": measured.sensitivity_kg_m[i],
+                "best_distance_m": Dependent(measured.best_distance_m[i], f"inertia.centre_kg_m2.{axis}"),
+                "sensitivity_kg_m": Dependent(measured.sensitivity_kg_m[i], f"inertia.centre_kg_m2.{axis}"),
                 "residual_in_std": None if residual is None else residual[i],
             }
             for i, axis in enumerate(axes)

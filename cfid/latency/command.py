@@ -75,7 +75,7 @@ def _found(run: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
     from cfid.latency import fit
 
     try:
-        result = fit([run])
+        result = fit([run]).without_rejected()
     except FitError as error:
         return {}, [str(error)]
     return {key: quantity.as_json() for key, quantity in result.quantities.items()}, result.summary()

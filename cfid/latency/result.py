@@ -12,7 +12,7 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
 from cfid.latency.estimation import FEW_EFFECTIVE, RoundTrips, round_trips
 from cfid.records.parameters import Parameter
-from cfid.records.result import Result
+from cfid.records.result import Dependent, Result
 from cfid.records.run import Run
 from cfid.records.tables.pings import PingRecord, read_pings
 
@@ -58,15 +58,18 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
         wanted=("latency.rtt_*",),
         merits={
             "answers": trips.answers,
-            "one_way_mean_s": trips.one_way_mean_s,
-            "offset_bound_s": trips.offset_bound_s,
+            "one_way_mean_s": Dependent(trips.one_way_mean_s, "latency.rtt_mean_s"),
+            "offset_bound_s": Dependent(trips.offset_bound_s, "latency.rtt_min_s"),
         },
         findings=(*findings, *_short(records)),
         sources=tuple(record.source for record in records),
         lines=(
-            *_table(records, rtt_s),
-            f"one way, if both take equally long: {1e3 * trips.one_way_mean_s:.2f} ms on average",
-            *(() if line is None else (_clock_line(line, trips),)),
+            *(Dependent(row, *_trip_quantities(trips)) for row in _table(records, rtt_s)),
+            Dependent(
+                f"one way, if both take equally long: {1e3 * trips.one_way_mean_s:.2f} ms on average",
+                "latency.rtt_mean_s",
+            ),
+            *(() if line is None else (Dependent(_clock_line(line, trips), *_clock_quantities(line, trips)),)),
         ),
     )
 

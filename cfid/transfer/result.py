@@ -152,11 +152,11 @@ def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Res
     else:
         apart = (one for name, own in found.each.items() for one in own.rejections(tuple(each[name])))
         rejections = (*fit.rejections(tuple(joint)), *apart)
-    lines: list[str | Dependent] = [
+    lines: tuple[str | Dependent, ...] = (
         *convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
         "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
         *comparison.lines(ours),
-    ]
+    )
     return Result(
         command="tf identify",
         section=SECTION,
@@ -176,7 +176,7 @@ def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Res
         },
         findings=(*sines.findings, *fit.findings, *rejections, *comparison.findings(ours)),
         sources=sines.sources,
-        lines=tuple(lines),
+        lines=lines,
         drawings=lambda: _thesis_figures(found),
     )
 

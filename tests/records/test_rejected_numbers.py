@@ -18,7 +18,7 @@ import pytest
 import cfid.friction
 import cfid.inertia
 import cfid.swing
-from cfid import drag, transfer
+from cfid import drag, latency, transfer
 from cfid.findings import rejection
 from cfid.inertia.data import Swing
 from cfid.motors import lag, steps
@@ -35,6 +35,7 @@ from tests.drawn import swing_record
 from tests.estimate.test_common_causes import evidence
 from tests.friction.test_drops_of_imperfect_labs import record as dropped
 from tests.inertia.test_inertia_result import TABLE_2_3, known
+from tests.latency.test_latency import ping_run
 from tests.motors.test_lag_coverage import flown
 from tests.motors.test_lag_of_logs import MOTORS, NEXT, SPEEDS, logged, read
 from tests.motors.test_rotor_dynamics import COMMAND, TIME_S, followed_speed, noise
@@ -116,8 +117,13 @@ def verification(folder: Path) -> Result:
     return transfer.verify(runs, function)
 
 
+def round_trips(folder: Path) -> Result:
+    return latency.fit([ping_run(folder)])
+
+
 # What a rejection of a quantity takes from the figures of merit, of which the numbers are others than the quantity's.
 LOST: Mapping[Callable[[Path], Result], tuple[str, set[str]]] = {
+    round_trips: ("latency.rtt_mean_s", {"one_way_mean_s"}),
     swing: ("swing.natural_frequency_squared_s2", {"damped_cosine", "log_decrement"}),
     swing_by_thesis: ("swing.natural_frequency_squared_s2", {"nonlinear_equation"}),
     inertia: ("inertia.matrix_kg_m2", {"eigenvalues_kg_m2", "raw_matrix_kg_m2", "budget_kg_m2"}),
