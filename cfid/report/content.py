@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from cfid import __version__
 from cfid.errors import DataError
+from cfid.guide.status import status_of
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import load_sections, plain
@@ -19,6 +20,7 @@ from cfid.report.known import Known
 from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import SheetGroup, sheet_of
+from cfid.report.summary import Summary, summary_of
 
 FORMAT = 1  # of the JSON object
 
@@ -59,6 +61,7 @@ class Report:
     """The content of a report, in its order."""
 
     about: About
+    summary: Summary
     sheet: tuple[SheetGroup, ...]
     experiments: tuple[Experiment, ...]
     repeats: tuple[RepeatedFit, ...]
@@ -85,10 +88,12 @@ def gather(campaign: Campaign, *, now: datetime) -> Report:
     latest = {fit.name: fit for fit in fits}
     commands = {name: fit.command for name, fit in latest.items()}
     stale = stale_in(campaign.folder, runs)
+    experiments = experiments_of(measured, fits, stale)
     return Report(
         about=_about(campaign, runs, fits, now),
+        summary=summary_of(known, experiments, status_of(campaign)),
         sheet=sheet_of(known, commands, stale),
-        experiments=experiments_of(measured, fits, stale),
+        experiments=experiments,
         repeats=repeated_fits(measured),
         agreements=agreements_of(known, latest),
         comparisons=comparisons(known),

@@ -88,7 +88,7 @@ def test_json_is_one_object_of_plain_numbers(campaign: Campaign) -> None:
     content = json.loads(text_of(campaign, "json"))
 
     assert list(content) == [
-        "made_by", "format", "about", "sheet", "experiments", "repeats", "agreements", "comparisons", "runs",
+        "made_by", "format", "about", "summary", "sheet", "experiments", "repeats", "agreements", "comparisons", "runs",
         "unreadable",
     ]  # fmt: skip
     assert content["format"] == 1

@@ -18,6 +18,7 @@ from cfid.records.tables.schema import TIME, Column, TimeUnit
 from cfid.records.tables.table import Array, CsvTable
 
 SECONDS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+SIMULATED = "recorded on the simulated rig."
 CUT_LINE = "the last line was cut (it has no end) and is left out."
 
 _UNITS: dict[str, tuple[str, ...]] = {
@@ -101,7 +102,7 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[str]:
     if record.rows is not None and record.rows != rows:
         notes.append(f"{record.rows} rows were recorded, but {record.file} has {rows}: the file was changed since.")
     if run.header.simulated:
-        notes.append("recorded on the simulated rig.")
+        notes.append(SIMULATED)
     return notes
 
 

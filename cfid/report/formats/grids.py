@@ -8,6 +8,7 @@ from cfid.report.content import RunLine
 from cfid.report.formats.numbers import against, cell_text, plus_minus_in, power_of_ten, printed, with_power
 from cfid.report.repeats import Repeat, RepeatedFit
 from cfid.report.sheet import Row, ValueOrigin
+from cfid.report.summary import Summary
 from cfid.report.tables import ReportTable
 
 ABOUT_SHEET = (
@@ -40,6 +41,11 @@ class Grid(NamedTuple):
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
+
+def summary_grid(summary: Summary) -> Grid:
+    """Return the main numbers in plain units."""
+    return Grid(("", "value", "uncertainty"), tuple((one.title, one.value, one.std) for one in summary.numbers))
 
 
 def row_grid(rows: tuple[Row, ...], heading: str = "") -> Grid:

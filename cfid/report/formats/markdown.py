@@ -8,6 +8,7 @@ from cfid.report.experiments import Experiment, title_of
 from cfid.report.formats import grids
 from cfid.report.formats.sealed import MARK
 from cfid.report.sheet import SheetEntry
+from cfid.report.summary import Summary
 
 
 def as_markdown(report: Report) -> str:
@@ -24,6 +25,7 @@ def _parts(report: Report) -> Iterator[str]:
     yield f"Written {about.written:%Y-%m-%d %H:%M} UTC by cfid {about.cfid_version}.\n"
     if about.simulated_runs:
         yield f"**{about.simulated_runs} of {about.runs} runs are simulated: no vehicle was measured in them.**\n"
+    yield from _summary(report.summary)
     yield from (f"- could not be read: {_plain(sentence)}" for sentence in report.unreadable)
     yield f"\n## Sheet\n\n{grids.ABOUT_SHEET}\n"
     for group in report.sheet:
@@ -44,6 +46,15 @@ def _parts(report: Report) -> Iterator[str]:
     if report.runs:
         yield "## Recordings\n"
         yield _table(grids.runs_grid(report.runs))
+
+
+def _summary(summary: Summary) -> Iterator[str]:
+    yield "\n## What was measured, and how sure\n"
+    yield _table(grids.summary_grid(summary))
+    if summary.weakest:
+        yield f"**Weakest:** {_plain(summary.weakest)}\n"
+    yield from (f"- {_plain(text)}" for text in summary.findings)
+    yield f"\n**Next:** `{summary.next_command}`: {_plain(summary.next_why)}\n"
 
 
 def _quantity(quantity: SheetEntry) -> Iterator[str]:

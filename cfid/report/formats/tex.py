@@ -66,6 +66,9 @@ def _parts(report: Report) -> Iterator[str]:
     yield _tex(f"{dates}Body frame: {about.body_frame}. Written {about.written:%Y-%m-%d} by cfid {about.cfid_version}.")
     if about.simulated_runs:
         yield rf"\textbf{{{about.simulated_runs} of {about.runs} runs are simulated.}}"
+    yield r"\subsection*{What was measured, and how sure}"
+    yield from _longtable(grids.summary_grid(report.summary), "lll")
+    yield _tex(" ".join(filter(None, [report.summary.weakest, *report.summary.findings])))
     for group in report.sheet:
         yield rf"\subsection*{{{_tex(group.title)}}}"
         for quantity in group.quantities:
