@@ -119,7 +119,7 @@ def _weights_covariance(drops: Sequence[Drop]) -> Array:
     """Return the covariance (n, n) in kg^2 of the weights: drops of one weight share its error."""
     weights = np.array([drop.weight_kg for drop in drops])
     stds = np.array([drop.weight_std_kg for drop in drops])
-    return np.outer(stds, stds) * (weights[:, np.newaxis] == weights)
+    return np.asarray(np.outer(stds, stds) * (weights[:, np.newaxis] == weights))
 
 
 def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:

@@ -27,10 +27,10 @@ def ulog(*, geometry: str = "") -> bytes:
     head += message("F", b"vehicle_acceleration:uint64_t timestamp;float[3] xyz;")
     key = b"char[4] ver_hw"
     head += message("I", bytes([len(key)]) + key + b"FMU6")
-    for rotor, (along, across) in enumerate(geometry.split()):
-        for axis, place in (("X", 0.1 if along == "F" else -0.1), ("Y", 0.1 if across == "R" else -0.1)):
+    for rotor, place in enumerate(geometry.split()):
+        for axis, at in (("X", 0.1 if place[0] == "F" else -0.1), ("Y", 0.1 if place[1] == "R" else -0.1)):
             key = f"float CA_ROTOR{rotor}_P{axis}".encode()
-            head += message("P", bytes([len(key)]) + key + struct.pack("<f", place))
+            head += message("P", bytes([len(key)]) + key + struct.pack("<f", at))
     head += message("A", struct.pack("<BH", 0, 0) + b"vehicle_angular_velocity")
     head += message("A", struct.pack("<BH", 0, 1) + b"battery_status")
     head += message("A", struct.pack("<BH", 0, 2) + b"actuator_motors")

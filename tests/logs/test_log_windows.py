@@ -11,8 +11,8 @@ from cfid.records.logs.windows import windows
 from cfid.records.parameters import Source
 
 COUNT = BLOCK_ROWS + 5000
-FAST_S = 7.0 + np.arange(COUNT) * 1e-3
-SLOW_S = 7.05 + np.arange(650) * 0.1
+FAST_S = np.linspace(7.0, 7.0 + (COUNT - 1) * 1e-3, COUNT)
+SLOW_S = np.linspace(7.05, 71.95, 650)
 LOG = FlightLog(
     path=Path("log"),
     source=Source("log", ""),

@@ -242,7 +242,7 @@ def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str]
         for motor, name in speeds.items():
             (time_s, speed), driven = found[name], found[commands[motor]]
             on = np.interp(time_s, *driven) > 0 if len(driven.time_s) else np.zeros(len(speed), bool)
-            counts[motor] += [np.sum((speed <= 0) & on), np.sum(speed > 0), len(speed)]
+            counts[motor] += np.array([np.sum((speed <= 0) & on), np.sum(speed > 0), len(speed)])
         if volts is not None:
             possible &= bool(np.all((found[volts].value > _BATTERY_V[0]) & (found[volts].value < _BATTERY_V[1])))
     whole = {motor: (int(lost), int(known), int(rows)) for motor, (lost, known, rows) in counts.items()}

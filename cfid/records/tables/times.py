@@ -71,7 +71,7 @@ VEHICLE_CLOCK = Column(
     "of the vehicle's clock (vehicle_us)",
     optional=True,
 )
-TIME_COLUMN = Column(TIME, column_name("t|time|timestamp", ("s", "ms", "us")), "of time (t, time)")
+TIME_COLUMN = Column(TIME, column_name("t|time|timestamp|ticks?", ("s", "ms", "us")), "of time (t, time)")
 
 
 def run_at(path: Path) -> Run | None:
