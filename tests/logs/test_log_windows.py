@@ -19,7 +19,7 @@ LOG = FlightLog(
     program="",
     clock="",
     series=(
-        in_memory("fast", FAST_S, [Channel("a"), Channel("speed", "rpm")], [np.arange(COUNT) * 1.0, np.ones(COUNT)]),
+        in_memory("fast", FAST_S, [Channel("a"), Channel("speed", "rpm")], [FAST_S - 7, np.ones(COUNT)]),
         in_memory("slow", SLOW_S, [Channel("volts", "V")], [4 - SLOW_S / 100]),
     ),
 )
