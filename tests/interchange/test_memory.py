@@ -1,6 +1,7 @@
 """A log of 400 MB is converted, imported, shown and fitted below 500 MB of anonymous memory."""
 
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -87,6 +88,7 @@ def test_a_large_log_takes_little_memory(log: Path, tmp_path: Path, words: str) 
     ended = subprocess.run(
         [sys.executable, "-c", WATCHED, *given], capture_output=True, text=True, check=False, cwd=tmp_path
     )
+    shutil.rmtree(tmp_path)  # up to 1.3 GB
     peak = re.search(r"^peak (\S+)$", ended.stderr, re.MULTILINE)
     assert ended.returncode == 0, ended.stderr
     assert peak is not None
