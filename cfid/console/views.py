@@ -67,7 +67,7 @@ def views_of(
     The columns of a file outside a run decide what it is. Raises DataError when nothing can be read.
     """
     from cfid.console.log_views import log_views, stand_view
-    from cfid.records.logs.kinds import kind_at
+    from cfid.records.logs.kinds import has_times, kind_at
     from cfid.records.tables.angle import ENCODER
     from cfid.records.tables.times import run_at
     from cfid.records.tables.wrench import LOADCELL, holds_wrench, read_wrench
@@ -80,7 +80,7 @@ def views_of(
     run = run_at(path)
     if run is None:
         kind = kind_at(path, forces) if path.is_file() else None
-        if kind == "flight":
+        if kind == "flight" or (kind is None and path.is_file() and has_times(path, forces)):
             return log_views(path, replace(forces, clock=clock)), ()
         if kind == "stand":
             return [stand_view(path, forces, esc_us)], ()

@@ -27,7 +27,7 @@ def recording_at(path: Path, reading: Foreign) -> Recording:
     """Read a run folder, or a file of any kind. Raises DataError or ConfigError as its reader."""
     if path.is_dir():
         if reading.clock is not None:
-            raise ConfigError(f"{path}: --clock is for a log; the times of a run are as they were taken.")
+            raise ConfigError(f"{path}: `clock` is for a log; the times of a run are as they were taken.")
         return _of_run(read_run(path))
     log = read_log(path, reading)
     facts = {"file": path.name, "sha256": log.source.sha256, "program": log.program, "clock": log.clock}

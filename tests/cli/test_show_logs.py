@@ -47,6 +47,12 @@ def test_a_log_as_a_table_and_a_matlab_file_are_recognised(cfid: Cfid, tmp_path:
     assert "CSV log of the Crazyflie client" in shown.stdout
     assert "pm.vbat in V" in shown.stdout
 
+    other = tmp_path / "other.csv"
+    other.write_text(",timestamp,u0\n" + "".join(f"{at},{10000 * at},{at / 4}\n" for at in range(50)))
+    shown = cfid("show", other)
+    assert "times are column timestamp in us" in shown.stdout
+    assert "u0" in shown.stdout
+
     swing = tmp_path / "swing.mat"
     time_s = np.arange(300) / 100
     savemat(swing, {"t": time_s, "theta_rad": np.cos(5 * time_s)})
@@ -69,7 +75,7 @@ def test_a_table_of_a_stand_shows_commands_and_si_units(cfid: Cfid, tmp_path: Pa
     assert numbers["recording.range.thrust_n"]["unit"] == "N"
 
 
-@pytest.mark.parametrize("text", ["", "some prose\nwithout numbers\n", "t,colour\n0,red\n1,blue\n"])
+@pytest.mark.parametrize("text", ["", "some prose\nwithout numbers\n", "a,colour\n0,red\n1,blue\n"])
 def test_what_is_no_recording_gets_the_sentence_of_the_fits(cfid: Cfid, tmp_path: Path, text: str) -> None:
     path = tmp_path / "other.csv"
     path.write_text(text)

@@ -13,6 +13,7 @@ from cfid.records.parameters import load_sections
 from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
+from cfid.records.tables.pings import read_pings
 from cfid.sim.radio import Direction, RadioTruth
 from tests.campaigns import Cfid
 
@@ -167,9 +168,38 @@ def test_the_command_keeps_what_it_found_in_the_campaign(cfid: Cfid, tmp_path: P
 
 
 @pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("rtt_s,t,vehicle_us", "{0:.6f},{1:.3f},{2:.0f}"),
+        ("Time (ms);RTT (ms);vehicle time (ms)", "{3:.1f};{4:.3f};{5:.3f}"),
+        ("time;round trip;vehicle", "{3:.1f};{4:.3f};{2:.0f}"),
+        ("timestamp,latency [us],vehicle_us", "{1:.4f},{6:.0f},{2:.0f}"),
+    ],
+)
+@pytest.mark.parametrize("comma", [False, True])
+def test_pings_of_others_are_read_by_their_names_and_units(tmp_path: Path, head: str, row: str, comma: bool) -> None:
+    rtt_s, sent_s = 0.004 + 1e-4 * np.arange(50), 100 + 0.1 * np.arange(50)
+    device_us = 1e6 * sent_s - 5e6
+    rows = [
+        row.format(*each)
+        for each in zip(rtt_s, sent_s, device_us, 1e3 * sent_s, 1e3 * rtt_s, device_us / 1e3, 1e6 * rtt_s, strict=True)
+    ]
+    text = "\n".join([head, *rows, ""])
+    path = tmp_path / "pings.csv"
+    path.write_text(text.replace(",", ";").replace(".", ",") if comma else text)
+    found = read_pings(path)
+    np.testing.assert_allclose(found.rtt_s, rtt_s, rtol=1e-9)
+    assert found.sent_s is not None
+    assert found.vehicle_us is not None
+    np.testing.assert_allclose(found.sent_s, sent_s)
+    np.testing.assert_allclose(found.vehicle_us, device_us)
+    assert any("is read in ms, by its size" in one.text for one in found.findings) == ("round trip" in head)
+
+
+@pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        ("t,delay\n1,2\n2,3\n", 4, "no column rtt_s among t, delay"),
+        ("t,delay\n1,2\n2,3\n", 4, "no column of round trips (rtt_s, rtt_ms) among t, delay"),
         ("rtt_s\n0.05\n-0.05\n", 4, "rtt.csv:3: a round trip takes more than zero seconds."),
         ("rtt_s\n0.05\n", 5, "at least two are needed"),
     ],

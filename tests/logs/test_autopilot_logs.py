@@ -17,20 +17,32 @@ def message(kind: str, data: bytes) -> bytes:
     return struct.pack("<Hc", len(data), kind.encode()) + data
 
 
-def ulog() -> bytes:
+def ulog(*, geometry: str = "") -> bytes:
+    """Return a ULog; `geometry` has the places of the rotors in order, as "FR RL FL RR"."""
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000)
     head += message("B", bytes(40))
     head += message("F", b"vehicle_angular_velocity:uint64_t timestamp;float[3] xyz;")
     head += message("F", b"battery_status:uint64_t timestamp;float voltage_v;uint8_t warning;")
+    head += message("F", b"actuator_motors:uint64_t timestamp;float[12] control;")
+    head += message("F", b"vehicle_acceleration:uint64_t timestamp;float[3] xyz;")
     key = b"char[4] ver_hw"
     head += message("I", bytes([len(key)]) + key + b"FMU6")
+    for rotor, place in enumerate(geometry.split()):
+        for axis, at in (("X", 0.1 if place[0] == "F" else -0.1), ("Y", 0.1 if place[1] == "R" else -0.1)):
+            key = f"float CA_ROTOR{rotor}_P{axis}".encode()
+            head += message("P", bytes([len(key)]) + key + struct.pack("<f", at))
     head += message("A", struct.pack("<BH", 0, 0) + b"vehicle_angular_velocity")
     head += message("A", struct.pack("<BH", 0, 1) + b"battery_status")
+    head += message("A", struct.pack("<BH", 0, 2) + b"actuator_motors")
+    head += message("A", struct.pack("<BH", 0, 3) + b"vehicle_acceleration")
     rows = b""
     for at in range(COUNT):
         rows += message("D", struct.pack("<HQ3f", 0, 10_000 + 4000 * at, at / 8, -at, 0.5))
         if at % 10 == 0:
             rows += message("D", struct.pack("<HQfB", 1, 10_000 + 4000 * at, 16.5, at % 3))
+            motors = (0.1, 0.2, 0.3, 0.4, *8 * [float("nan")])
+            rows += message("D", struct.pack("<HQ12f", 2, 10_000 + 4000 * at, *motors))
+            rows += message("D", struct.pack("<HQ3f", 3, 10_000 + 4000 * at, 0, 0, -9.81))
     return head + rows + message("O", struct.pack("<H", 25))
 
 
@@ -47,18 +59,22 @@ def signed(value: int) -> bytes:
 
 
 def blackbox() -> bytes:
-    fields = ("loopIteration", "time", "gyroADC[0]", "gyroADC[1]", "gyroADC[2]", "accSmooth[2]", "motor[0]")
+    motors = [f"{name}[{place}]" for name in ("motor", "eRPM") for place in range(4)]
+    fields = ("loopIteration", "time", "gyroADC[0]", "gyroADC[1]", "gyroADC[2]", "accSmooth[2]", *motors)
+    many = len(motors)
     head = [
         "Product:Blackbox flight data recorder by Nicholas Sherlock",
         "Data version:2",
         "I interval:1",
         "P interval:1",
         "Field I name:" + ",".join(fields),
-        "Field I signed:0,0,1,1,1,1,0",
-        "Field I predictor:0,0,0,0,0,0,0",
-        "Field I encoding:1,1,0,0,0,0,1",
-        "Field P predictor:0,0,0,0,0,0,0",
-        "Field P encoding:1,1,0,0,0,0,1",
+        "Field I signed:0,0,1,1,1,1" + many * ",0",
+        "Field I predictor:0,0,0,0,0,0" + many * ",0",
+        "Field I encoding:1,1,0,0,0,0" + many * ",1",
+        "Field P predictor:0,0,0,0,0,0" + many * ",0",
+        "Field P encoding:1,1,0,0,0,0" + many * ",1",
+        "motorOutput:1000,2000",
+        "motor_poles:14",
         "Firmware revision:Betaflight 2025.12.1",
         "gyro_scale:0x3f800000",
         "acc_1G:2048",
@@ -66,7 +82,9 @@ def blackbox() -> bytes:
     rows = b""
     for at in range(COUNT):
         values = (unsigned(at), unsigned(1000 + 500 * at), signed(at - 100), signed(-at), signed(0), signed(2048))
-        rows += b"I" + b"".join(values) + unsigned(1000 + at)
+        driven = (unsigned(1000 + at + 100 * place) for place in range(4))
+        turning = (unsigned(70 + place) for place in range(4))  # hundreds of electrical turns a minute
+        rows += b"I" + b"".join((*values, *driven, *turning))
     return "".join(f"H {line}\n" for line in head).encode() + rows + b"E\xffEnd of log\0"
 
 
@@ -94,11 +112,28 @@ def test_topics_of_a_ulog_file_are_series_in_px4_s_units(tmp_path: Path) -> None
     assert {series.name: series.rows for series in log.series} == {
         "vehicle_angular_velocity": 200,
         "battery_status": 20,
+        "actuator_motors": 20,
+        "vehicle_acceleration": 20,
     }
     (rates,) = (series for series in log.series if series.name == "vehicle_angular_velocity")
     assert [channel.unit for channel in rates.channels] == ["rad/s"] * 3
     assert "FMU6" in log.program
     assert "1 dropouts, of 0.025 s" in log.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("geometry", "order"), [("", (1, 4, 2, 3)), ("FR RL FL RR", (1, 4, 2, 3)), ("FR RR RL FL", (1, 2, 3, 4))]
+)
+def test_motors_of_px4_get_the_crazyflie_s_numbers(tmp_path: Path, geometry: str, order: tuple[int, ...]) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    log = read_log(written(tmp_path, ulog(geometry=geometry)))
+    for motor, of_px4 in enumerate(order, start=1):
+        np.testing.assert_allclose(log.channel(f"control.m{motor}")[1], 65535 * 0.1 * of_px4, rtol=1e-6)
+    np.testing.assert_allclose(log.channel("acc.z")[1], 9.81, rtol=1e-6)
+    np.testing.assert_allclose(log.channel("pm.vbat")[1], 16.5)
+    names = ", ".join(f"control[{of_px4 - 1}]" for of_px4 in order)
+    assert f"control.m1 to m4 are {names}" in log.assumed[0]
+    assert ("parameters" if geometry else "PX4's quad X") in log.assumed[0]
 
 
 def test_a_ulog_file_that_its_library_wrote_is_read_alike(tmp_path: Path) -> None:
@@ -122,6 +157,17 @@ def test_frames_of_a_blackbox_log_are_rows_in_si_units(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.channel("accSmooth[2]")[1], 9.81)
     np.testing.assert_array_equal(log.channel("motor[0]")[1], 1000 + np.arange(COUNT))
     assert "Betaflight 2025.12.1" in log.program
+
+
+def test_motors_of_betaflight_get_the_crazyflie_s_numbers(tmp_path: Path) -> None:
+    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
+    log = read_log(written(tmp_path, blackbox()))
+    for motor, place in {1: 1, 2: 0, 3: 2, 4: 3}.items():
+        part = (np.arange(COUNT) + 100 * place) / 1000
+        np.testing.assert_allclose(log.channel(f"control.m{motor}")[1], 65535 * part)
+        np.testing.assert_allclose(log.channel(f"rpm.m{motor}")[1], (70 + place) * 100 / 7 * np.pi / 30)
+    np.testing.assert_allclose(log.channel("acc.z")[1], 9.81)
+    assert "control.m1 to m4 are motor[1], motor[0], motor[2], motor[3], as in Betaflight's quad X" in log.assumed[0]
 
 
 def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:

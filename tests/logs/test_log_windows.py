@@ -11,20 +11,15 @@ from cfid.records.logs.windows import windows
 from cfid.records.parameters import Source
 
 COUNT = BLOCK_ROWS + 5000
-FAST_S = np.asarray(7.0 + np.arange(COUNT) * 1e-3, dtype=np.float64)
-SLOW_S = np.asarray(7.05 + np.arange(650) * 0.1, dtype=np.float64)
+FAST_S = np.linspace(7.0, 7.0 + (COUNT - 1) * 1e-3, COUNT)
+SLOW_S = np.linspace(7.05, 71.95, 650)
 LOG = FlightLog(
     path=Path("log"),
     source=Source("log", ""),
     program="",
     clock="",
     series=(
-        in_memory(
-            "fast",
-            FAST_S,
-            [Channel("a"), Channel("speed", "rpm")],
-            [np.arange(COUNT, dtype=np.float64), np.ones(COUNT)],
-        ),
+        in_memory("fast", FAST_S, [Channel("a"), Channel("speed", "rpm")], [FAST_S - 7, np.ones(COUNT)]),
         in_memory("slow", SLOW_S, [Channel("volts", "V")], [4 - SLOW_S / 100]),
     ),
 )

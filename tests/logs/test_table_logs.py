@@ -50,6 +50,20 @@ def test_a_column_of_words_is_left_out_and_named(tmp_path: Path) -> None:
     assert "'flying' in column 'state' is not a number" in log.notes[0]
 
 
+def test_a_column_that_begins_late_is_kept_with_its_numbers_and_an_empty_one_is_named(tmp_path: Path) -> None:
+    rows = "".join(f"{14812 + 2 * at},,{at if at > 20 else ''},{at / 8}\n" for at in range(60))
+    path = written(tmp_path, "tick,controller.r_roll,controller.cmd_roll,acc.z\n" + rows)
+    log = read_log(path)
+    assert log.series[0].names == ("controller.cmd_roll", "acc.z")
+    assert log.series[0].time_s[-1] == pytest.approx(14.930)
+    late = log.channel("controller.cmd_roll")[1]
+    assert np.isnan(late[:21]).all()
+    np.testing.assert_array_equal(late[21:], np.arange(21, 60))
+    assert any("column 'controller.r_roll' is empty" in note for note in log.notes)
+    assert "column 'controller.cmd_roll' has no number in 21 of 60 rows." in log.notes
+    assert any("time is read in ms" in note for note in log.notes)
+
+
 def test_a_table_of_several_blocks_is_one_log_and_its_cut_line_is_noted(tmp_path: Path) -> None:
     path = written(tmp_path, lines("time,a", "{t},{x!r}", count=80_000, step=0.01) + "9000.01,3")
     assert path.stat().st_size > BLOCK_BYTES

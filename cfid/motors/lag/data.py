@@ -25,7 +25,7 @@ from cfid.units import FULL_COMMAND, MOTORS
 
 Array = npt.NDArray[np.float64]
 
-_COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}")
+_COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
 _VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
 _BREAK_S = 0.1  # without a row, after which the rotors' state is unknown
@@ -196,7 +196,7 @@ def of_log(log: FlightLog) -> RotorLog:
     """Find commands, speeds, voltage and acceleration in a log. Raises DataError without commands."""
     commands = _of_motors(log, _COMMANDS)
     if not commands:
-        raise DataError(f"{log.path}: no command of a motor (motor.m1, pwm.m1_pwm).")
+        raise DataError(f"{log.path}: no command of a motor (motor.m1, pwm.m1_pwm, PX4's actuator_motors).")
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
     volts = _first(log, _VOLTS)
     seen = _seen(log, commands, speeds, volts)

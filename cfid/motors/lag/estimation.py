@@ -72,9 +72,9 @@ class LagFit:
         return InputLag(*std_of(self.covariance)[3:].tolist())
 
     @property
-    def map_std(self) -> list[float]:
-        """The standard uncertainties of the map."""
-        return [float(std) for std in std_of(self.covariance)[:3]]
+    def map_std(self) -> Array:
+        """The standard uncertainties (3,) of the map."""
+        return std_of(self.covariance)[:3]
 
     @property
     def accepted(self) -> bool:

@@ -176,7 +176,7 @@ def _maps(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object
 
 def _map(fit: LagFit) -> dict[str, object]:
     values = {f"c{power}": value for power, value in enumerate(fit.map)}
-    return {**values, **{f"std_c{power}": _known(value) for power, value in enumerate(fit.map_std)}}
+    return {**values, **{f"std_c{power}": _known(float(value)) for power, value in enumerate(fit.map_std)}}
 
 
 def _rotor(name: str) -> int | None:

@@ -40,7 +40,7 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
     if reader is read_usd:
         return read_usd(path, source, reading.clock)
     if reading.clock is not None:
-        raise ConfigError(f"{path}: --clock is for uSD-card logs of a Crazyflie.")
+        raise ConfigError(f"{path}: `clock` is for uSD-card logs of a Crazyflie.")
     return reader(path, source) if reader else read_table_log(path, source, reading)
 
 

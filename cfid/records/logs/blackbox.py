@@ -1,8 +1,12 @@
-"""Read the blackbox logs of Betaflight and its relatives with orangebox: a series for every log of the file."""
+"""Read the blackbox logs of Betaflight and its relatives with orangebox: a series for every log of the file.
+
+Motors, their speeds and the acceleration along z get the names, numbers and units of a Crazyflie beside their own.
+"""
 
 import logging
 import re
 import struct
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -11,7 +15,9 @@ import numpy as np
 
 from cfid.errors import DataError
 from cfid.records.extras import optional_library
+from cfid.records.logs.crazyflie_names import crazyflie_channel
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, in_memory, printable
+from cfid.records.logs.motor_numbers import BETAFLIGHT_QUAD_X, numbering
 from cfid.records.parameters import Source
 
 BEGIN = b"H Product:Blackbox"
@@ -53,8 +59,15 @@ def read_blackbox(path: Path, source: Source) -> FlightLog:
         program=f"blackbox log of {program}",
         clock="times are the flight controller's, since it started",
         series=tuple(series),
+        assumed=_assumed(series),
         notes=tuple(notes),
     )
+
+
+def _assumed(series: Sequence[Series]) -> tuple[str, ...]:
+    if not any("control.m1" in one.names for one in series):
+        return ()
+    return (numbering(BETAFLIGHT_QUAD_X, "motor[{}]", why="as in Betaflight's quad X"),)
 
 
 def _frames(parser: Any) -> tuple[Array, str]:
@@ -74,7 +87,35 @@ def _series(name: str, parser: Any, frames: Array) -> Series:
     place = names.index(_TIME)
     channels = [_channel(each, headers) for each in names if each != _TIME]
     values = [frames[:, at] for at in range(len(names)) if at != place]
+    for channel, value in _as_a_crazyflie_s(dict(zip(names, frames.T, strict=True)), headers):
+        channels.append(crazyflie_channel(channel))
+        values.append(value)
     return in_memory(name, frames[:, place] * 1e-6, channels, values)
+
+
+def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tuple[str, Array]]:
+    """Yield the channels that a Crazyflie has too, by its names and in its units."""
+    low, high = _range(headers.get("motorOutput"))
+    poles = headers.get("motor_poles")
+    for place, motor in enumerate(BETAFLIGHT_QUAD_X):
+        own, speed = f"motor[{place}]", f"eRPM[{place}]"
+        if own in fields and low < high:
+            yield f"control.m{motor}", np.clip((fields[own] - low) / (high - low), 0, None)
+        if speed in fields and isinstance(poles, int) and poles >= 2:
+            yield f"rpm.m{motor}", fields[speed] * 100 / (poles / 2)
+    one_g = headers.get("acc_1G")
+    if "accSmooth[2]" in fields and isinstance(one_g, int) and one_g > 0:
+        yield "acc.z", fields["accSmooth[2]"] / one_g
+
+
+def _range(header: object) -> tuple[float, float]:
+    """Return the motor output of standstill and of full throttle, zeros where the header does not state both."""
+    numbers = header if isinstance(header, list | tuple) else str(header).split(",")
+    try:
+        low, high = (float(number) for number in numbers)
+    except ValueError:
+        return 0.0, 0.0
+    return low, high
 
 
 def _channel(name: str, headers: Any) -> Channel:

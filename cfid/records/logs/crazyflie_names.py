@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable
 
 from cfid.records.logs.log import Channel
-from cfid.units import USUAL_GRAVITY_MPS2
+from cfid.units import FULL_COMMAND, USUAL_GRAVITY_MPS2
 
 # As the firmware documents its log variables. A name that is not here has no unit that is certain.
 _UNITS = (
@@ -21,6 +21,7 @@ _UNITS = (
     (r"(?:stateEstimate|locSrv)\.q[xyzw]|kalman\.q[0-3]", "1"),
     (r"rpm\.m[1-4]|motor\.m[1-4]_rpm", "rpm"),
     (r"motor\.m[1-4](?:req)?|pwm\.m[1-4](?:_pwm)?|stabilizer\.thrust|controller\.cmd_\w+", "1"),
+    (r"control\.m[1-4]", "1"),  # of other autopilots: 1 is the full command
     (r"pm\.vbat", "V"),
     (r"pm\.vbatMV", "mV"),
     (r"baro\.pressure", "mbar"),
@@ -31,7 +32,8 @@ _PATTERNS = tuple((re.compile(pattern), unit) for pattern, unit in _UNITS)
 
 def crazyflie_channel(name: str) -> Channel:
     """Return the channel of a variable of the firmware, such as `gyro.x`."""
-    return Channel(name, next((unit for pattern, unit in _PATTERNS if pattern.fullmatch(name)), ""))
+    unit = next((unit for pattern, unit in _PATTERNS if pattern.fullmatch(name)), "")
+    return Channel(name, unit, FULL_COMMAND) if name.startswith("control.m") else Channel(name, unit)
 
 
 def assumptions(channels: Iterable[Channel]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from cfid.records.tables.blocks import table_blocks
 from cfid.records.tables.schema import TIME, Foreign
 from cfid.records.tables.stand_heads import check_heads, heads_of
 from cfid.records.tables.table import CsvTable
+from cfid.records.tables.times import TIME_COLUMN
 from cfid.records.tables.wrench import AXES
 from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
 
@@ -40,6 +41,12 @@ def kind_at(path: Path, reading: Foreign) -> Kind | None:
         if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
             return kind
     return "stand" if table.has_head and _of_stand(table) else None
+
+
+def has_times(path: Path, reading: Foreign) -> bool:
+    """Return whether a table's header names a time, so that it is a recording. Raises DataError as `kind_at`."""
+    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
+    return table.has_head and any(TIME_COLUMN.called.fullmatch(name) for name in table.names)
 
 
 def is_flown(name: str) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     _, notes = times_of(table, time, raw, unit=reading.time_unit, rate_hz=reading.rate_hz, own=stated)
     if time is not None:
         reading = replace(reading, time_unit=time_unit_of(table, time, raw, unit=reading.time_unit))
-    faults, rows, cut = _checked(path, source.sha256, reading, time, named)
+    faults, missing, rows, cut = _checked(path, source.sha256, reading, time, named)
     if len(faults) == len(named):
         raise DataError(next(iter(faults.values()), f"{path}: no column but the time."))
     kept = [(name, channel) for name, channel in zip(named, channels, strict=True) if name not in faults]
@@ -78,7 +79,15 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
         clock=_clock(table, time, reading),
         series=(Series(name="log", rows=rows, channels=found, blocks=blocks),),
         assumed=(*assumed, *assumptions(found)),
-        notes=(*notes, *(f"left out: {fault}" for fault in faults.values()), *((CUT_LINE,) if cut else ())),
+        notes=(
+            *notes,
+            *(f"left out: {fault}" for fault in faults.values()),
+            *(
+                f"column '{printable(name)}' has no number in {count} of {rows} rows."
+                for name, count in missing.items()
+            ),
+            *((CUT_LINE,) if cut else ()),
+        ),
     )
 
 
@@ -106,26 +115,30 @@ def _tables(path: Path, sha256: str, reading: Foreign) -> Iterator[CsvTable]:
     return table_blocks(path, sha256=sha256, skip_lines=reading.skip_lines, columns=reading.columns)
 
 
-def _checked(
-    path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]
-) -> tuple[dict[str, str], int, bool]:
-    """Return the fault of each column that is not numbers, the number of rows, and whether the file is cut."""
+class _Checked(NamedTuple):
+    """Why columns are left out, how many rows lack a number in the others, how many there are, whether it is cut."""
+
+    faults: dict[str, str]
+    missing: dict[str, int]
+    rows: int
+    cut: bool
+
+
+def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> _Checked:
     faults: dict[str, str] = {}
+    missing = dict.fromkeys(names, 0)
     rows, last, cut = 0, -np.inf, False
     for table in _tables(path, sha256, reading):
         cut = table.cut
         if not table.filled:
             continue
         good = [name for name in names if name not in faults]
-        try:
-            values = table.numbers([*_given(time), *good])
-        except DataError:
-            for name in good:
-                try:
-                    table.numbers([name])
-                except DataError as fault:
-                    faults[name] = str(fault)
-            values = table.numbers([*_given(time), *(name for name in good if name not in faults)])
+        values = _numbers(table, time, good)
+        known = np.isfinite(values[:, len(_given(time)) :])
+        for name, there in zip(good, known.T, strict=True):
+            missing[name] += int(np.count_nonzero(~there))
+            if not rows and not there.any():
+                faults[name] = _fault(table, name)
         rows += len(values)
         if time is not None:
             back = np.flatnonzero(np.diff(values[:, 0], prepend=last) < 0)
@@ -135,7 +148,24 @@ def _checked(
                     "recordings in one file?"
                 )
             last = values[-1, 0]
-    return faults, rows, cut
+    return _Checked(faults, {name: count for name, count in missing.items() if count and name not in faults}, rows, cut)
+
+
+def _numbers(table: CsvTable, time: str | None, names: Sequence[str]) -> Array:
+    """Return time and columns, NaN where one of these has no number."""
+    try:
+        return table.numbers([*_given(time), *names])
+    except DataError:
+        times = [table.numbers([time])] if time is not None else []
+        return np.hstack([*times, table.known_numbers(names)])
+
+
+def _fault(table: CsvTable, name: str) -> str:
+    try:
+        table.numbers([name])
+    except DataError as fault:
+        return str(fault)
+    return ""
 
 
 def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> Iterator[Array]:
@@ -143,7 +173,7 @@ def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: 
     for table in _tables(path, sha256, reading):
         if not table.filled:
             continue
-        values = table.numbers([*_given(time), *names])
+        values = _numbers(table, time, names)
         if time is None:
             assert reading.rate_hz is not None
             values = np.column_stack([(begun + np.arange(len(values))) / reading.rate_hz, values])

@@ -1,7 +1,12 @@
-"""Read ULog files of PX4 with pyulog: a series for every topic."""
+"""Read ULog files of PX4 with pyulog: a series for every topic.
+
+Motors, their speeds, the battery's voltage and the acceleration along z get the names, numbers and units of a Crazyflie
+beside their own.
+"""
 
 import io
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -10,8 +15,11 @@ import numpy as np
 
 from cfid.errors import DataError
 from cfid.records.extras import optional_library
-from cfid.records.logs.log import Channel, FlightLog, Series, in_memory, printable
+from cfid.records.logs.crazyflie_names import crazyflie_channel
+from cfid.records.logs.log import Array, Channel, FlightLog, Series, in_memory, printable
+from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering
 from cfid.records.parameters import Source
+from cfid.units import USUAL_GRAVITY_MPS2
 
 BEGIN = b"ULog\x01\x12\x35"
 
@@ -43,7 +51,8 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
             log = pyulog.ULog(str(path))
     except Exception as fault:  # a damaged file may make it raise anything
         raise DataError(f"{path}: not readable as a ULog file: {type(fault).__name__}.") from None
-    series = [_series(topic) for topic in log.data_list if len(topic.data["timestamp"])]
+    stated = by_geometry(log.initial_parameters)
+    series = [_series(topic, stated or PX4_QUAD_X) for topic in log.data_list if len(topic.data["timestamp"])]
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
     notes = [f"{len(log.dropouts)} dropouts, of {sum(each.duration for each in log.dropouts) / 1e3:.3f} s together."]
@@ -56,16 +65,41 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
         program=f"ULog of PX4 ({printable(str(log.msg_info_dict.get('ver_hw', 'unknown hardware')))})",
         clock="times are the autopilot's, since it started; axes are PX4's: x forward, y right, z down",
         series=tuple(series),
+        assumed=_assumed(series, stated),
         notes=tuple(notes),
     )
 
 
-def _series(topic: Any) -> Series:
+def _assumed(series: Sequence[Series], stated: tuple[int, ...] | None) -> tuple[str, ...]:
+    names = {name for one in series for name in one.names}
+    why = "by the rotors' places in its parameters" if stated else "as in PX4's quad X"
+    numbers = (numbering(stated or PX4_QUAD_X, "control[{}]", why=why),) if "control.m1" in names else ()
+    return (*numbers, *((f"acc.z is -xyz[2] over {USUAL_GRAVITY_MPS2:g} m/s^2",) if "acc.z" in names else ()))
+
+
+def _series(topic: Any, numbers: tuple[int, ...]) -> Series:
     name = topic.name if not topic.multi_id else f"{topic.name}_{topic.multi_id}"
     fields = [field for field in topic.data if field != "timestamp"]
     channels = [Channel(printable(field), _unit(topic.name, field)) for field in fields]
     values = [np.asarray(topic.data[field], dtype=np.float64) for field in fields]
+    for channel, value in _as_a_crazyflie_s(topic.name, dict(zip(fields, values, strict=True)), numbers):
+        channels.append(crazyflie_channel(channel))
+        values.append(value)
     return in_memory(printable(name), topic.data["timestamp"] * 1e-6, channels, values)
+
+
+def _as_a_crazyflie_s(topic: str, fields: Mapping[str, Array], numbers: tuple[int, ...]) -> Iterator[tuple[str, Array]]:
+    """Yield the channels that a Crazyflie has too, by its names and in its units."""
+    motors = {"actuator_motors": ("control.m{}", "control[{}]"), "esc_status": ("rpm.m{}", "esc[{}].esc_rpm")}
+    if topic in motors:
+        name, own = motors[topic]
+        for place, motor in enumerate(numbers):
+            if own.format(place) in fields:
+                yield name.format(motor), fields[own.format(place)]
+    if topic == "battery_status" and "voltage_v" in fields:
+        yield "pm.vbat", fields["voltage_v"]
+    if topic == "vehicle_acceleration" and "xyz[2]" in fields:
+        yield "acc.z", -fields["xyz[2]"] / USUAL_GRAVITY_MPS2
 
 
 def _unit(topic: str, field: str) -> str:

@@ -3,6 +3,7 @@
 The analysis assigns them to samples of the sine and finds missing ones.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,17 +14,17 @@ from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
 from cfid.records.tables.table import Array, open_table
-from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, run_at, seconds_of
+from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, VEHICLE_CLOCK, run_at, seconds_of, vehicle_us
 
 CROSSINGS = "crossings"
 
-_COMMAND, _SAMPLE, _VEHICLE = "thrust_rec", "sample", "vehicle_us"
+_COMMAND, _SAMPLE, _VEHICLE = "thrust_rec", "sample", VEHICLE_CLOCK.key
 SCHEMA = TableSchema(
     columns=(
         TIME_COLUMN,
-        Column.named(_COMMAND),
-        Column.named(_SAMPLE, optional=True),
-        Column.named(_VEHICLE, optional=True),
+        Column(_COMMAND, re.compile(r"thrust_rec|command|cmd|pwm|thrust", re.IGNORECASE), _COMMAND),
+        Column(_SAMPLE, re.compile(r"sample(?:[ _-]?(?:index|number))?", re.IGNORECASE), _SAMPLE, optional=True),
+        VEHICLE_CLOCK,
     ),
     hint="It should hold the commands that the vehicle reported. Is it the file of another device?",
 )
@@ -55,6 +56,7 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
     stamped = {_SAMPLE, _VEHICLE} <= places.keys()
     keys = (TIME, _COMMAND, *((_SAMPLE, _VEHICLE) if stamped else ()))
     values = table.numbers([places[key] for key in keys])
+    columns = dict(zip(keys, values.T, strict=True))
     host_s = seconds_of(table, places[TIME], values[:, 0], unit=time_unit)
     backwards = np.flatnonzero(np.diff(host_s) < 0)
     if len(backwards):
@@ -66,6 +68,6 @@ def read_crossings(path: Path, *, time_unit: TimeUnit | None = None) -> Crossing
         host_s=host_s,
         command=values[:, 1],
         sample=values[:, 2] if stamped else None,
-        vehicle_us=values[:, 3] if stamped else None,
+        vehicle_us=vehicle_us(table, places, columns) if stamped else None,
         findings=of_recording(path.name, (CUT_LINE,) if table.cut else ()),
     )

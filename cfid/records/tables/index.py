@@ -1,6 +1,7 @@
 """Read an index: a CSV file with a row per run, for facts that the runs' own files do not contain."""
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,19 @@ from typing import NamedTuple
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
-from cfid.records.tables.text import fields_of, filled_lines, is_finite, read_text, separator_of, whole_lines
+from cfid.records.tables.text import (
+    fields_of,
+    filled_lines,
+    has_decimal_comma,
+    is_finite,
+    read_text,
+    separator_of,
+    whole_lines,
+)
+
+_SPELT = {"periods": "l", "samples": "n"} | {
+    spelt: name for name in ("loadcell", "crossings") for spelt in (f"{name}_file", f"{name}_csv")
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,9 +35,11 @@ class IndexRow:
 
     def number(self, column: str) -> float:
         """Return a finite number. Raises DataError with file and line."""
-        if not is_finite(self.fields[column]):
-            raise self.fault(f"'{self.fields[column]}' in column '{column}' is not a number.")
-        return float(self.fields[column])
+        text = self.fields[column]
+        number = text.replace(",", ".") if has_decimal_comma(text) else text
+        if not is_finite(number):
+            raise self.fault(f"'{text}' in column '{column}' is not a number.")
+        return float(number)
 
     def whole(self, column: str, least: int, most: int) -> int:
         """Return a whole number within bounds. Raises DataError with file and line."""
@@ -53,12 +68,20 @@ class Index(NamedTuple):
 
 
 def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = ()) -> Index:
-    """Read an index with the named columns, in any order. Raises DataError with file, line and next step."""
+    """Read an index with the named columns, in any order. Raises DataError with file, line and next step.
+
+    Case, spaces and brackets of their names do not matter: `Angle [deg]` is `angle_deg`, `wind min (m/s)` is
+    `wind_min_mps`. Numbers may have decimal commas between semicolons or tabs.
+    """
     content = read_text(path)
     lines = filled_lines(whole_lines(content.rstrip() + b"\n")[0])
     head = next(lines)
     separator = separator_of(head.text)
-    names = fields_of(head.text, separator)
+    wanted_names = {*columns, *optional}
+    names = [key if (key := _key(name)) in wanted_names else name for name in fields_of(head.text, separator)]
+    repeated = [name for name in dict.fromkeys(names) if name in wanted_names and names.count(name) > 1]
+    if repeated:
+        raise DataError(f"{path}: more than one column {', '.join(repeated)} in its header: leave one.")
     missing = [name for name in columns if name not in names]
     if missing:
         wanted = ",".join(columns) + "".join(f"[,{name}]" for name in optional)
@@ -77,3 +100,9 @@ def read_index(path: Path, *, columns: Sequence[str], optional: Sequence[str] = 
     known = f"it may have {', '.join(optional)}"
     notes = (f"not used: column {', '.join(unused)}; {known}.",) if unused else ()
     return Index(rows, Source(str(path), hashlib.sha256(content).hexdigest()), of_recording(path.name, notes))
+
+
+def _key(name: str) -> str:
+    """Return a column's name as cfid spells it."""
+    key = re.sub(r"[\s_()\[\]-]+", "_", name.strip().lower().replace("m/s", "mps").replace("°", "deg")).strip("_")
+    return _SPELT.get(key, key)

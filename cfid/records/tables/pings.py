@@ -8,17 +8,34 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
-from cfid.records.tables.schema import TIME, Column, TableSchema
-from cfid.records.tables.table import Array, open_table
-from cfid.records.tables.times import CUT_LINE, losses, run_at
+from cfid.records.tables.schema import Column, TableSchema
+from cfid.records.tables.table import Array, CsvTable, open_table
+from cfid.records.tables.times import (
+    CUT_LINE,
+    SECONDS,
+    TIME_COLUMN,
+    VEHICLE_CLOCK,
+    column_name,
+    losses,
+    run_at,
+    unit_of,
+    vehicle_us,
+)
 
 PINGS = "pings"
 
-_RTT, _VEHICLE = "rtt_s", "vehicle_us"
-SCHEMA = TableSchema(
-    columns=(Column.named(_RTT), Column.named(TIME, optional=True), Column.named(_VEHICLE, optional=True)),
-    hint="It should hold round trips in seconds.",
+_RTT = Column(
+    "rtt_s",
+    column_name(r"rtt|round[ _-]?trip(?:[ _-]?time)?|latency|ping", tuple(SECONDS)),
+    "of round trips (rtt_s, rtt_ms)",
 )
+_SENT = TIME_COLUMN._replace(optional=True)
+SCHEMA = TableSchema(
+    columns=(_RTT, _SENT, VEHICLE_CLOCK),
+    hint="It should hold round trips, one a row.",
+)
+_SHORTEST_S, _LONGEST_S = 3e-4, 0.3  # of usual round trips: in one unit only
+_SLOWEST_S = 20.0  # from one ping to the next
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +62,7 @@ class PingRecord:
 def read_pings(path: Path) -> PingRecord:
     """Read a run of `cfid log ping`, or a CSV file with a column rtt_s, and t and vehicle_us if it has them.
 
+    Other names and units are read too; a unit that the name does not state is the one that gives usual round trips.
     Raises DataError with file, line and next step.
     """
     run = run_at(path)
@@ -52,19 +70,40 @@ def read_pings(path: Path) -> PingRecord:
     table = open_table(file)
     places = SCHEMA.places(table)
     columns = dict(zip(places, table.numbers(list(places.values())).T, strict=True))
-    wrong = np.flatnonzero(columns[_RTT] <= 0)
+    wrong = np.flatnonzero(columns[_RTT.key] <= 0)
     if len(wrong):
         raise DataError(
             f"{file}:{table.line_of_row(int(wrong[0]))}: a round trip takes more than zero seconds. Delete that line."
         )
-    notes = [CUT_LINE] if table.cut else []
-    notes += [] if run is None else losses(run, run.header.devices[PINGS], len(columns[_RTT]))
+    rtt_s, notes = _seconds(table, _RTT, places[_RTT.key], columns[_RTT.key], usual_s=(_SHORTEST_S, _LONGEST_S))
+    sent_s = None
+    if _SENT.key in places:
+        sent_s, of_times = _seconds(table, _SENT, places[_SENT.key], columns[_SENT.key], usual_s=(0.0, _SLOWEST_S))
+        notes += of_times
+    notes += (CUT_LINE,) if table.cut else ()
+    notes += () if run is None else tuple(losses(run, run.header.devices[PINGS], len(rtt_s)))
     return PingRecord(
         path=path,
         source=Source(str(file), table.sha256),
-        rtt_s=columns[_RTT],
-        sent_s=columns.get(TIME),
-        vehicle_us=columns.get(_VEHICLE),
+        rtt_s=rtt_s,
+        sent_s=sent_s,
+        vehicle_us=vehicle_us(table, places, columns),
         circumstances="" if run is None else run.header.label.note or "",
         findings=of_recording(path.name, notes),
     )
+
+
+def _seconds(
+    table: CsvTable, column: Column, name: str, values: Array, *, usual_s: tuple[float, float]
+) -> tuple[Array, tuple[str, ...]]:
+    """Return a column's values (n,) in seconds, and a note where their size decided the unit.
+
+    `usual_s` are the least and the largest of its values, or of the steps of a time.
+    """
+    stated = unit_of(table, column.called, name, None, "")
+    if stated is not None:
+        return values * SECONDS[stated], ()
+    size = float(np.median(np.diff(values) if column is _SENT and len(values) > 1 else values))
+    unit = next((unit for unit, scale in SECONDS.items() if usual_s[0] <= size * scale <= usual_s[1]), "s")
+    text = f"column '{name}' is read in {unit}, by its size: write the unit into its name, as in {name}_ms."
+    return values * SECONDS[unit], (text,) if unit != "s" else ()

@@ -18,6 +18,7 @@ _LOOKED_AT = 4096  # bytes at the start of a file, where text has no control cha
 _DARK = re.compile(r"[^\x00-\x20]+")
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+_ONE_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?[\d.,']*\d,\d[\d.,']*(?:e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _FIELD = rb"(?m)(?:^|[;\t ])[ ]*[+-]?(%s)(?:[eE][+-]?\d+)?[ \r]*(?=[;\t ]|$)"
 _DECIMAL_COMMA = re.compile(_FIELD % rb"\d+,\d+")
@@ -122,6 +123,11 @@ def is_finite(field: str) -> bool:
 def has_comma(field: str) -> bool:
     """Return whether a field is a number with a comma inside, decimal or of thousands."""
     return bool(_COMMA_NUMBER.fullmatch(field))
+
+
+def has_decimal_comma(field: str) -> bool:
+    """Return whether a field is a number with a decimal comma, which a comma of thousands is not."""
+    return bool(_ONE_DECIMAL_COMMA.fullmatch(field)) and not _THOUSANDS.fullmatch(field.encode())
 
 
 def has_decimal_commas(body: bytes, separator: str | None) -> bool:

@@ -4,7 +4,7 @@ Times are checked before use; the reader of each kind interprets the other colum
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -66,7 +66,13 @@ def column_name(names: str, units: Sequence[str]) -> re.Pattern[str]:
     return re.compile(rf"(?:{names})(?:[ _/,\[(]+({spelt})[\])]?)?", re.IGNORECASE)
 
 
-TIME_COLUMN = Column(TIME, column_name("t|time|timestamp", ("s", "ms", "us")), "of time (t, time)")
+VEHICLE_CLOCK = Column(
+    "vehicle_us",
+    column_name(r"(?:vehicle|device|drone|crazyflie|cf)(?:[ _-]?(?:time|timestamp|clock))?", ("us", "ms", "s")),
+    "of the vehicle's clock (vehicle_us)",
+    optional=True,
+)
+TIME_COLUMN = Column(TIME, column_name("t|time|timestamp|ticks?", ("s", "ms", "us")), "of time (t, time)")
 
 
 def run_at(path: Path) -> Run | None:
@@ -137,6 +143,14 @@ def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str |
     if given and named and given != named:
         raise ConfigError(f"{table.path}: column '{name}' is in {named}, but `{setting}` is {given}.")
     return given or named
+
+
+def vehicle_us(table: CsvTable, places: Mapping[str, str], columns: Mapping[str, Array]) -> Array | None:
+    """Return the vehicle's clock (n,) in microseconds, which a name without a unit has too; None for an absent one."""
+    if VEHICLE_CLOCK.key not in places:
+        return None
+    unit = unit_of(table, VEHICLE_CLOCK.called, places[VEHICLE_CLOCK.key], None, "") or "us"
+    return columns[VEHICLE_CLOCK.key] * (SECONDS[unit] / SECONDS["us"])
 
 
 def numbers_of(table: CsvTable, columns: Sequence[str]) -> Array:

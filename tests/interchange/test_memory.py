@@ -1,0 +1,96 @@
+"""A log of 400 MB is converted, imported, shown and fitted below 500 MB of anonymous memory."""
+
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+LIMIT_MB, SIZE_MB = 500, 400
+COLUMNS = {
+    **dict.fromkeys(("acc.x", "acc.y", "acc.z", "gyro.x", "gyro.y", "gyro.z", "pm.vbat"), "f"),
+    **{f"{name}.m{motor}": "H" for name in ("motor", "rpm") for motor in (1, 2, 3, 4)},
+}
+WATCHED = """
+import re, sys, threading, time
+from cfid.cli.main import main
+peak = 0
+def watch():
+    global peak
+    while True:
+        peak = max(peak, int(re.search(r"RssAnon:\\s+(\\d+)", open("/proc/self/status").read())[1]))
+        time.sleep(0.02)
+threading.Thread(target=watch, daemon=True).start()
+try:
+    main(sys.argv[1:])
+finally:
+    print("peak", peak / 1024, file=sys.stderr)
+"""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Write two hours at 1 kHz of rotors with a lag of 60 ms."""
+    path = tmp_path_factory.mktemp("large") / "LOG00.BIN"
+    record = np.dtype(
+        [("id", "<u2"), ("stamp", "<u8"), *((name, "<f4" if one == "f" else "<u2") for name, one in COLUMNS.items())]
+    )
+    words = b"".join(f"{name}({one})".encode() + b"\0" for name, one in COLUMNS.items())
+    head = struct.pack("<BHHH", 0xBC, 2, 1, 65535) + b"fixedFrequency\0" + struct.pack("<H", len(COLUMNS)) + words
+    draw, crc, count, speed = np.random.default_rng(4), zlib.crc32(head), 200_000, np.full(4, 1500.0)
+    with path.open("wb") as file:
+        file.write(head)
+        for block in range(SIZE_MB * 1_000_000 // record.itemsize // count):
+            rows = np.zeros(count, record)
+            rows["id"], rows["stamp"] = 65535, 1000 * (block * count + np.arange(count))
+            rows["pm.vbat"] = 4 + 0.01 * draw.standard_normal(count)
+            rows["acc.z"] = 1 + 0.1 * draw.standard_normal(count)
+            held = np.searchsorted(draw.integers(20, 90, count // 20).cumsum(), np.arange(count), side="right")
+            for motor in (1, 2, 3, 4):
+                command = draw.uniform(20000, 50000, count)[held]
+                leads_to = 400 + 2600 * command / 65535
+                left = np.exp(-1 / 60)
+                follows = np.convolve(leads_to * (1 - left), left ** np.arange(600))[:count]
+                follows += speed[motor - 1] * left ** np.arange(1, 1 + count)
+                speed[motor - 1] = follows[-1]
+                rows[f"motor.m{motor}"] = command
+                rows[f"rpm.m{motor}"] = follows * 30 / np.pi + draw.normal(0, 30, count)
+            content = rows.tobytes()
+            crc = zlib.crc32(content, crc)
+            file.write(content)
+        file.write(struct.pack("<I", crc))
+    yield path
+    path.unlink()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        "convert {log} --to parquet --out {out}",
+        "convert {log} --to mat --out {out}",
+        "convert {log} --to csv --out {out}",
+        "import {log} --campaign {campaign}",
+        "show {log} --no-figures",
+        "fit dynamics {log} --rotor 1 --to 700 --no-figures",
+    ],
+)
+def test_a_large_log_takes_little_memory(log: Path, tmp_path: Path, words: str) -> None:
+    subprocess.run([sys.executable, "-c", WATCHED, "new", tmp_path / "campaign"], check=True, capture_output=True)
+    places = {"log": log, "out": tmp_path / "out", "campaign": tmp_path / "campaign"}
+    given = [word.format(**places) for word in words.split()]
+    ended = subprocess.run(
+        [sys.executable, "-c", WATCHED, *given], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    shutil.rmtree(tmp_path)  # up to 1.3 GB
+    peak = re.search(r"^peak (\S+)$", ended.stderr, re.MULTILINE)
+    assert ended.returncode == 0, ended.stderr
+    assert peak is not None
+    print(f"{words.partition('{')[0]}{words.partition('}')[2]}: {float(peak[1]):.0f} MB of anonymous memory")
+    assert float(peak[1]) < LIMIT_MB
