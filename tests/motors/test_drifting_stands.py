@@ -34,7 +34,7 @@ def codes(findings: Iterable[Finding]) -> set[str]:
 
 def times(command: Array) -> Array:
     """Return when steps of ten seconds were held."""
-    return 10.0 * np.arange(len(command))
+    return np.asarray(10.0 * np.arange(len(command)), np.float64)
 
 
 def test_a_command_held_again_shows_that_the_load_cell_warmed_up() -> None:
