@@ -11,6 +11,7 @@ from scipy.special import ndtri, stdtrit
 
 from cfid.errors import FitError
 from cfid.estimate.linear import Estimate, fit_linear
+from cfid.estimate.propagation import widened
 
 Array = npt.NDArray[np.float64]
 
@@ -205,9 +206,16 @@ def _fit(
         parts = shared / given[:, np.newaxis]
         alone = np.sqrt(np.maximum(1 - np.sum(parts**2, axis=1), 0.0))
         moved[places] = np.hstack([gain * alone, gain @ parts])
-    moved[places] *= math.sqrt(variance) * units[:, np.newaxis]
+    few = 1.0
+    if std is None and robust and freedom:
+        # Of a scatter that few points show, 1.96 standard uncertainties cover 95 % only where these are wider. Nothing
+        # states whether points scatter alike or in proportion: where that is more, half of the variance is taken as it.
+        few, curve = widened(1.0, freedom), rows @ solved.solution
+        if curve.any():
+            moved[places] *= np.sqrt((np.maximum(curve**2 / np.mean(curve**2), 1.0) + 1) / 2)
+    moved[places] *= few * math.sqrt(variance) * units[:, np.newaxis]
     covariance[np.ix_(places, places)] = moved[places] @ moved[places].T
-    known = std is not None and variance == 1.0
+    known = few > 1 or (std is not None and variance == 1.0)
     return PolynomialFit(
         coefficients=coefficients,
         covariance=covariance,
@@ -216,7 +224,7 @@ def _fit(
         x=x,
         residual=solved.residual * given,
         weight=solved.weight,
-        point_std=math.sqrt(scatter) * given,
+        point_std=few * math.sqrt(scatter) * given,
         degrees_of_freedom=freedom,
         inflation=None if std is None else math.sqrt(variance),
         scale=solved.scale,

@@ -5,12 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtrc
 
 from cfid.errors import FitError
+from cfid.estimate.blocks import block_means
 from cfid.estimate.propagation import widened
 from cfid.estimate.signals import correlation_inflation
 
 FEW_EFFECTIVE = 200.0  # from where the correlation itself is known well enough
+_PARTS = 10  # of a record, whose means show what wanders more slowly than neighbours do
+_BY_CHANCE = 0.001  # below it, they scatter beyond what independent round trips do
 _LONGEST = 4  # correlation is followed over this part of a record: an nth
 
 
@@ -26,11 +30,15 @@ class RoundTrips(NamedTuple):
     std_s: float
     mean_std_s: float
     least_s: float
+    wander: bool = False
 
     @property
     def are_correlated(self) -> bool:
-        """Whether they are worth half as many or fewer, and too few to know the uncertainty of their mean well."""
-        return self.effective < min(self.answers / 2, FEW_EFFECTIVE)
+        """Whether they are worth half as many or fewer, and too few to know the uncertainty of their mean well.
+
+        So are those that `wander`: the means of parts of the record differ.
+        """
+        return self.wander or self.effective < min(self.answers / 2, FEW_EFFECTIVE)
 
     @property
     def one_way_mean_s(self) -> float:
@@ -50,5 +58,21 @@ def round_trips(rtt_s: npt.NDArray[np.float64]) -> RoundTrips:
         raise FitError(f"{count} round trip(s) have no standard deviation: at least two are needed.")
     std_s, mean_s = float(np.std(rtt_s, ddof=1)), float(np.mean(rtt_s))
     effective = count / correlation_inflation(rtt_s - mean_s, longest=count // _LONGEST)
-    mean_std_s = widened(std_s / math.sqrt(effective), max(round(effective) - 1, 1))
-    return RoundTrips(count, effective, mean_s, std_s, mean_std_s, float(rtt_s.min()))
+    freedom = max(round(effective) - 1, 1)
+    of_parts = _effective_of_parts(rtt_s)
+    if of_parts < effective:
+        effective, freedom = of_parts, min(freedom, _PARTS - 1)
+    mean_std_s = widened(std_s / math.sqrt(effective), freedom)
+    return RoundTrips(count, effective, mean_s, std_s, mean_std_s, float(rtt_s.min()), math.isfinite(of_parts))
+
+
+def _effective_of_parts(rtt_s: npt.NDArray[np.float64]) -> float:
+    """Return how many independent ones the means of parts of a record show, infinite where these scatter by chance.
+
+    A latency that wanders slowly is a small part of each round trip, and hardly correlates neighbours.
+    """
+    length, variance = len(rtt_s) // _PARTS, float(np.var(rtt_s, ddof=1))
+    if length < _PARTS or not variance:
+        return math.inf
+    scatter = float(np.var(block_means(rtt_s, length=length), ddof=1)) / variance
+    return _PARTS / scatter if chdtrc(_PARTS - 1, (_PARTS - 1) * length * scatter) < _BY_CHANCE else math.inf

@@ -42,7 +42,8 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
     if trips.are_correlated:
         text = (
             f"{trips.answers} round trips are worth only {trips.effective:.0f} independent ones (limit "
-            f"{FEW_EFFECTIVE:.0f}), as late answers follow each other: the uncertainties of mean and clock are rough."
+            f"{FEW_EFFECTIVE:.0f}, or any where parts of the record differ), as late answers follow each other: the "
+            "uncertainties of mean and clock are rough."
         )
         findings.append(warning("round-trips-correlated", text, "latency.rtt_mean_s", "latency.clock_*"))
     line = None

@@ -8,6 +8,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_best_order, fit_polynomial, fit_power
+from tests.coverage_rows import reaches_93_percent
 
 Array = npt.NDArray[np.float64]
 
@@ -129,6 +130,21 @@ def test_bands_hold_curve_and_points_93_to_97_times_in_100(stated: float | None,
 
     assert 0.93 <= curve <= 0.97
     assert 0.93 <= points <= 0.97
+
+
+@pytest.mark.parametrize("grows", [False, True])
+def test_intervals_of_points_that_state_nothing_hold_whether_they_scatter_alike_or_in_proportion(grows: bool) -> None:
+    rng, x = np.random.default_rng(4), np.arange(4000.0, 64001.0, 4000.0)
+    true = np.array([0.0407, 380.8])
+    speed = np.polyval(true, x)
+    fits = [
+        fit_polynomial(x, speed + 0.005 * (speed if grows else 2000) * rng.standard_normal(16), order=1, robust=True)
+        for _ in range(300)
+    ]
+    held = np.array([np.abs(fit.coefficients - true) < 1.96 * fit.std for fit in fits])
+
+    assert reaches_93_percent(held[:, 0])
+    assert reaches_93_percent(held[:, 1])
 
 
 def test_bands_from_few_points_take_students_t() -> None:

@@ -92,3 +92,10 @@ def test_short_records_of_a_busy_channel_are_marked(name: str, marked: int) -> N
     found = sum(round_trips(LEAST_S + CHANNELS[name](500, rng)[0]).are_correlated for _ in range(50))
 
     assert found == 0 if marked == 0 else found >= marked
+
+
+def test_a_latency_that_wanders_over_a_minute_is_marked_in_ten_minutes_of_pings() -> None:
+    rng, decay, count = np.random.default_rng(6), np.exp(-EVERY_S / 60), 6000
+    for _ in range(20):
+        wander = lfilter([1.0], [1.0, -decay], np.sqrt(1 - decay**2) * rng.standard_normal(3 * count))[-count:]
+        assert round_trips(0.03 + rng.exponential(16e-3, count) + 5e-3 * wander).are_correlated
