@@ -41,12 +41,14 @@ class LiveLine:
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S
-        # States come first, since the end of a long line is cut.
-        shown = sorted(recorder.progress.items(), key=lambda item: not item[1].status)
-        parts = [f"{name} {_progress_text(progress)}" for name, progress in shown]
-        if self._task:
-            parts.insert(0, self._task)
-        self._replace(f"{recorder.seconds:6.1f} s  " + "  |  ".join(parts))
+        # The most important first, since the end of a long line is cut.
+        progress = recorder.progress
+        read = [own.reading(own.latest) for own in progress.values() if own.reading is not None and own.latest]
+        states = [own.status for own in progress.values() if own.status]
+        lost = sum(own.lost for own in progress.values())
+        counts = [f"{name} {_progress_text(own)}" for name, own in progress.items()]
+        parts = [self._task, *read, *states, f"{lost} LOST" if lost else "", *counts]
+        self._replace(f"{_time_text(recorder)}  " + "  |  ".join(filter(None, parts)))
 
     def say(self, text: str) -> None:
         """Print a note above the line."""
@@ -84,9 +86,12 @@ def sparkline(values: Sequence[float]) -> str:
     return "".join(_BARS[min(int((value - least) / range_ * len(_BARS)), len(_BARS) - 1)] for value in values)
 
 
+def _time_text(recorder: "Recorder") -> str:
+    """Return the time that is left, else that which has passed."""
+    if recorder.for_s is None:
+        return f"{recorder.seconds:6.1f} s"
+    return f"{max(recorder.for_s - recorder.seconds, 0.0):6.1f} s left"
+
+
 def _progress_text(progress: "Progress") -> str:
-    if progress.status:
-        return progress.status
-    latest = " ".join(f"{value:.6g}" for value in progress.latest[:6])
-    rate = f"{progress.rate_hz:5.0f} Hz {progress.rows} rows {progress.lost} lost"
-    return f"{rate} {sparkline(list(progress.trace))} {latest}"
+    return f"{progress.rate_hz:.0f} Hz {progress.rows} rows {progress.lost} lost {sparkline(list(progress.trace))}"

@@ -4,9 +4,11 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from twisted.internet.defer import Deferred
 
 from cfid import __version__
@@ -23,8 +25,9 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.rig.recorder import Instrument, Nowhere, Recorder, Say
+from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say
 from cfid.rig.serial_line import serial_lines
+from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 Open = Callable[[Loop, HostClock], Instrument]
 Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of the run's instruments by name
@@ -34,12 +37,14 @@ Procedure = Callable[[Mapping[str, Any], Loop], Coroutine[Any, Any, None]]  # of
 class Device:
     """A device that was checked and locked: its description in run.toml, and how a loop opens it.
 
-    An `eventful` device may have no rows; any other device without rows is a fault.
+    An `eventful` device may have no rows; any other device without rows is a fault. `reading` is what the live line
+    shows of its latest row.
     """
 
     record: DeviceRecord
     open: Open
     eventful: bool = False
+    reading: Reading | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +108,7 @@ def ready_encoder(
             "interface": found._asdict(),
         }
     )
-    return Device(record=record, open=opened)
+    return Device(record=record, open=opened, reading=partial(_degrees, counts_per_turn))
 
 
 def ready_loadcell(
@@ -149,7 +154,20 @@ def ready_loadcell(
             "settings": settings._asdict(),
         }
     )
-    return Device(record=record, open=opened)
+    return Device(record=record, open=opened, reading=partial(_vertical_force, settings.counts_per_n))
+
+
+def _degrees(counts_per_turn: float | str, latest: tuple[float, ...]) -> str:
+    """Return the angle within a turn of an encoder's latest row."""
+    counts = latest[0]
+    if counts_per_turn == RLS_13BIT_IN_22:
+        counts, counts_per_turn = float(decode_words(np.array([int(counts)])).position[0]), float(STEPS_PER_TURN)
+    return f"{360 * counts / float(counts_per_turn) % 360:5.1f} degrees"
+
+
+def _vertical_force(counts_per_n: float, latest: tuple[float, ...]) -> str:
+    """Return the vertical force of a load cell's latest row."""
+    return f"Fz {1e3 * latest[2] / counts_per_n:5.0f} mN"
 
 
 def record_run(
@@ -218,6 +236,9 @@ async def _recorded(
     ) as run:
         begun(run.folder)
         recorder = Recorder(instruments, run, loop=loop, show=lambda: show(recorder))
+        recorder.for_s = plan.for_s
+        for instrument, device in zip(instruments, devices, strict=True):
+            recorder.progress[instrument.name].reading = device.reading
         await recorder.record(lambda: _lasting(plan, instruments, loop, ending))
         sampled = [instrument for instrument, device in zip(instruments, devices, strict=True) if not device.eventful]
         if ending.signal and not any(run.rows(instrument.name) for instrument in sampled):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cfid.errors import DeviceError
@@ -193,7 +193,9 @@ class ReadyVehicle:
                 clock=clock,
             )
 
-        return self._device("crazyflie.csv", ("t", "vehicle_ms", *there), opened, period_ms=period_ms)
+        place = 1 + there.index(BATTERY) if BATTERY in there else 0
+        device = self._device("crazyflie.csv", ("t", "vehicle_ms", *there), opened, period_ms=period_ms)
+        return replace(device, reading=(lambda latest: f"{latest[place]:.2f} V") if place else None)
 
     def _device(
         self,

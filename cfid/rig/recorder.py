@@ -92,6 +92,9 @@ class Nowhere:
         """Do nothing."""
 
 
+Reading = Callable[[tuple[float, ...]], str]  # what an operator reads from a row, its time left out
+
+
 class Progress:
     """An instrument's progress: rows, rate, losses and latest values, in bounded memory."""
 
@@ -99,6 +102,7 @@ class Progress:
         """Start with nothing."""
         self.rows = self.lost = 0
         self.status = ""
+        self.reading: Reading | None = None
         self.latest: tuple[float, ...] = ()
         self.trace: deque[float] = deque(maxlen=_SHOWN_POINTS)
         self._blocks: deque[tuple[float, int]] = deque(maxlen=_RATE_BLOCKS)
@@ -130,6 +134,7 @@ class Recorder:
         """Take the instruments and the sink; `show` is called after every block."""
         self.progress = {instrument.name: Progress() for instrument in instruments}
         self.began_s = loop.seconds()
+        self.for_s: float | None = None  # how long it is to last, where that is known
         self._instruments = instruments
         self._run = run
         self._loop = loop

@@ -236,7 +236,8 @@ def started(lab: Lab, terminal: Terminal, *words: object) -> Command:
 def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: str) -> None:
     terminal = Terminal()
     log = started(lab, terminal, "log", device)
-    line = re.compile(rf"\r +(\d+\.\d) s  {device} +[1-9]\d* Hz ([1-9]\d+) rows \d+ lost [▁-█]+ -?\d")
+    reading = r" *[\d.]+ degrees" if device == "encoder" else r"Fz +-?\d+ mN"
+    line = re.compile(rf"\r +(\d+\.\d) s  {reading}  \|  {device} [1-9]\d* Hz ([1-9]\d+) rows 0 lost [▁-█]+")
     log.wait_until(lambda: len(line.findall(terminal.shown())) > 3, "a line")
     said = log.ask_to_end()
     shown = terminal.shown()
@@ -353,3 +354,15 @@ def test_a_dry_run_says_what_would_be_done_and_opens_nothing(cfid: Cfid, tmp_pat
     assert said.returncode == 0, said.stderr
     assert told in " ".join(said.stdout.split())
     assert not (tmp_path / "runs").exists()
+
+
+def test_the_live_line_counts_down_where_the_end_is_known(lab: Lab) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", "loadcell", "--for", "1.5")
+    log.wait_until(lambda: len(re.findall(r"\r +(\d\.\d) s left", terminal.shown())) > 2, "a line")
+    log.end()
+    left = [float(seconds) for seconds in re.findall(r"\r +(\d\.\d) s left  Fz", terminal.shown())]
+    terminal.hang_up()
+
+    assert 1.5 >= left[0] > left[-1]
+    assert left == sorted(left, reverse=True)
