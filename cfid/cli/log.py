@@ -92,7 +92,7 @@ def encoder(
     from cfid.swing.verdict import verdict as of_swing
 
     judge = {"swing": of_swing, "drop": of_drop}.get(plan.kind)
-    live = LiveLine()
+    live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         device = ready_encoder(
             setting,
@@ -145,7 +145,7 @@ def loadcell(
         return
     from cfid.loadcell.verdict import verdict
 
-    live = LiveLine()
+    live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         device = ready_loadcell(setting, held, buffered=not real_time, bias=bias, say=live.say)
         record("log loadcell", plan, [device], live, keep, judge=verdict)

@@ -21,14 +21,20 @@ class LiveLine:
     A closed or stopped terminal loses the line, never the recording.
     """
 
-    def __init__(self) -> None:
-        """Start with an empty line."""
+    def __init__(self, *, quiet: bool = True) -> None:
+        """Start with an empty line; `quiet` rings no bell."""
         self._screen = Screen()
         file = self._screen.file
         self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
         self._next_s = 0.0
         self._length = 0
         self._task = ""
+        self._quiet = quiet
+
+    def ring(self) -> None:
+        """Call the operator, who may look elsewhere."""
+        if self._terminal is not None and not self._quiet:
+            self._screen.write("\a")
 
     def task(self, text: str) -> None:
         """Show the present task at the start of the line, from the next block on."""
@@ -60,8 +66,9 @@ class LiveLine:
         self._screen.write(f"{text}\n")
 
     def end(self) -> None:
-        """Clear the line."""
+        """Clear the line, and call the operator."""
         self._replace("")
+        self.ring()
         self._screen.finish()
 
     def _replace(self, text: str) -> None:

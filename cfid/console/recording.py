@@ -42,6 +42,9 @@ class KeepOptions:
     """Where a run is kept, and how its end is reported."""
 
     campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None
+    quiet: Annotated[
+        bool, typer.Option("--quiet", help="No bell at the end and at questions.", rich_help_panel=OUTPUT)
+    ] = False
     plot: Annotated[bool, typer.Option("--plot", help="Write the figure too.", rich_help_panel=OUTPUT)] = False
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=OUTPUT)] = False
 

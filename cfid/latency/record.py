@@ -27,7 +27,7 @@ def record_pings(
 ) -> None:
     """Record `count` round trips, one begun every `every_s` seconds. Raises DeviceError."""
     campaign, devices, simulated = rig
-    live = LiveLine()
+    live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         plan = Plan(

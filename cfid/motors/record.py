@@ -44,7 +44,7 @@ def record_forces(
     """
     _, devices, simulated = rig
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
-    live = LiveLine()
+    live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
@@ -147,7 +147,7 @@ def _record_readings(
 ) -> None:
     """Record an instrument that records by itself, or, with a question, one that the operator reads."""
     _, devices, simulated = rig
-    live = LiveLine()
+    live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         parts = [crazyflie.commands(), *instrument(crazyflie), crazyflie.supervisor_log()]
@@ -194,6 +194,7 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
         async def ask(command: int) -> float | None:
             if tare and not command:
                 return None
+            live.ring()
             return await questions.number(question.format(command=command))
 
         questions.open()

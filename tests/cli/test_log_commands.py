@@ -249,8 +249,8 @@ def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, device: st
     for text in shown.split("\r\n")[1:]:  # the first says where the run is
         assert all(len(frame) < COLUMNS for frame in text.split("\r"))
     assert "Traceback" not in shown
-    assert shown.endswith("\r")
-    assert shown.rstrip("\r").rpartition("\r")[2].strip() == ""  # the line is wiped off
+    assert shown.endswith("\r\a")
+    assert shown.rstrip("\r\a").rpartition("\r")[2].strip() == ""  # the line is wiped off
 
 
 def test_a_sentence_stands_on_a_line_of_its_own_on_a_terminal(lab: Lab) -> None:
@@ -366,3 +366,14 @@ def test_the_live_line_counts_down_where_the_end_is_known(lab: Lab) -> None:
 
     assert 1.5 >= left[0] > left[-1]
     assert left == sorted(left, reverse=True)
+
+
+@pytest.mark.parametrize(("words", "bells"), [((), 1), (("--quiet",), 0)])
+def test_a_bell_calls_the_operator_at_the_end(lab: Lab, words: tuple[str, ...], bells: int) -> None:
+    terminal = Terminal()
+    log = started(lab, terminal, "log", "loadcell", "--for", "0.5", *words)
+    log.end()
+    shown = terminal.shown()
+    terminal.hang_up()
+
+    assert shown.count("\a") == bells

@@ -198,6 +198,7 @@ def sine(
         log_ms=log_ms,
         rate_hz=rate_hz,
         note=note,
+        quiet=keep.quiet,
         judge=verdict,
         show=lambda own, run: None if keep.json else typer.echo(_sine_line(own, run)),
     )

@@ -34,6 +34,7 @@ def record_sines(
     log_ms: int,
     rate_hz: int | None,
     note: str | None,
+    quiet: bool,
     judge: Judge,
     show: Callable[[Sine, Run], None],
 ) -> tuple[list[dict[str, Any]], CfidError | None]:
@@ -43,7 +44,7 @@ def record_sines(
     """
     campaign, devices, simulated = rig
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
-    live, runs = LiveLine(), []
+    live, runs = LiveLine(quiet=quiet), []
     failure: CfidError | None = None
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
