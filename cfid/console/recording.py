@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import json
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from cfid import __version__
 from cfid.console.campaign import here
 from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
-from cfid.console.messages import note
+from cfid.console.messages import clock, note
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
 from cfid.console.views import views_of
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from cfid.rig.log import Device, Plan
 
 OUTPUT = "Output"
+
+_BYTES_A_ROW = 75  # of a load cell's row, the longest
 
 Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether they are simulated
 Judge = Callable[["Run"], str]  # says what a run is good for; a CfidError, why it is not
@@ -101,6 +104,22 @@ def refuse_mixture(option: str, simulated: bool) -> None:
             f"{option} names a real device while a simulated rig serves this campaign, and a run is one or the other: "
             f"end `cfid rig sim`, or leave {option} out."
         )
+
+
+def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
+    """Return how long a recording lasts and how much of the disk it takes, for the question before it.
+
+    `rate_hz` are the rows a second of all devices. Raises ConfigError where the disk has no room for it.
+    """
+    needed = seconds * rate_hz * _BYTES_A_ROW
+    place = next(folder for folder in (runs_folder, *runs_folder.resolve().parents) if folder.is_dir())
+    free = shutil.disk_usage(place).free
+    if needed > free:
+        raise ConfigError(
+            f"{runs_folder}: the recording takes about {needed / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB: "
+            "make room, or record less."
+        )
+    return f", for {clock(seconds)} min (about {max(needed / 1e6, 1):.0f} MB; {free / 1e9:.1f} GB are free)"
 
 
 def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:

@@ -108,11 +108,13 @@ def _line() -> str:
     return line.decode(errors="replace")
 
 
-def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool) -> None:
+def confirm(
+    vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool, effort: str = ""
+) -> None:
     """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    Raises ConfigError without a confirmation, or when rig.toml or the rotors do not allow such a command; DeviceError
-    for a vehicle whose motors cannot be started in its present state.
+    `effort` says how long, and what that takes. Raises ConfigError without a confirmation, or when rig.toml or the
+    rotors do not allow such a command; DeviceError for a vehicle whose motors cannot be started in its present state.
     """
     vehicle.refuse_unfit()
     turning = [command for command in commands if command] or [0]
@@ -122,7 +124,7 @@ def confirm(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[i
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
-    turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}."
+    turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."
     question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
     typer.echo(question, nl=False, err=True)
     answer = _line()

@@ -5,7 +5,8 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 
 import typer
 from rich.console import Console
@@ -52,6 +53,8 @@ def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> No
     names, processes = _names(campaign), _Processes(campaign, figures=figures)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         running = [(words, pool.submit(processes.run, words)) for words in (each.format(**names) for each in commands)]
+        for words, output in running:
+            output.add_done_callback(partial(_tell_done, words, [one for _, one in running]))
         try:
             for words, output in running:
                 _print_output(words, *output.result())
@@ -59,6 +62,11 @@ def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> No
             pool.shutdown(wait=False, cancel_futures=True)
             processes.end()
             raise
+
+
+def _tell_done(words: str, every: Sequence["Future[tuple[int, str, str]]"], _: object) -> None:
+    done = sum(one.done() for one in every)
+    typer.echo(f"{done} of {len(every)} done: cfid {words}", err=True)
 
 
 class _Processes:

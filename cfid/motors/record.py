@@ -6,7 +6,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Found, Judge, KeepOptions, Rig, nothing_found, record
+from cfid.console.recording import Found, Judge, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import VehicleOptions, confirm, reach
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Label
@@ -18,6 +18,8 @@ from cfid.rig.questions import Questions
 from cfid.rig.ready_instruments import ready_scales, ready_tachometer, typed_readings
 from cfid.rig.ready_vehicle import ReadyVehicle
 from cfid.rig.recorder import sleep
+
+_ROWS_A_SECOND = 200  # of the vehicle's log and what instruments add
 
 Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
 Ask = Callable[[int], Awaitable[float | None]]  # returns the operator's reading at a command; None leaves it out
@@ -49,7 +51,8 @@ def record_forces(
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         crazyflie.limits.refuse_idling(staircase.motors)
-        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes)
+        effort = _effort(staircase, rig, rate_hz=(rate_hz or cell.rate_hz) + 1000 / log_ms)
+        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
             parts.append(typed_readings("rpm"))
@@ -153,10 +156,15 @@ def _record_readings(
         parts = [crazyflie.commands(), *instrument(crazyflie), crazyflie.supervisor_log()]
         if question is not None:
             parts.append(typed_readings(value))
-        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes)
+        effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
+        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         procedure = _procedure(staircase, question, live, tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={})
         record(f"log {kind}", plan, parts, live, keep, judge=judge)
+
+
+def _effort(staircase: StaircasePlan, rig: Rig, *, rate_hz: float) -> str:
+    return effort_of(staircase.duration_s, rig[0].runs_folder, rate_hz=rate_hz)
 
 
 def _plan(

@@ -8,7 +8,7 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Judge, Rig, attempt, judged, summary
+from cfid.console.recording import Judge, Rig, attempt, effort_of, judged, summary
 from cfid.console.vehicle import VehicleOptions, confirm, reach
 from cfid.errors import CfidError
 from cfid.records.campaign import Campaign
@@ -54,7 +54,8 @@ def record_sines(
         turning = [(motor,) if motor else MOTORS for motor in dict.fromkeys(sine.motor for sine in sines)]
         for motors in turning:  # while one turns, the others stand or idle
             crazyflie.limits.check_turning(motors, least, largest)
-        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes)
+        effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
+        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort)
         for count, sine in enumerate(sines):
             tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
