@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from cfid.errors import FitError
@@ -99,18 +98,6 @@ def test_what_is_no_lag_or_too_short_is_not_believed() -> None:
     assert all("its final speed is not known" in rejections(lag)[0] for lag in slow)
     drawn = fit_steps(time_s=TIME_S, value=1000 + noise(5, 50.0), steps=STEPS)
     assert not any(lag.accepted for lag in drawn)
-
-
-@pytest.mark.parametrize(("share", "marked"), [(0.003, True), (0.0, False)])
-def test_a_speed_that_wanders_while_the_command_holds_is_named(share: float, marked: bool) -> None:
-    decay = math.exp(-(TIME_S[1] - TIME_S[0]) / 0.1)
-    white = math.sqrt(1 - decay**2) * np.random.default_rng(8).standard_normal(len(TIME_S))
-    speed = followed_speed((10.0, 0.0), (5.0, 0.0)) * (1 + share * lfilter([1], [1, -decay], white))
-    lags = fit_steps(time_s=TIME_S, value=speed + noise(3, 10.0), steps=STEPS)
-    named = {finding.code for lag in lags for finding in lag.findings}
-
-    assert ("step-speed-wanders" in named) == marked
-    assert all(lag.accepted for lag in lags)
 
 
 def test_no_step_and_too_few_samples_are_refused() -> None:

@@ -14,7 +14,7 @@ from scipy.optimize import OptimizeResult, least_squares, nnls
 from cfid.estimate.blocks import block_means
 from cfid.estimate.correlated_noise import noise_covariance
 from cfid.estimate.linear import gain_of
-from cfid.findings import Finding, rejection, texts, warning
+from cfid.findings import Finding, rejection, texts
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, StepData
 from cfid.motors.steps.sag import LoggedBattery, sags
 
@@ -25,7 +25,6 @@ _SMOOTH = 0.25  # time constants over which noise is averaged before judging how
 _EXPLAINED, _LOOSE = 0.95, 0.2  # r^2, and the deviation over the time constant
 _HELD = 1.5  # time constants that a step needs to show where it leads
 _MOST = 150  # means of a step's samples, whose covariance is taken for that of its noise
-_WANDERS = 1e-3  # of the larger value, by which it may wander while the command holds
 _SAG_STD = 0.25  # of what a battery's sag changes: its voltage follows the load late, and is read ten times a second
 
 
@@ -242,7 +241,7 @@ def _fit_step(data: StepData, part: Part, sag: float) -> tuple[StepFit, Array]:
         delay_std_s=float(std[3]),
         explained=explained,
         sag=sag,
-        findings=(*_rejections(hold_s, fit.x[2], std[2], explained), *_wandering(noise, max(abs(begin), abs(end)))),
+        findings=_rejections(hold_s, fit.x[2], std[2], explained),
     )
     return lag, noise
 
@@ -261,16 +260,6 @@ def _rejections(hold_s: float, tau_s: float, std_s: float, explained: float) -> 
         text = f"noise leaves the time constant open by {100 * std_s / tau_s:.0f} % (limit {100 * _LOOSE:.0f} %)."
         found.append(rejection("step-lag-noisy", text, key))
     return tuple(found)
-
-
-def _wandering(noise: Array, largest: float) -> tuple[Finding, ...]:
-    """Return a finding about values that wander about their lag: neighbouring ones have noise (m, m) in common."""
-    part = math.sqrt(max(float(np.diag(noise, 1).mean()), 0.0)) / largest if largest else 0.0
-    text = (
-        f"it wanders by {100 * part:.2g} % (limit {100 * _WANDERS:g} %): its lag is less certain than its standard "
-        "uncertainty. Check supply and bearing; average several steps."
-    )
-    return (warning("step-speed-wanders", text, "dynamics.time_constant_s"),) if part > _WANDERS else ()
 
 
 def _start(lags: Sequence[StepFit]) -> Array:
