@@ -316,7 +316,6 @@ def copy_file(tunnel: WindFolder) -> None:
 
 NOISE = "t,Fx,Fy,Fz,Tx,Ty,Tz\n" + "".join(f"{0.0025 * i:.4f},1,2,{i % 7},4,5,6\n" for i in range(2400))
 SPOILT: dict[str, tuple[Spoil, str]] = {
-    "a missing reference": (without(20000), "no run without wind at command 20000: 4 run(s) in wind need it"),
     "wind without an angle": (change(20000, WINDS[1], angle_deg=""), "wind of 2.6 m/s without an angle"),
     "an angle without wind": (becalm, "run(s) at 77.9 degrees, none with wind"),
     "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
@@ -450,7 +449,8 @@ def test_too_few_experiments_are_refused(tmp_path: Path) -> None:
 
 def test_every_error_has_its_code(cfid: Cfid, tunnel: WindFolder) -> None:
     without(20000)(tunnel)
+    without(40000)(tunnel)
     ended = cfid("fit", "drag", "--index", tunnel.write())
     assert (ended.returncode, ended.stdout) == (4, "")
-    assert "no run without wind" in ended.stderr
+    assert "no run without wind at command 20000, 40000" in ended.stderr
     assert cfid("fit", "drag").returncode == 2

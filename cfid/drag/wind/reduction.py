@@ -71,9 +71,10 @@ def reduce_forces(forces: Sequence[WindForce]) -> DragExperiments:
     windy = [one for one in forces if one.windy and not one.standing]
     references = _references([one for one in forces if not one.windy])
     _check_angles(forces)
-    _check_references(windy, references)
+    windy, unreferenced = _with_reference(windy, references)
     experiments, spread = _experiments(windy, references)
     left_out = [standing_left_out(f"{len(standing)} run(s) in wind with standing rotors")] if standing else []
+    left_out += unreferenced
     thrusts = {command: (reference.name, reference.force_n) for command, reference in references.items()}
     swaps = swap_findings(
         Filed(
@@ -209,13 +210,23 @@ def _check_angles(forces: Sequence[WindForce]) -> None:
             )
 
 
-def _check_references(windy: Sequence[WindForce], references: Mapping[int, _Reference]) -> None:
+def _with_reference(
+    windy: Sequence[WindForce], references: Mapping[int, _Reference]
+) -> tuple[list[WindForce], list[Finding]]:
+    """Return the forces that have a reference at their command, and a warning about the others.
+
+    Raises DataError where none is left.
+    """
     if not windy:
         raise DataError("no run has both wind and turning rotors: without them there is no drag to identify.")
     lacking = sorted({one.command for one in windy} - set(references))
-    if lacking:
-        needing = sum(one.command in lacking for one in windy)
-        raise DataError(
-            f"no run without wind at command {', '.join(map(str, lacking))}: {needing} run(s) in wind need it, as its "
-            "thrust is subtracted from theirs. Record it with wind 0,0."
-        )
+    if not lacking:
+        return list(windy), []
+    kept = [one for one in windy if one.command in references]
+    text = (
+        f"no run without wind at command {', '.join(map(str, lacking))}: {len(windy) - len(kept)} run(s) in wind need "
+        "it, as its thrust is subtracted from theirs. Record it with wind 0,0."
+    )
+    if not kept:
+        raise DataError(text)
+    return kept, [warning("drag-reference-missing", f"{text} They are left out.", "drag.*")]
