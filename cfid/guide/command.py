@@ -11,7 +11,7 @@ from cfid.console.campaign import here
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.guide.plan import Recording
+    from cfid.guide.plan import Assignment
     from cfid.guide.status import Next, TaskStatus
     from cfid.records.campaign import Campaign
 
@@ -58,7 +58,7 @@ def next_step(
     _become(words, found)
 
 
-def _prepared(recording: "Recording") -> tuple[str, ...]:
+def _prepared(recording: "Assignment") -> tuple[str, ...]:
     """Say what to do at the rig; return the command's words with what the operator answered."""
     typer.echo(recording.reminder)
     questions = recording.questions or {}

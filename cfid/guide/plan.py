@@ -26,7 +26,7 @@ class Aim:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording:
+class Assignment:
     """A run to record: the words of the command, what to do at the rig before, and how to tell the run by its label.
 
     `questions` are asked before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
@@ -49,7 +49,7 @@ class Task:
     """One fit: its section of parameters.toml, the runs that it takes, its command and what it should find."""
 
     section: str
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Assignment, ...]
     fit: Words
     aims: tuple[Aim, ...]
 
@@ -83,7 +83,7 @@ def _inertia(rig: Rig, order: str) -> Task:
     mounts = sorted(rig.mounts)
     random.Random(order).shuffle(mounts)
     swings = tuple(
-        Recording(
+        Assignment(
             words=("log", "encoder", "--axis", mount, "--for", "20"),
             reminder=f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s.",
             kind="swing",
@@ -97,7 +97,7 @@ def _inertia(rig: Rig, order: str) -> Task:
 
 def _friction(rig: Rig) -> Task:
     drops = tuple(
-        Recording(
+        Assignment(
             words=("log", "encoder", "--weight", str(grams), "--for", "20"),
             reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
             kind="drop",
@@ -128,34 +128,34 @@ def _speed() -> Task:
     return Task(section="speed", recordings=(_staircase("speed"),), fit=("fit", "speed"), aims=(speeds,))
 
 
-def _staircase(kind: str) -> Recording:
+def _staircase(kind: str) -> Assignment:
     reminder = "Fasten the vehicle on the load cell, propellers on, a full battery in."
     if kind == "speed":
         reminder = "Point the tachometer at rotor 1, with its strips on, a full battery in."
-    return Recording(words=("log", kind), reminder=reminder, kind=kind)
+    return Assignment(words=("log", kind), reminder=reminder, kind=kind)
 
 
 def _latency() -> Task:
     reminder = "Switch the vehicle on; no motor turns."
-    pings = Recording(words=("log", "ping"), reminder=reminder, kind="ping")
+    pings = Assignment(words=("log", "ping"), reminder=reminder, kind="ping")
     aim = Aim(key="latency.rtt_mean_s", std=0.05, purpose="a delay in the loop: 5 %")
     return Task(section="latency", recordings=(pings,), fit=("tf", "latency", "last"), aims=(aim,))
 
 
 def _transfer() -> Task:
     reminder = "Fasten the vehicle on the load cell, the propellers on, a full battery in."
-    sines = Recording(words=("log", "sine"), reminder=reminder, kind="sine")
+    sines = Assignment(words=("log", "sine"), reminder=reminder, kind="sine")
     aim = Aim(key="tf.time_constant_s", std=0.05, purpose="an attitude controller's bandwidth: 5 %")
     return Task(section="tf", recordings=(sines,), fit=("tf", "identify"), aims=(aim,))
 
 
 def _drag() -> Task:
-    still = Recording(
+    still = Assignment(
         words=("log", "wind", "--wind", "0,0"),
         reminder="Fasten the vehicle on the load cell as it will stand in the wind; no wind blows.",
         kind="wind",
     )
-    windy = Recording(
+    windy = Assignment(
         words=("log", "wind", "--angle", "{angle}", "--fan-voltage", "{volts}", "--wind", "{wind}"),
         reminder="Set the wind generator to another angle or voltage, and measure the wind at the vehicle.",
         kind="wind",

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from cfid.guide.plan import Aim, Recording, Task, Words, tasks
+from cfid.guide.plan import Aim, Assignment, Task, Words, tasks
 from cfid.quantities.values import Number
 from cfid.records.campaign import RUNS_FOLDER, Campaign
 from cfid.records.parameters import Section
@@ -19,7 +19,7 @@ _SMALL = 0.1  # of a value's largest number: smaller ones, as products of inerti
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class Certainty:
     """How sure a quantity is, relative to its largest number, against what it is for; None where it was not found."""
 
     aim: Aim
@@ -36,10 +36,10 @@ class TaskStatus:
     """A task: what is still to be recorded, how its fit stands and why, and how sure its quantities are."""
 
     task: Task
-    lacking: tuple[Recording, ...]
+    lacking: tuple[Assignment, ...]
     state: State
     reason: str
-    found: tuple[Found, ...]
+    found: tuple[Certainty, ...]
 
     @property
     def recorded(self) -> int:
@@ -53,7 +53,7 @@ class Next:
 
     words: Words
     why: str
-    recording: Recording | None = None
+    recording: Assignment | None = None
 
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> tuple[TaskStatus, ...]:
@@ -102,7 +102,7 @@ def _status(task: Task, runs: Sequence[Run], section: Section | None, stale: Sta
         state, reason = "not fitted", "recorded, not fitted yet."
     elif newer := _newer(section, taken):
         state, reason = "stale", f"{newer} run{'s were' if newer > 1 else ' was'} recorded after the fit."
-    found = tuple(Found(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)
+    found = tuple(Certainty(aim=aim, std=None if section is None else _relative_std(section, aim)) for aim in task.aims)
     return TaskStatus(task=task, lacking=lacking, state=state, reason=reason, found=found)
 
 
@@ -110,7 +110,7 @@ def _aimed(task: Task, key: str) -> bool:
     return any(aim.key == key for aim in task.aims)
 
 
-def _lacking(recordings: Iterable[Recording], runs: Sequence[Run]) -> tuple[tuple[Recording, ...], list[Run]]:
+def _lacking(recordings: Iterable[Assignment], runs: Sequence[Run]) -> tuple[tuple[Assignment, ...], list[Run]]:
     """Return the recordings without a run of their own, and the runs that were found for the others."""
     left, lacking, taken = list(runs), [], []
     for recording in recordings:

@@ -8,7 +8,7 @@ import pytest
 
 from cfid.findings import note, rejection, warning
 from cfid.guide.plan import Aim, Task
-from cfid.guide.status import Found, TaskStatus
+from cfid.guide.status import Certainty, TaskStatus
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import thesis_rig
 from cfid.report.experiments import Experiment
@@ -30,7 +30,7 @@ def section(**parameters: Parameter) -> Section:
 def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: tuple[float, ...] = ()) -> Summary:
     known = Known(thesis_rig(), {str(i): one for i, one in enumerate(sections)})
     found = tuple(
-        Found(aim=Aim(key=f"number {i}", std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
+        Certainty(aim=Aim(key=f"number {i}", std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)
     )
     task = Task(section="thrust", recordings=(), fit=("fit", "thrust"), aims=())
     status = TaskStatus(task=task, lacking=(), state="not fitted", reason="recorded.", found=found)

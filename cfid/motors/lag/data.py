@@ -223,7 +223,7 @@ def of_log(log: FlightLog) -> RotorLog:
     )
 
 
-class _Seen(NamedTuple):
+class _Surveyed(NamedTuple):
     """When a log's commands begin and end; of each rotor how many speeds are lost, known, and there."""
 
     begin_s: float
@@ -232,7 +232,7 @@ class _Seen(NamedTuple):
     volts_possible: bool
 
 
-def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str], volts: str | None) -> _Seen:
+def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str], volts: str | None) -> _Surveyed:
     names = [*commands.values(), *speeds.values(), *(() if volts is None else (volts,))]
     begin_s = min(float(next(log.series_of(name).blocks())[0, 0]) for name in commands.values())
     end_s, possible = begin_s, True
@@ -246,7 +246,7 @@ def _seen(log: FlightLog, commands: Mapping[int, str], speeds: Mapping[int, str]
         if volts is not None:
             possible &= bool(np.all((found[volts].value > _BATTERY_V[0]) & (found[volts].value < _BATTERY_V[1])))
     whole = {motor: (int(lost), int(known), int(rows)) for motor, (lost, known, rows) in counts.items()}
-    return _Seen(begin_s, end_s, whole, possible)
+    return _Surveyed(begin_s, end_s, whole, possible)
 
 
 def _known(speed: Array) -> Array:
