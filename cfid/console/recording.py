@@ -18,6 +18,7 @@ from cfid.console.live import LiveLine
 from cfid.console.messages import clock, note
 from cfid.console.options import LoadCellOptions, ReadingOptions, RigOptions, positive
 from cfid.console.selection import LAST
+from cfid.console.verdicts import Judge, judged, verdict_line
 from cfid.console.views import views_of
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import rejection
@@ -33,7 +34,6 @@ OUTPUT = "Output"
 _BYTES_A_ROW = 75  # of a load cell's row, the longest
 
 Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether they are simulated
-Judge = Callable[["Run"], str]  # says what a run is good for; a CfidError, why it is not
 Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as --json has them, and lines
 
 
@@ -158,31 +158,6 @@ def record(
             _figures(run, options)
     if failure is not None:
         raise failure
-
-
-def judged(run: "Run", judge: Judge | None) -> "Run":
-    """Return a run with its verdict, which run.toml has from now on; a run that is not complete as it is."""
-    from cfid.records.run import Verdict, amend_run
-
-    if judge is None or run.header.state != "complete":
-        return run
-    try:
-        verdict = Verdict(usable=True, text=judge(run))
-    except CfidError as error:
-        verdict = Verdict(usable=False, text=str(error))
-    try:
-        return amend_run(run, verdict=verdict)
-    except DataError as error:
-        note(f"the verdict was not kept: {error}")
-        return run
-
-
-def verdict_line(run: "Run") -> str:
-    """Return what a recording is good for, "" where it was not judged."""
-    verdict = run.header.verdict
-    if verdict is None:
-        return ""
-    return f"good: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."
 
 
 def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":

@@ -6,8 +6,9 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Found, Judge, KeepOptions, Rig, record
+from cfid.console.recording import Found, KeepOptions, Rig, record
 from cfid.console.vehicle import LinkOptions, reach
+from cfid.console.verdicts import Judge
 from cfid.records.run import Label
 from cfid.rig.log import Plan
 from cfid.rig.pings import Pings

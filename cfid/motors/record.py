@@ -6,8 +6,9 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Found, Judge, KeepOptions, Rig, effort_of, nothing_found, record
+from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.console.verdicts import Judge
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Label
 from cfid.rig.log import Device, Plan, Procedure, ready_loadcell

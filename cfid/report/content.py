@@ -20,7 +20,7 @@ from cfid.report.known import Known
 from cfid.report.measurements import measurements_of
 from cfid.report.repeats import RepeatedFit, repeated_fits
 from cfid.report.sheet import SheetGroup, sheet_of
-from cfid.report.summary import Summary, summary_of
+from cfid.report.summary import FirstScreen, summary_of
 
 FORMAT = 1  # of the JSON object
 
@@ -61,7 +61,7 @@ class Report:
     """The content of a report, in its order."""
 
     about: About
-    summary: Summary
+    summary: FirstScreen
     sheet: tuple[SheetGroup, ...]
     experiments: tuple[Experiment, ...]
     repeats: tuple[RepeatedFit, ...]

@@ -24,7 +24,7 @@ class MainNumber:
 
 
 @dataclass(frozen=True)
-class Summary:
+class FirstScreen:
     """What a reader wants to know first; `weakest` is the least sure of those that are for something."""
 
     numbers: tuple[MainNumber, ...]
@@ -56,11 +56,11 @@ _MAIN = (
 )
 
 
-def summary_of(known: Known, experiments: Sequence[Experiment], statuses: Sequence[TaskStatus]) -> Summary:
+def summary_of(known: Known, experiments: Sequence[Experiment], statuses: Sequence[TaskStatus]) -> FirstScreen:
     """Return the first screen of a campaign whose tasks stand as given."""
     step = next_of(statuses)
     findings = tuple(_findings(experiments))
-    return Summary(
+    return FirstScreen(
         numbers=tuple(_numbers(known)),
         weakest=_weakest(statuses),
         findings=findings[:_MOST_FINDINGS],

@@ -8,7 +8,7 @@ import pytest
 
 import cfid.friction.verdict
 import cfid.swing.verdict
-from cfid.console.recording import judged, verdict_line
+from cfid.console.verdicts import judged, verdict_line
 from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
 from tests.campaigns import Cfid
 from tests.rig_in_a_folder import Lab, lab_in

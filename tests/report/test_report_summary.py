@@ -13,7 +13,7 @@ from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import thesis_rig
 from cfid.report.experiments import Experiment
 from cfid.report.known import Known
-from cfid.report.summary import Summary, summary_of
+from cfid.report.summary import FirstScreen, summary_of
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 EXPERIMENT = Experiment(
@@ -27,7 +27,7 @@ def section(**parameters: Parameter) -> Section:
     return Section(method="default", found=NOW, cfid_version="", accepted=True, sources=(), parameters=named)
 
 
-def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: tuple[float, ...] = ()) -> Summary:
+def summary(*sections: Section, experiments: tuple[Experiment, ...] = (), stds: tuple[float, ...] = ()) -> FirstScreen:
     known = Known(thesis_rig(), {str(i): one for i, one in enumerate(sections)})
     found = tuple(
         Certainty(aim=Aim(key=f"number {i}", std=0.03, purpose="a purpose: 3 %"), std=std) for i, std in enumerate(stds)

@@ -8,7 +8,7 @@ from cfid.report.content import RunLine
 from cfid.report.formats.numbers import against, cell_text, plus_minus_in, power_of_ten, printed, with_power
 from cfid.report.repeats import Repeat, RepeatedFit
 from cfid.report.sheet import Row, ValueOrigin
-from cfid.report.summary import Summary
+from cfid.report.summary import FirstScreen
 from cfid.report.tables import ReportTable
 
 ABOUT_SHEET = (
@@ -43,7 +43,7 @@ class Grid(NamedTuple):
     rows: tuple[tuple[str, ...], ...]
 
 
-def summary_grid(summary: Summary) -> Grid:
+def summary_grid(summary: FirstScreen) -> Grid:
     """Return the main numbers in plain units."""
     return Grid(("", "value", "uncertainty"), tuple((one.title, one.value, one.std) for one in summary.numbers))
 

@@ -8,7 +8,7 @@ from cfid.report.experiments import Experiment, title_of
 from cfid.report.formats import grids
 from cfid.report.formats.sealed import MARK
 from cfid.report.sheet import SheetEntry
-from cfid.report.summary import Summary
+from cfid.report.summary import FirstScreen
 
 
 def as_markdown(report: Report) -> str:
@@ -48,7 +48,7 @@ def _parts(report: Report) -> Iterator[str]:
         yield _table(grids.runs_grid(report.runs))
 
 
-def _summary(summary: Summary) -> Iterator[str]:
+def _summary(summary: FirstScreen) -> Iterator[str]:
     yield "\n## What was measured, and how sure\n"
     yield _table(grids.summary_grid(summary))
     if summary.weakest:

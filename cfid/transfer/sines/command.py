@@ -11,9 +11,10 @@ from cfid.console import messages as speech
 from cfid.console.lists import comma_list
 from cfid.console.messages import result
 from cfid.console.options import flat, positive
-from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line, verdict_line
+from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import LogMs, VehicleOptions, motors_of
+from cfid.console.verdicts import verdict_line
 from cfid.errors import ConfigError
 from cfid.units import FULL_COMMAND
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S

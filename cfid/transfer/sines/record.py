@@ -8,8 +8,9 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
-from cfid.console.recording import Judge, Rig, attempt, effort_of, judged, summary
+from cfid.console.recording import Rig, attempt, effort_of, summary
 from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
 from cfid.records.campaign import Campaign
 from cfid.records.rig_file import LoadCellBox

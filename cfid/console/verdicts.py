@@ -1,0 +1,37 @@
+"""Judge a recording as soon as it ends, and keep the verdict in its run.toml."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from cfid.console.messages import note
+from cfid.errors import CfidError, DataError
+
+if TYPE_CHECKING:
+    from cfid.records.run import Run
+
+Judge = Callable[["Run"], str]  # says what a run is good for; a CfidError, why it is not
+
+
+def judged(run: "Run", judge: Judge | None) -> "Run":
+    """Return a run with its verdict, which run.toml has from now on; a run that is not complete as it is."""
+    from cfid.records.run import Verdict, amend_run
+
+    if judge is None or run.header.state != "complete":
+        return run
+    try:
+        verdict = Verdict(usable=True, text=judge(run))
+    except CfidError as error:
+        verdict = Verdict(usable=False, text=str(error))
+    try:
+        return amend_run(run, verdict=verdict)
+    except DataError as error:
+        note(f"the verdict was not kept: {error}")
+        return run
+
+
+def verdict_line(run: "Run") -> str:
+    """Return what a recording is good for, "" where it was not judged."""
+    verdict = run.header.verdict
+    if verdict is None:
+        return ""
+    return f"good: {verdict.text}" if verdict.usable else f"NOT USABLE: {verdict.text} Record it again."
