@@ -317,6 +317,21 @@ def test_a_load_cell_that_is_turned_otherwise_contradicts_the_wind(runs: list[Wi
     assert sum("at 48.4 degrees" in text or "at 77.9 degrees" in text for text in rejections) == 10
 
 
+def test_rotors_that_count_double_are_named_by_what_one_rotor_lifts(runs: list[WindForce]) -> None:
+    doubled = [replace(run, rotor_rad_s=2 * run.rotor_rad_s) for run in runs]
+    lift_n, speed_rad_s = np.array(
+        [
+            (runs[run_at(runs, run.command, None)].force_n[2] / 4, run.rotor_rad_s)
+            for run in doubled
+            if run.windy and not run.standing
+        ]
+    ).T
+    per_square = float(lift_n @ speed_rad_s**2 / (speed_rad_s**2 @ speed_rad_s**2))
+    (found,) = [one for one in reduce_forces(doubled).findings if one.code == "speed-unusual"]
+
+    assert f"thrust over speed squared is {per_square:.2g} N s^2" in found.text
+
+
 def as_table(experiments: DragExperiments) -> DragExperiments:
     return experiments_from_table(
         command=experiments.command,

@@ -40,17 +40,20 @@ def swing(folder: Path, axis: str, *, minute: int) -> Path:
     return writer.folder
 
 
-def fitted(folder: Path, *, std: float = 1e-7, rejected: str = "", found: datetime = LATER) -> None:
+def fitted(
+    folder: Path, *, std: float = 1e-7, rejected: str = "", found: datetime = LATER, product: float = 0.0
+) -> None:
     """Store a matrix of the six swings there are, as `cfid fit inertia` does."""
     files = sorted(folder.glob("runs/*/encoder.csv"))
     sources = tuple(Source(str(p.relative_to(folder)), hashlib.sha256(p.read_bytes()).hexdigest()) for p in files)
+    matrix = MATRIX + product * (1 - np.eye(3))
     section = Section(
         method="default",
         found=found,
         cfid_version="0.2.0",
         accepted=not rejected,
         sources=sources,
-        parameters={"inertia.matrix_kg_m2": Parameter(value=MATRIX, std=np.full((3, 3), std), unit="kg m^2")},
+        parameters={"inertia.matrix_kg_m2": Parameter(value=matrix, std=np.full((3, 3), std), unit="kg m^2")},
         rejected={"inertia.matrix_kg_m2": rejected} if rejected else {},
     )
     store_section(folder / "parameters.toml", "inertia", section)
@@ -115,6 +118,13 @@ def test_a_rejected_matrix_is_to_be_recorded_again_and_one_that_is_not_sure_enou
     unsure, _ = standing(folder)
     assert unsure.found[0].std == pytest.approx(2e-6 / 16e-6)
     assert unsure.found[0].short_by == pytest.approx(2e-6 / 16e-6 / 0.03)
+
+
+def test_small_products_of_inertia_are_judged_by_the_moments(folder: Path) -> None:
+    swung(folder)
+    fitted(folder, std=2e-7, product=5e-7)
+
+    assert standing(folder)[0].found[0].std == pytest.approx(2e-7 / 16e-6)
 
 
 def test_when_all_is_found_and_sure_the_report_comes_next(folder: Path) -> None:

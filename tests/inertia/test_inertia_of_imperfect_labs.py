@@ -160,6 +160,10 @@ def test_a_body_that_is_hung_anew_swings_a_little_differently_and_contradicts_no
 
     assert sum(fit.contradictory for fit in fits) == 0
     assert sum("inertia-hangings-differ" in codes(fit.findings) for fit in fits) > 20
+    # Hangings make the swings scatter as expected of one degree of freedom, or count with the whole of their mounts.
+    counted = [fit.chi_squared for fit in fits if "inertia-hangings-differ" in codes(fit.findings)]
+    assert np.median(counted) == pytest.approx(1.0, abs=0.01)
+    assert min(counted) > 0.99
     assert np.mean(np.abs(scores) < 1.96) > 0.9
     assert all("hangings" in fit.budget for fit in fits if "inertia-hangings-differ" in codes(fit.findings))
     assert far.contradictory

@@ -123,6 +123,17 @@ def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
     assert drifted.map_std[0] > same.map_std[0]  # wider by as much as the parts differ
 
 
+def test_a_command_that_changes_between_rows_widens_the_delay_and_is_refused_from_half_a_time_constant() -> None:
+    time_s, command, speed = flown(1, 5, rotors=1, noise=5.0, red=0.0)
+    segment = LogSegment((Signal(time_s, command[0, 0]),), Signal(time_s, speed[0]))
+    seen, between, slow = (fit_lag([segment], kind="speed", unseen_s=each) for each in (0.0, 0.02, 0.04))
+    added_s = np.sqrt(between.std_s.delay_s**2 - seen.std_s.delay_s**2)
+
+    assert added_s == pytest.approx(np.std(np.linspace(0, 0.02, 10_001)), rel=1e-3)  # uniform within the interval
+    assert between.accepted
+    assert [one.code for one in slow.findings] == ["lag-log-too-slow"]
+
+
 def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
     time_s, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
     volts = 4.0 - 0.5 * time_s / time_s[-1]

@@ -89,6 +89,19 @@ def test_the_equations_lie_within_four_deviations_of_what_noisy_points_give() ->
         assert not rejections(found)
 
 
+@pytest.mark.parametrize("times", [3.0, 8.0])
+def test_scatter_is_stated_in_the_standard_uncertainties_that_were_given(times: float) -> None:
+    sound = running(noisy(3))
+    stated = np.asarray(sound.thrust_std_n) / times
+    points = dataclasses.replace(sound, thrust_std_n=stated)
+    command, thrust = np.asarray(points.command), np.asarray(points.thrust_n)
+    left = (thrust - np.polyval(np.polyfit(command, thrust, 2, w=1 / stated), command)) / stated
+    expected = math.sqrt(left @ left / (len(left) - 3))
+
+    assert expected == pytest.approx(times, rel=0.3)
+    assert fit_thrust(points, robust=False).fit.inflation == pytest.approx(expected, rel=0.15)
+
+
 MAPS: dict[str, tuple[Callable[[MotorPoints], MotorMap], Array, tuple[float, ...]]] = {
     "thrust": (fit_thrust, COMMANDS[1:], EQ_3_3),
     "speed": (fit_speed, COMMANDS[1:], EQ_3_4[1]),

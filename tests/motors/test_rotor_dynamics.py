@@ -71,6 +71,20 @@ def test_the_four_coefficients_come_back_from_speed_and_from_thrust(by_thrust: b
     assert model.accepted
 
 
+def test_the_covariance_is_that_of_the_four_coefficients_in_their_order() -> None:
+    model = fit_rotor_model(
+        time_s=TIME_S, value=followed_speed((3.0, 2.5e-3), (1.0, 1.5e-3)) + noise(2, 1.0), steps=STEPS
+    )
+    std = np.array([*model.rising_std, *model.falling_std])
+
+    assert np.sqrt(np.diag(model.covariance)) == pytest.approx(std, rel=1e-12)
+    # Of each way the two coefficients stand in for each other; the ways share no step.
+    correlation = model.covariance / np.outer(std, std)
+    assert correlation[0, 1] < -0.9
+    assert correlation[2, 3] < -0.9
+    assert np.abs(correlation[:2, 2:]).max() < 0.3
+
+
 def test_without_a_speed_before_the_command_the_delay_is_not_told_and_the_lag_is() -> None:
     speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(3, 2.0)
     speed[(TIME_S < 1.03) | (TIME_S >= 2)] = np.nan

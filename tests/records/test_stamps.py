@@ -2,6 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from cfid.records.tables.stamps import StampedTimes, stamped_times
 
@@ -43,6 +44,22 @@ def test_stalls_of_16_ms_leave_intervals_true_within_their_stated_scale() -> Non
         assert np.ptp(off_s) < 1e-4
     assert max(scores) < 1.96
     assert found.scale_std < 3e-5
+
+
+def test_the_scale_is_as_uncertain_as_the_median_arrival_is_late() -> None:
+    taken_s: Array = 0.01 * np.arange(401.0)
+    late_s = np.where(np.arange(401) % 4, 1e-3, 0.0)
+    found = placed(taken_s + late_s, 1e6 * taken_s)
+
+    assert found.scale_std == pytest.approx(1e-3 / 4.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("jump_us", "used"), [(1000, True), (3000, False)])
+def test_a_device_clock_that_jumps_is_not_used(jump_us: float, used: bool) -> None:
+    taken_s: Array = 0.005 * np.arange(2400.0)
+    stamps = 1e6 * taken_s + np.where(taken_s > 6, jump_us, 0)
+
+    assert (stamped_times(taken_s, stamps) is not None) == used
 
 
 def test_stamps_are_not_used_that_count_something_else_or_start_anew() -> None:

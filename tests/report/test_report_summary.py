@@ -82,5 +82,13 @@ def test_rejections_come_before_warnings_each_sentence_once_and_notes_stay_below
     )
 
 
+def test_five_findings_are_shown_and_the_others_counted() -> None:
+    seven = replace(EXPERIMENT, findings=tuple(warning("a", f"it wanders {i} times.") for i in range(7)))
+    shown, none = summary(experiments=(seven,)), summary()
+
+    assert (len(shown.findings), shown.more_findings) == (5, 2)
+    assert none.more_findings == 0
+
+
 def test_what_comes_next_is_the_guides_own_answer(tmp_path: Path) -> None:
     assert summary().next_command == "cfid fit thrust"

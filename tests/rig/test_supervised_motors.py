@@ -260,6 +260,19 @@ def test_a_stop_is_confirmed_by_its_own_answer_and_by_nothing_else(
         assert MAY_BE_RUNNING in str(failure)
 
 
+def test_rotors_that_may_idle_on_are_named_where_nobody_saw_them_disarmed(tmp_path: Path) -> None:
+    flight = Flight(tmp_path, platform="cf21bl")
+
+    async def unreported(there: Any) -> None:
+        await holding(flight, 20000)(there)
+        flight.link.loses.add((9, 0))
+
+    _, failure = flight.record([flight.commands()], unreported)
+
+    assert isinstance(failure, StopError)
+    assert "was not seen disarmed: its rotors may idle" in str(failure)
+
+
 def test_a_stop_that_is_answered_and_not_obeyed_is_confirmed_once_the_motors_stand(tmp_path: Path) -> None:
     """The app itself stops them half a second after the last keep-alive, and only then answers zeros."""
     flight = Flight(tmp_path, faults=CrazyflieFaults(stop_ignored=True))

@@ -8,9 +8,10 @@ import numpy.typing as npt
 import pytest
 
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.checks import FitQuality
+from cfid.swing.checks import FitQuality, judge
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.model import first_guess, fit_output_error
 
 Array = npt.NDArray[np.float64]
 
@@ -117,6 +118,48 @@ def test_each_limit_has_a_rejection_of_its_own(figures: dict[str, float], codes:
 
     assert [finding.code for finding in findings] == codes
     assert {finding.severity for finding in findings} <= {"rejection"}
+
+
+def test_the_waveform_may_be_off_by_the_rounding_of_a_coarse_encoder() -> None:
+    swing_found = found(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
+    fit, (time_s, angle) = fit_swing(swing_found).output_error, swing_found.hands_off
+    step_rad = 2 * math.pi / 400
+    rounding_rad = float(np.std(np.round(angle / step_rad) * step_rad - angle))
+    fine, coarse = (
+        judge(fit, time_s, resolution_rad=each, drift=0.0, drift_std=0.0).distortion_limit for each in (0.0, step_rad)
+    )
+
+    start_rad = float(np.abs(fit.trajectory.angle_rad).max())
+    assert fine == pytest.approx(0.0015, rel=1e-3)
+    assert math.sqrt(coarse**2 - fine**2) * start_rad == pytest.approx(rounding_rad, rel=0.05)
+
+
+def test_where_dry_friction_jumps_the_grid_counts_twice_what_finer_grids_change() -> None:
+    swing_found = found(coulomb_nm=1e-4, noise_rad=0.0)
+    fit = fit_swing(swing_found)
+    coarse = fit.output_error
+    finer = [
+        fit_output_error(
+            *swing_found.hands_off,
+            coefficients=coarse.coefficients,
+            trajectory=first_guess(
+                *swing_found.hands_off,
+                start_s=coarse.trajectory.start_s,
+                step_s=share * coarse.trajectory.step_s,
+            )[1],
+            terms=fit.terms,
+            eccentricity=coarse.eccentricity,
+        )
+        for share in (0.5, 0.7)
+    ]
+    moved = [
+        abs(one.coefficients.natural_frequency_squared_s2 - coarse.coefficients.natural_frequency_squared_s2)
+        for one in finer
+    ]
+
+    assert fit.budget_s2["grid"] == pytest.approx(2 * max(moved), rel=1e-6)
+    assert max(moved) > 1.1 * min(moved)
+    assert "grid" not in fit_swing(found(viscous_nms_per_rad=2.5e-5)).budget_s2
 
 
 def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
