@@ -132,9 +132,9 @@ def test_every_channel_that_measures_the_motor_gives_the_same(
 
 def test_a_column_that_is_not_read_is_reported(tf: Here, tmp_path: Path, first: list[SimulatedSine]) -> None:
     index = write_index(tmp_path, {"first": first})
-    index.write_text(index.read_text().replace("series", "Series", 1))
+    index.write_text(index.read_text().replace("series", "groups", 1))
 
-    assert "index.csv: not used: column Series; it may have series." in sentences(found(tf, "--index", index))
+    assert "index.csv: not used: column groups; it may have series." in sentences(found(tf, "--index", index))
 
 
 def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_reported(
