@@ -4,6 +4,7 @@ import hashlib
 import json
 import signal
 import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from cfid.records.rig_file import load_rig
 from cfid.records.run import DeviceRecord, Label, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid
-from tests.processes import started
 
 ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
 BEGAN = datetime(2026, 1, 1, 8, tzinfo=UTC)
@@ -160,11 +160,13 @@ def test_next_without_an_answer_starts_nothing_and_names_what_to_do(cfid: Cfid, 
 
 
 def test_ctrl_c_at_the_question_of_next_ends_it_with_the_code_of_an_interruption(folder: Path) -> None:
-    words = ("next", "--campaign", folder)
-    with started(words, anew=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as asking:
+    words = [sys.executable, "-m", "cfid.cli.main", "next", "--campaign", str(folder)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as asking:
+        assert asking.stdout is not None
         said = b""
         while b"Start it?" not in said:
-            assert (one := asking.stdout.read(1)), said
+            one = asking.stdout.read(1)
+            assert one, said
             said += one
         asking.send_signal(signal.SIGINT)
 
