@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.campaign import here
+from cfid.console.messages import note
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -33,7 +34,9 @@ def status(
     """
     from cfid.guide.status import next_of, status_of
 
-    statuses = status_of(here(campaign), kind=kind)
+    found = here(campaign)
+    _name_unreadable_runs(found)
+    statuses = status_of(found, kind=kind)
     (_print_json if json else _print)(statuses, next_of(statuses))
 
 
@@ -49,11 +52,12 @@ def next_step(
     from cfid.guide.status import next_of, status_of
 
     found = here(campaign)
+    _name_unreadable_runs(found)
     step = next_of(status_of(found, kind=kind))
     typer.echo(step.why)
     words = step.words if step.recording is None else _prepared(step.recording)
     typer.echo(f"next: cfid {' '.join(words)}")
-    if not yes and not typer.confirm("Start it?", default=True):
+    if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         raise typer.Exit
     _become(words, found)
 
@@ -62,10 +66,31 @@ def _prepared(recording: "Assignment") -> tuple[str, ...]:
     """Say what to do at the rig; return the command's words with what the operator answered."""
     typer.echo(recording.reminder)
     questions = recording.questions or {}
-    answers = {name: typer.prompt(question).strip() for name, question in questions.items()}
+    answers = {name: _typed(question) for name, question in questions.items()}
     if empty := [question for name, question in questions.items() if not answers[name]]:
         raise ConfigError(f"{empty[0]}: nothing was answered; `cfid next` asks again.")
     return tuple(word.format(**answers) for word in recording.words)
+
+
+def _typed(question: str) -> str:
+    """Return the line typed. Ctrl-C ends the program by itself. Raises ConfigError when the input ends."""
+    try:
+        return input(f"{question}: ").strip()
+    except EOFError:
+        typer.echo()
+        raise ConfigError(
+            f"{question}: standard input ended before an answer, nothing was started. Run `cfid next` in a terminal, "
+            "or type its command yourself; --yes leaves out the question whether to start."
+        ) from None
+
+
+def _name_unreadable_runs(campaign: "Campaign") -> None:
+    from cfid.errors import DataError
+    from cfid.records.run import list_runs
+
+    for run in list_runs(campaign.runs_folder):
+        if isinstance(run, DataError):
+            note(f"{run} The run does not count.")
 
 
 def _become(words: tuple[str, ...], campaign: "Campaign") -> None:

@@ -2,6 +2,9 @@
 
 import hashlib
 import json
+import signal
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -155,3 +158,37 @@ def test_next_says_what_to_do_asks_and_becomes_the_command(cfid: Cfid, folder: P
     assert "next: cfid fit inertia" in said.stdout
     assert said.returncode == 4
     assert len(list_runs(folder / "runs")) == runs
+
+
+def test_next_without_an_answer_starts_nothing_and_names_what_to_do(cfid: Cfid, folder: Path) -> None:
+    said = cfid("next", "--campaign", folder)
+
+    assert said.returncode == 2
+    assert "standard input ended before an answer, nothing was started" in said.stderr
+    assert "--yes" in said.stderr
+    assert list_runs(folder / "runs") == []
+
+
+def test_ctrl_c_at_the_question_of_next_ends_it_with_the_code_of_an_interruption(folder: Path) -> None:
+    words = [sys.executable, "-m", "cfid.cli.main", "next", "--campaign", str(folder)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as asking:
+        assert asking.stdout is not None
+        said = b""
+        while b"Start it?" not in said:
+            one = asking.stdout.read(1)
+            assert one, said
+            said += one
+        asking.send_signal(signal.SIGINT)
+
+        assert asking.wait(20) == 130
+
+
+def test_a_run_that_cannot_be_read_is_named_by_status_and_does_not_count(cfid: Cfid, folder: Path) -> None:
+    run = swing(folder, "x", minute=0)
+    (run / "run.toml").write_text("format = [[\n", encoding="utf-8")
+    said = cfid("status", "--campaign", folder, "--kind", "inertia")
+
+    assert said.returncode == 0
+    assert f"{run.name}/run.toml: invalid TOML" in said.stderr
+    assert "The run does not count." in said.stderr
+    assert "0 of 7" in said.stdout

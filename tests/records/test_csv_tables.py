@@ -187,6 +187,7 @@ FAULTS: dict[str, tuple[str | bytes, str]] = {
     "inf": ("t,phi\n0,1\n-inf,2\n", "3: '-inf' in column 't' is not a number"),
     "a number too large for any": ("t,phi\n0,1\n0.1,1e400\n", "3: '1e400' in column 'phi' is not a number"),
     "text": ("t,phi\n0,1\n0.1,lost\n", "3: 'lost' in column 'phi' is not a number"),
+    "a date": ("t,phi\n2024-05-01T12:00:00.0,1\n2024-05-01T12:00:00.1,2\n", "Dates and times of day are not read"),
     "true": ("t,phi\n0,true\n0.1,true\n", "2: 'true' in column 'phi' is not a number"),
     "a hexadecimal": ("t,phi\n0,1\n0.1,0x1F\n", "3: '0x1F' in column 'phi' is not a number"),
     "underscores": ("t,phi\n0,1\n0.1,1_000\n", "3: '1_000' in column 'phi' is not a number"),

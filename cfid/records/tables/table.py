@@ -37,6 +37,7 @@ Places = npt.NDArray[np.intp]
 _SPACE = 32
 _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")
 _REPAIR = "Repair or cut that line."
+_CLOCK_TIME = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,8 +245,14 @@ class CsvTable:
             if not field:
                 return f"{column} is empty. {_REPAIR}"
             if not is_finite(field.replace(self.decimal, ".")):
-                return f"'{short(field)}' in {column} is not a number. {POINTS if has_comma(field) else _REPAIR}"
+                return f"'{short(field)}' in {column} is not a number. {_advice(field)}"
         return None
+
+
+def _advice(field: str) -> str:
+    if _CLOCK_TIME.search(field):
+        return "Dates and times of day are not read: write seconds, or give `rate_hz` and the other `columns`."
+    return POINTS if has_comma(field) else _REPAIR
 
 
 def _holds_truths(rows: bytes) -> bool:
