@@ -453,3 +453,13 @@ def test_a_place_that_cannot_be_read_is_said(tmp_path: Path, name: str) -> None:
     with pytest.raises(DataError) as caught:
         read_angle(tmp_path / name, Reading())
     assert str(tmp_path / name) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["time_min", "time [h]", "t_ns"])
+def test_times_in_a_unit_that_is_not_read_are_refused_by_its_name(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "swing.csv"
+    rows = "".join(f"{i / 60000:.7f},{np.sin(i / 50):.6f}\n" for i in range(2000))
+    path.write_text(f"{name},angle_rad\n{rows}")
+
+    with pytest.raises(ConfigError, match="times are read in s, ms or us"):
+        read_angle(path, Reading(columns=(name, "angle_rad")))

@@ -31,6 +31,7 @@ _UNITS: dict[str, tuple[str, ...]] = {
     "nm": ("nm", "n m", "n*m", "n·m"),
     "counts": ("counts", "count"),
 }
+_OTHER_UNIT = re.compile(r"[ _/,\[(]+(min|minutes?|h|hrs?|hours?|ns|nanoseconds?)[\])]?$", re.IGNORECASE)
 _FASTEST_S, _SLOWEST_S = 1.9e-5, 0.11  # sampling intervals of a rig: 50 kHz to 10 Hz, with margin for jitter
 _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
@@ -244,6 +245,11 @@ def time_unit_of(
     stated = unit_of(table, TIME_COLUMN.called, column, unit, "time_unit")
     if stated is not None:
         return cast(TimeUnit, stated)
+    if (other := _OTHER_UNIT.search(column)) is not None:
+        raise ConfigError(
+            f"{table.path}: column '{column}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
+            "`time_unit` where the name is wrong."
+        )
     with np.errstate(over="ignore"):
         intervals = np.diff(raw)
     fitting = _fitting(intervals, slowest_s)
