@@ -9,6 +9,8 @@ from cfid.errors import CfidError, DataError
 if TYPE_CHECKING:
     from cfid.records.run import Run
 
+_LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
+
 Judge = Callable[["Run"], str]  # says what a run is good for; a CfidError, why it is not
 
 
@@ -17,6 +19,10 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
     from cfid.records.run import Verdict, amend_run
 
     if judge is None or run.header.state != "complete":
+        return run
+    size = sum(run.device_file(name).stat().st_size for name in run.header.devices)
+    if size > _LARGEST_BYTES:
+        note(f"not judged: {size / 1e6:.0f} MB take long to read, and much memory; the fit will judge it.")
         return run
     try:
         verdict = Verdict(usable=True, text=judge(run))

@@ -1,6 +1,7 @@
 """Each recording is judged as it ends, by the code that will fit it, and the run keeps the verdict."""
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -94,3 +95,14 @@ def test_a_recording_of_no_use_is_left_out_unless_it_is_named(bodies: Path, cfid
 
     assert by_name.returncode == 0
     assert f"left out: {swings[0].folder.name} (not usable)" in every.stderr
+
+
+def test_a_recording_of_an_hour_is_not_judged_at_its_end(bodies: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = runs_of(bodies, "swing")[0]
+    os.truncate(run.device_file("encoder"), 500_000_000)  # without a byte on the disk
+
+    def judge(_: Run) -> str:
+        raise AssertionError("this would be read")
+
+    assert judged(run, judge).header.verdict is None
+    assert "not judged: 500 MB" in capsys.readouterr().err
