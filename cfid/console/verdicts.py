@@ -28,6 +28,9 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
         verdict = Verdict(usable=True, text=judge(run))
     except CfidError as error:
         verdict = Verdict(usable=False, text=str(error))
+    except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be said
+        note("not judged: interrupted.")
+        return run
     try:
         return amend_run(run, verdict=verdict)
     except DataError as error:

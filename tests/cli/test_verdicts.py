@@ -106,3 +106,12 @@ def test_a_recording_of_an_hour_is_not_judged_at_its_end(bodies: Path, capsys: p
 
     assert judged(run, judge).header.verdict is None
     assert "not judged: 500 MB" in capsys.readouterr().err
+
+
+def test_ctrl_c_while_a_recording_is_judged_leaves_the_summary_to_be_printed(bodies: Path) -> None:
+    run = runs_of(bodies, "swing")[0]
+
+    def judge(_: Run) -> str:
+        raise KeyboardInterrupt
+
+    assert judged(run, judge) is run
