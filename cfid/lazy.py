@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first used, so that `import cfid` takes no time."""
+"""Names that are imported when they are first used, so that `import cfid` and the start of a recording take no time."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -15,3 +15,12 @@ def attached(package: str, places: Mapping[str, str]) -> tuple[Callable[[str], A
         return getattr(module, name) if places[name] else module
 
     return get, lambda: sorted(places)
+
+
+def later(module: str, name: str) -> Callable[..., Any]:
+    """Return a function of a module that is imported at the first call."""
+
+    def call(*arguments: Any) -> Any:
+        return getattr(import_module(module), name)(*arguments)
+
+    return call

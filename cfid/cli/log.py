@@ -11,9 +11,17 @@ from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
+from cfid.lazy import later
 
 if TYPE_CHECKING:
     from cfid.records.run import Label
+
+
+_JUDGES = {
+    "swing": later("cfid.swing.verdict", "verdict"),
+    "drop": later("cfid.friction.verdict", "verdict"),
+    "loadcell": later("cfid.loadcell.verdict", "verdict"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,10 +96,6 @@ def encoder(
     if lasting.dry_run:
         rehearse("the encoder", campaign.runs_folder, lasting.seconds)
         return
-    from cfid.friction.verdict import verdict as of_drop
-    from cfid.swing.verdict import verdict as of_swing
-
-    judge = {"swing": of_swing, "drop": of_drop}.get(plan.kind)
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         device = ready_encoder(
@@ -101,7 +105,7 @@ def encoder(
             continuous=continuous,
             say=live.say,
         )
-        record("log encoder", plan, [device], live, keep, judge=judge)
+        record("log encoder", plan, [device], live, keep, judge=_JUDGES.get(plan.kind))
 
 
 @flat
@@ -143,9 +147,7 @@ def loadcell(
     if lasting.dry_run:
         rehearse("the load cell", campaign.runs_folder, lasting.seconds)
         return
-    from cfid.loadcell.verdict import verdict
-
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         device = ready_loadcell(setting, held, buffered=not real_time, bias=bias, say=live.say)
-        record("log loadcell", plan, [device], live, keep, judge=verdict)
+        record("log loadcell", plan, [device], live, keep, judge=_JUDGES["loadcell"])

@@ -12,6 +12,7 @@ from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
 from cfid.console.selection import chosen, labelled
 from cfid.console.vehicle import LinkOptions, Unasked
 from cfid.errors import FitError
+from cfid.lazy import later
 
 if TYPE_CHECKING:
     from cfid.records.run import Run
@@ -58,7 +59,6 @@ def ping(
     Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
     """
     from cfid.latency.record import record_pings
-    from cfid.latency.verdict import verdict
 
     every_s = positive(interval, "--interval")
     rig = rig_of(keep.campaign)
@@ -66,7 +66,14 @@ def ping(
         rehearse(f"{count} pings", rig[0].runs_folder, count * every_s)
         return
     record_pings(
-        count=count, every_s=every_s, rig=rig, vehicle=vehicle, keep=keep, note=note, judge=verdict, found=_found
+        count=count,
+        every_s=every_s,
+        rig=rig,
+        vehicle=vehicle,
+        keep=keep,
+        note=note,
+        judge=later("cfid.latency.verdict", "verdict"),
+        found=_found,
     )
 
 

@@ -11,6 +11,7 @@ from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import LogMs, Motor, VehicleOptions, motors_of
 from cfid.errors import ConfigError
+from cfid.lazy import later
 from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
@@ -84,7 +85,6 @@ def thrust(
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
     from cfid.motors.record import record_forces
-    from cfid.motors.verdict import of_forces
 
     rig = rig_of(keep.campaign)
     wanted = options.staircase(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
@@ -101,7 +101,7 @@ def thrust(
             rate_hz=rate_hz,
             keep=keep,
             note=note,
-            judge=of_forces,
+            judge=later("cfid.motors.verdict", "of_forces"),
         )
 
 
@@ -131,7 +131,6 @@ def speed(
     Example: [bold]cfid log speed --motor 1[/bold]
     """
     from cfid.motors.record import record_speed
-    from cfid.motors.verdict import of_readings
 
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
@@ -150,7 +149,7 @@ def speed(
             log_ms=log_ms,
             keep=keep,
             note=note,
-            judge=of_readings,
+            judge=later("cfid.motors.verdict", "of_readings"),
         )
 
 
@@ -175,7 +174,6 @@ def scales(
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
     from cfid.motors.record import record_scales
-    from cfid.motors.verdict import of_readings
 
     wanted = options.staircase(
         motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S
@@ -194,7 +192,7 @@ def scales(
             log_ms=log_ms,
             keep=keep,
             note=note,
-            judge=of_readings,
+            judge=later("cfid.motors.verdict", "of_readings"),
         )
 
 

@@ -14,6 +14,7 @@ from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import LogMs, VehicleOptions
 from cfid.errors import ConfigError
+from cfid.lazy import later
 from cfid.motors.command import Note, announce
 
 if TYPE_CHECKING:
@@ -140,7 +141,6 @@ def wind(
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
     from cfid.drag.wind.plan import KIND
-    from cfid.drag.wind.verdict import verdict
     from cfid.motors.record import record_forces
 
     rig = campaign, _, simulated = rig_of(keep.campaign)
@@ -164,7 +164,7 @@ def wind(
         rate_hz=rate_hz,
         keep=keep,
         note=note,
-        judge=verdict,
+        judge=later("cfid.drag.wind.verdict", "verdict"),
         question="RPM shown at command {command}, Enter alone for none" if asks else None,
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),

@@ -16,6 +16,7 @@ from cfid.console.selection import interrupted
 from cfid.console.vehicle import LogMs, VehicleOptions, motors_of
 from cfid.console.verdicts import verdict_line
 from cfid.errors import ConfigError
+from cfid.lazy import later
 from cfid.units import FULL_COMMAND
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
@@ -169,7 +170,6 @@ def sine(
     """
     from cfid import __version__
     from cfid.transfer.sines.record import missing_sines, record_sines
-    from cfid.transfer.sines.verdict import verdict
 
     before_s = positive(options.before, "--before")
     if resume.word is None:
@@ -200,7 +200,7 @@ def sine(
         rate_hz=rate_hz,
         note=note,
         quiet=keep.quiet,
-        judge=verdict,
+        judge=later("cfid.transfer.sines.verdict", "verdict"),
         show=lambda own, run: None if keep.json else typer.echo(_sine_line(own, run)),
     )
     if keep.json:
