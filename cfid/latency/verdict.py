@@ -2,10 +2,12 @@
 
 from cfid.latency.result import fit
 from cfid.records.run import Run
+from cfid.records.tables.pings import PINGS
 
 
 def verdict(run: Run) -> str:
     """Say how many pings were answered, and how fast. Raises FitError for fewer than two."""
     result = fit([run])
     mean_ms = 1e3 * result.quantities["latency.rtt_mean_s"].value
-    return f"{result.quality['answers']} of {run.header.requested['count']} answered, {mean_ms:.1f} ms on average."
+    answers = run.header.devices[PINGS].rows
+    return f"{answers} of {run.header.requested['count']} answered, {mean_ms:.1f} ms on average."
