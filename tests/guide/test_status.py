@@ -45,7 +45,13 @@ def swing(folder: Path, axis: str, *, minute: int) -> Path:
 
 
 def fitted(
-    folder: Path, *, std: float = 1e-7, rejected: str = "", found: datetime = LATER, product: float = 0.0
+    folder: Path,
+    *,
+    std: float = 1e-7,
+    rejected: str = "",
+    key: str = "inertia.matrix_kg_m2",
+    found: datetime = LATER,
+    product: float = 0.0,
 ) -> None:
     """Store a matrix of the six swings there are, as `cfid fit inertia` does."""
     files = sorted(folder.glob("runs/*/encoder.csv"))
@@ -58,7 +64,7 @@ def fitted(
         accepted=not rejected,
         sources=sources,
         parameters={"inertia.matrix_kg_m2": Parameter(value=matrix, std=np.full((3, 3), std), unit="kg m^2")},
-        rejected={"inertia.matrix_kg_m2": rejected} if rejected else {},
+        rejected={key: rejected} if rejected else {},
     )
     store_section(folder / "parameters.toml", "inertia", section)
 
@@ -129,6 +135,13 @@ def test_small_products_of_inertia_are_judged_by_the_moments(folder: Path) -> No
     fitted(folder, std=2e-7, product=5e-7)
 
     assert standing(folder)[0].found[0].std == pytest.approx(2e-7 / 16e-6)
+
+
+def test_what_is_rejected_beside_the_aim_of_a_fit_is_not_recorded_again(folder: Path) -> None:
+    swung(folder)
+    fitted(folder, rejected="the cable was stiff", key="inertia.axis_kg_m2.x")
+
+    assert standing(folder)[0].state == "accepted"
 
 
 def test_when_all_is_found_and_sure_the_report_comes_next(folder: Path) -> None:

@@ -67,7 +67,13 @@ def fitted(time_s: Array, commands: Array, values: Array) -> list[Row]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "seed", "rotors", "noise", "red"),
-    [(200, 18, 1, 15.0, 0.0), (500, 77, 1, 5.0, 15.0), (200, 18, 4, 0.3, 0.0), (200, 18, 4, 0.1, 0.3)],
+    [
+        (200, 18, 1, 15.0, 0.0),
+        (200, 18, 1, 5.0, 15.0),
+        (500, 77, 1, 5.0, 15.0),
+        (200, 18, 4, 0.3, 0.0),
+        (200, 18, 4, 0.1, 0.3),
+    ],
 )
 def test_intervals_hold_the_truth(count: int, seed: int, rotors: int, noise: float, red: float) -> None:
     for row in fitted(*flown(count, seed, rotors=rotors, noise=noise, red=red)):

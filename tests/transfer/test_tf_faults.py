@@ -182,7 +182,11 @@ def test_invalid_options_are_reported(tf: Here, index: Path) -> None:
     refused(tf("identify", "missing"), 4, "missing: no run folder; files of sines need an index")
     refused(tf("identify", index.parent / "crossings_2.csv"), 4, "files of sines need an index")
     refused(tf("identify", "--index", "missing.csv"), 4, "missing.csv: no such file.")
-    refused(tf("identify", "--index", index, "--arm-mm", 0), 2, "--arm-mm 0: has to be above zero")
+    refused(
+        tf("identify", "--index", index, "--arm-mm", 0),
+        2,
+        "--arm-mm 0: has to be above zero, a number alone or with its standard",
+    )
     refused(tf("identify", "--index", index, "--yaw-deg", "nan"), 2, "--yaw-deg nan: has to be a number.")
     refused(tf("identify", "--index", index, "--rate-hz", 500, "--columns", "Fx,Fy,Fz,Tx,Ty,Tz"), 2, "has no times")
     refused(tf("identify", "--index", index, "--cutoff-hz", 0.1), 5, "no sine run is left", "raise the cut-off")
