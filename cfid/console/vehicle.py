@@ -98,7 +98,7 @@ def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
     return vehicle
 
 
-def _line() -> str:
+def typed_line() -> str:
     """Return the next line of standard input, and read no byte beyond it: a script's further answers follow."""
     if sys.stdin is None:
         return ""
@@ -127,7 +127,7 @@ def confirm(
     turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."
     question = f"{turns} Is the vehicle fastened and everyone clear? [y/N] "
     typer.echo(question, nl=False, err=True)
-    answer = _line()
+    answer = typed_line()
     if not answer:
         raise ConfigError("nobody confirmed that the vehicle is fastened: use --yes in a script.")
     if answer.strip().lower() not in ("y", "yes"):

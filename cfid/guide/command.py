@@ -9,6 +9,7 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import note
+from cfid.console.vehicle import typed_line
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -74,14 +75,15 @@ def _prepared(recording: "Assignment") -> tuple[str, ...]:
 
 def _typed(question: str) -> str:
     """Return the line typed. Ctrl-C ends the program by itself. Raises ConfigError when the input ends."""
-    try:
-        return input(f"{question}: ").strip()
-    except EOFError:
+    typer.echo(f"{question}: ", nl=False)
+    line = typed_line()  # and no byte more: the command that this program becomes asks further questions
+    if not line:
         typer.echo()
         raise ConfigError(
             f"{question}: standard input ended before an answer, nothing was started. Run `cfid next` in a terminal, "
             "or type its command yourself; --yes leaves out the question whether to start."
-        ) from None
+        )
+    return line.strip()
 
 
 def _name_unreadable_runs(campaign: "Campaign") -> None:
