@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from tests.priority import ahead_of_others
+
 pytest_plugins = ["tests.campaigns", "tests.drawn"]
 
 # Tests run on all processors already: threads of the linear algebra, also of programs that tests start, would wait
@@ -45,3 +47,10 @@ def signals_that_are_not_ignored() -> None:
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
+
+
+@pytest.fixture(scope="module")
+def in_time() -> Iterator[None]:
+    """Keep tests that only compute from delaying this one, whose devices and programs run against a clock."""
+    with ahead_of_others():
+        yield

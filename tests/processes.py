@@ -25,13 +25,14 @@ from typing import IO, Any
 
 from cfid.sim.app_core import load_library
 from tests.places import ROOT
+from tests.priority import run_at
 
 _ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # what commands that reach devices have in common
 _NUMBER = 8  # characters of a number that is reported
 _AT_THE_DOOR = """#!{python} -IS
 import json, os, signal, socket, sys
 words = sys.argv[3:] if sys.argv[1:3] == ["-m", "cfid.cli.main"] else sys.argv[1:]
-wanted = json.dumps([words, os.getcwd(), dict(os.environ)]).encode()
+wanted = json.dumps([words, os.getcwd(), dict(os.environ), os.getpriority(os.PRIO_PROCESS, 0)]).encode()
 reports, report = os.pipe()
 with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
     asking.connect({door!r})
@@ -81,7 +82,8 @@ class Forked:
                 opened.callback(os.close, stdin)
                 self.stdin = os.fdopen(end, "wb")
             files = [file if isinstance(file, int) else file.fileno() for file in (stdin, stdout, stderr)]
-            wanted = json.dumps([list(words), str(cwd), dict(env)]).encode()
+            priority = os.getpriority(os.PRIO_PROCESS, 0)
+            wanted = json.dumps([list(words), str(cwd), dict(env), priority]).encode()
             socket.send_fds(_nursery(), [wanted], [*files, report])
         self.pid = self._reported()
 
@@ -189,7 +191,8 @@ def _born(asking: Sequence[socket.socket]) -> list[str]:
     for number, handle in enumerate(files):
         os.dup2(handle, number)
         os.close(handle)
-    words, folder, environment = json.loads(wanted)
+    words, folder, environment, priority = json.loads(wanted)
+    run_at(priority)
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)

@@ -6,6 +6,10 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.usefixtures("in_time")
+
 
 def test_ctrl_c_ends_the_demo_with_130_and_says_no_traceback(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "cfid.cli.main", "demo", str(tmp_path / "demo")]

@@ -20,6 +20,8 @@ from cfid.records.rig_file import RIG_FILE, new_rig_text
 from cfid.records.run import Run
 from tests.rig_in_a_folder import Command, Lab, lab_in
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 BOTH = pytest.mark.parametrize("device", ["encoder", "loadcell"])

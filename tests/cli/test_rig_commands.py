@@ -13,6 +13,8 @@ import pytest
 from cfid.rig.sim_file import SIM_FILE
 from tests.rig_in_a_folder import Lab, lab_in, rig_sim
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 SIMULATED = "note: the rig is simulated: "
 
 

@@ -14,6 +14,8 @@ from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run
 from tests.campaigns import Cfid
 from tests.rig_in_a_folder import Lab, lab_in
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Lab]:

@@ -14,6 +14,7 @@ from cfid.quantities.lookup import find, unit_of
 from cfid.quantities.plausible import implausible
 from cfid.records.parameters import load_sections
 from tests.places import ROOT
+from tests.priority import ahead_of_others
 from tests.processes import cfid_in_a_shell
 
 PAGE = ROOT / "docs" / "tutorial" / "first-campaign.md"
@@ -90,7 +91,7 @@ def outputs(folder: Path) -> list[tuple[str, list[str], str]]:
         "NO_COLOR": "1",
     }
     # A file rather than a pipe: nothing that stays in the background can keep this waiting.
-    with (folder / "said.txt").open("w+", encoding="utf-8") as found, cfid_in_a_shell() as programs:
+    with (folder / "said.txt").open("w+", encoding="utf-8") as found, cfid_in_a_shell() as programs, ahead_of_others():
         code = subprocess.run(
             ["bash", "-c", script],
             check=False,

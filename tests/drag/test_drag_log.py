@@ -22,6 +22,8 @@ from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.wind import WindTruth
 from tests.flying_in_a_folder import Bench, bench_in
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 QUICK = ("--commands", "0,20000,40000", "--hold", 0.6, "--rest", 0.3)

@@ -14,6 +14,8 @@ from cfid.sim.rotors import RotorTruth
 from cfid.sim.wind import WindTruth
 from tests.flying_in_a_folder import Pilot, bench_in
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 COMMANDS = (20000, 40000)

@@ -3,7 +3,11 @@
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from tests.flying_in_a_folder import bench_in
+
+pytestmark = pytest.mark.usefixtures("in_time")
 
 
 def test_answers_after_the_first_are_those_of_the_command_that_next_becomes(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from cfid.records.parameters import load_sections
 from cfid.records.run import Run, read_run
 from cfid.records.tables.angle import Reading, read_angle
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 STEP_RAD = 2 * np.pi / 8192
 
 PREFACE = """

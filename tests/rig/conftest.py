@@ -8,6 +8,11 @@ from twisted.internet.task import Clock
 from tests.rig.virtual import Session
 
 
+@pytest.fixture(autouse=True, scope="module")
+def wires_in_time(in_time: None) -> None:
+    """Run the wires of this room in time."""
+
+
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
     return Session(tmp_path, Clock())

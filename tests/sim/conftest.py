@@ -1,4 +1,4 @@
-"""A reactor of its own for each test that needs real wires, running in a thread beside it."""
+"""Real wires in time: a reactor of its own for each test that needs one, running in a thread beside it."""
 
 import threading
 import time
@@ -14,6 +14,11 @@ from twisted.internet.threads import blockingCallFromThread
 class _Loop(SelectReactor):
     def seconds(self) -> float:
         return time.monotonic()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def wires_in_time(in_time: None) -> None:
+    """Run the wires of this room in time."""
 
 
 @pytest.fixture

@@ -12,6 +12,8 @@ from cfid.records.campaign import open_campaign
 from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, log_spaced
 from tests.flying_in_a_folder import bench_in
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 

@@ -10,6 +10,8 @@ from cfid.records.campaign import RUNS_FOLDER
 from cfid.sim.rotors import RotorTruth
 from tests.flying_in_a_folder import Bench, bench_in
 
+pytestmark = pytest.mark.usefixtures("in_time")
+
 TRUTH = RotorTruth()
 SLOPE_N = (
     2
