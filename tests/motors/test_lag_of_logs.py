@@ -12,7 +12,7 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.lag import fit
 from cfid.motors.lag.data import RotorLog, rotor_log
 from cfid.motors.lag.estimation import LagFit, LogSegment, fit_lag, joined
-from cfid.motors.lag.model import Signal
+from cfid.motors.lag.model import InputLag, Signal
 from cfid.records.result import Result
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
@@ -121,6 +121,32 @@ def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
     truth = np.array([RISING_S, FALLING_S, DELAY_S])
     assert np.all(np.abs(np.array(drifted.lag) - truth) < 3 * np.array(drifted.std_s))
     assert drifted.map_std[0] > same.map_std[0]  # wider by as much as the parts differ
+
+
+def test_parts_that_differ_by_more_than_their_uncertainties_widen_their_mean() -> None:
+    """Two parts, each number two standard uncertainties from the mean: 48 in squares over six degrees of freedom."""
+    std = np.array([10.0, 20.0, 30.0, 1e-3, 2e-3, 3e-3])
+    mean = np.array([100.0, 2000.0, 300.0, 0.05, 0.07, 0.01])
+    parts = [
+        LagFit(
+            kind="speed",
+            lag=InputLag(*values[3:].tolist()),
+            covariance=np.diag(std**2),
+            map=(float(values[0]), float(values[1]), float(values[2])),
+            explained=0.9,
+            rms=1.0,
+            time_s=np.zeros(2),
+            measured=np.zeros(2),
+            shown=np.array([0.0, at]),
+            findings=(),
+        )
+        for at, values in enumerate((mean - 2 * std, mean + 2 * std))
+    ]
+    whole = joined(parts)
+
+    np.testing.assert_allclose([*whole.map, *whole.lag], mean, rtol=1e-12)
+    np.testing.assert_allclose(whole.covariance, 8 * np.diag(std**2) / 2, rtol=1e-12)
+    assert whole.shown[1] == 1
 
 
 def test_a_command_that_changes_between_rows_widens_the_delay_and_is_refused_from_half_a_time_constant() -> None:
