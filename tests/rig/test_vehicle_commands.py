@@ -464,13 +464,15 @@ def test_round_trips_are_those_that_the_radio_made(tmp_path: Path, firmware: str
         ]
         found = json.loads(pilot.out)["parameters"]
 
-    # Of what the host adds a busy machine has more; that it is never less shows that nothing else was measured.
+    # What the host adds is more on a busy machine now and then, and usually little; it is never less.
     assert len(pings) >= 60
     pings = pings[-60:]
-    assert found["latency.rtt_mean_s"]["value"] == pytest.approx(np.mean(pings), rel=0.04)
-    assert found["latency.rtt_std_s"]["value"] == pytest.approx(np.std(pings, ddof=1), rel=0.1)
-    measured_s = pd.read_csv(bench.run().device_file("pings")).rtt_s
-    assert (measured_s.to_numpy() >= np.array(pings)).all()
+    measured_s = pd.read_csv(bench.run().device_file("pings")).rtt_s.to_numpy()
+    added_s = measured_s - pings
+    assert added_s.min() >= 0
+    assert np.percentile(added_s, 75) < 0.04 * np.mean(pings)
+    assert found["latency.rtt_mean_s"]["value"] == pytest.approx(measured_s.mean(), rel=1e-6)
+    assert found["latency.rtt_std_s"]["value"] == pytest.approx(np.std(measured_s, ddof=1), rel=1e-6)
 
 
 def test_pings_are_told_as_table_3_2_has_them(bench: Bench) -> None:
