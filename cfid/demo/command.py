@@ -47,11 +47,11 @@ def demo(
 def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
     """Simulate everything as fast as possible; return the true values by the parameters' names."""
     from cfid.demo.recordings import write_runs
-    from cfid.sim.demo import DEMO_TRUTH, simulate_demo
+    from cfid.sim.demo import demo_truth, simulate_demo
     from cfid.sim.truth_file import load_truth
 
     typer.echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
-    known, runs = simulate_demo(campaign.rig, DEMO_TRUTH if truth is None else load_truth(truth), seed=seed)
+    known, runs = simulate_demo(campaign.rig, demo_truth(seed) if truth is None else load_truth(truth), seed=seed)
     folders = write_runs(campaign, runs)
     typer.echo(f"{len(folders)} runs recorded; fitting ...", err=True)
     return known

@@ -10,11 +10,27 @@ from cfid.sim.demo_motors import record_chapter_3
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.demo_wind import record_chapter_4
+from cfid.sim.imperfections import draw, imperfection
 from cfid.sim.sine_bench import LATE_RADIO, Bench
 from cfid.sim.truth_file import SimTruth, as_mounted
 from cfid.wire.app import MIDDLE
 
 DEMO_TRUTH = SimTruth(radio=LATE_RADIO)
+
+# What a good lab has too: scales that are off by what rig.toml states, steps that scatter, reports that are lost.
+GOOD_LAB = (
+    imperfection("loadcell.gain_error", size=0.006),
+    imperfection("rotors.arm_error", size=0.2 / 46),
+    imperfection("rotors.tachometer_gain", size=0.0003),
+    imperfection("rotors.thrust_scatter", size=0.002),
+    imperfection("wind.anemometer_gain", size=0.02),
+    imperfection("radio.loss", size=0.005),
+)
+
+
+def demo_truth(seed: int) -> SimTruth:
+    """Return the true parameters of a demo's rig, with the imperfections of a good lab drawn by its seed."""
+    return draw(DEMO_TRUTH, GOOD_LAB, rng=np.random.default_rng([seed, len(GOOD_LAB)]))
 
 
 def simulate_demo(rig: Rig, truth: SimTruth, *, seed: int) -> tuple[dict[str, float], list[SimulatedRun]]:

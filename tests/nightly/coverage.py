@@ -29,10 +29,10 @@ from cfid.records.campaign import find_campaign
 from cfid.records.result import Result
 from cfid.records.rig_file import change_rig
 from cfid.sim.demo import DEMO_TRUTH
+from cfid.sim.imperfections import draw, imperfection
 from cfid.sim.truth_file import SimTruth, as_mounted
 from cfid.units import COVERAGE_95
 from tests.nightly import experiments as on
-from tests.nightly.imperfections import draw, imperfection
 
 LIPO = {"battery": {"kind": "lipo"}}
 WRONG = 4.0  # standard uncertainties, of what is accepted

@@ -16,6 +16,7 @@ from cfid.sim.battery import Battery
 from cfid.sim.demo_motors import ping_run, shown_rpm
 from cfid.sim.demo_wind import wind_run
 from cfid.sim.encoder import EncoderModel, record
+from cfid.sim.imperfections import IMPERFECTIONS, Imperfection, draw, imperfection
 from cfid.sim.loadcell import WARM_UP_S, SimulatedLoadCell
 from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
 from cfid.sim.radio import Direction
@@ -24,7 +25,6 @@ from cfid.sim.rotors import SimulatedRotors
 from cfid.sim.stand import simulate_stand
 from cfid.sim.truth import Truth
 from cfid.sim.truth_file import SimTruth, draw_vehicle, load_truth
-from tests.nightly.imperfections import IMPERFECTIONS, Imperfection, draw, imperfection
 from tests.places import ROOT
 
 Array = npt.NDArray[np.float64]
