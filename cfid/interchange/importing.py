@@ -19,8 +19,8 @@ from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
-from cfid.records.tables.table import open_table
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS

@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.tables.table import open_table
+from cfid.records.tables.blocks import open_table
 
 ROWS = [(0.0, 512), (0.001, 1024), (0.002, -7), (0.0035, 4194047)]
 HEADLESS = "".join(f"{t},{phi}\n" for t, phi in ROWS)
