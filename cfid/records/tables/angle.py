@@ -45,7 +45,7 @@ STAMP = "device_us"  # a column of a run: when the interface took the sample, by
 
 _ANGLE = Column(
     "angle",
-    column_name(r"(?:phi|angle|theta|alpha|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
+    column_name(r"(?:phi|angle|theta|alpha|[φϕθϑα]|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
     "of angle (phi, angle, theta)",
 )
 SCHEMA = TableSchema(columns=(TIME_COLUMN, _ANGLE), words=("TIME", "ANGLE"))

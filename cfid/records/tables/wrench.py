@@ -161,7 +161,7 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
 def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> float:
     value = recorded if given is None else given
     if value is None:
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key}: is missing: give `{key}`.")
+        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key} is missing: give `{key}`.")
     return value
 
 
@@ -176,7 +176,7 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
     scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
     words = _words(table, values[:, -1]) if _STATUS in places else None
-    notes = (*missing, *notes, *(() if own else pauses(table, time)))
+    notes = (*missing, *notes, *(() if own or missing else pauses(table, time)))
     notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
     notes += (CUT_LINE,) if table.cut else ()
     wrench /= scale  # in place: it may be larger than the memory
