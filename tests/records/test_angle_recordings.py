@@ -469,7 +469,8 @@ def test_a_gap_in_a_bare_file_is_named_with_its_line(tmp_path: Path) -> None:
     lines = text_of(TIME_S, ANGLE_RAD, "t,phi_rad").splitlines()
     record = read(tmp_path, "\n".join([*lines[:501], *lines[801:], ""]))
     assert record.notes == (
-        "swing.csv: 1 gap(s) without rows, the longest of 0.301 s after line 501 (0.499 s); rows are usually 1 ms apart.",
+        "swing.csv: 1 gap(s) without rows, the longest of 0.301 s after line 501 (0.499 s); rows are usually 1 ms "
+        "apart.",
     )
 
 

@@ -179,7 +179,7 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
     notes = (
         *gaps_notes,
         *notes,
-        *(() if own else pauses(table, time)),
+        *(() if own or gaps_notes else pauses(table, time)),
         *angle.notes,
         *((CUT_LINE,) if table.cut else ()),
     )
