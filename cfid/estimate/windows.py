@@ -117,7 +117,8 @@ def _thin(channel: Array, means: Array, *, block: int, rate_hz: float) -> list[i
     _, place, instead = find_spikes(channel[np.newaxis], length=max(round(_SCREENED_S * rate_hz), _FEWEST))
     whole = place < len(means) * block
     np.add.at(means, place[whole] // block, ((instead - channel[place]) / block)[whole])
-    return np.unique(place).tolist()
+    spikes: list[int] = np.unique(place).tolist()
+    return spikes
 
 
 def _check(time_s: Array, channels: Array, status: Words | None) -> None:
