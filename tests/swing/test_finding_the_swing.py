@@ -126,7 +126,7 @@ def test_a_window_without_samples_is_refused() -> None:
 
 
 def test_a_swing_in_a_record_of_hours_is_found_in_the_rows_around_it() -> None:
-    time_s = 1e-3 * np.arange(4_000_000)
+    time_s = np.arange(4_000_000, dtype=np.float64) * 1e-3
     since_s = (time_s - 2000).clip(0, 60)
     angle_rad = 0.5 * np.exp(-since_s / 10) * np.cos(10 * since_s) * (since_s < 60)
     record = AngleRecord(
