@@ -1,5 +1,6 @@
 """The view of each device in a recording, for `cfid show`: numbers, a curve for the terminal, a figure."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -127,7 +128,7 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
         lines=texts(record.findings, "note"),
         parameters=sampling(record.time_s)
         | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
-        curve=curve_of(record.time_s, np.degrees(record.angle_rad), "angle, degrees"),
+        curve=curve_of(record.time_s, record.angle_rad, "angle, degrees", factor=math.degrees(1.0)),
         draw=draw,
     )
 
@@ -203,24 +204,25 @@ def _states(since_s: "Array", words: "Array") -> str:
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
-def curve_of(time_s: "Array", value: "Array", name: str) -> Curve:
-    """Return some of the values (n,) at times (n,)."""
+def curve_of(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0) -> Curve:
+    """Return some of the values (n,) at times (n,), times a factor."""
     import numpy as np
 
     chosen = np.linspace(0, len(time_s) - 1, min(_CURVE_POINTS, len(time_s))).astype(int)
-    return Curve(time_s[chosen], value[chosen], name)
+    return Curve(time_s[chosen], factor * value[chosen], name)
 
 
 def sampling(time_s: "Array") -> dict[str, Parameter]:
     """Return how many samples there are at times (n,) since the first, how long, and how far apart."""
     import numpy as np
 
+    from cfid.large import differences, some_steps
+
     if len(time_s) < 2:
         return {"samples": Parameter(value=len(time_s), unit="1")}
-    interval = np.diff(time_s)
     return {
         "samples": Parameter(value=len(time_s), unit="1"),
         "duration_s": Parameter(value=float(time_s[-1]), unit="s"),
-        "median_interval_s": Parameter(value=float(np.median(interval)), unit="s"),
-        "longest_interval_s": Parameter(value=float(interval.max()), unit="s"),
+        "median_interval_s": Parameter(value=float(np.median(some_steps(time_s))), unit="s"),
+        "longest_interval_s": Parameter(value=max(float(step.max()) for _, step in differences(time_s)), unit="s"),
     }

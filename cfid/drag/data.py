@@ -13,8 +13,8 @@ from cfid.findings import merged
 from cfid.motors.maps.checks import marker_findings
 from cfid.records.parameters import Source
 from cfid.records.run import Run
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Column, TableSchema
-from cfid.records.tables.table import open_table
 from cfid.units import ROTORS
 
 TABLE_COLUMNS = (

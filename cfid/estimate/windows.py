@@ -18,6 +18,7 @@ from scipy.signal import find_peaks
 from cfid.errors import DataError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import SMOOTHED_S, Runs, Slow, find_spikes, slowed
+from cfid.large import empty
 from cfid.wire.rdt_status import Family, read_status
 
 Array = npt.NDArray[np.float64]
@@ -90,15 +91,12 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
     """
     _check(time_s, channels, status)
     rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
-    rows = np.ascontiguousarray(channels.T, np.float64)
     block = max(round(rate_hz / _THINNED_HZ), 1)
-    time_s, value = block_means(time_s, length=block), block_means(rows, length=block)
-    if not np.isfinite(value).all():
-        raise DataError("the record has samples that are no numbers: cut those lines.")
-    row, place, instead = find_spikes(rows, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
-    whole = place < value.shape[1] * block
-    wrong = (instead - rows[row, place]) / block
-    np.add.at(value, (row[whole], place[whole] // block), wrong[whole])
+    time_s = block_means(time_s, length=block)
+    value = empty(channels.shape[1], len(time_s))
+    spikes: set[int] = set()
+    for means, channel in zip(value, channels.T, strict=True):  # one by one: together they may not fit the memory
+        spikes.update(_thin(np.ascontiguousarray(channel, np.float64), means, block=block, rate_hz=rate_hz))
     return StandSignals(
         time_s=time_s,
         value=value,
@@ -107,8 +105,20 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
         slow=slowed(time_s, value[thrust], rate_hz=rate_hz / block),
         thrust=thrust,
         held=_held(value[thrust]),
-        spikes=len(np.unique(place)),
+        spikes=len(spikes),
     )
+
+
+def _thin(channel: Array, means: Array, *, block: int, rate_hz: float) -> list[int]:
+    """Write the means (m,) of blocks of a channel (n,) without its spikes, and return where those are."""
+    means[:] = block_means(channel, length=block)
+    if not np.isfinite(means).all():
+        raise DataError("the record has samples that are no numbers: cut those lines.")
+    _, place, instead = find_spikes(channel[np.newaxis], length=max(round(_SCREENED_S * rate_hz), _FEWEST))
+    whole = place < len(means) * block
+    np.add.at(means, place[whole] // block, ((instead - channel[place]) / block)[whole])
+    spikes: list[int] = np.unique(place).tolist()
+    return spikes
 
 
 def _check(time_s: Array, channels: Array, status: Words | None) -> None:

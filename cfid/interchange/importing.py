@@ -5,12 +5,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid import __version__
 from cfid.errors import ConfigError, DataError
+from cfid.large import parts, usual_step
 from cfid.records.campaign import Campaign
 from cfid.records.logs.any_kind import read_log
 from cfid.records.logs.kinds import Kind, is_flown, kind_at
@@ -19,8 +21,8 @@ from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, Origin, Run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Foreign
-from cfid.records.tables.table import open_table
 from cfid.records.tables.vehicle import COMMANDS, VEHICLE_LOG
 from cfid.records.tables.wrench import AXES, LOADCELL, WrenchReading, read_wrench
 from cfid.units import MOTORS
@@ -73,11 +75,11 @@ def import_angle(campaign: Campaign, path: Path, reading: Reading, *, label: Lab
     """Import an angle over time as a run of the encoder, in radians. Raises errors as `read_angle`."""
     found = read_angle(path, reading)
     record = DeviceRecord(file="encoder.csv", columns=("t", "phi"), angle_unit="rad")
-    rate = 1 / np.median(np.diff(found.time_s))
+    rate = 1 / usual_step(found.time_s)
     rows = f"{len(found.time_s)} rows at {rate:.0f} Hz"
     devices = _Devices(
         records={ENCODER: record},
-        blocks={ENCODER: iter([np.column_stack([found.time_s, found.angle_rad])])},
+        blocks={ENCODER: _in_parts([found.time_s, found.angle_rad])},
         begin_s=0.0,
         understood=f"{path.name}: an angle, {rows}; kept in radians, continuous over turns.",
         source=found.source,
@@ -93,10 +95,10 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
     columns = ("t", *AXES, *(() if found.status is None else ("status",)))
     values = [found.time_s + (found.begin_s or 0.0), *found.force_n.T, *found.torque_nm.T]
     values += [] if found.status is None else [found.status]
-    rate = 1 / np.median(np.diff(found.time_s)[np.diff(found.time_s) > 0])
+    rate = 1 / usual_step(found.time_s)
     devices = _Devices(
         records={LOADCELL: DeviceRecord(file="loadcell.csv", columns=columns, units="n,nm")},
-        blocks={LOADCELL: iter([np.column_stack(values)])},
+        blocks={LOADCELL: _in_parts(values)},
         begin_s=found.begin_s or 0.0,
         understood=f"{path.name}: forces and torques, {len(found.time_s)} rows at {rate:.0f} Hz; kept in N and N m.",
         source=found.source,
@@ -187,6 +189,12 @@ def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label,
     assumed = f" Assumed: {'; '.join(devices.assumed)}." if devices.assumed else ""
     run = Run(folder=writer.folder, header=writer.header)
     return Imported(run=run, understood=f"{devices.understood}{assumed}", notes=devices.notes)
+
+
+def _in_parts(columns: Sequence[npt.NDArray[Any]]) -> Iterator[Array]:
+    """Yield columns (n,) as blocks (m, columns)."""
+    for part in parts(len(columns[0])):
+        yield np.column_stack([column[part] for column in columns])
 
 
 def _word(name: str, pattern: re.Pattern[str] = re.compile(r"[^A-Za-z0-9_-]+")) -> str:

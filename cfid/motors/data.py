@@ -11,6 +11,7 @@ import numpy.typing as npt
 from cfid.errors import CfidError
 from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding, warning
+from cfid.large import empty
 from cfid.records.parameters import Source
 from cfid.records.run import Run, read_run
 from cfid.records.tables.vehicle import (
@@ -95,8 +96,11 @@ def run_of(record: WrenchRecord) -> Run | None:
 
 def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
     """Return forces and torques (n, 6) in N and N m, with the z axes reversed where they count downwards."""
-    sign = np.array([1, 1, -1, 1, 1, -1]) if flip_fz else 1
-    return np.column_stack([record.force_n, record.torque_nm]) * sign
+    channels = empty(len(record.time_s), 6)
+    channels[:, :3], channels[:, 3:] = record.force_n, record.torque_nm
+    if flip_fz:
+        channels[:, 2::3] *= -1
+    return channels
 
 
 def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:

@@ -107,7 +107,7 @@ def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:
     if first["type"] == "extra_forbidden":
         return f"{key}: there is no such key. Is it misspelt, or in the wrong table?"
     if first["type"] == "missing":
-        return f"{key}: is missing."
+        return f"{key} is missing."
     # A value with a union type has an error for each type.
     reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault["loc"], content) == key]
     verb = "should be " if first["msg"].startswith("Input should be ") else ""

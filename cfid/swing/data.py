@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, note
@@ -15,7 +16,12 @@ from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swun
 from cfid.swing.free_swing import FEWEST_PEAKS, FreeSwing, find_swing
 from cfid.units import MM
 
+Array = npt.NDArray[np.float64]
+
 FIXTURE = "fixture"
+
+_MOST_ROWS = 2_000_000  # half an hour at 1 kHz
+_HELD_S = 5.0  # before the release, and after the swing at least
 
 _GIVEN = "given"  # the mount that a distance given as a number makes
 
@@ -58,10 +64,40 @@ def swing_in(record: AngleRecord, **window: Any) -> FreeSwing:
     Raises DataError that names the file.
     """
     try:
-        swing = find_swing(record.time_s, record.angle_rad, **window)
+        many = len(record.time_s) > _MOST_ROWS
+        swing = (_find_in_long if many else find_swing)(record.time_s, record.angle_rad, **window)
     except DataError as error:
         raise DataError(f"{record.path}: {error}") from None
     return replace(swing, time_scale_std=record.time_scale_std)
+
+
+def _find_in_long(
+    time_s: Array, angle_rad: Array, *, from_s: float | None = None, to_s: float | None = None, **how: Any
+) -> FreeSwing:
+    """Find a free swing in a long record (n,) by some of its samples, then in all samples around it."""
+    every = -(-len(time_s) // _MOST_ROWS)
+    coarse = find_swing(time_s[::every], angle_rad[::every], from_s=from_s, to_s=to_s, **how)
+    begin_s, end_s = coarse.release_s, float(coarse.time_s[coarse.end])
+    around_s = (begin_s - _HELD_S, end_s + max(end_s - begin_s, _HELD_S))
+    first, last = np.searchsorted(time_s, time_s[0] + np.array(around_s)).tolist()
+    late_s = float(time_s[first] - time_s[0])
+    found = find_swing(
+        time_s[first:last],
+        angle_rad[first:last],
+        from_s=None if from_s is None else max(from_s - late_s, 0.0),
+        to_s=None if to_s is None else to_s - late_s,
+        **how,
+    )
+    text = (
+        f"the record has {len(time_s)} rows: those from {late_s:.0f} to {late_s + found.time_s[-1]:.0f} s are used, "
+        "around the free swing."
+    )
+    return replace(
+        found,
+        time_s=found.time_s + late_s,
+        peak_time_s=found.peak_time_s + late_s,
+        findings=(note("swing-part-used", text, "swing.*"), *found.findings),
+    )
 
 
 def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:

@@ -1,5 +1,6 @@
-"""A log of 400 MB is converted, imported, shown and fitted below 500 MB of anonymous memory."""
+"""A log or a table of 400 MB is converted, imported, shown and fitted below 500 MB of anonymous memory."""
 
+import itertools
 import re
 import shutil
 import struct
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 LIMIT_MB, SIZE_MB = 500, 400
 COLUMNS = {
@@ -69,6 +71,37 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path.unlink()
 
 
+@pytest.fixture(scope="module")
+def angles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Write hours at 1 kHz in which a pendulum of 1.6 Hz is held, let go at 300 s, and rests."""
+    path, count, size = tmp_path_factory.mktemp("large") / "angle.csv", 200_000, 0
+    found = solve_ivp(
+        lambda _, y: (y[1], -101.0 * np.sin(y[0]) - 0.08 * y[1]), (0, 200), (0.6, 0.0), dense_output=True, rtol=1e-9
+    )
+    draw = np.random.default_rng(5)
+    with path.open("w") as file:
+        file.write("t,phi\n")
+        for block in itertools.count():
+            time_s = 1e-3 * (block * count + np.arange(count))
+            swung = found.sol((time_s - 300).clip(0, 200))[0] * (time_s < 500)
+            counts = np.rint((swung + 1.5) / (2 * np.pi) * 4194304 + draw.normal(0, 4, count)).astype(int)
+            text = "".join(f"{t:.6f},{one}\n" for t, one in zip(time_s.tolist(), counts.tolist(), strict=True))
+            size += file.write(text)
+            if size > SIZE_MB * 1_000_000:
+                break
+    yield path
+    path.unlink()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    ["fit swing {log} --no-figures", "show {log} --no-figures", "import {log} --campaign {campaign}"],
+)
+def test_a_large_table_of_angles_takes_little_memory(angles: Path, tmp_path: Path, words: str) -> None:
+    _check_peak(angles, tmp_path, words)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
@@ -82,6 +115,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     ],
 )
 def test_a_large_log_takes_little_memory(log: Path, tmp_path: Path, words: str) -> None:
+    _check_peak(log, tmp_path, words)
+
+
+def _check_peak(log: Path, tmp_path: Path, words: str) -> None:
     subprocess.run([sys.executable, "-c", WATCHED, "new", tmp_path / "campaign"], check=True, capture_output=True)
     places = {"log": log, "out": tmp_path / "out", "campaign": tmp_path / "campaign"}
     given = [word.format(**places) for word in words.split()]

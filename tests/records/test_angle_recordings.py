@@ -463,3 +463,19 @@ def test_times_in_a_unit_that_is_not_read_are_refused_by_its_name(tmp_path: Path
 
     with pytest.raises(ConfigError, match="times are read in s, ms or us"):
         read_angle(path, Reading(columns=(name, "angle_rad")))
+
+
+def test_a_gap_in_a_bare_file_is_named_with_its_line(tmp_path: Path) -> None:
+    lines = text_of(TIME_S, ANGLE_RAD, "t,phi_rad").splitlines()
+    record = read(tmp_path, "\n".join([*lines[:501], *lines[801:], ""]))
+    assert record.notes == (
+        "swing.csv: 1 gap(s) without rows, the longest of 0.301 s after line 501 (0.499 s); rows are usually 1 ms "
+        "apart.",
+    )
+
+
+@pytest.mark.parametrize("name", ["θ [rad]", "φ_rad", "ϑ(rad)", "α, rad"])
+def test_greek_names_of_an_angle_are_known(tmp_path: Path, name: str) -> None:
+    between = ";" if "," in name else ","
+    record = read(tmp_path, text_of(TIME_S, ANGLE_RAD, "t,NAME").replace(",", between).replace("NAME", name))
+    assert record.angle_rad == pytest.approx(ANGLE_RAD, abs=1e-8)

@@ -270,7 +270,7 @@ from cfid.records.rig_file import load_rig
 from cfid.records.parameters import load_sections
 from cfid.records.tables.angle import Reading, read_angle
 from cfid.records.run import read_run
-from cfid.records.tables.table import open_table
+from cfid.records.tables.blocks import open_table
 
 if os.geteuid() == 0:
     os.setgroups([])

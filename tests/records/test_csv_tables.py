@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.tables.table import open_table
+from cfid.records.tables.blocks import open_table
 
 ROWS = [(0.0, 512), (0.001, 1024), (0.002, -7), (0.0035, 4194047)]
 HEADLESS = "".join(f"{t},{phi}\n" for t, phi in ROWS)
@@ -333,3 +333,29 @@ def test_a_field_is_read_as_the_number_it_spells_or_refused_with_its_line(
     else:
         with pytest.raises(DataError, match=f":{row + 2}: "):
             open_table(path).numbers(["t", "phi"])
+
+
+def test_a_table_of_many_blocks_is_read_as_one(tmp_path: Path) -> None:
+    text = "t,phi\n" + "".join(f"{at},{2 * at}\n" for at in range(200_000)) + "200000,4"
+    table = open_table(write(tmp_path, text))
+    values = table.numbers(["phi", "t"])
+    assert len(text) > 2 << 20
+    assert table.cut
+    assert values.shape == (200_000, 2)
+    assert np.array_equal(values[:, 1], np.arange(200_000))
+    assert table.line_of_row(199_999) == 200_001
+
+
+def test_rows_are_left_out_of_a_table_of_many_blocks(tmp_path: Path) -> None:
+    table = open_table(write(tmp_path, "t,phi\n" + "".join(f"{at},{2 * at}\n" for at in range(200_000))))
+    left = table.without([0, 150_000]).without([149_998])  # of what is left: the row before
+    assert np.array_equal(left.numbers(["t"])[:, 0], np.delete(np.arange(200_000), [0, 149_999, 150_000]))
+    assert left.line_of_row(149_998) == 150_003
+
+
+def test_a_fault_late_in_a_large_file_is_named_with_its_line(tmp_path: Path) -> None:
+    rows = [f"{at},{2 * at}" for at in range(200_000)]
+    rows[170_000] += ",1"
+    table = open_table(write(tmp_path, "\n".join(["t,phi", *rows, ""])))
+    with pytest.raises(DataError, match=r":170002: 3 fields where the file has 2 columns"):
+        table.numbers(["t"])

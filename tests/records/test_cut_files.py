@@ -6,7 +6,7 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
-from cfid.records.tables.table import open_table
+from cfid.records.tables.blocks import open_table
 
 ROWS = [[round(1e9 + 0.001 * i, 6), 4194047 - 512 * 40 * i] for i in range(20)]
 SHORT = ROWS[:5]

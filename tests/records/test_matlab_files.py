@@ -65,9 +65,25 @@ def test_forces_of_a_mat_file_are_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_wrench(tmp_path / "a.mat", WrenchReading()).torque_nm[:, 2], 5 + ANGLE_RAD)
 
 
+def test_one_of_two_tables_of_equal_columns_is_chosen_by_the_struct(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {name: {"t": TIME_S, "theta": by * ANGLE_RAD} for name, by in (("a", 1), ("b", 0.5))})
+    with pytest.raises(ConfigError, match=r"a\.t, a\.theta \(400 rows\); b\.t, b\.theta"):
+        read_angle(tmp_path / "a.mat", Reading())
+    record = read_angle(tmp_path / "a.mat", Reading(columns=("b.t", "b.theta"), angle_unit="rad"))
+    np.testing.assert_allclose(record.angle_rad, 0.5 * ANGLE_RAD, rtol=1e-14)
+
+
+def test_a_time_of_another_length_than_the_angle_is_refused_with_both_lengths(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"t": TIME_S, "theta": ANGLE_RAD[:-1]})
+    with pytest.raises(DataError, match=r"t has 400 rows, and no other array has as many \(theta 399\)"):
+        read_angle(tmp_path / "a.mat", Reading())
+
+
 def test_two_tables_are_a_question_that_names_the_option(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"a": {"t": TIME_S, "x": ANGLE_RAD}, "b": {"t": TIME_S, "theta": ANGLE_RAD}})
-    with pytest.raises(ConfigError, match=r"several tables: t, x \(400 rows\); t, theta \(400 rows\).*`columns`"):
+    with pytest.raises(
+        ConfigError, match=r"several tables: a.t, a.x \(400 rows\); b.t, b.theta \(400 rows\).*`columns`"
+    ):
         read_angle(tmp_path / "a.mat", Reading(angle_unit="rad"))
 
 

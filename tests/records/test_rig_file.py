@@ -112,7 +112,7 @@ FAULTS = {
     "a mass in words": ("mass_kg = 0.0280", 'mass_kg = "0.028"', "vehicle.mass_kg: should be a valid number"),
     "a mass that is true": ("mass_kg = 0.0280", "mass_kg = true", "vehicle.mass_kg: should be a valid number"),
     "a mass too large for any": ("mass_kg = 0.0280", f"mass_kg = 1{400 * '0'}", "vehicle.mass_kg: should be a valid"),
-    "a missing mass": ("mass_kg = 0.0280", "# none", "vehicle.mass_kg: is missing."),
+    "a missing mass": ("mass_kg = 0.0280", "# none", "vehicle.mass_kg is missing."),
     "a misspelt key": ("mass_kg = 0.0280", "mas_kg = 0.028", "vehicle.mas_kg: there is no such key."),
     "a misspelt table": ("[vehicle]", "[vehicel]", "vehicel: there is no such key."),
     "a key in the wrong table": ("gravity_mps2 = 9.81", "radius_mm = 2.0", "site.radius_mm: there is no such key."),
@@ -122,7 +122,7 @@ FAULTS = {
         "mass_std_kg = -1",
         "vehicle.mass_std_kg: should be greater than",
     ),
-    "a vector of two": ("[0.0, 0.0, 17.425]", "[0.0, 17.425]", "vehicle.centre_of_mass_mm.2: is missing."),
+    "a vector of two": ("[0.0, 0.0, 17.425]", "[0.0, 17.425]", "vehicle.centre_of_mass_mm.2 is missing."),
     "a vector of four": ("[0.0, 0.0, 17.425]", "[0, 0, 0, 17.425]", "vehicle.centre_of_mass_mm: "),
     "a number for a vector": ("[0.0, 0.0, 17.425]", "17.425", "vehicle.centre_of_mass_mm: should be a valid list"),
     "a vector with a hole": (
@@ -133,7 +133,7 @@ FAULTS = {
     "a vector of words": ("[0.0, 0.0, 17.425]", '["a", 0, 0]', "vehicle.centre_of_mass_mm.0: should be a valid number"),
     "a direction of zero": ("[1, 0, 0]", "[0, 0, 0]", "mounts.x.direction: a direction needs a length above zero."),
     "a direction without end": ("[1, 0, 0]", "[inf, 0, 0]", "mounts.x.direction.0: should be a finite number"),
-    "a missing direction": ("direction = [1, 0, 0]", "", "mounts.x.direction: is missing."),
+    "a missing direction": ("direction = [1, 0, 0]", "", "mounts.x.direction is missing."),
     "a mount that is a number": ("[mounts.x]", "[mounts]\nx = 3\n[mounts.q]", "mounts.x: should be a table, not 3."),
     "a left-handed frame": ('left = "-x"', 'left = "x"', "vehicle.body_frame: forward, left and up must be three axes"),
     "a frame of two axes": ('left = "-x"', 'left = "y"', "vehicle.body_frame: forward, left and up must be three axes"),
@@ -145,7 +145,7 @@ FAULTS = {
         '"22 bits"\n',
         "encoder.counts_per_turn: should be a valid number or 'rls",
     ),
-    "a box without a size": ("size_mm = [5.1, 26.0, 4.8]", "", "testbody.cuboids.0.size_mm: is missing."),
+    "a box without a size": ("size_mm = [5.1, 26.0, 4.8]", "", "testbody.cuboids.0.size_mm is missing."),
     "a flat box": ("[49.8, 59.75, 4.8]", "[49.8, 59.75, 0]", "testbody.cuboids.1.size_mm.2: should be greater than 0"),
     "a radius of zero": ("radius_mm = 2.0", "radius_mm = 0.0", "friction.radius_mm: should be greater than 0"),
     "the same key twice": (
@@ -188,7 +188,7 @@ def test_whole_numbers_are_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", "vehicle: is missing"),
+        (b"", "vehicle is missing"),
         (b"\xff\xfe[\0", "byte 1 is not UTF-8 text"),
         ("name = 'Käfer'".encode("latin-1"), "byte 10 is not UTF-8 text"),
         (b"a = " + b"[" * 5000, "nested too deeply"),

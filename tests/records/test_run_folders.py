@@ -278,8 +278,8 @@ def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (lambda c: c.pop("kind"), "kind: is missing"),
-        (lambda c: c.pop("started"), "started: is missing"),
+        (lambda c: c.pop("kind"), "kind is missing"),
+        (lambda c: c.pop("started"), "started is missing"),
         (lambda c: c.update(state="done"), "state: should be 'recording', 'complete', 'interrupted' or 'failed'"),
         (lambda c: c.update(format="one"), "format: should be a valid integer"),
         (lambda c: c.update(started="noon"), "started: should be a valid datetime"),
@@ -289,7 +289,7 @@ def test_keys_that_this_version_does_not_know_are_no_fault(tmp_path: Path) -> No
         (lambda c: c.update(started=datetime(2026, 11, 21, 8)), "started: "),
         (lambda c: c.update(label=3), "label: should be a table"),
         (lambda c: c.update(devices=[]), "devices: should be a table"),
-        (lambda c: c["devices"]["encoder"].pop("file"), "devices.encoder.file: is missing"),
+        (lambda c: c["devices"]["encoder"].pop("file"), "devices.encoder.file is missing"),
         (lambda c: c["devices"]["encoder"].update(file="../../etc/passwd"), "devices.encoder.file: "),
         (lambda c: c["devices"]["encoder"].update(file="/etc/x.csv"), "devices.encoder.file: "),
         (lambda c: c["devices"]["encoder"].update(file="run.toml"), "devices.encoder.file: "),
@@ -315,7 +315,7 @@ def test_a_damaged_run_is_refused_by_file_and_key(
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", "kind: is missing"),
+        (b"", "kind is missing"),
         (b"kind = ", "invalid TOML: Invalid value (at end of document)"),
         (b"\xff\xfe", "byte 1 is not UTF-8 text"),
         (b"a = 1\na = 2\n", "invalid TOML: Cannot overwrite a value (at line 2"),

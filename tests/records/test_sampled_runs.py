@@ -54,7 +54,7 @@ def test_spans_in_which_an_encoder_gave_nothing_are_said(tmp_path: Path) -> None
 
 
 def test_an_encoders_gap_that_makes_no_sense_is_refused_by_key(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"run.toml: devices.encoder.gaps.0.to_s: is missing"):
+    with pytest.raises(DataError, match=r"run.toml: devices.encoder.gaps.0.to_s is missing"):
         read_angle(encoder(tmp_path, gaps=[{"from_s": 1.0}]), Reading())
 
 

@@ -260,3 +260,21 @@ def test_the_heads_that_are_known_are_all_in_the_sentence(tmp_path: Path) -> Non
         assert head in said
     for head in ("speed_rad_s", "rpm_1", "rpm1", "rpm_mean", "vbat_v", "vbat[V]", "voltage_V"):
         assert head in said
+
+
+def test_a_few_impossible_values_are_left_out_and_named(tmp_path: Path) -> None:
+    rows = [f"{2000 * at},{0.01 * at},{-7 if at == 3 else 3000 + 500 * at}" for at in range(1, 21)]
+    path = tmp_path / "stand.csv"
+    path.write_text("\n".join(["cmd,thrust_n,rpm", *rows, ""]))
+    table = read_stand_table(path)
+    assert table.speeds_rad_s is not None
+    assert np.flatnonzero(np.isnan(table.speeds_rad_s[:, 0])).tolist() == [2]
+    assert "1 impossible values, the first -7 in column 'rpm' (line 4)" in " ".join(one.text for one in table.findings)
+
+
+def test_greek_speeds_are_known(tmp_path: Path) -> None:
+    path = tmp_path / "stand.csv"
+    path.write_text("cmd,Ω [rad/s]\n0,0\n20000,900\n40000,1500\n")
+    found = read_stand_table(path).speeds_rad_s
+    assert found is not None
+    assert found[:, 0].tolist() == [0, 900, 1500]

@@ -97,10 +97,10 @@ def test_a_scale_that_is_given_holds_for_a_run_and_other_options_do_not(tmp_path
 @pytest.mark.parametrize(
     ("facts", "expected"),
     [
-        ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n: is missing: give `counts_per_n`."),
-        ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm: is missing: give `counts_per_nm`."),
+        ({"counts_per_nm": 1e6}, "devices.loadcell.counts_per_n is missing: give `counts_per_n`."),
+        ({"counts_per_n": 1e6}, "devices.loadcell.counts_per_nm is missing: give `counts_per_nm`."),
         (FACTS | {"counts_per_n": 0}, "devices.loadcell.counts_per_n: should be greater than 0, not 0"),
-        (FACTS | {"gaps": [{"from_s": 1.0}]}, "devices.loadcell.gaps.0.to_s: is missing"),
+        (FACTS | {"gaps": [{"from_s": 1.0}]}, "devices.loadcell.gaps.0.to_s is missing"),
     ],
 )
 def test_a_run_that_does_not_say_its_scale_or_says_nonsense_is_refused_by_key(

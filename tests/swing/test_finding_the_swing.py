@@ -2,13 +2,18 @@
 
 import functools
 import math
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
+from cfid.records.parameters import Source
+from cfid.records.run import Label
+from cfid.records.tables.angle import AngleRecord
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
+from cfid.swing.data import swing_in
 from cfid.swing.free_swing import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
@@ -118,3 +123,23 @@ def test_three_peaks_are_too_few() -> None:
 def test_a_window_without_samples_is_refused() -> None:
     with pytest.raises(DataError, match="lie in the window"):
         find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=100.0)
+
+
+def test_a_swing_in_a_record_of_hours_is_found_in_the_rows_around_it() -> None:
+    time_s = np.arange(4_000_000, dtype=np.float64) * 1e-3
+    since_s = (time_s - 2000).clip(0, 60)
+    angle_rad = 0.5 * np.exp(-since_s / 10) * np.cos(10 * since_s) * (since_s < 60)
+    record = AngleRecord(
+        path=Path("long.csv"),
+        source=Source("long.csv", ""),
+        label=Label(),
+        time_s=time_s,
+        angle_rad=angle_rad,
+        findings=(),
+    )
+    found = swing_in(record)
+    assert found.release_s == pytest.approx(2000, abs=0.05)
+    assert found.period_s == pytest.approx(2 * np.pi / 10, rel=1e-4)
+    assert found.peak_time_s[1] == pytest.approx(2000 + 2 * np.pi / 10, abs=0.01)
+    assert len(found.time_s) < 200_000
+    assert [one.code for one in found.findings] == ["swing-part-used"]

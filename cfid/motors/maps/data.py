@@ -115,7 +115,7 @@ def _evidence(
         if speed is None and rotors is not None:
             speed, std, about_speed = speeds_from_vibration(settled, record, rotors, motors=motors)
         points = replace(points_of(settled, motors=motors), speed_rad_s=speed, speed_std_rad_s=std)
-    thrust_n = channels_of(record, flip_fz=bool(stand.flip_fz))[:, FZ]
+    thrust_n = record.force_n[:, FZ] * (-1 if stand.flip_fz else 1)
     vbat_v = found.volts(settled)
     middle_s = np.array([(point.begin_s + point.end_s) / 2 for point in settled])
     drifts, about_drift = warm_up(points, middle_s, vbat_v, record.name)

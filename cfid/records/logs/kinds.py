@@ -7,7 +7,7 @@ from typing import Literal
 from cfid.errors import DataError
 from cfid.records.logs.any_kind import is_binary_log
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
-from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Foreign
 from cfid.records.tables.stand_heads import check_heads, heads_of
 from cfid.records.tables.table import CsvTable
@@ -36,7 +36,7 @@ def kind_at(path: Path, reading: Foreign) -> Kind | None:
         return "flight"
     if reading.columns:
         return "wrench" if len(reading.columns) > len(AXES) else "angle"
-    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
+    table = open_table(path, skip_lines=reading.skip_lines, sha256="")
     for kind, columns in _COLUMNS.items():
         if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
             return kind
@@ -45,7 +45,7 @@ def kind_at(path: Path, reading: Foreign) -> Kind | None:
 
 def has_times(path: Path, reading: Foreign) -> bool:
     """Return whether a table's header names a time, so that it is a recording. Raises DataError as `kind_at`."""
-    table = next(table_blocks(path, sha256="", skip_lines=reading.skip_lines))
+    table = open_table(path, skip_lines=reading.skip_lines, sha256="")
     return table.has_head and any(TIME_COLUMN.called.fullmatch(name) for name in table.names)
 
 

@@ -10,7 +10,7 @@ from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import Array, FlightLog, Series
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Run
-from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME
 from cfid.records.tables.times import CUT_LINE, losses
 
@@ -47,18 +47,15 @@ def log_of_run(run: Run) -> FlightLog:
 
 def _of_device(device: str, path: Path) -> tuple[Series, bool]:
     sha256 = sha256_of(path)
-    rows, cut = 0, False
-    names: tuple[str, ...] = ()
-    for table in table_blocks(path, sha256=sha256):
-        names, cut = table.names, table.cut
-        rows += len(table.numbers(names)) if table.filled else 0
+    table = open_table(path, sha256=sha256)
+    names = table.names
+    rows = sum(len(block.numbers(names)) for block in table.blocks())
     if names[0] != TIME:
         raise DataError(f"{path}: its first column is not the time '{TIME}': it is not a device's file of a run.")
     channels = tuple(map(crazyflie_channel, names[1:]))
-    return Series(name=device, rows=rows, channels=channels, blocks=partial(_blocks, path, sha256)), cut
+    return Series(name=device, rows=rows, channels=channels, blocks=partial(_blocks, path, sha256)), table.cut
 
 
 def _blocks(path: Path, sha256: str) -> Iterator[Array]:
-    for table in table_blocks(path, sha256=sha256):
-        if table.filled:
-            yield table.numbers(table.names)
+    for block in open_table(path, sha256=sha256).blocks():
+        yield block.numbers(block.names)

@@ -16,7 +16,7 @@ from cfid.errors import DataError
 from cfid.records.logs.crazyflie_names import assumptions, crazyflie_channel
 from cfid.records.logs.log import Array, Channel, FlightLog, Series, printable
 from cfid.records.parameters import Source
-from cfid.records.tables.blocks import table_blocks
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.schema import TIME, Foreign, TableSchema
 from cfid.records.tables.table import CsvTable
@@ -43,7 +43,8 @@ def read_table_log(path: Path, source: Source, reading: Foreign) -> FlightLog:
     Raises DataError for a file that is no table of numbers, or whose time has no unit that fits; ConfigError where an
     option contradicts the file.
     """
-    table = next(_tables(path, source.sha256, reading))
+    whole = _table(path, source.sha256, reading)
+    table = next(whole.blocks(), whole)
     time = _SCHEMA.places(table, named=reading.columns[:1], rate_hz=reading.rate_hz).get(TIME)
     named = [name for name in table.names if name and name != time]
     program, channels = ("table of a MATLAB file" if is_matlab(path) else "CSV log"), tuple(map(_firmware, named))
@@ -111,8 +112,8 @@ def _clock(table: CsvTable, time: str | None, reading: Foreign) -> str:
     return f"times are column {printable(time)} in {unit}"
 
 
-def _tables(path: Path, sha256: str, reading: Foreign) -> Iterator[CsvTable]:
-    return table_blocks(path, sha256=sha256, skip_lines=reading.skip_lines, columns=reading.columns)
+def _table(path: Path, sha256: str, reading: Foreign) -> CsvTable:
+    return open_table(path, sha256=sha256, skip_lines=reading.skip_lines, columns=reading.columns)
 
 
 class _Checked(NamedTuple):
@@ -127,11 +128,9 @@ class _Checked(NamedTuple):
 def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> _Checked:
     faults: dict[str, str] = {}
     missing = dict.fromkeys(names, 0)
-    rows, last, cut = 0, -np.inf, False
-    for table in _tables(path, sha256, reading):
-        cut = table.cut
-        if not table.filled:
-            continue
+    whole = _table(path, sha256, reading)
+    rows, last = 0, -np.inf
+    for table in whole.blocks():
         good = [name for name in names if name not in faults]
         values = _numbers(table, time, good)
         known = np.isfinite(values[:, len(_given(time)) :])
@@ -148,7 +147,8 @@ def _checked(path: Path, sha256: str, reading: Foreign, time: str | None, names:
                     "recordings in one file?"
                 )
             last = values[-1, 0]
-    return _Checked(faults, {name: count for name, count in missing.items() if count and name not in faults}, rows, cut)
+    missing = {name: count for name, count in missing.items() if count and name not in faults}
+    return _Checked(faults, missing, rows, whole.cut)
 
 
 def _numbers(table: CsvTable, time: str | None, names: Sequence[str]) -> Array:
@@ -170,9 +170,7 @@ def _fault(table: CsvTable, name: str) -> str:
 
 def _blocks(path: Path, sha256: str, reading: Foreign, time: str | None, names: Sequence[str]) -> Iterator[Array]:
     begun = 0
-    for table in _tables(path, sha256, reading):
-        if not table.filled:
-            continue
+    for table in _table(path, sha256, reading).blocks():
         values = _numbers(table, time, names)
         if time is None:
             assert reading.rate_hz is not None

@@ -4,6 +4,7 @@ Columns are found by name, units by suffix or option. A unit that cannot be dete
 option, never a guess; time and counts are checked before use.
 """
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,12 +13,14 @@ import numpy as np
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, texts
+from cfid.large import usual_step
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
 from cfid.records.tables.stamps import stamped_times
-from cfid.records.tables.table import Array, open_table
+from cfid.records.tables.table import Array
 from cfid.records.tables.times import (
     CUT_LINE,
     TIME_COLUMN,
@@ -28,6 +31,7 @@ from cfid.records.tables.times import (
     file_name,
     gaps,
     losses,
+    pauses,
     run_at,
     times_of,
     unit_of,
@@ -41,7 +45,7 @@ STAMP = "device_us"  # a column of a run: when the interface took the sample, by
 
 _ANGLE = Column(
     "angle",
-    column_name(r"(?:phi|angle|theta|alpha|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
+    column_name(r"(?:phi|angle|theta|alpha|[φϕθϑα]|pos|position|enc|encoder)_?\d?", ("rad", "deg", "counts")),
     "of angle (phi, angle, theta)",
 )
 SCHEMA = TableSchema(columns=(TIME_COLUMN, _ANGLE), words=("TIME", "ANGLE"))
@@ -172,21 +176,30 @@ def _read(path: Path, reading: Reading, label: Label, *, own: bool = False) -> t
         time = stamped.time_s - values[0, 0]
     unit = unit_of(table, _ANGLE.called, angle_name, reading.angle_unit, "angle_unit")
     angle = continuous_angle(table, angle_name, values[:, -1], unit=unit, counts_per_turn=reading.counts_per_turn)
-    notes = (*gaps_notes, *notes, *angle.notes, *((CUT_LINE,) if table.cut else ()))
-    step_s, degrees = float(np.median(np.diff(time))), np.degrees(angle.angle_rad)
-    understood = (
-        f"{len(values)} rows {1e3 * step_s:.4g} ms apart, angle from column '{angle_name}', from "
-        f"{degrees.min():.1f} to {degrees.max():.1f} degrees{table.layout}."
+    notes = (
+        *gaps_notes,
+        *notes,
+        *(() if own or gaps_notes else pauses(table, time)),
+        *angle.notes,
+        *((CUT_LINE,) if table.cut else ()),
     )
+    low, high = (math.degrees(extreme) for extreme in (angle.angle_rad.min(), angle.angle_rad.max()))
+    understood = (
+        f"{len(values)} rows {1e3 * usual_step(time):.4g} ms apart, angle from column '{angle_name}', from "
+        f"{low:.1f} to {high:.1f} degrees{table.layout}."
+    )
+    time = time if angle.rows is None else time[angle.rows]
+    begin_s = float(values[0, 0] + time[0]) if own else 0.0
+    np.subtract(time, float(time[0]), out=time)
     read = () if own else (note("file-read", understood).at(path.name),)
     record = AngleRecord(
         path=path,
         source=Source(str(path), table.sha256),
         label=label,
-        time_s=time[angle.rows] - time[angle.rows[0]],
+        time_s=time,
         angle_rad=angle.angle_rad,
         findings=(*read, *of_recording(file_name(path, own=own), notes)),
-        begin_s=float(values[0, 0] + time[angle.rows[0]]) if own else 0.0,
+        begin_s=begin_s,
         time_scale_std=0.0 if stamped is None else stamped.scale_std,
     )
     return record, len(values)

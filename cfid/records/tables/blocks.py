@@ -1,32 +1,58 @@
-"""Read a table of any size, one block of whole lines after the other."""
+"""Open a table of any size: a large one is read one block of whole lines after the other."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from cfid.errors import DataError
-from cfid.records.tables.matlab import is_matlab
-from cfid.records.tables.table import CsvTable, open_table, table_in
-from cfid.records.tables.text import check_text
+from cfid.errors import ConfigError, DataError
+from cfid.records.files import sha256_of
+from cfid.records.tables.matlab import is_matlab, matlab_text
+from cfid.records.tables.table import CsvTable, table_in
+from cfid.records.tables.text import check_text, whole_lines
 
 BLOCK_BYTES = 1 << 20
 
 
-def table_blocks(path: Path, *, sha256: str, skip_lines: int = 0, columns: Sequence[str] = ()) -> Iterator[CsvTable]:
-    """Yield the blocks of a CSV file as tables, of which the last may have no row; `sha256` is that of the file.
+def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), sha256: str | None = None) -> CsvTable:
+    """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header.
 
-    A MATLAB file is one block. Raises DataError as `open_table`, in the block where the fault is.
+    A MATLAB file is taken as the CSV file of its arrays; where it has several tables, `columns` choose one.
+    Lines above the header and lines of comments are left out; between semicolons, tabs and spaces, numbers may have
+    decimal commas. A last line without its newline is left out, since a cut number may look plausible; `cut` is set.
+    `sha256` is the file's, where it is known.
+
+    Raises DataError when the file is missing, empty or not a table of numbers.
     """
+    if skip_lines < 0:
+        raise ConfigError(f"`skip_lines` {skip_lines}: has to be zero or more.")
     if is_matlab(path):
-        yield open_table(path, columns=columns)
-        return
+        return table_in(path, matlab_text(path, columns), sha256=sha256 or sha256_of(path))
     try:
         with path.open("rb") as file:
             content = file.read(BLOCK_BYTES) + file.readline()
-            check_text(path, content)
-            table = table_in(path, content, sha256=sha256, skip_lines=skip_lines)
-            yield table
+            size = file.seek(0, 2)
+            file.seek(max(size - BLOCK_BYTES, 0))
+            end = file.read()
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file.") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    check_text(path, content)
+    table = table_in(path, content, sha256=sha256_of(path) if sha256 is None else sha256, skip_lines=skip_lines)
+    if size == len(content):
+        return table
+    return replace(table, cut=whole_lines(end)[1], following=partial(_following, table, len(content)))
+
+
+def _following(first: CsvTable, begin: int) -> Iterator[CsvTable]:
+    """Yield the blocks of a file from a byte on, which follow its first."""
+    table = first
+    try:
+        with first.path.open("rb") as file:
+            file.seek(begin)
             while content := file.read(BLOCK_BYTES) + file.readline():
                 table = table.continued(content)
                 yield table
     except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+        raise DataError(f"{first.path}: cannot be read: {error.strerror}.") from None

@@ -1,16 +1,17 @@
 """Convert a column of counts, degrees or radians to a continuous angle."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.large import differences, empty, joined, parts
 from cfid.records.tables.table import Array, CsvTable
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words
 
 CountsPerTurn = float | str
-Counts = npt.NDArray[np.int64]
 Rows = npt.NDArray[np.intp]
 
 _FAILED_SHARE = 0.01  # of 13-bit words that may fail their check
@@ -19,15 +20,16 @@ _JUMP_RAD = np.pi / 2  # between two samples; at half a turn the direction is am
 _LOOKED_AT = 500  # samples whose way shows a swing
 _LEAST_SWING_DEG, _TO_AND_FRO = 20.0, 2.5  # range of a swing in degrees, more than radians can be; its way over that
 _FOLDED_TURNS = 1.5  # range of an angle that may be wrapped into one turn, with margin for a wrong scale
+_RANKED = 1_000_000  # samples whose percentiles show the range
 _EXACT = 2.0**53  # above it, counts lose their last digits; no axis turns that far
 _SHORTER_WORD = 1 << 18  # a 22-bit encoder that stays below may as well be one of fewer bits
 
 
 class Angle(NamedTuple):
-    """A continuous angle (n,), its rows in the table (n,), and notes."""
+    """A continuous angle (n,), its rows in the table (n,), None for all, and notes."""
 
     angle_rad: Array
-    rows: Rows
+    rows: Rows | None
     notes: tuple[str, ...]
 
 
@@ -39,58 +41,68 @@ def continuous_angle(
     Raises DataError when the unit or the counts per turn cannot be determined, when too many words fail their check,
     and when samples are too far apart to count whole turns.
     """
-    farthest = int(np.argmax(np.abs(values)))
-    if abs(values[farthest]) >= _EXACT:
+    low, high, whole = _seen(values)
+    if max(-low, high) >= _EXACT:
+        farthest = int(np.argmin(values)) if -low > high else int(np.argmax(values))
         line = table.line_of_row(farthest)
         raise DataError(
             f"{table.path}:{line}: {values[farthest]:.6g} in column '{column}' is not an angle. Delete that line."
         )
-    whole = bool(np.all(values == np.round(values)))
     if unit is None and (whole or counts_per_turn is not None):
         unit = "counts"
     notes: tuple[str, ...] = ()
     if unit is None:
-        unit = _unit_by_range(values)
-        notes = (f"column '{column}' is read in {unit}, by its range of {np.ptp(values):.4g} (`angle_unit`).",)
+        unit = _unit_by_range(values, low, high)
+        notes = (f"column '{column}' is read in {unit}, by its range of {high - low:.4g} (`angle_unit`).",)
     if unit is None:
         raise DataError(
             f"{table.path}: column '{column}' names no unit, is not whole counts, and its range of "
-            f"{np.ptp(values):.4g} may be radians or degrees: give `angle_unit` rad or deg."
+            f"{high - low:.4g} may be radians or degrees: give `angle_unit` rad or deg."
         )
     if unit != "counts":
-        turns = values / (360.0 if unit == "deg" else 2 * np.pi)
-        return _joined(table, turns, np.arange(len(values)), notes)
+        return _joined(table, _turns(values, 360.0 if unit == "deg" else 2 * np.pi), None, notes)
     if not whole:
         raise DataError(
             f"{table.path}: column '{column}' is read as counts but has fractions: give `angle_unit` rad or deg."
         )
-    return _from_counts(table, counts_per_turn, values.astype(np.int64))
+    return _from_counts(table, counts_per_turn, values, low, high)
 
 
-def _unit_by_range(values: Array) -> str | None:
+def _seen(values: Array) -> tuple[float, float, bool]:
+    """Return the lowest and the highest of values (n,), and whether all are whole numbers."""
+    whole = all(bool(np.all(values[part] == np.rint(values[part]))) for part in parts(len(values)))
+    return float(values.min()), float(values.max()), whole
+
+
+def _turns(values: Array, per_turn: float) -> Array:
+    turns = empty(len(values))
+    return np.divide(values, per_turn, out=turns)
+
+
+def _unit_by_range(values: Array, low: float, high: float) -> str | None:
     """Return the unit of angles (n,): radians within half a turn, degrees to and fro over more, else None."""
-    span = float(np.ptp(values))
-    if np.abs(values).max() <= np.pi:
+    span = high - low
+    if max(-low, high) <= np.pi:
         return "rad"
     way = float(np.abs(np.diff(values[:: max(len(values) // _LOOKED_AT, 1)])).sum())
     return "deg" if span > _LEAST_SWING_DEG and way > _TO_AND_FRO * span else None
 
 
-def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Counts) -> Angle:
-    position, valid = decode_words(counts)
+def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Array, low: float, high: float) -> Angle:
+    """Read whole numbers (n,) from `low` to `high`."""
+    valid = np.concatenate([decode_words(counts[part].astype(np.int64)).valid for part in parts(len(counts))])
     notes: tuple[str, ...] = ()
     if setting is None:
-        setting = _guessed(table, counts, valid)
+        setting = _guessed(table, int(low), int(high), valid)
         name = setting if isinstance(setting, str) else f"{setting:.0f}"
         notes = (f"counts are read as `counts_per_turn` {name}.",)
     if setting != RLS_13BIT_IN_22:
-        turns = counts / float(setting)
-        if np.ptp(turns) > _FOLDED_TURNS and np.mean(valid) > 0.5:
+        if (high - low) / float(setting) > _FOLDED_TURNS and np.mean(valid) > 0.5:
             raise DataError(
-                f"{table.path}: counts reach {counts.max()} and pass the check of a 13-bit word in 22 bits, but "
+                f"{table.path}: counts reach {high:.0f} and pass the check of a 13-bit word in 22 bits, but "
                 f"{float(setting):.0f} counts per turn are set: give `counts_per_turn` {RLS_13BIT_IN_22}."
             )
-        return _joined(table, turns, np.arange(len(counts)), notes)
+        return _joined(table, _turns(counts, float(setting)), None, notes)
     failed = np.flatnonzero(~valid)
     if len(failed) > _FAILED_SHARE * len(counts):
         raise DataError(
@@ -102,35 +114,41 @@ def _from_counts(table: CsvTable, setting: CountsPerTurn | None, counts: Counts)
         notes += (
             f"{len(failed)} of {len(counts)} samples fail the 13-bit check (first: line {line}) and are left out.",
         )
-    rows = np.flatnonzero(valid)
-    return _joined(table, position[rows] / STEPS_PER_TURN, rows, notes)
+    turns = joined(
+        decode_words(counts[part].astype(np.int64)).position[valid[part]] / STEPS_PER_TURN
+        for part in parts(len(counts))
+    )
+    return _joined(table, turns, np.flatnonzero(valid) if len(failed) else None, notes)
 
 
-def _guessed(table: CsvTable, counts: Counts, valid: npt.NDArray[np.bool_]) -> CountsPerTurn:
+def _guessed(table: CsvTable, low: int, high: int, valid: npt.NDArray[np.bool_]) -> CountsPerTurn:
     """Infer the counts per turn from the counts, where only one answer is possible."""
     # A word passes its check by chance once in 512: a file in which most pass is of that kind.
     if np.mean(valid) > 0.5:
         return RLS_13BIT_IN_22
-    if counts.min() < 0 or not _SHORTER_WORD <= counts.max() < WORD_COUNTS_PER_TURN:
+    if low < 0 or not _SHORTER_WORD <= high < WORD_COUNTS_PER_TURN:
         raise DataError(
-            f"{table.path}: counts range from {counts.min()} to {counts.max()}, which does not show "
+            f"{table.path}: counts range from {low} to {high}, which does not show "
             "the counts per turn: give `counts_per_turn` N, or `angle_unit` if these are not counts."
         )
     return float(WORD_COUNTS_PER_TURN)
 
 
-def _joined(table: CsvTable, turns: Array, rows: Rows, notes: tuple[str, ...]) -> Angle:
-    """Return the continuous angle of turns (n,) that may be wrapped into one."""
-    angle = 2 * np.pi * turns
-    low, high = np.percentile(turns, (1, 99))  # a few wrong readings must not make it look unwrapped
+def _joined(table: CsvTable, turns: Array, rows: Rows | None, notes: tuple[str, ...]) -> Angle:
+    """Return the continuous angle of turns (n,) that may be wrapped into one, which it replaces."""
+    some = turns[:: len(turns) // _RANKED + 1]
+    low, high = np.percentile(some, (1, 99))  # a few wrong readings must not make it look unwrapped
+    angle = np.multiply(turns, 2 * np.pi, out=turns)
     if high - low <= _FOLDED_TURNS:
-        angle = np.unwrap(angle)
-        jumps = np.flatnonzero(np.abs(np.diff(angle)) > _JUMP_RAD) + 1
+        for part in parts(len(angle)):
+            begin = max(part.start - 1, 0)  # unwrapped already
+            angle[begin : part.stop] = np.unwrap(angle[begin : part.stop])
+        jumps = _beyond(differences(angle)) + 1
     else:  # whole turns were counted: a fast rotation is fine, a sudden change of speed is not
-        jumps = np.flatnonzero(np.abs(np.diff(angle, n=2)) > _JUMP_RAD) + 2
+        jumps = _beyond(differences(angle, order=2)) + 2
     if not len(jumps):
         return Angle(angle, rows, notes)
-    line = table.line_of_row(int(rows[jumps[0]]))
+    line = table.line_of_row(int(jumps[0] if rows is None else rows[jumps[0]]))
     what = f"the angle jumps by more than a quarter of a turn in {len(jumps)} of {len(turns)} samples"
     if len(jumps) > _JUMP_SHARE * len(turns):
         raise DataError(
@@ -138,3 +156,9 @@ def _joined(table: CsvTable, turns: Array, rows: Rows, notes: tuple[str, ...]) -
             "fast for this rate. Whole turns cannot be counted."
         )
     return Angle(angle, rows, (*notes, f"{what} (first: line {line}); whole turns may be miscounted from there on."))
+
+
+def _beyond(steps: Iterable[tuple[int, Array]]) -> Rows:
+    """Return the places of differences, of angles or of their differences, that no axis makes between two samples."""
+    found = [begin + np.flatnonzero(np.abs(step) > _JUMP_RAD) for begin, step in steps]
+    return np.concatenate([np.empty(0, np.intp), *found])

@@ -12,8 +12,9 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, TableSchema, TimeUnit
-from cfid.records.tables.table import Array, open_table
+from cfid.records.tables.table import Array
 from cfid.records.tables.times import CUT_LINE, TIME_COLUMN, VEHICLE_CLOCK, run_at, seconds_of, vehicle_us
 
 CROSSINGS = "crossings"

@@ -4,7 +4,7 @@ Files of version 5 to 7.2 are read by SciPy, those of 7.3, which are HDF5, by h5
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -27,8 +27,9 @@ _TIMES = ("t", "time", "timestamp")
 
 @dataclass(frozen=True, eq=False)
 class MatlabTable:
-    """Columns (n,) of equal length, by name; a matrix alone has no names."""
+    """Columns (n,) of equal length, by name; a matrix alone has no names. `place` is the struct they are in."""
 
+    place: str
     names: tuple[str, ...]
     columns: tuple[npt.NDArray[Any], ...]
 
@@ -66,21 +67,41 @@ def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
         raise
     except Exception as fault:  # a damaged file may make these libraries raise anything
         raise DataError(f"{path}: not readable as a MATLAB file: {type(fault).__name__}.") from None
-    found = [table for table in _tables(tree, path.stem) if len(table.columns[0]) > 1]
-    found = [table for table in found if table.rows >= _FEWEST_ROWS] or found
+    found = [table for table in _tables(tree, path.stem, place="") if len(table.columns[0]) > 1]
+    every = found = [table for table in found if table.rows >= _FEWEST_ROWS] or found
     if not found:
         raise DataError(
             f"{path}: no arrays of numbers. Objects, such as tables and timeseries, cannot be read outside MATLAB: "
             "save their time and values as arrays."
         )
+    chosen = [table for table in found if columns and set(columns) <= set(_full_names(table))]
+    if len(chosen) == 1:
+        return replace(chosen[0], names=_full_names(chosen[0]))
     if columns:
         found = [table for table in found if set(columns) <= {*table.names, *_numbers(table)}] or found
     if len(found) > 1:
         found = [table for table in found if any(name.lower() in _TIMES for name in table.names)] or found
     if len(found) > 1:
-        there = "; ".join(f"{', '.join(table.names) or 'a matrix'} ({table.rows} rows)" for table in found)
+        there = "; ".join(f"{', '.join(_full_names(table)) or 'a matrix'} ({table.rows} rows)" for table in found)
         raise ConfigError(f"{path}: several tables: {there[:300]}. Name the columns of one with `columns`.")
+    _refuse_time_alone(path, found[0], every)
     return found[0]
+
+
+def _full_names(table: MatlabTable) -> tuple[str, ...]:
+    """Return names with the struct's before them, which are different where structs have fields of equal names."""
+    return tuple(f"{table.place}.{name}" if table.place else name for name in table.names)
+
+
+def _refuse_time_alone(path: Path, table: MatlabTable, every: Sequence[MatlabTable]) -> None:
+    """Raise DataError for a time without a column as long as it, beside others."""
+    others = [f"{name} {other.rows}" for other in every if other.place == table.place for name in other.names]
+    if len(table.names) == 1 and table.names[0].lower() in _TIMES and len(others) > 1:
+        rows = ", ".join(other for other in others if not other.startswith(f"{table.names[0]} "))
+        raise DataError(
+            f"{path}: {table.names[0]} has {table.rows} rows, and no other array has as many ({rows}): save them with "
+            "equal length."
+        )
 
 
 def _numbers(table: MatlabTable) -> tuple[str, ...]:
@@ -112,24 +133,24 @@ def _hdf5_tree(file: Any, node: Any) -> Tree:
     return values.T  # MATLAB's arrays are stored column by column
 
 
-def _tables(tree: Tree, name: str) -> Iterator[MatlabTable]:
-    """Yield the tables in a struct, and in the structs inside it."""
+def _tables(tree: Tree, name: str, *, place: str) -> Iterator[MatlabTable]:
+    """Yield the tables in a struct at a place, "" for the file, and in the structs inside it."""
     if not isinstance(tree, Mapping):
         return
     if "signals" in tree:
-        yield from _simulink(tree, name)
+        yield from _simulink(tree, name, place=place)
         return
     arrays = {key: _columns(value) for key, value in tree.items() if _is_numeric(value)}
     for rows in dict.fromkeys(len(columns[0]) for columns in arrays.values()):
         group = {key: columns for key, columns in arrays.items() if len(columns[0]) == rows}
         alone = len(group) == 1 and len(next(iter(group.values()))) > 1
         names = tuple(each for key, columns in group.items() for each in _named(key, len(columns)))
-        yield MatlabTable(() if alone else names, tuple(each for columns in group.values() for each in columns))
+        yield MatlabTable(place, () if alone else names, tuple(each for columns in group.values() for each in columns))
     for key, value in tree.items():
-        yield from _tables(value, key)
+        yield from _tables(value, key, place=f"{place}.{key}" if place else key)
 
 
-def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
+def _simulink(tree: Mapping[str, Tree], name: str, *, place: str) -> Iterator[MatlabTable]:
     """Yield the table of a struct with `time` and `signals`, of which each has `values` and perhaps a `label`."""
     signals = tree["signals"]
     if isinstance(signals, Mapping) and isinstance(signals.get("values"), list):  # HDF5 has the fields of all signals
@@ -150,7 +171,7 @@ def _simulink(tree: Mapping[str, Tree], name: str) -> Iterator[MatlabTable]:
             names += _named(_clean(own), len(_columns(values)))
             columns += _columns(values)
     if columns and len({len(column) for column in columns}) == 1:
-        yield MatlabTable(tuple(names), tuple(columns))
+        yield MatlabTable(place, tuple(names), tuple(columns))
 
 
 def _is_numeric(value: Tree) -> TypeGuard[npt.NDArray[Any]]:

@@ -8,8 +8,9 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.findings import Finding, of_recording
 from cfid.records.parameters import Source
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import Column, TableSchema
-from cfid.records.tables.table import Array, CsvTable, open_table
+from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
     CUT_LINE,
     SECONDS,

@@ -12,10 +12,11 @@ import numpy as np
 
 from cfid.findings import Finding, note, of_recording
 from cfid.records.parameters import Source
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TimeUnit
 from cfid.records.tables.stand_columns import Found, columns_of, commands_of, turned
 from cfid.records.tables.stand_times import Timing, timing_of
-from cfid.records.tables.table import Array, CsvTable, open_table
+from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.text import short
 from cfid.records.tables.times import CUT_LINE
 from cfid.units import ROTORS, USUAL_GRAVITY_MPS2

@@ -1,12 +1,13 @@
 """Take the columns of a table of motors: which are used, what is missing in them, and which values cannot be."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
+from cfid.large import empty
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.units import FULL_COMMAND
@@ -14,6 +15,7 @@ from cfid.units import FULL_COMMAND
 USUAL_ESC_US = (1000.0, 2000.0)  # pulse widths of standstill and full throttle, by convention
 
 _MOST_VOLTS = 60.0  # more than any battery that flies, and less than its millivolts
+_IMPOSSIBLE_SHARE = 0.1  # of a column's values, below which these alone are left out
 _ROW_BY_ROW = ("time_s", "command")  # without them a row is of no use
 
 
@@ -51,10 +53,10 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     notes += _one_of_two_speeds(used, values)
     notes += check_heads(table, used, empty)
     found = {
-        quantity: Columns(columns[0][0], tuple(n for _, n in columns), np.column_stack([values[n] for _, n in columns]))
+        quantity: Columns(columns[0][0], tuple(n for _, n in columns), _stacked([values[n] for _, n in columns]))
         for quantity, columns in used.items()
     }
-    _check(table, found)
+    notes += _check(table, found)
     known = [np.isfinite(found[quantity].raw).all(axis=1) for quantity in _ROW_BY_ROW if quantity in found]
     bad = np.flatnonzero(~np.all(known, axis=0)) if known else np.empty(0, np.intp)
     notes += _missing(table, found, bad)
@@ -131,24 +133,43 @@ def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[s
     return notes
 
 
-def _check(table: CsvTable, found: Found) -> None:
-    """Refuse impossible values of a quantity, naming their line."""
+def _stacked(columns: Sequence[Array]) -> Array:
+    """Return columns (n,) as one array (n, s)."""
+    if len(columns) == 1:
+        return columns[0][:, np.newaxis]
+    stacked = empty(len(columns[0]), len(columns))
+    for at, column in enumerate(columns):
+        stacked[:, at] = column
+    return stacked
+
+
+def _check(table: CsvTable, found: Found) -> list[str]:
+    """Set impossible values of a quantity to nan, with notes; refuse many of them, naming the first's line."""
+    notes: list[str] = []
     if command := found.get("command"):
         percent, raw = command.head.kind == "percent", command.raw
-        _refuse(table, command, raw < 0, "a command is zero or more.")
+        notes += _impossible(table, command, raw < 0, "a command is zero or more.")
         most = 100.0 if percent else FULL_COMMAND
-        _refuse(table, command, raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
+        notes += _impossible(table, command, raw > most, f"the largest is {most:g}{' per cent' if percent else ''}.")
         if command.head.kind == "pwm" and 0 < np.nanmax(raw) <= 100:
             raise DataError(f"{table.path}: no pwm above 100: is it in per cent? Then name the column pwm_percent.")
     if speeds := found.get("speeds_rad_s"):
-        _refuse(table, speeds, speeds.raw < 0, "a speed is zero or more.")
+        notes += _impossible(table, speeds, speeds.raw < 0, "a speed is zero or more.")
     if battery := found.get("vbat_v"):
         wrong = (battery.raw <= 0) | (battery.raw > _MOST_VOLTS)
-        _refuse(table, battery, wrong, "no battery has that voltage. Is the column in millivolts?")
+        notes += _impossible(table, battery, wrong, "no battery has that voltage. Is the column in millivolts?")
+    return notes
 
 
-def _refuse(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], why: str) -> None:
-    if wrong.any():
-        row, place = (int(index) for index in np.argwhere(wrong)[0])
-        here = f"{table.path}:{table.line_of_row(row)}: {column.raw[row, place]:g} in column '{column.names[place]}'"
-        raise DataError(f"{here}: {why}")
+def _impossible(table: CsvTable, column: Columns, wrong: npt.NDArray[np.bool_], why: str) -> list[str]:
+    if not wrong.any():
+        return []
+    row, place = (int(index) for index in np.argwhere(wrong)[0])
+    value, name = f"{column.raw[row, place]:g}", column.names[place]
+    line = table.line_of_row(row)
+    if wrong.sum(axis=0).max() > _IMPOSSIBLE_SHARE * len(wrong):
+        raise DataError(f"{table.path}:{line}: {value} in column '{name}': {why}")
+    column.raw[wrong] = np.nan
+    return [
+        f"{wrong.sum()} impossible values, the first {value} in column '{name}' (line {line}): {why} They are left out."
+    ]

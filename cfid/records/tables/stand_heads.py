@@ -25,7 +25,7 @@ _STEMS = {
     "thrust_n": ("thrust", "weight"),
     "torque_nm": ("torque",),
     "vbat_v": ("vbat", "voltage"),
-    "speeds_rad_s": ("speed", "rpm", "omega", "motorelectrical", "motoroptical"),
+    "speeds_rad_s": ("speed", "rpm", "omega", "ω", "motorelectrical", "motoroptical"),
 }
 # Bytes of the micro and middle-dot signs that were saved in another encoding are read as signs of their own.
 _MICRO, _DOT = re.compile("[µμ�]"), re.compile("[·⋅∙•*]")
@@ -80,7 +80,7 @@ _KNOWN = (
     ),
     ColumnHead("vbat_v", r"vbat_v|vbat\[v\]|voltage_v|voltage[ab]?\(v\)"),
     ColumnHead("grams", r"grams"),
-    ColumnHead("speeds_rad_s", r"speed_rad_s", kind="motor"),
+    ColumnHead("speeds_rad_s", r"speed_rad_s|(?:omega|ω)(?:_rad_s|\[rad/s\]|\(rad/s\))", kind="motor"),
     ColumnHead("speeds_rad_s", r"rpm", RPM, "motor"),
     ColumnHead("speeds_rad_s", r"rpm_[1-9]\d*", RPM, "series"),
     ColumnHead("speeds_rad_s", r"rpm[1-4]", RPM, "rotors"),

@@ -4,21 +4,20 @@ It handles separators, headers and cut files; other modules interpret the column
 """
 
 import csv
-import hashlib
 import io
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd  # half of the start-up time of a fit, and not needed to refuse a bad file
 
-from cfid.errors import ConfigError, DataError
-from cfid.records.files import sha256_of
+from cfid.errors import DataError
+from cfid.large import joined
 from cfid.records.tables.head import COMMENT, POINTS, head_of
-from cfid.records.tables.matlab import is_matlab, matlab_text
 from cfid.records.tables.text import (
     NUMBER,
     fields_of,
@@ -26,7 +25,6 @@ from cfid.records.tables.text import (
     has_comma,
     has_decimal_commas,
     is_finite,
-    read_text,
     short,
     whole_lines,
 )
@@ -45,7 +43,8 @@ class CsvTable:
     """A CSV file, opened but not yet parsed: column names ('1', '2', ... without a header) and its body.
 
     A column is selected by its name, or by its number counted from 1. `preamble` is how many lines were left out
-    above the header.
+    above the header. Of a large file `following()` yields the blocks of lines after these, whose columns are read one
+    after another.
     """
 
     path: Path
@@ -55,9 +54,11 @@ class CsvTable:
     cut: bool
     preamble: int
     decimal: str
+    following: "Callable[[], Iterator[CsvTable]] | None" = None
     _body: bytes
     _first_line: int
     _separator: str | None  # None: any run of spaces and tabs
+    _left_out: Places = field(default_factory=lambda: np.empty(0, np.intp))
 
     def numbers(self, columns: Sequence[str]) -> Array:
         """Return the named columns, shape (rows, columns).
@@ -66,6 +67,9 @@ class CsvTable:
         of these columns.
         """
         places = [self.place(name) for name in columns]
+        return joined(block._numbers(places) for block in self._blocks_or_self())
+
+    def _numbers(self, places: list[int]) -> Array:
         rows = self._rows()
         if rows is not None and _holds_truths(rows):
             self._check_lines(places)
@@ -81,6 +85,9 @@ class CsvTable:
         Raises DataError naming the line of the first row that has a wrong number of fields.
         """
         places = [self.place(name) for name in columns]
+        return joined(block._known_numbers(places) for block in self._blocks_or_self())
+
+    def _known_numbers(self, places: list[int]) -> Array:
         rows = self._rows()
         if rows is None:
             self._check_lines(())
@@ -92,9 +99,34 @@ class CsvTable:
 
     def without(self, rows: Sequence[int] | Places) -> "CsvTable":
         """Return the table without some rows, counted from 0; the others keep their lines."""
+        chosen = np.sort(np.asarray(rows, np.intp))
+        before = np.searchsorted(self._left_out - np.arange(len(self._left_out)), chosen, side="right")
+        return replace(self, _left_out=np.sort(np.append(self._left_out, chosen + before)))
+
+    def blocks(self) -> "Iterator[CsvTable]":
+        """Yield the blocks of the table that have a row, each a table of its own."""
+        begin = 0
+        first = replace(self, following=None, _left_out=self._left_out[:0])
+        for block in chain([first], self.following() if self.following else ()):
+            if not block.filled:
+                continue
+            if len(self._left_out):
+                end = begin + block._count
+                here = self._left_out[(self._left_out >= begin) & (self._left_out < end)]
+                kept, begin = block._blanked(here - begin), end
+                if kept.filled:
+                    yield kept
+            else:
+                yield block
+
+    def _blocks_or_self(self) -> "Iterator[CsvTable]":
+        blocks = self.blocks()
+        return chain([next(blocks, self)], blocks)
+
+    def _blanked(self, rows: Places) -> "CsvTable":
         fields, ends = self._fields_of_lines()
         starts = np.concatenate([[0], ends[:-1] + 1])
-        body, lines = bytearray(self._body), np.flatnonzero(fields)[np.asarray(rows, np.intp)]
+        body, lines = bytearray(self._body), np.flatnonzero(fields)[rows]
         for start, end in zip(starts[lines].tolist(), ends[lines].tolist(), strict=True):
             body[start:end] = b" " * (end - start)
         return replace(self, _body=bytes(body))
@@ -125,8 +157,10 @@ class CsvTable:
         Only the first block of a large file has a header.
         """
         text, cut = whole_lines(content)
-        first_line = self._first_line + self._body.count(b"\n")
-        return replace(self, cut=cut, _body=_without_comments(text), _first_line=first_line)
+        body, first_line = _without_comments(text), self._first_line + self._body.count(b"\n")
+        shown = self.decimal == "," or b"." in self._body  # whole numbers show no decimal sign
+        decimal = self.decimal if shown else _decimal(body, self._separator)
+        return replace(self, cut=cut, decimal=decimal, following=None, _body=body, _first_line=first_line)
 
     @property
     def filled(self) -> bool:
@@ -141,7 +175,15 @@ class CsvTable:
 
     def line_of_row(self, row: int) -> int:
         """Return the line of the file, counted from 1, that holds a row, counted from 0."""
-        return self._first_line + int(np.flatnonzero(self._fields_of_lines()[0])[row])
+        for block in self.blocks():
+            if row < block._count:
+                return block._first_line + int(np.flatnonzero(block._fields_of_lines()[0])[row])
+            row -= block._count
+        raise IndexError(row)
+
+    @property
+    def _count(self) -> int:
+        return int(np.count_nonzero(self._fields_of_lines()[0]))
 
     def _rows(self) -> bytes | None:
         """Return the body without quotes and blank lines; None when some row has too many or too few fields.
@@ -260,23 +302,6 @@ def _holds_truths(rows: bytes) -> bool:
     return any(word[-1:] in rows and word in rows for word in _TRUTHS)  # one letter is searched for much faster
 
 
-def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = ()) -> CsvTable:
-    """Open a CSV file, separated by commas, semicolons, tabs or spaces, with or without a header.
-
-    A MATLAB file is taken as the CSV file of its arrays; where it has several tables, `columns` choose one.
-    Lines above the header and lines of comments are left out; between semicolons, tabs and spaces, numbers may have
-    decimal commas. A last line without its newline is left out, since a cut number may look plausible; `cut` is set.
-
-    Raises DataError when the file is missing, empty or not a table of numbers.
-    """
-    if skip_lines < 0:
-        raise ConfigError(f"`skip_lines` {skip_lines}: has to be zero or more.")
-    if is_matlab(path):
-        return table_in(path, matlab_text(path, columns), sha256=sha256_of(path))
-    content = read_text(path)
-    return table_in(path, content, sha256=hashlib.sha256(content).hexdigest(), skip_lines=skip_lines)
-
-
 def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) -> CsvTable:
     """Return the table in a file's content, or in its beginning. Raises DataError as `open_table`."""
     text, cut = whole_lines(content)
@@ -291,11 +316,15 @@ def table_in(path: Path, content: bytes, *, sha256: str, skip_lines: int = 0) ->
         has_head=head.has_head,
         cut=cut,
         preamble=head.preamble,
-        decimal="," if has_decimal_commas(body, head.separator) else ".",
+        decimal=_decimal(body, head.separator),
         _body=body,
         _first_line=head.row.number,
         _separator=head.separator,
     )
+
+
+def _decimal(body: bytes, separator: str | None) -> str:
+    return "," if has_decimal_commas(body, separator) else "."
 
 
 def _without_comments(body: bytes) -> bytes:

@@ -59,7 +59,7 @@ def check_text(path: Path, content: bytes) -> None:
     if _CONTROL.search(text[:_LOOKED_AT]):
         raise DataError(
             f"{path}: not a CSV file: it holds binary data (or text in UTF-16: save that as UTF-8). "
-            "`cfid import` reads logs of vehicles."
+            "`cfid fit dynamics` fits logs of vehicles; `cfid show`, `cfid convert` and `cfid import` read them."
         )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cfid.errors import ConfigError, DataError
+from cfid.large import differences, empty, usual_step
 from cfid.records.files import first_fault
 from cfid.records.run import RUN_FILE, DeviceRecord, Run, read_run
 from cfid.records.tables.schema import TIME, Column, TimeUnit
@@ -37,6 +38,7 @@ _NO_TIME = "Is this the time column? See `columns` and `rate_hz`."
 _FEWEST_ROWS = 16
 _MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 _REPEATED_SHARE = 0.01  # of time stamps that may repeat the previous one without a note
+_GAP, _LEAST_GAP_S = 10, 0.1  # usual intervals, and seconds: a busy computer's stamps are late by tens of milliseconds
 _UNIX_S = (1e9, 4e9)  # seconds since the epoch, from 2001 to 2096
 
 
@@ -132,6 +134,22 @@ def gaps(facts: Facts) -> list[str]:
     return [f"no samples for {total_s:.1f} s in {len(facts.gaps)} gap(s): {reasons}."]
 
 
+def pauses(table: CsvTable, time_s: Array) -> tuple[str, ...]:
+    """Return a note on the longest interval without a row at times (n,), where one is much longer than usual."""
+    usual_s = usual_step(time_s)
+    least_s = max(_GAP * usual_s, _LEAST_GAP_S)
+    found = [
+        (begin + at, float(step[at])) for begin, step in differences(time_s) for at in np.flatnonzero(step > least_s)
+    ]
+    if not found:
+        return ()
+    row, longest_s = max(found, key=lambda each: each[1])
+    return (
+        f"{len(found)} gap(s) without rows, the longest of {longest_s:.3g} s after line {table.line_of_row(int(row))} "
+        f"({time_s[row] - time_s[0]:.4g} s); rows are usually {1e3 * usual_s:.3g} ms apart.",
+    )
+
+
 def unit_of(table: CsvTable, pattern: re.Pattern[str], column: str, given: str | None, setting: str) -> str | None:
     """Return the unit that was given by a setting or in the column's name, if any.
 
@@ -159,7 +177,10 @@ def numbers_of(table: CsvTable, columns: Sequence[str]) -> Array:
 
     Raises DataError when they are not numbers, or too few for a recording.
     """
-    values = table.numbers(columns)
+    return _enough(table, table.numbers(columns))
+
+
+def _enough(table: CsvTable, values: Array) -> Array:
     if len(values) < _FEWEST_ROWS:
         raise DataError(f"{table.path}: {len(values)} rows; a recording has at least {_FEWEST_ROWS}.")
     return values
@@ -174,7 +195,9 @@ def complete_rows(table: CsvTable, columns: Sequence[str], *, own: bool) -> tupl
         return table, numbers_of(table, columns), ()
     known = table.known_numbers(columns)
     bad = np.flatnonzero(~np.isfinite(known).all(axis=1))
-    if not len(bad) or len(bad) > _MISSING_SHARE * len(known):
+    if not len(bad):
+        return table, _enough(table, known), ()
+    if len(bad) > _MISSING_SHARE * len(known):
         return table, numbers_of(table, columns), ()
     line, table = table.line_of_row(int(bad[0])), table.without(bad)
     text = f"{len(bad)} of {len(known)} rows lack a number (first: line {line}) and are left out."
@@ -211,28 +234,29 @@ def times_of(
             raise ConfigError(f"`rate_hz` {rate_hz:g}: has to be above zero.")
         return np.arange(len(raw)) / rate_hz, ()
     stated = unit_of(table, TIME_COLUMN.called, column or "", unit, "time_unit")
-    with np.errstate(over="ignore"):
-        intervals = np.diff(raw)
-    backwards = np.flatnonzero(intervals < 0)
-    if len(backwards):
-        row = int(backwards[0]) + 1
+    row = next((at + 1 + int(np.argmax(step < 0)) for at, step in differences(raw) if np.any(step < 0)), 0)
+    if row:
         raise DataError(
             f"{table.path}:{table.line_of_row(row)}: time goes back from {raw[row - 1]:.6f} to {raw[row]:.6f} "
             f"{stated or 's'}. Was the clock set, or are two recordings in one file?"
         )
-    if not np.any(intervals):
+    interval = usual_step(raw)
+    if raw[-1] == raw[0]:
         raise DataError(
             f"{table.path}: time stands still at {raw[0]:.12g}. Were its last digits cut off, are there decimal "
             "commas, or is this not the time column? See `columns` and `rate_hz`."
         )
     known = "s" if own and stated is None else time_unit_of(table, column or "", raw, unit=unit, slowest_s=slowest_s)
-    notes = () if own else _check_unit(table.path, raw[0], intervals, known, slowest_s)
+    notes = () if own else _check_unit(table.path, raw[0], interval, known, slowest_s)
     if not own and stated is None and known != "s":
-        notes += (f"time is read in {known}, by its step of {np.median(intervals[intervals > 0]):g} (`time_unit`).",)
-    repeated = int(np.count_nonzero(intervals == 0))
+        notes += (f"time is read in {known}, by its step of {interval:g} (`time_unit`).",)
+    repeated = sum(int(np.count_nonzero(step == 0)) for _, step in differences(raw))
     if repeated > _REPEATED_SHARE * len(raw):
         notes += (f"{repeated} of {len(raw)} samples repeat the time of the previous one.",)
-    return np.asarray((raw - raw[0]) * SECONDS[known]), notes
+    time_s = empty(len(raw))
+    np.subtract(raw, raw[0], out=time_s)
+    time_s *= SECONDS[known]
+    return time_s, notes
 
 
 def time_unit_of(
@@ -250,22 +274,19 @@ def time_unit_of(
             f"{table.path}: column '{column}' is in '{other[1]}'; times are read in s, ms or us. Convert them, or give "
             "`time_unit` where the name is wrong."
         )
-    with np.errstate(over="ignore"):
-        intervals = np.diff(raw)
-    fitting = _fitting(intervals, slowest_s)
-    few_repeat = np.count_nonzero(intervals == 0) < len(intervals) / 2
+    fitting = _fitting(usual_step(raw), slowest_s)
+    few_repeat = sum(int(np.count_nonzero(step == 0)) for _, step in differences(raw)) < (len(raw) - 1) / 2
     return cast(TimeUnit, fitting[0]) if len(fitting) == 1 and few_repeat else "s"
 
 
-def _fitting(intervals: Array, slowest_s: float) -> list[str]:
-    # The median of the positive ones: time stamps of a block repeat, and a pause is one long interval.
-    interval = float(np.median(intervals[intervals > 0]))
+def _fitting(interval: float, slowest_s: float) -> list[str]:
+    # The usual step is that of positive ones: time stamps of a block repeat, and a pause is one long interval.
     return [name for name, scale in SECONDS.items() if _FASTEST_S <= interval * scale <= slowest_s]
 
 
-def _check_unit(path: Path, first: float, intervals: Array, unit: str, slowest_s: float) -> tuple[str, ...]:
+def _check_unit(path: Path, first: float, interval: float, unit: str, slowest_s: float) -> tuple[str, ...]:
     """Refuse a time unit that gives an impossible sampling interval, and propose a possible one."""
-    interval, fitting = float(np.median(intervals[intervals > 0])), _fitting(intervals, slowest_s)
+    fitting = _fitting(interval, slowest_s)
     dates = [name for name, scale in SECONDS.items() if _UNIX_S[0] <= first * scale <= _UNIX_S[1]]
     dated = f" It starts at {first:.0f}, which is a date (Unix time) in {dates[0]}." if dates else ""
     better = dates if dates and dates[0] in fitting else fitting

@@ -13,7 +13,8 @@ import numpy as np
 from cfid.errors import DataError
 from cfid.records.parameters import Source
 from cfid.records.run import Run
-from cfid.records.tables.table import Array, open_table
+from cfid.records.tables.blocks import open_table
+from cfid.records.tables.table import Array
 from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"

@@ -16,10 +16,12 @@ from pydantic import Field
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, of_recording, texts
+from cfid.large import parts
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
-from cfid.records.tables.table import Array, CsvTable, open_table
+from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
     CUT_LINE,
     TIME_COLUMN,
@@ -30,6 +32,7 @@ from cfid.records.tables.times import (
     file_name,
     gaps,
     losses,
+    pauses,
     run_at,
     seconds_of,
     times_of,
@@ -158,7 +161,7 @@ def holds_wrench(path: Path, reading: WrenchReading) -> bool:
 def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> float:
     value = recorded if given is None else given
     if value is None:
-        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key}: is missing: give `{key}`.")
+        raise DataError(f"{run.folder / RUN_FILE}: devices.{LOADCELL}.{key} is missing: give `{key}`.")
     return value
 
 
@@ -169,22 +172,24 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
     table, values, missing = complete_rows(table, list(places.values()), own=own)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
     wrench = values[:, time_name is not None :][:, : len(AXES)]
+    begin_s = _begin_s(table, time_name, values, reading)
     scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
     words = _words(table, values[:, -1]) if _STATUS in places else None
-    notes = missing + notes
+    notes = (*missing, *notes, *(() if own or missing else pauses(table, time)))
     notes += scale_notes if words is None else (*scale_notes, *_faults(table, words, family))
     notes += (CUT_LINE,) if table.cut else ()
+    wrench /= scale  # in place: it may be larger than the memory
     return WrenchRecord(
         path=path,
         source=Source(str(path), table.sha256),
         label=label,
         time_s=time,
-        force_n=wrench[:, :3] / scale[:3],
-        torque_nm=wrench[:, 3:] / scale[3:],
+        force_n=wrench[:, :3],
+        torque_nm=wrench[:, 3:],
         status=words,
         findings=of_recording(file_name(path, own=own), notes),
-        begin_s=_begin_s(table, time_name, values, reading),
+        begin_s=begin_s,
     )
 
 
@@ -209,12 +214,16 @@ def _units(table: CsvTable, axes: Sequence[str], values: Array, given: Units | N
 
 
 def _check_values(table: CsvTable, axes: Sequence[str], values: Array, units: Units) -> None:
-    wrong = ~(np.abs(values) <= _LARGEST[units])
-    if units == "counts":
-        wrong |= values != np.rint(values)
-    if not wrong.any():
+    for part in parts(len(values)):
+        wrong = ~(np.abs(values[part]) <= _LARGEST[units])
+        if units == "counts":
+            wrong |= values[part] != np.rint(values[part])
+        if wrong.any():
+            break
+    else:
         return
     row, axis = (int(place) for place in np.argwhere(wrong)[0])
+    row += part.start
     here = f"{table.path}:{table.line_of_row(row)}: {values[row, axis]:.9g} in column '{axes[axis]}' is"
     if units == "counts":
         raise DataError(f"{here} not a count (a whole number of 32 bits): give `units` n,nm if these are N and N m.")
@@ -238,7 +247,8 @@ def _scales(reading: WrenchReading, units: Units) -> tuple[Array, tuple[str, ...
 
 
 def _words(table: CsvTable, values: Array) -> Words:
-    wrong = np.flatnonzero((values < 0) | (values >= 2.0**32) | (values != np.rint(values)))
+    bad = [(values[part] < 0) | (values[part] >= 2.0**32) | (values[part] % 1 != 0) for part in parts(len(values))]
+    wrong = np.flatnonzero(np.concatenate(bad))
     if len(wrong):
         line = table.line_of_row(int(wrong[0]))
         raise DataError(

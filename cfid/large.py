@@ -1,0 +1,102 @@
+"""Arrays that may be larger than the memory: beyond some size they are kept in a temporary file."""
+
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import ConfigError
+
+Array = npt.NDArray[np.float64]
+
+PART_ROWS = 1 << 20  # 8 MB of one column
+
+_LEAST_BYTES = 1 << 25  # a minute of forces at 7 kHz stays in memory
+
+
+def empty(*shape: int) -> Array:
+    """Return an array of a shape for numbers that are written next. Raises ConfigError where no disk has room."""
+    size = 8 * math.prod(shape)
+    if size < _LEAST_BYTES:
+        return np.empty(shape)
+    with _file(size) as file:
+        return _mapped(file, *shape)
+
+
+def joined(blocks: Iterable[Array]) -> Array:
+    """Return one or more blocks (m, k) one after another. Raises ConfigError where no disk has room."""
+    kept: list[Array] = []
+    rest = iter(blocks)
+    for block in rest:
+        kept.append(block)
+        if sum(each.nbytes for each in kept) >= _LEAST_BYTES:
+            return _on_disk(chain(kept, rest))
+    return kept[0] if len(kept) == 1 else np.concatenate(kept)
+
+
+def parts(rows: int) -> Iterator[slice]:
+    """Yield the slices of so many rows that are worked on one after another."""
+    for begin in range(0, rows, PART_ROWS):
+        yield slice(begin, min(begin + PART_ROWS, rows))
+
+
+def differences(value: Array, *, order: int = 1) -> Iterator[tuple[int, Array]]:
+    """Yield the differences of neighbours of a series (n,), or theirs, in parts, each with the place of its first."""
+    for begin in range(0, len(value) - order, PART_ROWS):
+        with np.errstate(over="ignore"):
+            step = np.diff(value[begin : begin + PART_ROWS + order], n=order)
+        yield begin, step
+
+
+def some_steps(value: Array) -> Array:
+    """Return the differences of neighbours of a series (n,), of a long one parts of them."""
+    several = len(value) // PART_ROWS + 1
+    return np.concatenate([np.zeros(0), *(step[: PART_ROWS // several] for _, step in differences(value))])
+
+
+def usual_step(value: Array) -> float:
+    """Return the median of the positive differences that `some_steps` gives, NaN where there is none."""
+    steps = some_steps(value)
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
+
+
+def _on_disk(blocks: Iterator[Array]) -> Array:
+    first = next(blocks)
+    with _file(0) as file:
+        try:
+            size = sum(file.write(np.ascontiguousarray(block).data) for block in chain([first], blocks))
+            file.flush()
+        except OSError as error:
+            raise _no_room(error) from None
+        return _mapped(file, size // (8 * math.prod(first.shape[1:])), *first.shape[1:])
+
+
+def _file(size: int) -> IO[bytes]:
+    """Return a nameless temporary file whose room is taken: a program dies that writes where a disk is full."""
+    try:
+        file = tempfile.TemporaryFile(prefix="cfid-")  # noqa: SIM115 - the caller closes it
+        if sys.platform == "linux" and size:
+            os.posix_fallocate(file.fileno(), 0, size)
+        else:
+            file.truncate(size)
+    except OSError as error:
+        raise _no_room(error) from None
+    return file
+
+
+def _mapped(file: IO[bytes], *shape: int) -> Array:
+    mapped: np.memmap[Any, np.dtype[np.float64]] = np.memmap(file, np.float64, "r+", shape=shape)
+    return np.asarray(mapped)
+
+
+def _no_room(error: OSError) -> ConfigError:
+    return ConfigError(
+        f"{tempfile.gettempdir()}: no room for the numbers of a large recording: {error.strerror or error}. Set TMPDIR "
+        "to a folder with room."
+    )

@@ -1,0 +1,41 @@
+"""Arrays beyond the memory: those on the disk hold the same numbers, and a full disk is reported."""
+
+import tempfile
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError
+from cfid.large import differences, empty, joined, usual_step
+
+ROWS = 5_000_000  # 40 MB, more than stays in memory
+
+
+def test_blocks_are_joined_whether_they_stay_in_memory_or_not() -> None:
+    for rows in (10, ROWS):
+        blocks = np.split(np.arange(2.0 * rows).reshape(rows, 2), [3, 7])
+        found = joined(iter(blocks))
+        assert found.shape == (rows, 2)
+        assert np.array_equal(found, np.arange(2.0 * rows).reshape(rows, 2))
+
+
+def test_a_large_array_holds_what_is_written_to_it() -> None:
+    array = empty(ROWS)
+    array[:] = 3.0
+    array[-1] = 4.0
+    assert array.sum() == 3.0 * ROWS + 1
+
+
+def test_the_usual_step_of_a_long_series_is_that_of_its_parts() -> None:
+    time_s = np.repeat(np.arange(ROWS // 5) * 0.005, 5)  # stamps that repeat
+    assert usual_step(time_s) == pytest.approx(0.005)
+    assert sum(len(step) for _, step in differences(time_s)) == ROWS - 1
+
+
+def test_no_room_for_a_large_array_is_an_error_that_names_the_folder() -> None:
+    before, tempfile.tempdir = tempfile.tempdir, "/dev/full"
+    try:
+        with pytest.raises(ConfigError, match=r"/dev/full: no room for the numbers .* TMPDIR"):
+            empty(ROWS)
+    finally:
+        tempfile.tempdir = before
