@@ -6,8 +6,9 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
+from cfid.console.preflight import quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
-from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Label
@@ -31,19 +32,21 @@ def record_forces(
     staircase: StaircasePlan,
     rig: Rig,
     *,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     rate_hz: int | None,
     keep: KeepOptions,
     note: str | None,
     judge: Judge,
     question: str | None = None,
+    calm: bool = True,
     requested: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
 ) -> None:
     """Record load cell, commands and the vehicle's log during a staircase; a `question` is put at each command.
 
-    `requested` goes into run.toml with the staircase. Raises ConfigError or DeviceError.
+    In a wind it is not `calm`: noise has no limit then. `requested` goes into run.toml with the staircase. Raises
+    ConfigError or DeviceError.
     """
     _, devices, simulated = rig
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
@@ -53,6 +56,9 @@ def record_forces(
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         crazyflie.limits.refuse_idling(staircase.motors)
         effort = _effort(staircase, rig, rate_hz=(rate_hz or cell.rate_hz) + 1000 / log_ms)
+        refuse(crazyflie, staircase.motors, staircase.steps)
+        if not vehicle.no_preflight:
+            effort += quick([loadcell, crazyflie.usual_log(log_ms)], staircase.held, calm=calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
@@ -68,7 +74,7 @@ def record_speed(
     *,
     tachometer: str,
     port: str | None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     keep: KeepOptions,
     note: str | None,
@@ -107,7 +113,7 @@ def record_scales(
     *,
     port: str | None,
     baud: int,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     keep: KeepOptions,
     note: str | None,
@@ -144,7 +150,7 @@ def _record_readings(
     instrument: Callable[[ReadyVehicle], list[Device]],
     value: str,
     question: str | None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     keep: KeepOptions,
     note: str | None,
     judge: Judge,
@@ -158,6 +164,9 @@ def _record_readings(
         if question is not None:
             parts.append(typed_readings(value))
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
+        refuse(crazyflie, staircase.motors, staircase.steps)
+        if not vehicle.no_preflight:
+            effort += quick([crazyflie.usual_log()], staircase.held)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         procedure = _procedure(staircase, question, live, tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={})

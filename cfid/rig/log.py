@@ -25,7 +25,7 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say
+from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say, Sink
 from cfid.rig.serial_line import serial_lines
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
@@ -192,8 +192,9 @@ def drive(
     *,
     show: Callable[[Recorder], None],
     stopped: Callable[[float], None],
+    into: Sink | None = None,
 ) -> None:
-    """Carry out a procedure without recording it; `stopped` gets the seconds that the motors' stop took.
+    """Carry out a procedure without a run; `stopped` gets the seconds that the motors' stop took, `into` the rows.
 
     Raises DeviceError like `record_run`; in every case the motors are stopped and checked.
     """
@@ -201,7 +202,7 @@ def drive(
     async def main(loop: Loop, ending: Ending) -> None:
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
-        recorder = Recorder(instruments, Nowhere(), loop=loop, show=lambda: show(recorder))
+        recorder = Recorder(instruments, into or Nowhere(), loop=loop, show=lambda: show(recorder))
         try:
             await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
         finally:

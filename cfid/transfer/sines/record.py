@@ -8,10 +8,13 @@ from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
+from cfid.console.messages import note as speech
+from cfid.console.preflight import quick
 from cfid.console.recording import Rig, attempt, effort_of, summary
-from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
+from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
 from cfid.records.rig_file import LoadCellBox
 from cfid.records.run import Label, Run, list_runs
@@ -31,7 +34,7 @@ def record_sines(
     *,
     before_s: float,
     each_s: float,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     rate_hz: int | None,
     note: str | None,
@@ -56,6 +59,9 @@ def record_sines(
         for motors in turning:  # while one turns, the others stand or idle
             crazyflie.limits.check_turning(motors, least, largest)
         effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
+        refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
+        if not vehicle.no_preflight:
+            effort += _quick(cell, crazyflie.usual_log(log_ms), [held for sine in sines for held in sine.held(each_s)])
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort)
         for count, sine in enumerate(sines):
             tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
@@ -68,6 +74,11 @@ def record_sines(
             if failure is not None or run is None or run.header.state != "complete":
                 break
     return runs, failure
+
+
+def _quick(cell: LoadCellBox, log: Device, plan: Sequence[Held]) -> str:
+    with ExitStack() as stream:
+        return quick([ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False), log], plan)
 
 
 def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
