@@ -27,7 +27,7 @@ AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 # Parts of each axis' range: a cell's own noise is several times smaller, its resolution ten times.
 _NOISE, _DRIFT, _LINE, _LOAD = 1e-3, 2e-4, 2.5e-4, 0.8
 _SURE = 3.0  # standard uncertainties by which a drift exceeds its limit
-_SLOWEST, _MOST_LOST = 0.98, 0.01  # of the rate requested; of the samples
+_SLOWEST, _MOST_LOST = 0.95, 0.01  # of the rate requested; of the samples
 _STILL_DEG, _TURNED_DEG = 0.5, 0.2  # a pendulum that hangs still: between its extremes, and by drift
 _STAMPS_S = 0.005  # from a device's stamp to its arrival, about the mean
 _FEWEST = 64

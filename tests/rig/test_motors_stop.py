@@ -32,6 +32,7 @@ HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
 ALL_MOTORS = ("--motor", 1, "--motor", 2, "--motor", 3, "--motor", 4)
 STAIRS = ("log", "thrust", *ALL_MOTORS, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
 WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes")
+PREFLIGHT = ("rig", "preflight", "--for", 0.5, "--yes")
 BUG = """
 import cfid.rig.recorder as recorder
 take, calls = recorder.Recorder._write, []
@@ -145,10 +146,21 @@ WAYS: dict[str, Way] = {
     "Ctrl-D": Way(("motors", "--yes"), typing(b"\x04"), 0, typed=b"1 3 30000\n", terminal=True),
     "Ctrl-D in a line": Way(("motors", "--yes"), typing(b"2 4\x04"), 0, typed=b"1 3 30000\n", terminal=True),
     "terminal hung up": Way(("motors", "--yes"), hang_up, 0, typed=b"1 3 30000\n", terminal=True),
+    "Ctrl-C in preflight": Way(PREFLIGHT, signals(signal.SIGINT), 130),
+    "SIGTERM in preflight": Way(PREFLIGHT, signals(signal.SIGTERM), 130),
+    "SIGHUP in preflight": Way(PREFLIGHT, signals(signal.SIGHUP), 130),
+    "SIGKILL in preflight": Way(PREFLIGHT, signals(signal.SIGKILL), -9),
+    "link silent in preflight": Way(PREFLIGHT, vehicle(silent_after_s=0), 3),
+    "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3),
+    "battery low in preflight": Way(PREFLIGHT, vehicle(low_battery_after_s=0), 3, "not ready: signals"),
+    "load cell lost in preflight": Way(PREFLIGHT, loadcell(silent_after_s=0), 3, "not ready: signals"),
+    "overload in preflight": Way(PREFLIGHT, overload, 3, "not ready: signals"),
     **{signal_name(number): Way(HOLD, signals(number), 0) for number in OTHER_SIGNALS},
 }
 OWN_DELAY_S = {"battery low": 0.5, "load cell lost": 0.5}  # until it counts as one
+OWN_DELAY_S |= {f"{name} in preflight": delay_s for name, delay_s in OWN_DELAY_S.items()}
 NOT_WITH_STOCK = {"SIGKILL", "link silent", "link closed"}  # its documented exceptions
+NOT_WITH_STOCK |= {f"{name} in preflight" for name in NOT_WITH_STOCK}
 VEHICLES = {
     "app": {"firmware": "app"},
     "stock": {"firmware": "stock"},
