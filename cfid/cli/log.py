@@ -77,6 +77,7 @@ def encoder(
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
     from cfid.rig.log import Plan, ready_encoder
+    from cfid.swing.during import Release
 
     campaign, devices, simulated = rig_of(keep.campaign)
     kept = label.label(campaign)
@@ -90,6 +91,7 @@ def encoder(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
+        notice=Release(campaign.rig.encoder.counts_per_turn) if label.kind_of_angles == "swing" else None,
         for_s=lasting.seconds,
         simulated=simulated,
     )

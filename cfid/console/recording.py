@@ -177,7 +177,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
         live.tell(f"recording into {folder} ({_until(plan)})")
 
     try:
-        return record_run(plan, devices, show=live.show, begun=begun), None
+        return record_run(plan, devices, show=live.show, begun=begun, say=live.say), None
     except CfidError as error:
         with contextlib.suppress(DataError):
             if folders:

@@ -22,6 +22,7 @@ import pytest
 
 from cfid.records.rig_file import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
+from cfid.records.tables.vehicle import read_rows
 from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState
@@ -489,6 +490,24 @@ def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
     assert pilot.process.returncode == 0, pilot.err
     readings = pd.read_csv(bench.run().device_file("readings"))
     assert readings[["command", "rpm"]].to_numpy().tolist() == [[20000, 12000], [40000, 15000.5]]
+
+
+def test_a_reading_is_taken_back_and_its_command_held_again(bench: Bench) -> None:
+    words = ("log", "scales", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
+    pilot.process.communicate(b"u\n12\nundo\n30\n25\n60\n")
+    assert pilot.process.returncode == 0, pilot.err
+    run = bench.run()
+    on_disk = pd.read_csv(run.device_file("readings"))
+    kept = read_rows(run, "readings").columns
+
+    assert "there is no reading to take back" in pilot.err
+    assert "taken back: 12 at command 20000" in pilot.err
+    assert on_disk[["command", "grams", "withdrawn"]].to_numpy().tolist()[:2] == [[20000, 12, 0], [20000, 12, 1]]
+    assert "withdrawn" not in kept
+    assert kept["command"].tolist() == [30000, 20000, 40000]
+    assert kept["grams"].tolist() == [30, 25, 60]
+    assert "3 readings at 3 steps" in pilot.out
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -21,6 +22,7 @@ from cfid.records.run import Label, Run, list_runs
 from cfid.rig.crossings import Crossings
 from cfid.rig.log import Device, Plan, ready_loadcell
 from cfid.rig.recorder import sleep
+from cfid.transfer.sines.during import Felt
 from cfid.transfer.sines.plan import Sine, SineSweep
 from cfid.units import FULL_COMMAND, MOTORS
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S, SineRequest
@@ -66,7 +68,8 @@ def record_sines(
         for count, sine in enumerate(sines):
             tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
-            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live)
+            frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
+            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live, frequency_rad_s)
             if run is not None:
                 run = judged(run, judge)
                 runs.append(summary("log sine", run, failure))
@@ -86,7 +89,7 @@ def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
 
 
 def _play(
-    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine
+    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine, frequency_rad_s: float
 ) -> tuple[Run | None, CfidError | None]:
     reports, *others = vehicle
     with ExitStack() as stream:
@@ -94,7 +97,8 @@ def _play(
             loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
         except CfidError as error:
             return None, error
-        return attempt(plan, [reports, loadcell, *others], live)
+        notice = Felt(frequency_rad_s, (loadcell.record.model_extra or {})["counts_per_n"])
+        return attempt(replace(plan, notice=notice), [reports, loadcell, *others], live)
 
 
 def plan_sine(
