@@ -30,8 +30,22 @@ AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive, and until a se
 LOCKS_AFTER_S = 2.6  # longer than until an old setpoint locks a vehicle
 HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
 ALL_MOTORS = ("--motor", 1, "--motor", 2, "--motor", 3, "--motor", 4)
-STAIRS = ("log", "thrust", *ALL_MOTORS, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
-WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes")
+STAIRS = (
+    "log",
+    "thrust",
+    *ALL_MOTORS,
+    "--from",
+    30000,
+    "--to",
+    30000,
+    "--hold",
+    20,
+    "--rest",
+    0.3,
+    "--yes",
+    "--no-preflight",
+)
+WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes", "--no-preflight")
 PREFLIGHT = ("rig", "preflight", "--for", 0.5, "--yes")
 BUG = """
 import cfid.rig.recorder as recorder
@@ -295,7 +309,22 @@ def test_motors_stop_needs_no_help_twenty_times_out_of_twenty(tmp_path: Path, ki
 
 @pytest.mark.parametrize("kind", ["app", "stock"])
 def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_motor(tmp_path: Path, kind: str) -> None:
-    words = ("log", "thrust", "--from", 20000, "--to", 30000, "--step", 5000, "--hold", 1, "--rest", 0.5, "--yes")
+    words = (
+        "log",
+        "thrust",
+        "--from",
+        20000,
+        "--to",
+        30000,
+        "--step",
+        5000,
+        "--hold",
+        1,
+        "--rest",
+        0.5,
+        "--yes",
+        "--no-preflight",
+    )
     with bench_in(tmp_path, crazyflie={"firmware": kind}) as bench:
         pilot = bench.start(*words)
         pilot.wait_until_motors_run()
@@ -393,7 +422,22 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
 def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind: str, before_s: float) -> None:
     """What the procedure was about to do when the end was asked for must not come after the stop."""
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
-    words = ("log", "thrust", "--from", 20000, "--to", 30000, "--step", 10000, "--hold", 0.8, "--rest", 0.6, "--yes")
+    words = (
+        "log",
+        "thrust",
+        "--from",
+        20000,
+        "--to",
+        30000,
+        "--step",
+        10000,
+        "--hold",
+        0.8,
+        "--rest",
+        0.6,
+        "--yes",
+        "--no-preflight",
+    )
     with bench_in(tmp_path, crazyflie={"firmware": kind}, radio=radio) as bench:
         pilot = bench.start(*words)
         pilot.wait_until_motors_run(0.0)
