@@ -99,7 +99,9 @@ def test_without_a_confirmation_nothing_turns(bench: Bench) -> None:
 
     assert pilot.process.returncode == 2
     lasting = r"for \d:\d\d min \(about \d+ MB; [\d.]+ GB are free\)"
-    question = rf"motors 1, 2, 3, 4 will turn at commands up to 40000, {lasting}\. Is the vehicle fastened and everyone"
+    battery = r"battery \d\.\d\d V: .* at this plan's currents"
+    turning = rf"motors 1, 2, 3, 4 will turn at commands up to 40000, {lasting}; {battery}\."
+    question = rf"{turning} Is the vehicle fastened and everyone"
     assert re.search(question, pilot.err)
     assert "not confirmed: no motor was started." in pilot.err
     assert len(bench.history) == 1
