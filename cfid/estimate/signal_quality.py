@@ -44,7 +44,7 @@ def signal_quality(signal: Array, *, rate_hz: float) -> SignalQuality:
     residual = signal - np.polyval((drift, middle), place)
     window = np.hanning(len(residual))
     amplitude = 2 * np.abs(np.fft.rfft(residual * window)) / window.sum()
-    frequency_hz = np.fft.rfftfreq(len(residual), 1 / rate_hz)
+    frequency_hz = np.asarray(np.fft.rfftfreq(len(residual), 1 / rate_hz), np.float64)
     width_hz = max(_WIDTH_HZ, _WIDTH_BINS * rate_hz / len(residual))
     hum = np.min(np.abs(frequency_hz[:, np.newaxis] - np.array(MAINS_HZ)), axis=1) <= width_hz
     mains = _largest(frequency_hz, amplitude, hum)

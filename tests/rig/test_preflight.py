@@ -3,8 +3,10 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cfid.records.campaign import RUNS_FOLDER
@@ -12,6 +14,8 @@ from tests.flying_in_a_folder import Bench, bench_in
 from tests.rig_in_a_folder import Lab, lab_in
 
 pytestmark = pytest.mark.usefixtures("in_time")
+
+Array = npt.NDArray[np.float64]
 
 STAIRS = ("log", "thrust", "--from", 20000, "--to", 20000, "--hold", 1, "--rest", 0.5)
 FULL = {"battery": {"kind": "lipo"}}
@@ -28,11 +32,11 @@ def shakes(bench: Bench, hz: float, amplitude_n: float) -> None:
     cell = bench.rig.loadcell.box.load_cell
     read = cell.read
 
-    def shaken(time_s: np.ndarray, wrench: np.ndarray) -> object:  # type: ignore[type-arg]
+    def shaken(time_s: Array, wrench: Array) -> Any:
         wave = amplitude_n * np.sin(2 * np.pi * hz * time_s)
         return read(time_s, wrench + np.outer(wave, [1, 0, 0, 0, 0, 0]))
 
-    cell.read = shaken
+    cell.read = shaken  # type: ignore[method-assign]
 
 
 def fill_fz(bench: Bench, share: float) -> None:
