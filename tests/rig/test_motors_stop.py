@@ -183,7 +183,11 @@ VEHICLES = {
 }
 EACH = [(way, kind) for way in WAYS for kind in VEHICLES if not ("stock" in kind and way in NOT_WITH_STOCK)]
 # In the default run each signal is tried with the app, and the ways that differ by vehicle with every one.
-OFTEN = [(way, kind) for way, kind in EACH if kind == "app" or way in ("time over", "SIGTERM", "SIGKILL", "disk full")]
+OFTEN = [
+    (way, kind)
+    for way, kind in EACH
+    if kind == "app" or way in ("time over", "SIGTERM", "SIGKILL", "disk full", "SIGTERM in preflight")
+]
 GONE_WRONG = {
     SupervisorState.LEVEL_OUT,
     SupervisorState.FREE_FALL,
