@@ -76,7 +76,9 @@ def encoder(
 
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
+    from cfid.records.facts import RigFacts
     from cfid.rig.log import Plan, ready_encoder
+    from cfid.swing.during import Release
 
     campaign, devices, simulated = rig_of(keep.campaign)
     kept = label.label(campaign)
@@ -90,7 +92,9 @@ def encoder(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
+        notice=Release(campaign.rig.encoder.counts_per_turn) if label.kind_of_angles == "swing" else None,
         for_s=lasting.seconds,
+        facts=RigFacts(lab_book=campaign.rig.lab_book),
         simulated=simulated,
     )
     if lasting.dry_run:

@@ -99,7 +99,7 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
 
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
     stopped = stop_vehicle(uri, ports, say=note)
-    _print_stopped(uri, stopped.kind, stopped.after_s)
+    result(stopped_line(uri, stopped.kind, stopped.after_s))
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
 
@@ -130,7 +130,7 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
 
     def stopped(seconds: float) -> None:
         live.end()
-        _print_stopped(vehicle.uri, vehicle.firmware.kind, seconds)
+        result(stopped_line(vehicle.uri, vehicle.firmware.kind, seconds))
 
     try:
         drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show, stopped=stopped)
@@ -138,8 +138,8 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
         live.end()
 
 
-def _print_stopped(uri: str, kind: str, seconds: float) -> None:
+def stopped_line(uri: str, kind: str, seconds: float) -> str:
+    """Return what is known of a stop that took so many seconds, by the kind of firmware."""
     if kind == "thesis":
-        result(f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end.")
-    else:
-        result(f"{uri}: {stop_line(seconds)}")
+        return f"{uri}: a stop was sent. The modules of 2015 do not confirm it, and play a sine to its end."
+    return f"{uri}: {stop_line(seconds)}"

@@ -1,5 +1,6 @@
 """`cfid rig check` and `cfid rig sim`: check the devices, or simulate them."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,7 +31,6 @@ def check(
     Example: [bold]cfid rig check[/bold]
     """
     from cfid.console.campaign import here
-    from cfid.errors import DeviceError
     from cfid.rig.check import check_encoder, check_loadcell
     from cfid.rig.check_crazyflie import check_vehicle
     from cfid.rig.sim_file import SIM_FILE, devices_in
@@ -44,24 +44,29 @@ def check(
         "loadcell": check_loadcell(devices.loadcell),
         "crazyflie": check_vehicle(devices.crazyflie),
     }
-    _print_findings(findings, simulated=simulated, json=json)
-    faulty = [name for name, answers in findings.items() if any(answer.state == "fault" for answer in answers)]
-    if faulty:
-        raise DeviceError(f"not ready: {', '.join(faulty)}.")
+    report_answers("rig check", findings, simulated=simulated, json=json)
 
 
-def _print_findings(findings: "dict[str, list[DeviceAnswer]]", *, simulated: bool, json: bool) -> None:
+def report_answers(
+    command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool, json: bool
+) -> None:
+    """Print what devices answered. Raises DeviceError that names those with a fault."""
+    from cfid.errors import DeviceError
+
     if json:
         import json as encoder
 
-        content = {name: [answer._asdict() for answer in answers] for name, answers in findings.items()}
-        typer.echo(encoder.dumps({"command": "rig check", "simulated": simulated, "devices": content}, indent=2))
-        return
-    for name, answers in findings.items():
-        for answer in answers:
-            typer.echo(f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}")
+        content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
+        typer.echo(encoder.dumps({"command": command, "simulated": simulated, "devices": content}, indent=2))
+    else:
+        for name, answer in ((name, answer) for name, own in answers.items() for answer in own):
+            limit = f" (limit {answer.limit})" if answer.limit else ""
+            typer.echo(f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}{limit}")
             if answer.advice:
                 typer.echo(f"{'':35}-> {answer.advice}")
+    faulty = [name for name, own in answers.items() if any(answer.state == "fault" for answer in own)]
+    if faulty:
+        raise DeviceError(f"not ready: {', '.join(faulty)}.")
 
 
 @dataclass(frozen=True, kw_only=True)

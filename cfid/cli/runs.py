@@ -64,7 +64,10 @@ def note(
 ) -> None:
     """Add a note to runs, after those that they have.
 
-    Example: [bold]cfid runs note last "new battery"[/bold]
+    A note key=value is an entry of the lab book, over that of rig.toml: operator, battery, propellers, temperature_c
+    or a key of your own.
+
+    Example: [bold]cfid runs note last battery=B4[/bold]
     """
     _amend(run, campaign, note=text, message=f"note added: {text}" if text else "has no note any more")
 

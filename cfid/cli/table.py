@@ -67,6 +67,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "cfid.cli.rig:check",
         "Identify every device, and report faults and remedies. Changes no setting.",
     ),
+    "rig preflight": (
+        "cfid.cli.preflight:preflight",
+        "Look at seconds of the real signals before an experiment: value, limit, and what to do. Changes no run.",
+    ),
     "rig sim": (
         "cfid.cli.rig:sim",
         "Serve a simulated encoder, load cell and Crazyflie on real wires; cfid's commands use them while this runs.",

@@ -111,6 +111,11 @@ def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
 
     `rate_hz` are the rows a second of all devices. Raises ConfigError where the disk has no room for it.
     """
+    return f", for {clock(seconds)} min ({space_of(seconds, runs_folder, rate_hz=rate_hz)})"
+
+
+def space_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
+    """Return how much of the disk a recording takes, and how much is free; raises as `effort_of`."""
     needed = seconds * rate_hz * _BYTES_A_ROW
     place = next(folder for folder in (runs_folder, *runs_folder.resolve().parents) if folder.is_dir())
     free = shutil.disk_usage(place).free
@@ -119,7 +124,7 @@ def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
             f"{runs_folder}: the recording takes about {needed / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB: "
             "make room, or record less."
         )
-    return f", for {clock(seconds)} min (about {max(needed / 1e6, 1):.0f} MB; {free / 1e9:.1f} GB are free)"
+    return f"about {max(needed / 1e6, 1):.0f} MB; {free / 1e9:.1f} GB are free"
 
 
 def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
@@ -172,7 +177,7 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
         live.tell(f"recording into {folder} ({_until(plan)})")
 
     try:
-        return record_run(plan, devices, show=live.show, begun=begun), None
+        return record_run(plan, devices, show=live.show, begun=begun, say=live.say), None
     except CfidError as error:
         with contextlib.suppress(DataError):
             if folders:

@@ -1,6 +1,7 @@
 """Select the runs of a command: by names, globs, `last`, or by kind where none is named."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,18 +19,27 @@ RUN_FILE = "run.toml"
 Matches = Callable[["Run"], bool]
 
 
-def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: Matches, wanted: str) -> list[str]:
+def chosen(
+    words: Sequence[str] | None,
+    campaign: "Campaign | None",
+    *,
+    suits: Matches,
+    wanted: str,
+    excluded: bool = False,
+) -> list[str]:
     """Return the words, with `last` and globs replaced by run names; without words, all runs that match.
 
     Only complete runs that are not excluded are selected so, and a note names the others. Words that are paths, or
     have the form NAME=FILE, stay as they are. A run that was interrupted and resumed is one with that which completed
-    it. `wanted` describes the expected runs, for messages. Raises ConfigError when a word matches nothing.
+    it. `wanted` describes the expected runs, for messages; with `excluded` a glob selects excluded runs too. Raises
+    ConfigError when a word matches nothing.
     """
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
     there = _readable(campaign) if campaign is not None and finding else []
     resumed = {run.header.requested.get("resumes") for run in there if not run.header.excluded}
     runs = [run for run in there if suits(run) and run.folder.name not in resumed]
+    named = [_included(run) for run in runs] if excluded else runs
     if not words:
         return _whole(_every(runs, campaign, wanted), campaign)
     found: list[str] = []
@@ -37,9 +47,13 @@ def chosen(words: Sequence[str] | None, campaign: "Campaign | None", *, suits: M
         if not _is_search(word):
             found.append(word)
             continue
-        names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, runs, campaign, wanted)
+        names = [_latest(runs, campaign, wanted)] if word == LAST else _matching(word, named, campaign, wanted)
         found += [name for name in names if name not in found]  # a run that two words name counts once
     return _whole(found, campaign)
+
+
+def _included(run: "Run") -> "Run":
+    return replace(run, header=run.header.model_copy(update={"excluded": ""}))
 
 
 def _whole(words: Sequence[str], campaign: "Campaign | None") -> list[str]:

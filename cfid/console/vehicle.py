@@ -66,6 +66,20 @@ class VehicleOptions(LinkOptions):
     ] = False
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(VehicleOptions):
+    """The vehicle of a recording with motors, before which the signals are looked at."""
+
+    no_preflight: Annotated[
+        bool,
+        typer.Option(
+            "--no-preflight",
+            help="Do not look at a second of signals, motors off, before.",
+            rich_help_panel=VEHICLE,
+        ),
+    ] = False
+
+
 LogMs = Annotated[
     int,
     typer.Option(min=1, max=1000, help="Milliseconds between rows of the vehicle's log.", rich_help_panel=VEHICLE),
@@ -108,19 +122,26 @@ def typed_line() -> str:
     return line.decode(errors="replace")
 
 
+def refuse(vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int]) -> int:
+    """Return the largest of the commands. Raises ConfigError when rig.toml or the rotors do not allow one of them.
+
+    Raises DeviceError for a vehicle whose motors cannot be started in its present state.
+    """
+    vehicle.refuse_unfit()
+    turning = [command for command in commands if command] or [0]
+    if max(turning):
+        vehicle.limits.check_turning(motors, min(turning), max(turning))
+    return max(turning)
+
+
 def confirm(
     vehicle: "ReadyVehicle", motors: Sequence[int], commands: Sequence[int], *, yes: bool, effort: str = ""
 ) -> None:
     """Have the operator confirm that the vehicle is fastened, before motors turn at these commands.
 
-    `effort` says how long, and what that takes. Raises ConfigError without a confirmation, or when rig.toml or the
-    rotors do not allow such a command; DeviceError for a vehicle whose motors cannot be started in its present state.
+    `effort` says how long, and what that takes. Raises ConfigError without a confirmation, and as `refuse` does.
     """
-    vehicle.refuse_unfit()
-    turning = [command for command in commands if command] or [0]
-    largest = max(turning)
-    if largest:
-        vehicle.limits.check_turning(motors, min(turning), largest)
+    largest = refuse(vehicle, motors, commands)
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"

@@ -268,7 +268,7 @@ def _steady(record: StandSignals, baselines: Sequence[Level], bounds: Window, *,
     time_s, value = record.slow.between(*bounds)
     tare = np.interp(time_s, [one.time_s for one in baselines], [one.mean[record.thrust] for one in baselines])
     flat, hold_s = Slow(time_s, value - tare), record.held / record.rate_hz
-    return steady_stretch(flat, bounds, drift=drift, wave=_WAVE * height, hold_s=hold_s)
+    return steady_stretch(flat, bounds, drift=drift, wave=_WAVE * height, hold_s=hold_s, height=height)
 
 
 def _point(

@@ -279,14 +279,22 @@ def _search(seen: Slow, times: Array, lags: Array, share: float) -> Onset:
 
 
 def steady_stretch(
-    slow: Slow, window: tuple[float, float], *, drift: float, wave: float, hold_s: float, fewest: int = _FEWEST_BLOCKS
+    slow: Slow,
+    window: tuple[float, float],
+    *,
+    drift: float,
+    wave: float,
+    hold_s: float,
+    height: float | None = None,
+    fewest: int = _FEWEST_BLOCKS,
 ) -> Stretch:
     """Return the longest steady stretch in a window of a slow thrust whose samples repeat for `hold_s`.
 
     Steady is what would change by at most `drift` over the whole window, and moves about that line by at most `wave`.
     The whole window may also change as much as its noise explains, and move if von Neumann's ratio [vN] calls that
     white; a part of it must be steady beyond noise, and be a quarter of it at least. A window shorter than three
-    readings, or blocks of 50 ms, is not steady, unless `fewest` accepts it.
+    readings, or blocks of 50 ms, is not steady, unless `fewest` accepts it. The reason states parts of a step's
+    `height`, where one is given.
     """
     from_s, to_s = window
     block_s = max(SMOOTHED_S, hold_s, (to_s - from_s) / _MOST_BLOCKS)
@@ -303,9 +311,14 @@ def steady_stretch(
     flat = np.where(whole, (change <= drift) | (change <= 3 * spread), change + 2 * spread <= drift)
     steady = flat & ((runs.wave <= wave) | whole & (runs.alike <= 3)) & (4 * runs.size >= count)
     if not steady.any():
-        much = f"changes by {change[whole][0]:.2g} in {to_s - from_s:.2g} s, {runs.wave[whole][0]:.2g} about a line"
+        changed, waved = (_of_height(float(part[whole][0]), height) for part in (change, runs.wave))
+        much = f"changes by {changed} in {to_s - from_s:.2g} s, {waved} about a line"
         return Stretch(from_s, to_s, f"{LAGS} time constants after its onset it still {much}")
     best = int(np.argmax(np.where(steady, runs.size * count + runs.first, -1)))
     first, last = runs.first[best], runs.first[best] + runs.size[best]
     end_s = to_s if last == count else float(inside.time_s[last * length])
     return Stretch(float(inside.time_s[first * length]), end_s)
+
+
+def _of_height(value: float, height: float | None) -> str:
+    return f"{value:.2g}" if height is None else f"{100 * value / height:.2g} % of its height"

@@ -123,6 +123,7 @@ def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Know
             "vehicle": summary.vehicle,
             "complete_runs": summary.complete_runs,
             "other_runs": summary.other_runs,
+            "lab_book": summary.lab_book,
             "findings": [finding.as_json() for finding in summary.findings],
         }
         for summary in summaries
@@ -150,6 +151,7 @@ def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[Kn
     from rich.table import Table
 
     from cfid.console.tables import value_and_deviation
+    from cfid.records.lab_book import lines
 
     console = Console()
     table = Table(box=SIMPLE, pad_edge=False)
@@ -159,6 +161,9 @@ def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[Kn
         counts = str(summary.complete_runs), str(summary.other_runs)
         table.add_row(str(number), summary.folder.name, summary.vehicle, *counts)
     console.print(table)
+    for number, summary in enumerate(summaries, 1):
+        for line in lines(summary.lab_book):
+            console.print(f"  {number:3}  {line}", highlight=False, markup=False)
     for name, row in quantities.items():
         unit = next(known.unit for known in row if known is not None)
         console.print(f"[bold]{name}[/bold], {unit}", highlight=False)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import Finding, warning
+from cfid.records import lab_book
 from cfid.records.campaign import RUNS_FOLDER, find_campaign
 from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.rig_file import RIG_FILE
@@ -38,6 +39,7 @@ class Summary:
     complete_runs: int
     other_runs: int
     known: tuple[KnownValue, ...]
+    lab_book: dict[str, dict[str, int]]
     findings: tuple[Finding, ...]
 
 
@@ -61,6 +63,7 @@ def summarise(folder: Path) -> Summary | CfidError:
         known=tuple(
             known for name, section in sections.items() for known in _numbers(name, section, _recorded(section, runs))
         ),
+        lab_book=lab_book.summary(runs),
         findings=tuple(
             filter(None, (_source_finding(folder, source) for source in sorted(sources, key=lambda own: own.path)))
         ),

@@ -9,6 +9,7 @@ from cfid.console.messages import clock
 from cfid.console.recording import Found, KeepOptions, Rig, record
 from cfid.console.vehicle import LinkOptions, reach
 from cfid.console.verdicts import Judge
+from cfid.records.facts import RigFacts
 from cfid.records.run import Label
 from cfid.rig.log import Plan
 from cfid.rig.pings import Pings
@@ -38,6 +39,7 @@ def record_pings(
             procedure=lambda there, loop: ping_often(
                 there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
             ),
+            facts=RigFacts(lab_book=campaign.rig.lab_book),
             requested={"count": count, "interval_s": every_s},
             simulated=simulated,
         )

@@ -9,7 +9,7 @@ from cfid.console.messages import clock
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
-from cfid.console.vehicle import LogMs, Motor, VehicleOptions, motors_of
+from cfid.console.vehicle import ExperimentOptions, LogMs, Motor, motors_of
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.units import FULL_COMMAND
@@ -73,7 +73,7 @@ def thrust(
     *,
     options: StaircaseOptions,
     motor: Motor = None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
     resume: ResumeOptions,
     keep: KeepOptions,
@@ -87,7 +87,7 @@ def thrust(
     from cfid.motors.record import record_forces
 
     rig = rig_of(keep.campaign)
-    wanted = options.staircase(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
+    wanted = thrust_staircase(options, motor)
     wanted = _left("thrust", wanted, resume, rig[0])
     if options.dry_run:
         announce(wanted)
@@ -120,7 +120,7 @@ def speed(
         str | None, typer.Option(help="Port of the UT372; default: search for it.", rich_help_panel=_INSTRUMENT)
     ] = None,
     motor: Motor = None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
     resume: ResumeOptions,
     keep: KeepOptions,
@@ -163,7 +163,7 @@ def scales(
     ] = None,
     baud: Annotated[int, typer.Option(min=1, help="Speed of that port.", rich_help_panel=_INSTRUMENT)] = 9600,
     motor: Motor = None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
     resume: ResumeOptions,
     keep: KeepOptions,
@@ -194,6 +194,11 @@ def scales(
             note=note,
             judge=later("cfid.motors.verdict", "of_readings"),
         )
+
+
+def thrust_staircase(options: StaircaseOptions, motor: list[str] | None = None) -> "StaircasePlan":
+    """Return the staircase of `cfid log thrust`. Raises ConfigError for impossible options."""
+    return options.staircase(motors_of(motor, (1, 3)), step=2000, hold_s=10.0, rest_s=3.0)
 
 
 def announce(staircase: "StaircasePlan") -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cfid.errors import ConfigError
+from cfid.estimate.battery_endurance import Held
 from cfid.records.run import Run, read_run
 from cfid.records.tables.table import Array
 from cfid.records.tables.vehicle import COMMANDS, READINGS, holds, read_commands, read_rows
@@ -37,6 +38,12 @@ class StaircasePlan:
     def duration_s(self) -> float:
         """How long it takes."""
         return self.rest_s + len(self.steps) * (self.hold_s + self.rest_s)
+
+    @property
+    def held(self) -> list[Held]:
+        """What draws current: each command, and the pauses."""
+        steps = [Held(step, len(self.motors), self.hold_s) for step in self.steps]
+        return [*steps, Held(0, 0, self.duration_s - len(steps) * self.hold_s)]
 
     def to_run(self) -> dict[str, Any]:
         """Return what run.toml states of it."""

@@ -2,20 +2,24 @@
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
+from cfid.console.preflight import quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
-from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
+from cfid.motors.during import Steps
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Label
+from cfid.rig.hand_held import Readings
 from cfid.rig.log import Device, Plan, Procedure, ready_loadcell
 from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands, four
 from cfid.rig.motors import STILL
-from cfid.rig.questions import Questions
+from cfid.rig.questions import UNDO, Answer, Questions
 from cfid.rig.ready_instruments import ready_scales, ready_tachometer, typed_readings
 from cfid.rig.ready_vehicle import ReadyVehicle
 from cfid.rig.recorder import sleep
@@ -23,7 +27,7 @@ from cfid.rig.recorder import sleep
 _ROWS_A_SECOND = 200  # of the vehicle's log and what instruments add
 
 Tell = Callable[[str], None]  # takes the procedure's progress, for the live line
-Ask = Callable[[int], Awaitable[float | None]]  # returns the operator's reading at a command; None leaves it out
+Ask = Callable[[int], Awaitable[float | Answer | None]]  # the operator's reading at a command; None leaves it out
 
 
 def record_forces(
@@ -31,19 +35,21 @@ def record_forces(
     staircase: StaircasePlan,
     rig: Rig,
     *,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     rate_hz: int | None,
     keep: KeepOptions,
     note: str | None,
     judge: Judge,
     question: str | None = None,
+    calm: bool = True,
     requested: Mapping[str, Any] | None = None,
     found: Found = nothing_found,
 ) -> None:
     """Record load cell, commands and the vehicle's log during a staircase; a `question` is put at each command.
 
-    `requested` goes into run.toml with the staircase. Raises ConfigError or DeviceError.
+    In a wind it is not `calm`: noise has no limit then. `requested` goes into run.toml with the staircase. Raises
+    ConfigError or DeviceError.
     """
     _, devices, simulated = rig
     cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
@@ -53,12 +59,17 @@ def record_forces(
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         crazyflie.limits.refuse_idling(staircase.motors)
         effort = _effort(staircase, rig, rate_hz=(rate_hz or cell.rate_hz) + 1000 / log_ms)
+        refuse(crazyflie, staircase.motors, staircase.steps)
+        if not vehicle.no_preflight:
+            effort += quick([loadcell, crazyflie.usual_log(log_ms)], staircase.held, calm=calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
             parts.append(typed_readings("rpm"))
         procedure = _procedure(staircase, question, live, tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
+        counts_per_n = (loadcell.record.model_extra or {})["counts_per_n"]
+        plan = replace(plan, notice=Steps(counts_per_n) if calm else None, asks=question is not None)
         record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
 
 
@@ -68,7 +79,7 @@ def record_speed(
     *,
     tachometer: str,
     port: str | None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     keep: KeepOptions,
     note: str | None,
@@ -107,7 +118,7 @@ def record_scales(
     *,
     port: str | None,
     baud: int,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     keep: KeepOptions,
     note: str | None,
@@ -144,7 +155,7 @@ def _record_readings(
     instrument: Callable[[ReadyVehicle], list[Device]],
     value: str,
     question: str | None,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     keep: KeepOptions,
     note: str | None,
     judge: Judge,
@@ -158,6 +169,9 @@ def _record_readings(
         if question is not None:
             parts.append(typed_readings(value))
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
+        refuse(crazyflie, staircase.motors, staircase.steps)
+        if not vehicle.no_preflight:
+            effort += quick([crazyflie.usual_log()], staircase.held)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort)
         procedure = _procedure(staircase, question, live, tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested={})
@@ -199,22 +213,28 @@ def _procedure(staircase: StaircasePlan, question: str | None, live: LiveLine, *
 
     async def read(there: Mapping[str, Any], loop: Loop) -> None:
         questions = Questions(loop=loop, tell=live.task, say=live.tell)
+        readings: Readings = there["readings"]
 
-        async def ask(command: int) -> float | None:
+        async def ask(command: int) -> float | Answer | None:
             if tare and not command:
                 return None
             live.ring()
-            return await questions.number(question.format(command=command))
+            undo = "" if readings.last is None else f" (u takes {readings.last:g} back)"
+            return await questions.number(question.format(command=command) + undo)
 
         questions.open()
         try:
             if tare:
                 await sleep(loop, staircase.rest_s)
-            await read_at_steps(staircase, there["commands"], there["readings"].add, ask, loop=loop, tell=live.task)
+            await read_at_steps(staircase, there["commands"], readings, ask, loop=loop, tell=live.task, say=live.tell)
         finally:
             questions.close()
 
     return read
+
+
+def _taken_back(command: int, value: float) -> str:
+    return f"taken back: {value:g} at command {command}, which is held again after this one."
 
 
 async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
@@ -232,19 +252,28 @@ async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, lo
 async def read_at_steps(
     staircase: StaircasePlan,
     commands: MotorCommands,
-    note: Callable[[int, float], None],
+    readings: Readings,
     ask: Ask,
     *,
     loop: Any,
     tell: Tell,
+    say: Tell,
 ) -> None:
-    """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2)."""
-    for count, step in enumerate(staircase.steps):
-        tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
+    """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
+
+    A command whose reading is taken back is held again after the present one.
+    """
+    left = list(staircase.steps)
+    while left:
+        step = left.pop(0)
+        tell(f"command {step} ({len(left)} to follow)")
         await commands.set(four(step, staircase.motors))
         await sleep(loop, staircase.hold_s)
-        value = await ask(step)
-        if value is not None:
-            note(step, value)
+        while (value := await ask(step)) is UNDO:
+            back = readings.withdraw()
+            say("there is no reading to take back." if back is None else _taken_back(*back))
+            left = left if back is None else [back[0], *left]
+        if isinstance(value, float):
+            readings.add(step, value)
         await commands.set(STILL)
         await sleep(loop, staircase.rest_s)

@@ -70,6 +70,15 @@ class WindStand(RigTable):
     speed_scale_std: Spread | None = None
 
 
+class LabBook(RigTable):
+    """Who records, and with what: text of the operator's, which no fit reads."""
+
+    operator: str | None = None
+    battery: str | None = None
+    propellers: str | None = None
+    temperature_c: Number | None = None
+
+
 class RigFacts(RigTable):
     """All such facts, under the names of rig.toml's tables."""
 
@@ -77,6 +86,7 @@ class RigFacts(RigTable):
     tachometer: Tachometer = Tachometer()
     scales: Scales = Scales()
     wind: WindStand = WindStand()
+    lab_book: LabBook = LabBook()
 
     @property
     def yaw_in_wind_deg(self) -> float | None:

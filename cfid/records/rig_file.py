@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from cfid.errors import ConfigError
 from cfid.quantities.platforms import Platform
 from cfid.records.facts import (
+    LabBook,
     LoadCellMount,
     Number,
     Positive,
@@ -252,6 +253,7 @@ class Rig(RigTable):
     tachometer: Tachometer = Tachometer()
     scales: Scales = Scales()
     wind: WindStand = WindStand()
+    lab_book: LabBook = LabBook()
     devices: Devices = Devices()
     friction: FrictionRig | None = None
     mounts: dict[str, Mount] = Field(default_factory=dict)
@@ -261,7 +263,13 @@ class Rig(RigTable):
     @property
     def facts(self) -> RigFacts:
         """How devices are mounted and how exact they are, as each run stores it."""
-        return RigFacts(loadcell=self.loadcell, tachometer=self.tachometer, scales=self.scales, wind=self.wind)
+        return RigFacts(
+            loadcell=self.loadcell,
+            tachometer=self.tachometer,
+            scales=self.scales,
+            wind=self.wind,
+            lab_book=self.lab_book,
+        )
 
 
 def load_rig(path: Path) -> Rig:

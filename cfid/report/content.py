@@ -10,6 +10,7 @@ from cfid.errors import DataError
 from cfid.guide.status import status_of
 from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, list_fits
+from cfid.records.lab_book import lines, summary
 from cfid.records.parameters import load_sections, plain
 from cfid.records.run import Run, list_runs
 from cfid.records.stale import stale_in
@@ -40,6 +41,7 @@ class About:
     fitted_with: tuple[str, ...]
     runs: int
     simulated_runs: int
+    lab_book: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,7 @@ def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: da
         fitted_with=tuple(sorted({fit.section.cfid_version for fit in fits})),
         runs=len(runs),
         simulated_runs=sum(run.header.simulated for run in runs),
+        lab_book=tuple(lines(summary(runs))),
     )
 
 

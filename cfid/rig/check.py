@@ -26,12 +26,13 @@ State = Literal["ok", "warning", "fault"]
 
 
 class DeviceAnswer(NamedTuple):
-    """A question to a device, its answer, and what to do where the answer is not as it should be."""
+    """A question to a device, its answer, what to do where that is not as it should be, and the limit, if any."""
 
     asked: str
     state: State
     answer: str
     advice: str = ""
+    limit: str = ""
 
 
 def check_encoder(setting: EncoderPort, *, counts_per_turn: float | str) -> list[DeviceAnswer]:

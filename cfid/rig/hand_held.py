@@ -35,19 +35,37 @@ class _Rows:
 
 
 class Readings:
-    """Readings that the operator types at a motor command; `t` is when a reading was typed."""
+    """Readings that the operator types at a motor command; `t` is when a reading was typed.
+
+    A row with `withdrawn` 1 repeats the row that it takes back: that one is on disk already.
+    """
 
     def __init__(self, name: str, value_name: str, *, loop: Any, clock: HostClock) -> None:
         """Take the names of the file and of its last column."""
-        self.name, self.columns = name, ("t", "command", value_name)
-        self._loop, self._rows = loop, _Rows(3, clock)
+        self.name, self.columns = name, ("t", "command", value_name, "withdrawn")
+        self._loop, self._rows = loop, _Rows(4, clock)
+        self._kept: list[tuple[int, float]] = []
 
     def start(self) -> None:
         """Do nothing: rows come when they are typed."""
 
     def add(self, command: int, value: float) -> None:
         """Note a reading at a command."""
-        self._rows.add(self._loop.seconds(), command, value)
+        self._kept.append((command, value))
+        self._rows.add(self._loop.seconds(), command, value, 0)
+
+    @property
+    def last(self) -> float | None:
+        """The last reading that was not taken back."""
+        return self._kept[-1][1] if self._kept else None
+
+    def withdraw(self) -> tuple[int, float] | None:
+        """Take the last reading back; return its command and its value, None where there is none."""
+        if not self._kept:
+            return None
+        command, value = self._kept.pop()
+        self._rows.add(self._loop.seconds(), command, value, 1)
+        return command, value
 
     def take(self) -> Block:
         """Return the readings typed since the last call."""

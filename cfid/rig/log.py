@@ -19,13 +19,14 @@ from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.rig import box as loadcell_box
 from cfid.rig.clock import HostClock
+from cfid.rig.doubts import Doubts, Notice
 from cfid.rig.e201_port import find_encoder, lock_name
 from cfid.rig.encoder import Encoder
 from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
-from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say
+from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say, Sink
 from cfid.rig.serial_line import serial_lines
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
@@ -52,7 +53,8 @@ class Plan:
     """What to record, where to and for how long; None means until the operator ends it.
 
     With a `procedure` the run lasts as long as that takes, and counts as interrupted when it ends before.
-    The rig's `facts` and what was `requested` go into run.toml unchanged.
+    `notice` looks at the rows as they arrive, and what it returns is put before the operator; a procedure that `asks`
+    for readings keeps the keyboard. The rig's `facts` and what was `requested` go into run.toml unchanged.
     """
 
     runs_folder: Path
@@ -60,6 +62,8 @@ class Plan:
     label: Label
     for_s: float | None = None
     procedure: Procedure | None = None
+    notice: Notice | None = None
+    asks: bool = False
     facts: RigFacts = NONE_STATED
     requested: Mapping[str, Any] = field(default_factory=dict)
     simulated: bool = False
@@ -171,17 +175,23 @@ def _vertical_force(counts_per_n: float, latest: tuple[float, ...]) -> str:
 
 
 def record_run(
-    plan: Plan, devices: Sequence[Device], *, show: Callable[[Recorder], None], begun: Callable[[Path], None]
+    plan: Plan,
+    devices: Sequence[Device],
+    *,
+    show: Callable[[Recorder], None],
+    begun: Callable[[Path], None],
+    say: Say = lambda _: None,
 ) -> Run:
     """Record the devices into a new run until the plan's time is over or a signal arrives.
 
-    `begun` gets the run's folder, `show` is called after every block. Without a procedure, a run that a signal ended
-    is complete. Raises DeviceError or DataError with the first failure, with the run closed as failed and all rows
-    until then kept; KeyboardInterrupt when it was ended before the first row.
+    `begun` gets the run's folder, `show` is called after every block, `say` gets what the plan's `notice` returned.
+    Without a procedure, a run that a signal ended is complete. Raises DeviceError or DataError with the first
+    failure, with the run closed as failed and all rows until then kept; KeyboardInterrupt when it was ended before the
+    first row.
     """
 
     async def main(loop: Loop, ending: Ending) -> Run:
-        return await _recorded(plan, devices, loop, ending, show=show, begun=begun)
+        return await _recorded(plan, devices, loop, ending, show=show, begun=begun, say=say)
 
     return run_until_done(main)
 
@@ -192,8 +202,9 @@ def drive(
     *,
     show: Callable[[Recorder], None],
     stopped: Callable[[float], None],
+    into: Sink | None = None,
 ) -> None:
-    """Carry out a procedure without recording it; `stopped` gets the seconds that the motors' stop took.
+    """Carry out a procedure without a run; `stopped` gets the seconds that the motors' stop took, `into` the rows.
 
     Raises DeviceError like `record_run`; in every case the motors are stopped and checked.
     """
@@ -201,7 +212,7 @@ def drive(
     async def main(loop: Loop, ending: Ending) -> None:
         clock = HostClock.now()
         instruments = [device.open(loop, clock) for device in devices]
-        recorder = Recorder(instruments, Nowhere(), loop=loop, show=lambda: show(recorder))
+        recorder = Recorder(instruments, into or Nowhere(), loop=loop, show=lambda: show(recorder))
         try:
             await recorder.record(lambda: _first_of(ending, procedure, instruments, loop))
         finally:
@@ -220,22 +231,30 @@ async def _recorded(
     *,
     show: Callable[[Recorder], None],
     begun: Callable[[Path], None],
+    say: Say,
 ) -> Run:
     clock = HostClock.now()
     instruments = [device.open(loop, clock) for device in devices]
-    with create_run(
-        plan.runs_folder,
-        kind=plan.kind,
-        label=plan.label,
-        devices={instrument.name: device.record for instrument, device in zip(instruments, devices, strict=True)},
-        started=datetime.now(UTC),
-        cfid_version=__version__,
-        simulated=plan.simulated,
-        facts=plan.facts,
-        requested=plan.requested,
-    ) as run:
+    with (
+        ExitStack() as closing,
+        create_run(
+            plan.runs_folder,
+            kind=plan.kind,
+            label=plan.label,
+            devices={instrument.name: device.record for instrument, device in zip(instruments, devices, strict=True)},
+            started=datetime.now(UTC),
+            cfid_version=__version__,
+            simulated=plan.simulated,
+            facts=plan.facts,
+            requested=plan.requested,
+        ) as run,
+    ):
         begun(run.folder)
-        recorder = Recorder(instruments, run, loop=loop, show=lambda: show(recorder))
+        sink: Sink = run
+        if plan.notice is not None:
+            sink = doubts = Doubts(run, plan.notice, ending=ending, loop=loop, say=say, asks=not plan.asks)
+            closing.callback(doubts.close)
+        recorder = Recorder(instruments, sink, loop=loop, show=lambda: show(recorder))
         recorder.for_s = plan.for_s
         for instrument, device in zip(instruments, devices, strict=True):
             recorder.progress[instrument.name].reading = device.reading

@@ -1,12 +1,24 @@
 """Asks the operator for readings of an instrument while motors run and everything records."""
 
 from collections.abc import Callable
-from typing import Any
+from enum import Enum
+from typing import Any, Final
 
 from twisted.internet.defer import DeferredQueue
 
 from cfid.errors import ConfigError
 from cfid.rig.keyboard import Keyboard, edited
+
+_UNDO = ("u", "undo")
+
+
+class Answer(Enum):
+    """What an operator answers instead of a number."""
+
+    UNDO = "take the last reading back"
+
+
+UNDO: Final = Answer.UNDO
 
 
 class Questions:
@@ -26,10 +38,10 @@ class Questions:
         """Stop listening."""
         self._keyboard.close()
 
-    async def number(self, what: str) -> float | None:
-        """Return the number typed, None for an empty line, which means no reading. Asks again after an invalid line.
+    async def number(self, what: str) -> float | Answer | None:
+        """Return the number typed, None for an empty line, which means no reading, UNDO for u or undo.
 
-        Raises ConfigError when the input ends, or when a script's line is invalid.
+        Asks again after an invalid line. Raises ConfigError when the input ends, or when a script's line is invalid.
         """
         while self._keyboard.keys and self._typed.pending:  # typed before the question
             await self._typed.get()
@@ -37,13 +49,15 @@ class Questions:
             line = await self._line(what)
             if not line:
                 return None
+            if line.lower() in _UNDO:
+                return UNDO
             try:
                 value = float(line.replace(",", "."))
             except ValueError:
                 value = -1.0
             if 0 <= value < float("inf"):
                 return value
-            wrong = f"'{line}' is not a reading: type a number, or nothing where there is none."
+            wrong = f"'{line}' is not a reading: type a number, nothing where there is none, u to take the last back."
             if not self._keyboard.keys:
                 raise ConfigError(wrong)
             self._say(wrong)

@@ -34,7 +34,7 @@ def typed_readings(value: str) -> Device:
     def opened(loop: Loop, clock: HostClock) -> Instrument:
         return Readings("readings", value, loop=loop, clock=clock)
 
-    return _device("readings.csv", ("t", "command", value), opened, typed=True)
+    return _device("readings.csv", ("t", "command", value, "withdrawn"), opened, typed=True)
 
 
 def _device(file: str, columns: tuple[str, ...], opened: Open, **more: object) -> Device:

@@ -71,8 +71,10 @@ class SineInputs:
         float, typer.Option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, of files.", rich_help_panel=_INPUT)
     ] = 30000.0
 
-    def read(self, words: Sequence[str] | None, reading: "WrenchReading", workplace: Workplace) -> "SineSet":
-        """Read the index and the RUNs; without either, all complete sines of the campaign.
+    def read(
+        self, words: Sequence[str] | None, reading: "WrenchReading", workplace: Workplace, *, excluded: bool = False
+    ) -> "SineSet":
+        """Read the index and the RUNs, by glob also those `excluded`; without either, all complete sines.
 
         Raises ConfigError and DataError.
         """
@@ -80,7 +82,7 @@ class SineInputs:
 
         arm = measured(self.arm_mm, "--arm-mm")
         return read_sines(
-            [find_recording(word, workplace) for word in self._chosen(words, workplace)],
+            [find_recording(word, workplace) for word in self._chosen(words, workplace, excluded)],
             index=self.index,
             channel=self.channel,
             arm_m=None if arm.value is None else MM * arm.value,
@@ -91,12 +93,18 @@ class SineInputs:
             reading=reading,
         )
 
-    def _chosen(self, words: Sequence[str] | None, workplace: Workplace) -> list[str]:
+    def _chosen(self, words: Sequence[str] | None, workplace: Workplace, excluded: bool) -> list[str]:
         if not words and self.index is not None:
             return []
         if not words and workplace.campaign is None:
             raise ConfigError("no sine to read: give RUNs of `cfid log sine`, or --index FILE.")
-        return chosen(words, workplace.campaign, suits=lambda run: run.header.family == "sine", wanted="sines")
+        return chosen(
+            words,
+            workplace.campaign,
+            suits=lambda run: run.header.family == "sine",
+            wanted="sines",
+            excluded=excluded,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,7 +258,7 @@ def verify(
     known = _function(function, workplace)
     if not runs and inputs.index is None:
         raise ConfigError("nothing to verify with: give a RUN that was left out of the fit, or --index FILE.")
-    sines = inputs.read(runs, scale.reading(reading), workplace)
+    sines = inputs.read(runs, scale.reading(reading), workplace, excluded=True)
     result = transfer.verify(sines, known, sign=inputs.sign, settle_s=settle_s)
     deliver(
         replace(result, folder=workplace.figures_folder(sines.paths)), delivery, workplace.campaign, workplace.own_rig

@@ -99,7 +99,9 @@ def test_without_a_confirmation_nothing_turns(bench: Bench) -> None:
 
     assert pilot.process.returncode == 2
     lasting = r"for \d:\d\d min \(about \d+ MB; [\d.]+ GB are free\)"
-    question = rf"motors 1, 2, 3, 4 will turn at commands up to 40000, {lasting}\. Is the vehicle fastened and everyone"
+    battery = r"battery \d\.\d\d V: .* at this plan's currents"
+    turning = rf"motors 1, 2, 3, 4 will turn at commands up to 40000, {lasting}; {battery}\."
+    question = rf"{turning} Is the vehicle fastened and everyone"
     assert re.search(question, pilot.err)
     assert "not confirmed: no motor was started." in pilot.err
     assert len(bench.history) == 1
@@ -132,7 +134,7 @@ def test_the_operator_confirms_types_the_tachometer_and_reads_what_is_missing(be
 def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
     wind = {"angle_deg": 48.4, "speed_mps": 2.9, "body_kg_per_m": -3e-3}
     with bench_in(tmp_path, wind=wind) as bench:
-        pilot = bench.start("log", "wind", "--wind", 0, *QUICK, "--yes")
+        pilot = bench.start("log", "wind", "--wind", 0, *QUICK, "--yes", "--no-preflight")
         assert pilot.end() == 0, pilot.err
         force = pd.read_csv(bench.run().device_file("loadcell"))[["Fx", "Fy"]].to_numpy() / 1e6
 
@@ -142,7 +144,7 @@ def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
-    first = bench.start(*IN_WIND, "--tachometer", "none", "--yes")
+    first = bench.start(*IN_WIND, "--tachometer", "none", "--yes", "--no-preflight")
     bench.wait_until(lambda: 40000 in bench.motors or first.process.poll() is not None, first)
     time.sleep(0.2)
     first.send(signal.SIGINT)
@@ -150,11 +152,13 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
     assert not any(bench.motors)
     assert bench.run().header.state == "interrupted"
 
-    refused = bench.start("log", "wind", "--wind", 0, "--resume", bench.run().folder, "--yes")
+    refused = bench.start("log", "wind", "--wind", 0, "--resume", bench.run().folder, "--yes", "--no-preflight")
     assert refused.end() == 2
     assert "leave out its options" in refused.err
 
-    second = bench.start("log", "wind", "--resume", bench.run().folder, "--tachometer", "none", "--yes")
+    second = bench.start(
+        "log", "wind", "--resume", bench.run().folder, "--tachometer", "none", "--yes", "--no-preflight"
+    )
     assert second.end() == 0, second.err
     runs = list_runs(bench.folder / "runs")
     resumed = [read_run(run.folder).header for run in runs if not isinstance(run, Exception)][-1]
@@ -164,7 +168,7 @@ def test_an_interrupted_wind_is_resumed_in_its_own_wind(bench: Bench) -> None:
 
 
 def test_a_command_whose_reading_was_not_typed_is_done_again(bench: Bench) -> None:
-    pilot = bench.start(*IN_WIND, "--yes", stdin=subprocess.PIPE)
+    pilot = bench.start(*IN_WIND, "--yes", "--no-preflight", stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None
     pilot.process.stdin.write(b"22000\n")
     pilot.process.stdin.flush()
@@ -178,7 +182,7 @@ def test_a_command_whose_reading_was_not_typed_is_done_again(bench: Bench) -> No
 
 
 def test_nonsense_typed_for_a_reading_ends_the_run_and_stops_the_motors(bench: Bench) -> None:
-    pilot = bench.start(*IN_WIND, "--yes", stdin=subprocess.PIPE)
+    pilot = bench.start(*IN_WIND, "--yes", "--no-preflight", stdin=subprocess.PIPE)
     pilot.process.communicate(b"fast\n", timeout=30)
 
     assert pilot.process.returncode == 2

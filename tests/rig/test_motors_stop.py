@@ -30,8 +30,23 @@ AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive, and until a se
 LOCKS_AFTER_S = 2.6  # longer than until an old setpoint locks a vehicle
 HOLD = ("motors", "set", 30000, "--motor", 1, "--motor", 3, "--yes")
 ALL_MOTORS = ("--motor", 1, "--motor", 2, "--motor", 3, "--motor", 4)
-STAIRS = ("log", "thrust", *ALL_MOTORS, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
-WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes")
+STAIRS = (
+    "log",
+    "thrust",
+    *ALL_MOTORS,
+    "--from",
+    30000,
+    "--to",
+    30000,
+    "--hold",
+    20,
+    "--rest",
+    0.3,
+    "--yes",
+    "--no-preflight",
+)
+WIND = ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes", "--no-preflight")
+PREFLIGHT = ("rig", "preflight", "--for", 0.5, "--yes")
 BUG = """
 import cfid.rig.recorder as recorder
 take, calls = recorder.Recorder._write, []
@@ -145,10 +160,21 @@ WAYS: dict[str, Way] = {
     "Ctrl-D": Way(("motors", "--yes"), typing(b"\x04"), 0, typed=b"1 3 30000\n", terminal=True),
     "Ctrl-D in a line": Way(("motors", "--yes"), typing(b"2 4\x04"), 0, typed=b"1 3 30000\n", terminal=True),
     "terminal hung up": Way(("motors", "--yes"), hang_up, 0, typed=b"1 3 30000\n", terminal=True),
+    "Ctrl-C in preflight": Way(PREFLIGHT, signals(signal.SIGINT), 130),
+    "SIGTERM in preflight": Way(PREFLIGHT, signals(signal.SIGTERM), 130),
+    "SIGHUP in preflight": Way(PREFLIGHT, signals(signal.SIGHUP), 130),
+    "SIGKILL in preflight": Way(PREFLIGHT, signals(signal.SIGKILL), -9),
+    "link silent in preflight": Way(PREFLIGHT, vehicle(silent_after_s=0), 3),
+    "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3),
+    "battery low in preflight": Way(PREFLIGHT, vehicle(low_battery_after_s=0), 3, "not ready: signals"),
+    "load cell lost in preflight": Way(PREFLIGHT, loadcell(silent_after_s=0), 3, "not ready: signals"),
+    "overload in preflight": Way(PREFLIGHT, overload, 3, "not ready: signals"),
     **{signal_name(number): Way(HOLD, signals(number), 0) for number in OTHER_SIGNALS},
 }
 OWN_DELAY_S = {"battery low": 0.5, "load cell lost": 0.5}  # until it counts as one
+OWN_DELAY_S |= {f"{name} in preflight": delay_s for name, delay_s in OWN_DELAY_S.items()}
 NOT_WITH_STOCK = {"SIGKILL", "link silent", "link closed"}  # its documented exceptions
+NOT_WITH_STOCK |= {f"{name} in preflight" for name in NOT_WITH_STOCK}
 VEHICLES = {
     "app": {"firmware": "app"},
     "stock": {"firmware": "stock"},
@@ -157,7 +183,11 @@ VEHICLES = {
 }
 EACH = [(way, kind) for way in WAYS for kind in VEHICLES if not ("stock" in kind and way in NOT_WITH_STOCK)]
 # In the default run each signal is tried with the app, and the ways that differ by vehicle with every one.
-OFTEN = [(way, kind) for way, kind in EACH if kind == "app" or way in ("time over", "SIGTERM", "SIGKILL", "disk full")]
+OFTEN = [
+    (way, kind)
+    for way, kind in EACH
+    if kind == "app" or way in ("time over", "SIGTERM", "SIGKILL", "disk full", "SIGTERM in preflight")
+]
 GONE_WRONG = {
     SupervisorState.LEVEL_OUT,
     SupervisorState.FREE_FALL,
@@ -283,7 +313,22 @@ def test_motors_stop_needs_no_help_twenty_times_out_of_twenty(tmp_path: Path, ki
 
 @pytest.mark.parametrize("kind", ["app", "stock"])
 def test_a_staircase_that_goes_on_after_it_was_stopped_from_beside_turns_no_motor(tmp_path: Path, kind: str) -> None:
-    words = ("log", "thrust", "--from", 20000, "--to", 30000, "--step", 5000, "--hold", 1, "--rest", 0.5, "--yes")
+    words = (
+        "log",
+        "thrust",
+        "--from",
+        20000,
+        "--to",
+        30000,
+        "--step",
+        5000,
+        "--hold",
+        1,
+        "--rest",
+        0.5,
+        "--yes",
+        "--no-preflight",
+    )
     with bench_in(tmp_path, crazyflie={"firmware": kind}) as bench:
         pilot = bench.start(*words)
         pilot.wait_until_motors_run()
@@ -381,7 +426,22 @@ def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told
 def test_a_signal_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, kind: str, before_s: float) -> None:
     """What the procedure was about to do when the end was asked for must not come after the stop."""
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
-    words = ("log", "thrust", "--from", 20000, "--to", 30000, "--step", 10000, "--hold", 0.8, "--rest", 0.6, "--yes")
+    words = (
+        "log",
+        "thrust",
+        "--from",
+        20000,
+        "--to",
+        30000,
+        "--step",
+        10000,
+        "--hold",
+        0.8,
+        "--rest",
+        0.6,
+        "--yes",
+        "--no-preflight",
+    )
     with bench_in(tmp_path, crazyflie={"firmware": kind}, radio=radio) as bench:
         pilot = bench.start(*words)
         pilot.wait_until_motors_run(0.0)

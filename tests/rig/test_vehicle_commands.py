@@ -22,6 +22,7 @@ import pytest
 
 from cfid.records.rig_file import RIG_FILE, load_rig
 from cfid.records.run import list_runs, read_run
+from cfid.records.tables.vehicle import read_rows
 from cfid.rig.crazyflie import Link
 from cfid.sim.crazyflie_tables import parameters
 from cfid.sim.supervisor_states import SupervisorState
@@ -31,7 +32,22 @@ from tests.lateness import kept_waiting_s
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
-STAIRS = ("log", "thrust", "--from", 10000, "--to", 30000, "--step", 10000, "--hold", 0.6, "--rest", 0.3, "--yes")
+STAIRS = (
+    "log",
+    "thrust",
+    "--from",
+    10000,
+    "--to",
+    30000,
+    "--step",
+    10000,
+    "--hold",
+    0.6,
+    "--rest",
+    0.3,
+    "--yes",
+    "--no-preflight",
+)
 
 
 @pytest.fixture
@@ -303,7 +319,7 @@ def test_the_operator_confirms_with_the_address_before_a_motor_turns(bench: Benc
     ("typed", "expected"), [(b"n\n", "not confirmed: no motor was started."), (b"", "use --yes in a script")]
 )
 def test_without_a_confirmation_nothing_turns(bench: Bench, typed: bytes, expected: str) -> None:
-    pilot = bench.start(*STAIRS[:-1], stdin=subprocess.PIPE)
+    pilot = bench.start(*STAIRS[:-2], stdin=subprocess.PIPE)
     pilot.process.communicate(typed)
     assert pilot.process.returncode == 2
     assert expected in pilot.err
@@ -384,7 +400,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     pilot.send(signal.SIGINT)
     assert pilot.end() == 0
     first = bench.run()
-    again = bench.start("log", "thrust", "--resume", "--yes")
+    again = bench.start("log", "thrust", "--resume", "--yes", "--no-preflight")
     assert again.end() == 0, again.err
 
     second = next(run for run in map(read_run, (bench.folder / "runs").iterdir()) if run.folder != first.folder)
@@ -392,13 +408,13 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(bench: Bench) -> Non
     assert second.header.requested["steps"] == [20000, 30000]
     assert second.header.requested["hold_s"] == 0.6
     assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
-    nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes")
+    nothing = bench.start("log", "thrust", "--resume", second.folder, "--yes", "--no-preflight")
     assert nothing.end() == 2
     assert "is complete" in nothing.err
 
 
 def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: Bench) -> None:
-    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes")
+    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes", "--no-preflight")
     assert pilot.end() == 0, pilot.err
     run = bench.run()
     crossings = pd.read_csv(run.device_file("crossings"))
@@ -423,7 +439,7 @@ def test_a_sine_on_board_is_known_to_a_sample_and_felt_by_the_load_cell(bench: B
 
 
 def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
-    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--before", 0.2)
+    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--no-preflight", "--before", 0.2)
     pilot = bench.start(*words)
     bench.wait_until(lambda: "l = 5: complete" in pilot.out or pilot.process.poll() is not None, pilot)
     pilot.wait_until_motors_run(0.1)
@@ -431,7 +447,9 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     assert pilot.end() == 0
     assert not any(bench.motors)
     stopped = max((bench.folder / "runs").iterdir()).name
-    again = bench.start("log", "sine", "--periods", "5,20,40", "--yes", "--before", 0.2, "--resume", stopped, "--json")
+    again = bench.start(
+        "log", "sine", "--periods", "5,20,40", "--yes", "--no-preflight", "--before", 0.2, "--resume", stopped, "--json"
+    )
     assert again.end() == 0, again.err
 
     content = json.loads(again.out)
@@ -446,7 +464,7 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
 
 def test_stock_firmware_plays_no_sine_and_says_what_it_needs(tmp_path: Path) -> None:
     with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
-        pilot = bench.start("log", "sine", "--l", 3, "--yes")
+        pilot = bench.start("log", "sine", "--l", 3, "--yes", "--no-preflight")
         assert pilot.end() == 3
         assert "a sine is played on board: this needs cfid's app" in pilot.err
 
@@ -485,7 +503,22 @@ def test_pings_are_told_as_table_3_2_has_them(bench: Bench) -> None:
 
 
 def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
-    words = ("log", "speed", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    words = (
+        "log",
+        "speed",
+        "--from",
+        20000,
+        "--to",
+        40000,
+        "--step",
+        10000,
+        "--hold",
+        0.2,
+        "--rest",
+        0.1,
+        "--yes",
+        "--no-preflight",
+    )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     pilot.process.communicate(b"12000\n\n15000.5\n")
     assert pilot.process.returncode == 0, pilot.err
@@ -493,11 +526,59 @@ def test_speeds_are_typed_while_the_motors_run(bench: Bench) -> None:
     assert readings[["command", "rpm"]].to_numpy().tolist() == [[20000, 12000], [40000, 15000.5]]
 
 
+def test_a_reading_is_taken_back_and_its_command_held_again(bench: Bench) -> None:
+    words = (
+        "log",
+        "scales",
+        "--from",
+        20000,
+        "--to",
+        40000,
+        "--step",
+        10000,
+        "--hold",
+        0.2,
+        "--rest",
+        0.1,
+        "--yes",
+        "--no-preflight",
+    )
+    pilot = bench.start(*words, stdin=subprocess.PIPE)
+    pilot.process.communicate(b"u\n12\nundo\n30\n25\n60\n")
+    assert pilot.process.returncode == 0, pilot.err
+    run = bench.run()
+    on_disk = pd.read_csv(run.device_file("readings"))
+    kept = read_rows(run, "readings").columns
+
+    assert "there is no reading to take back" in pilot.err
+    assert "taken back: 12 at command 20000" in pilot.err
+    assert on_disk[["command", "grams", "withdrawn"]].to_numpy().tolist()[:2] == [[20000, 12, 0], [20000, 12, 1]]
+    assert "withdrawn" not in kept
+    assert kept["command"].tolist() == [30000, 20000, 40000]
+    assert kept["grams"].tolist() == [30, 25, 60]
+    assert "3 readings at 3 steps" in pilot.out
+
+
 @pytest.mark.parametrize(
     ("typed", "expected"), [(b"12000\nfast\n", "'fast' is not a reading"), (b"12000\n", "standard input ended")]
 )
 def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: bytes, expected: str) -> None:
-    words = ("log", "scales", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    words = (
+        "log",
+        "scales",
+        "--from",
+        20000,
+        "--to",
+        40000,
+        "--step",
+        10000,
+        "--hold",
+        0.2,
+        "--rest",
+        0.1,
+        "--yes",
+        "--no-preflight",
+    )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     pilot.process.communicate(typed)
     assert pilot.process.returncode == 2
@@ -509,7 +590,7 @@ def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Benc
 
 @pytest.mark.parametrize(("option", "truth"), [("deck", {"rpm_deck": True}), ("brushless", {"platform": "cf21bl"})])
 def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option: str, truth: dict[str, Any]) -> None:
-    words = ("log", "speed", "--from", 30000, "--to", 30000, "--hold", 0.6, "--rest", 0.3, "--yes")
+    words = ("log", "speed", "--from", 30000, "--to", 30000, "--hold", 0.6, "--rest", 0.3, "--yes", "--no-preflight")
     with bench_in(tmp_path, crazyflie=truth) as bench:
         pilot = bench.start(*words, "--tachometer", option)
         assert pilot.end() == 0, pilot.err
@@ -520,7 +601,7 @@ def test_speeds_that_the_vehicle_tells_itself_are_logged(tmp_path: Path, option:
 
 
 def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
-    pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes")
+    pilot = bench.start("log", "speed", "--tachometer", "deck", "--yes", "--no-preflight")
     assert pilot.end() == 3
     assert "this vehicle has no RPM deck: it does not log rpm.m1." in pilot.err
 
@@ -529,7 +610,22 @@ def test_a_vehicle_without_a_deck_says_so(bench: Bench) -> None:
 
 
 def test_a_reading_that_was_not_typed_is_asked_for_again(bench: Bench) -> None:
-    words = ("log", "speed", "--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+    words = (
+        "log",
+        "speed",
+        "--from",
+        20000,
+        "--to",
+        40000,
+        "--step",
+        10000,
+        "--hold",
+        0.2,
+        "--rest",
+        0.1,
+        "--yes",
+        "--no-preflight",
+    )
     pilot = bench.start(*words, stdin=subprocess.PIPE)
     assert pilot.process.stdin is not None
     pilot.process.stdin.write(b"12000\n")

@@ -30,7 +30,7 @@ IDENTIFY = ("tf", "identify")
 def logged(bench: Bench, *words: object, longest_s: float) -> None:
     """Play sines; on a computer that is too busy to keep the motors alive they stop, and the operator goes on."""
     for more in ((), ("--resume",), ("--resume",)):
-        pilot = bench.start("log", "sine", *words, "--yes", *more)
+        pilot = bench.start("log", "sine", *words, "--yes", "--no-preflight", *more)
         if pilot.process.wait(longest_s) == 0:
             break
     assert pilot.process.returncode == 0, pilot.err

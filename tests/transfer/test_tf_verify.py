@@ -7,6 +7,7 @@ import pytest
 
 from cfid.records.parameters import load_sections
 from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import amend_run, read_run
 from cfid.sim.radio import RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
 from tests.campaigns import sentences
@@ -57,6 +58,17 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     assert parameters[f"{key}.residual_rms_n"]["value"] < 5e-3
     assert content["quality"]["runs"][f"l = 12 ({left_out})"]["off"] < 0.05
     assert "tf verify" in load_sections(campaign / "parameters.toml")
+
+
+def test_a_glob_verifies_with_the_run_that_was_excluded_for_it(tf: Here, campaign: Path) -> None:
+    left_out = name_of(campaign, 12)
+    amend_run(read_run(campaign / "runs" / left_out), excluded="for verification")
+    assert tf("identify", "--no-figures").returncode == 0
+
+    content = tf.json("verify", "*_sine_l12", "--no-figures")
+
+    assert f"tf.verify.{left_out}.late_s" in content["parameters"]
+    assert {one["code"] for one in content["findings"]} <= {"fact-assumed"}
 
 
 def test_a_run_that_was_used_verifies_nothing_and_is_warned_of(tf: Here, campaign: Path) -> None:

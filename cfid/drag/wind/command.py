@@ -12,7 +12,7 @@ from cfid.console.lists import comma_list
 from cfid.console.options import finite, flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
-from cfid.console.vehicle import LogMs, VehicleOptions
+from cfid.console.vehicle import ExperimentOptions, LogMs
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.motors.command import Note, announce
@@ -127,7 +127,7 @@ def wind(
     *,
     options: WindOptions,
     sweep: SweepOptions,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
     resume: ResumeOptions,
     keep: KeepOptions,
@@ -166,6 +166,7 @@ def wind(
         note=note,
         judge=later("cfid.drag.wind.verdict", "verdict"),
         question="RPM shown at command {command}, Enter alone for none" if asks else None,
+        calm=setting.is_reference,
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
     )

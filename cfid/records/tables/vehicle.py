@@ -19,6 +19,8 @@ from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
 
+_WITHDRAWN = "withdrawn"
+_NO_VALUES = ("t", _WITHDRAWN)
 _MOTORS = ("m1", "m2", "m3", "m4")
 
 
@@ -46,8 +48,23 @@ def read_rows(run: Run, device: str) -> Rows:
         raise DataError(f"{path}: has no rows.")
     if table.names[0] != "t" or np.any(np.diff(values[:, 0]) < 0):
         raise DataError(f"{path}: its first column is not an increasing time 't': it is not a device's file of a run.")
-    columns = dict(zip(table.names[1:], values[:, 1:].T, strict=True))
+    if device == READINGS and _WITHDRAWN in table.names:
+        values = _not_withdrawn(values, table.names.index(_WITHDRAWN))
+        if not len(values):
+            raise DataError(f"{path}: every reading was taken back.")
+    columns = {name: column for name, column in zip(table.names, values.T, strict=True) if name not in _NO_VALUES}
     return Rows(source=Source(str(path), table.sha256), time_s=values[:, 0], columns=columns)
+
+
+def _not_withdrawn(values: Array, place: int) -> Array:
+    """Return the rows of readings without those that were taken back, and without the rows that say so."""
+    kept: list[int] = []
+    for row, withdrawn in enumerate(values[:, place]):
+        if withdrawn and kept:
+            kept.pop()
+        elif not withdrawn:
+            kept.append(row)
+    return np.asarray(values[kept])
 
 
 def read_commands(run: Run) -> tuple[Rows, Array]:

@@ -23,6 +23,8 @@ def _parts(report: Report) -> Iterator[str]:
         yield f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d} in {about.runs} runs. "
     yield f"Campaign {_plain(about.campaign)}. Body frame: {about.body_frame}. "
     yield f"Written {about.written:%Y-%m-%d %H:%M} UTC by cfid {about.cfid_version}.\n"
+    if about.lab_book:
+        yield f"Lab book: {_plain('; '.join(about.lab_book))}.\n"
     if about.simulated_runs:
         yield f"**{about.simulated_runs} of {about.runs} runs are simulated: no vehicle was measured in them.**\n"
     yield from _summary(report.summary)

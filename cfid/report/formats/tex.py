@@ -64,6 +64,8 @@ def _parts(report: Report) -> Iterator[str]:
     yield rf"\section*{{{_tex(about.vehicle)}}}"
     dates = f"Recorded {about.recorded[0]:%Y-%m-%d} to {about.recorded[1]:%Y-%m-%d}. " if about.recorded else ""
     yield _tex(f"{dates}Body frame: {about.body_frame}. Written {about.written:%Y-%m-%d} by cfid {about.cfid_version}.")
+    if about.lab_book:
+        yield _tex(f"Lab book: {'; '.join(about.lab_book)}.")
     if about.simulated_runs:
         yield rf"\textbf{{{about.simulated_runs} of {about.runs} runs are simulated.}}"
     yield r"\subsection*{What was measured, and how sure}"

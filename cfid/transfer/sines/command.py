@@ -13,7 +13,7 @@ from cfid.console.messages import result
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, ResumeOptions, print_json, rig_of, stop_line
 from cfid.console.selection import interrupted
-from cfid.console.vehicle import LogMs, VehicleOptions, motors_of
+from cfid.console.vehicle import ExperimentOptions, LogMs, motors_of
 from cfid.console.verdicts import verdict_line
 from cfid.errors import ConfigError
 from cfid.lazy import later
@@ -125,6 +125,11 @@ class SineOptions:
         return SineSweep(periods=periods, samples=_USUAL_N)
 
 
+def seconds_of_each(sweep: "SineSweep", *, before_s: float) -> float:
+    """Return how long each sine takes, with the baseline of `before_s` seconds."""
+    return sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
+
+
 def _held(given: Mapping[str, Any], resumed: "Sine") -> dict[str, Any]:
     """Return N, A, motor and series of the run to resume. Raises ConfigError where another one is given."""
     own = {
@@ -156,7 +161,7 @@ def sine(
     *,
     options: SineOptions,
     resume: ResumeOptions,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: LogMs = 10,
     keep: KeepOptions,
     note: Annotated[str | None, typer.Option(help="A note, kept with each run.")] = None,
@@ -181,7 +186,7 @@ def sine(
     if not sines:
         raise ConfigError("--resume: the campaign has all of them completely.")
     periods = [own.periods for own in sines]
-    each_s = sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
+    each_s = seconds_of_each(sweep, before_s=before_s)
     where = f" on motors {', '.join(map(str, sweep.motors))} in turn" if len(sweep.motors) > 1 else ""
     lasts = f"{len(sines)} sines of {each_s:.0f} s{where}: {len(sines) * each_s / 60:.1f} min"
     if sweep.text:

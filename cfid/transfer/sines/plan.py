@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
+from cfid.estimate.battery_endurance import Held
+from cfid.units import MOTORS
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S, SineRequest, omega_of
 
 SAMPLE_S = 1 / SAMPLES_PER_S
@@ -59,6 +61,12 @@ class Sine:
     def request(self) -> SineRequest:
         """Return the request to the vehicle."""
         return SineRequest(self.motor, int(self.amplitude), omega_of(self.periods, self.samples), self.samples)
+
+    def held(self, lasts_s: float) -> list[Held]:
+        """What draws current in a run of so many seconds: about the middle command, and the pauses."""
+        played_s = self.samples * SAMPLE_S
+        motors = 1 if self.motor else len(MOTORS)
+        return [Held(int(self.middle), motors, played_s), Held(0, 0, max(lasts_s - played_s, 0.0))]
 
     @property
     def omega_rad(self) -> float:

@@ -2,22 +2,27 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.messages import clock
+from cfid.console.messages import note as speech
+from cfid.console.preflight import quick
 from cfid.console.recording import Rig, attempt, effort_of, summary
-from cfid.console.vehicle import VehicleOptions, confirm, reach
+from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
+from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
 from cfid.records.rig_file import LoadCellBox
 from cfid.records.run import Label, Run, list_runs
 from cfid.rig.crossings import Crossings
 from cfid.rig.log import Device, Plan, ready_loadcell
 from cfid.rig.recorder import sleep
+from cfid.transfer.sines.during import Felt
 from cfid.transfer.sines.plan import Sine, SineSweep
 from cfid.units import FULL_COMMAND, MOTORS
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S, SineRequest
@@ -31,7 +36,7 @@ def record_sines(
     *,
     before_s: float,
     each_s: float,
-    vehicle: VehicleOptions,
+    vehicle: ExperimentOptions,
     log_ms: int,
     rate_hz: int | None,
     note: str | None,
@@ -56,11 +61,15 @@ def record_sines(
         for motors in turning:  # while one turns, the others stand or idle
             crazyflie.limits.check_turning(motors, least, largest)
         effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
+        refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
+        if not vehicle.no_preflight:
+            effort += _quick(cell, crazyflie.usual_log(log_ms), [held for sine in sines for held in sine.held(each_s)])
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort)
         for count, sine in enumerate(sines):
             tell = partial(_show_task, live, sine.periods, clock((len(sines) - count) * each_s))
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
-            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live)
+            frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
+            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live, frequency_rad_s)
             if run is not None:
                 run = judged(run, judge)
                 runs.append(summary("log sine", run, failure))
@@ -70,12 +79,17 @@ def record_sines(
     return runs, failure
 
 
+def _quick(cell: LoadCellBox, log: Device, plan: Sequence[Held]) -> str:
+    with ExitStack() as stream:
+        return quick([ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False), log], plan)
+
+
 def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
     live.task(f"l = {periods}: {text} ({left} in all)")
 
 
 def _play(
-    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine
+    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine, frequency_rad_s: float
 ) -> tuple[Run | None, CfidError | None]:
     reports, *others = vehicle
     with ExitStack() as stream:
@@ -83,7 +97,8 @@ def _play(
             loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
         except CfidError as error:
             return None, error
-        return attempt(plan, [reports, loadcell, *others], live)
+        notice = Felt(frequency_rad_s, (loadcell.record.model_extra or {})["counts_per_n"])
+        return attempt(replace(plan, notice=notice), [reports, loadcell, *others], live)
 
 
 def plan_sine(

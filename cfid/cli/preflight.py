@@ -1,0 +1,241 @@
+"""`cfid rig preflight`: seconds of real signals, judged before minutes are recorded."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cfid.console.options import flat, positive
+from cfid.console.vehicle import VehicleOptions
+
+if TYPE_CHECKING:
+    from cfid.console.recording import Rig
+    from cfid.estimate.battery_endurance import Held
+    from cfid.records.run import DeviceRecord
+    from cfid.rig.check import DeviceAnswer
+    from cfid.rig.log import Device
+    from cfid.rig.ready_vehicle import ReadyVehicle
+    from cfid.rig.sampling import Sampled
+
+Experiment = Literal["thrust", "sine", "wind", "swing"]
+Answers = dict[str, "list[DeviceAnswer]"]
+
+_SWING_S = 60.0
+_VEHICLE_ROWS_HZ = 100.0
+_LOW_COMMAND, _HOLD_S, _REST_S = 20000, 3.0, 1.5  # of the propellers' balance
+_UNBALANCED, _WORSE = 1.2, 2.0  # the line's amplitude as a part of the thrust, and of the others' median
+
+
+@flat
+def preflight(
+    *,
+    experiment: Annotated[Experiment, typer.Argument(help="What is to be recorded.")] = "thrust",
+    for_s: Annotated[float, typer.Option("--for", metavar="S", help="Seconds of signals.")] = 10.0,
+    balance: Annotated[
+        bool, typer.Option("--balance/--no-balance", help="Ask to turn each motor slowly, for its propeller's balance.")
+    ] = True,
+    vehicle: VehicleOptions,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Look at seconds of the real signals before an experiment: value, limit, and what to do. Changes no run.
+
+    The plan is that of the `cfid log` command without options. Motors turn only for the balance, once you confirm it.
+
+    Example: [bold]cfid rig preflight thrust[/bold]
+    """
+    from cfid.cli.rig import report_answers
+    from cfid.console.messages import note
+    from cfid.console.recording import rig_of
+    from cfid.errors import DeviceError, StopError
+    from cfid.rig.check import DeviceAnswer
+
+    seconds = positive(for_s, "--for")
+    rig = rig_of(campaign)
+    answers: Answers = _identified(experiment, rig)
+    if not any(one.state == "fault" for own in answers.values() for one in own):
+        try:
+            with ExitStack() as held:
+                _look(experiment, rig, answers, held, vehicle, seconds=seconds, balance=balance)
+        except StopError:
+            raise
+        except DeviceError as error:
+            answers.setdefault("signals", []).append(DeviceAnswer("recording", "fault", str(error)))
+    else:
+        note("the signals were not looked at: mend the faults first.")
+    report_answers("rig preflight", answers, simulated=rig[2], json=json)
+
+
+def _identified(experiment: Experiment, rig: "Rig") -> Answers:
+    """Return what `cfid rig check` says about the devices of the experiment."""
+    from cfid.rig.check import check_encoder, check_loadcell
+    from cfid.rig.check_crazyflie import check_vehicle
+
+    campaign, devices, _ = rig
+    if experiment == "swing":
+        return {"encoder": check_encoder(devices.encoder, counts_per_turn=campaign.rig.encoder.counts_per_turn)}
+    return {"loadcell": check_loadcell(devices.loadcell), "crazyflie": check_vehicle(devices.crazyflie)}
+
+
+def _look(
+    experiment: Experiment,
+    rig: "Rig",
+    answers: Answers,
+    held: ExitStack,
+    vehicle: VehicleOptions,
+    *,
+    seconds: float,
+    balance: bool,
+) -> None:
+    """Sample the devices of the experiment, and add what their signals show to the answers."""
+    from cfid.console.live import LiveLine
+    from cfid.console.preflight import judged
+    from cfid.console.vehicle import reach
+    from cfid.rig.log import ready_encoder, ready_loadcell
+    from cfid.rig.sampling import sample
+
+    campaign, devices, simulated = rig
+    live = LiveLine()
+    crazyflie: ReadyVehicle | None = None
+    if experiment == "swing":
+        counts = campaign.rig.encoder.counts_per_turn
+        parts = [ready_encoder(devices.encoder, held, counts_per_turn=counts, continuous=False, say=live.say)]
+        rate_hz = devices.encoder.rate_hz
+    else:
+        loadcell = ready_loadcell(devices.loadcell, held, buffered=True, bias=False, say=live.say, patient=False)
+        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        parts, rate_hz = [loadcell, crazyflie.usual_log()], devices.loadcell.rate_hz + _VEHICLE_ROWS_HZ
+    plan = _plan(experiment)
+    live.task(f"looking at the signals for {seconds:g} s")
+    try:
+        sampled = sample(parts, for_s=seconds, show=live.show)
+    finally:
+        live.end()
+    for name, own in judged(_records(parts), sampled, plan, calm=experiment != "wind").items():
+        answers[name] += own
+    answers["disk"] = [_disk(sum(part.seconds for part in plan), campaign.runs_folder, rate_hz)]
+    if crazyflie is not None and balance:
+        answers["rotors"] = _balances(crazyflie, parts[0], vehicle, live)
+
+
+def _plan(experiment: Experiment) -> "list[Held]":
+    """Return what the plain `cfid log` command of the experiment would do."""
+    from cfid.drag.wind.command import SweepOptions
+    from cfid.estimate.battery_endurance import Held
+    from cfid.motors.command import StaircaseOptions, thrust_staircase
+    from cfid.transfer.sines.command import SineOptions, seconds_of_each
+
+    if experiment == "swing":
+        return [Held(0, 0, _SWING_S)]
+    if experiment == "sine":
+        sweep = SineOptions().chosen()
+        each_s = seconds_of_each(sweep, before_s=SineOptions().before)
+        return [held for sine in sweep.sines for held in sine.held(each_s)]
+    if experiment == "wind":
+        return SweepOptions().staircase().held
+    return thrust_staircase(StaircaseOptions()).held
+
+
+def _records(devices: "Sequence[Device]") -> "dict[str, DeviceRecord]":
+    return {device.record.file.removesuffix(".csv"): device.record for device in devices}
+
+
+def _disk(seconds: float, runs_folder: Path, rate_hz: float) -> "DeviceAnswer":
+    from cfid.console.messages import clock
+    from cfid.console.recording import space_of
+    from cfid.errors import ConfigError
+    from cfid.rig.check import DeviceAnswer
+
+    try:
+        space = space_of(seconds, runs_folder, rate_hz=rate_hz)
+    except ConfigError as error:
+        return DeviceAnswer("space", "fault", str(error))
+    return DeviceAnswer("space", "ok", f"{clock(seconds)} min take {space}")
+
+
+def _balances(
+    crazyflie: "ReadyVehicle", loadcell: "Device", vehicle: VehicleOptions, live: Any
+) -> "list[DeviceAnswer]":
+    """Turn each motor at a low command, once the operator confirms it, and judge its propeller."""
+    from cfid.cli.motors import stopped_line
+    from cfid.console.messages import clock, note
+    from cfid.console.vehicle import confirm
+    from cfid.errors import CfidError, ConfigError, DeviceError
+    from cfid.motors.plan import StaircasePlan
+    from cfid.motors.record import run_staircase
+    from cfid.rig.check import DeviceAnswer
+    from cfid.rig.sampling import sample
+    from cfid.units import MOTORS
+
+    idles = bool(crazyflie.limits.idle_thrust)
+    groups = [MOTORS] if idles else [(motor,) for motor in MOTORS]
+    plans = [StaircasePlan(steps=(_LOW_COMMAND,), motors=motors, hold_s=_HOLD_S, rest_s=_REST_S) for motors in groups]
+    effort = f", {'together' if idles else 'one after the other'}, for {clock(sum(p.duration_s for p in plans))} min"
+    try:
+        confirm(crazyflie, MOTORS, [_LOW_COMMAND], yes=vehicle.yes, effort=effort)
+    except ConfigError as error:
+        return [DeviceAnswer("balance", "warning", f"not measured: {error}")]
+
+    async def turn(there: Any, loop: Any) -> None:
+        for plan in plans:
+            await run_staircase(plan, there["commands"], loop=loop, tell=live.task)
+
+    stopped_s: list[float] = []
+    try:
+        sampled = sample(
+            [crazyflie.commands(), loadcell, *crazyflie.watch()],
+            for_s=0.0,
+            procedure=turn,
+            show=live.show,
+            stopped=stopped_s.append,
+        )
+    finally:
+        live.end()
+        for seconds in stopped_s:
+            note(stopped_line(crazyflie.uri, crazyflie.firmware.kind, seconds))
+    try:
+        return _judged_balances(sampled, loadcell)
+    except DeviceError:
+        raise
+    except CfidError as error:
+        return [DeviceAnswer("balance", "warning", f"not measured: {error}")]
+
+
+def _judged_balances(sampled: "Mapping[str, Sampled]", loadcell: "Device") -> "list[DeviceAnswer]":
+    import numpy as np
+
+    from cfid.console.preflight import AXES
+    from cfid.motors.vibration.balance import balances
+    from cfid.rig.check import DeviceAnswer
+
+    scale = loadcell.record.model_extra or {}
+    cell, commands = sampled["loadcell"].columns, sampled["commands"].columns
+    per_unit = np.repeat([scale["counts_per_n"], scale["counts_per_nm"]], 3)
+    found = balances(
+        time_s=cell["t"] - cell["t"][0],
+        wrench=np.column_stack([cell[axis] for axis in AXES]) / per_unit,
+        command_time_s=commands["t"] - cell["t"][0],
+        commands=np.column_stack([commands[f"m{motor}"] for motor in (1, 2, 3, 4)]),
+    )
+    usual = float(np.median([one.ratio for one in found if not one.reason] or [np.nan]))
+    answers = []
+    for one in found:
+        asked = f"balance {','.join(map(str, one.motors))}"
+        if one.reason:
+            answers.append(DeviceAnswer(asked, "warning", f"not measured: {one.reason}"))
+            continue
+        most = min(_UNBALANCED, _WORSE * usual)
+        within = one.ratio <= most
+        answers.append(
+            DeviceAnswer(
+                asked,
+                "ok" if within else "fault",
+                f"{1e3 * one.line_n:.3g} mN at {one.speed_rad_per_s / (2 * np.pi):.0f} Hz, {100 * one.ratio:.0f} % of "
+                f"{1e3 * one.thrust_n:.3g} mN of thrust",
+                "" if within else "clean, balance or replace this propeller; look for a bent shaft",
+                f"{100 * most:.0f} %",
+            )
+        )
+    return answers

@@ -1,0 +1,243 @@
+"""Judges seconds of real signals against limits, before minutes are recorded: rig at rest, motors off."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.console.live import LiveLine
+from cfid.console.messages import clock, note
+from cfid.errors import DeviceError
+from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
+from cfid.estimate.signal_quality import SignalQuality, signal_quality
+from cfid.records.run import DeviceRecord
+from cfid.rig.check import DeviceAnswer, State
+from cfid.rig.crazyflie_log import BATTERY
+from cfid.rig.log import Device
+from cfid.rig.sampling import Sampled, sample
+from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+
+Array = npt.NDArray[np.float64]
+
+QUICK_S = 1.0  # of signals before each recording with motors
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+
+# Parts of each axis' range: a cell's own noise is several times smaller, its resolution ten times.
+_NOISE, _DRIFT, _LINE, _LOAD = 1e-3, 2e-4, 2.5e-4, 0.8
+_SURE = 3.0  # standard uncertainties by which a drift exceeds its limit
+_SLOWEST, _MOST_LOST = 0.95, 0.01  # of the rate requested; of the samples
+_STILL_DEG, _TURNED_DEG = 0.5, 0.2  # a pendulum that hangs still: between its extremes, and by drift
+_STAMPS_S = 0.005  # from a device's stamp to its arrival, about the mean
+_FEWEST = 64
+_WORTHLESS = {"load", "rate", "losses"}  # faults with which a recording is of no use
+
+
+def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) -> list[DeviceAnswer]:
+    """Judge the load cell's signals. A wind that blows is not `calm`: noise, drift and lines then have no limit."""
+    if sampled.rows < _FEWEST:
+        return [_answer("rate", f"{sampled.rows} samples", "check power and cable", limit=f"{_FEWEST}", within=False)]
+    settings = (record.model_extra or {})["settings"]
+    per_unit = np.repeat([settings["counts_per_force"], settings["counts_per_torque"]], 3)
+    milli = 1e3 / np.repeat([(record.model_extra or {})[key] for key in ("counts_per_n", "counts_per_nm")], 3)
+    largest = np.array(settings["ranges"]) * per_unit
+    counts = np.column_stack([sampled.columns[axis] for axis in AXES])
+    loaded = np.max(np.abs(counts), axis=0) / largest
+    worst = int(np.argmax(loaded))
+    answers = [
+        *_rate(sampled, float(settings["rate_hz"])),
+        _answer(
+            "load",
+            f"{100 * loaded[worst]:.0f} % of {AXES[worst]}'s range",
+            "take load off, or mount the vehicle lower: beyond its range the cell shows no forces",
+            limit=f"{100 * _LOAD:.0f} %",
+            within=bool(loaded[worst] <= _LOAD),
+        ),
+    ]
+    rate_hz = (sampled.rows - 1) / float(np.ptp(sampled.columns["t"]))
+    found = [signal_quality(counts[:, axis], rate_hz=rate_hz) for axis in range(6)]
+    noise, drift, lines = ((part * largest * milli if calm else None) for part in (_NOISE, _DRIFT, _LINE))
+    return [
+        *answers,
+        _six("noise", milli * [one.noise_std for one in found], noise, _QUIETER),
+        _six("drift", milli * [_sure_drift(one) for one in found], drift, _WARMER),
+        _six("mains", milli * [one.mains for one in found], lines, _EARTHED),
+        _six("other lines", milli * [one.line for one in found], lines, _STIFFER, more=_where(found)),
+    ]
+
+
+_QUIETER = "look for vibration, a draught, or a cable that touches the vehicle; check the cell's shield"
+_WARMER = "let the cell warm up for half an hour, and keep draughts and hands away"
+_EARTHED = "earth the rig, and move mains adapters, fans and pumps away from it"
+_STIFFER = "something vibrates at this frequency: tighten the stand, decouple it, switch the source off"
+
+
+def _sure_drift(one: SignalQuality) -> float:
+    """Return the part of a drift that noise does not explain."""
+    return max(abs(one.drift) - _SURE * one.drift_std, 0.0)
+
+
+def _where(found: Sequence[SignalQuality]) -> str:
+    clear = [one for one in found if math.isfinite(one.line_hz)]
+    if not clear:
+        return ", none clear of the noise"
+    return f", the clearest at {max(clear, key=lambda one: one.line / one.noise_std).line_hz:.0f} Hz"
+
+
+def _six(asked: str, values: Array, limits: Array | None, advice: str, *, more: str = "") -> DeviceAnswer:
+    """Judge one number of each axis, in mN and mNm."""
+    most = "" if limits is None else _in_milli(limits)
+    within = limits is None or bool(np.all(values <= limits))
+    return _answer(asked, _in_milli(values) + more, advice, limit=most, within=within)
+
+
+def _in_milli(values: Array) -> str:
+    force, torque = (", ".join(f"{value:.2g}" for value in part) for part in (values[:3], values[3:]))
+    return f"{force} mN; {torque} mNm"
+
+
+def of_encoder(record: DeviceRecord, sampled: Sampled) -> list[DeviceAnswer]:
+    """Judge the encoder of a pendulum that hangs still: rate, losses, stamps, noise and drift."""
+    if sampled.rows < _FEWEST:
+        return [_answer("rate", f"{sampled.rows} samples", "check the cable", limit=f"{_FEWEST}", within=False)]
+    assert record.counts_per_turn is not None
+    degrees = _degrees(sampled.columns["phi"], record.counts_per_turn)
+    rate_hz = (sampled.rows - 1) / float(np.ptp(sampled.columns["t"]))
+    quality, moved = signal_quality(degrees, rate_hz=rate_hz), float(np.ptp(degrees))
+    still = "let the pendulum hang still, and nothing touch it"
+    answers = [
+        *_rate(sampled, record.rate_hz or rate_hz),
+        _answer(
+            "noise",
+            f"{quality.noise_std:.3f} degrees, {moved:.2f} between extremes",
+            still,
+            limit=f"{_STILL_DEG:g} degrees between extremes",
+            within=moved <= _STILL_DEG,
+        ),
+        _answer(
+            "drift",
+            f"{_sure_drift(quality):.3f} degrees",
+            f"{still}; a cable that relaxes turns it",
+            limit=f"{_TURNED_DEG:g} degrees",
+            within=_sure_drift(quality) <= _TURNED_DEG,
+        ),
+    ]
+    if "device_us" not in sampled.columns:
+        return [*answers, DeviceAnswer("stamps", "ok", "none: samples are placed by their arrival")]
+    late_s = sampled.columns["t"] - 1e-6 * sampled.columns["device_us"]
+    late_s -= np.polyval(np.polyfit(np.arange(len(late_s)), late_s, 1), np.arange(len(late_s)))
+    scatter_s = float(late_s.std())
+    advice = "the computer is busy or the hub shared: end other programs, plug the interface in directly"
+    within = scatter_s <= _STAMPS_S
+    shown = f"arrivals scatter {1e3 * scatter_s:.2g} ms about the device's stamps"
+    return [*answers, _answer("stamps", shown, advice, limit=f"{1e3 * _STAMPS_S:g} ms", within=within)]
+
+
+def _degrees(counts: Array, counts_per_turn: float | str) -> Array:
+    """Return a continuous angle (n,) in degrees, from its first value on."""
+    if counts_per_turn == RLS_13BIT_IN_22:
+        counts, counts_per_turn = decode_words(counts.astype(np.int64)).position.astype(np.float64), STEPS_PER_TURN
+    angle = np.unwrap(counts * (2 * math.pi / float(counts_per_turn)))
+    return np.asarray(np.degrees(angle - angle[0]))
+
+
+def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:
+    achieved_hz = (sampled.rows + sampled.lost - 1) / float(np.ptp(sampled.columns["t"]))
+    share = sampled.lost / (sampled.rows + sampled.lost)
+    return [
+        _answer(
+            "rate",
+            f"{achieved_hz:.0f} Hz",
+            "end other programs on this computer, or request fewer samples (rate_hz in rig.toml)",
+            limit=f"{_SLOWEST * requested_hz:.0f} Hz",
+            within=achieved_hz >= _SLOWEST * requested_hz,
+        ),
+        _answer(
+            "losses",
+            f"{100 * share:.2g} % of {sampled.rows + sampled.lost} samples",
+            "use a direct cable; `cfid rig check` names a receive buffer that is too small",
+            limit=f"{100 * _MOST_LOST:g} %",
+            within=share <= _MOST_LOST,
+        ),
+    ]
+
+
+def of_vehicle(sampled: Sampled, plan: Sequence[Held]) -> list[DeviceAnswer]:
+    """Judge the vehicle's log: radio losses, and whether the battery lasts for a plan."""
+    lost = sampled.lost / max(sampled.rows + sampled.lost, 1)
+    radio = _answer(
+        "radio losses",
+        f"{100 * lost:.2g} % of {sampled.rows + sampled.lost} rows",
+        "move the antenna nearer, or change the channel; a slower log (--log-ms) needs less",
+        limit=f"{100 * _MOST_LOST:g} %",
+        within=bool(sampled.rows) and lost <= _MOST_LOST,
+    )
+    return [radio, battery(sampled, plan)]
+
+
+def battery(sampled: Sampled, plan: Sequence[Held]) -> DeviceAnswer:
+    """Return the battery's voltage, and for how long it lasts; too short is a warning, as the cell may be another."""
+    if BATTERY not in sampled.columns:
+        return DeviceAnswer(
+            "battery lasts", "warning", "the vehicle reports no voltage", "charge it before long recordings"
+        )
+    volts = float(np.median(sampled.columns[BATTERY]))
+    found = endurance(volts, plan)
+    if found is None:
+        return DeviceAnswer("battery lasts", "ok", f"{volts:.2f} V, which is no single lithium cell")
+    shown = f"{volts:.2f} V: about {100 * found.charge:.0f} %, lasts {clock(found.lasts_s)} min at this plan's currents"
+    takes = f"{clock(found.takes_s)} min, on a cell of {CELL_MAH:g} mAh"
+    if found.enough:
+        return DeviceAnswer("battery lasts", "ok", shown, limit=takes)
+    return DeviceAnswer(
+        "battery lasts",
+        "warning",
+        shown,
+        "charge it, or record in parts with --resume; a supply does not run empty",
+        takes,
+    )
+
+
+def quick(devices: Sequence[Device], plan: Sequence[Held], *, calm: bool = True) -> str:
+    """Sample load cell and vehicle for a second, and note each limit that is exceeded; return the battery's state.
+
+    Raises DeviceError where a recording would be worthless, or a device failed.
+    """
+    live = LiveLine()
+    live.task("looking at the signals")
+    try:
+        sampled = sample(devices, for_s=QUICK_S, show=live.show)
+    finally:
+        live.end()
+    records = {device.record.file.removesuffix(".csv"): device.record for device in devices}
+    answers = judged(records, sampled, plan, calm=calm)
+    wrong = [(name, one) for name, own in answers.items() for one in own if one.state == "fault"]
+    lines = [f"{name}, {one.asked}: {one.answer} (limit {one.limit}): {one.advice}." for name, one in wrong]
+    if any(one.asked in _WORTHLESS and name == "loadcell" for name, one in wrong):
+        raise DeviceError(f"not recorded: {' '.join(lines)} `cfid rig preflight` shows more; --no-preflight records.")
+    for line in lines:
+        note(line)
+    return next(
+        (f"; battery {one.answer}" for own in answers.values() for one in own if one.asked == "battery lasts"), ""
+    )
+
+
+def judged(
+    records: Mapping[str, DeviceRecord], sampled: Mapping[str, Sampled], plan: Sequence[Held], *, calm: bool
+) -> dict[str, list[DeviceAnswer]]:
+    """Return the answers about each device that was sampled."""
+    answers: dict[str, list[DeviceAnswer]] = {}
+    for name, record in records.items():
+        if name == "loadcell":
+            answers[name] = of_loadcell(record, sampled[name], calm=calm)
+        elif name == "encoder":
+            answers[name] = of_encoder(record, sampled[name])
+        elif name == "crazyflie":
+            answers[name] = of_vehicle(sampled[name], plan)
+    return answers
+
+
+def _answer(asked: str, answer: str, advice: str, *, limit: str, within: bool) -> DeviceAnswer:
+    state: State = "ok" if within else "fault"
+    return DeviceAnswer(asked, state, answer, "" if within else advice, limit)

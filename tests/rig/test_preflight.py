@@ -1,0 +1,161 @@
+"""`cfid rig preflight` and its quick part: what is wrong with the signals is named before anything is recorded."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.records.campaign import RUNS_FOLDER
+from tests.flying_in_a_folder import Bench, bench_in
+from tests.rig_in_a_folder import Lab, lab_in
+
+pytestmark = pytest.mark.usefixtures("in_time")
+
+Array = npt.NDArray[np.float64]
+
+STAIRS = ("log", "thrust", "--from", 20000, "--to", 20000, "--hold", 1, "--rest", 0.5)
+FULL = {"battery": {"kind": "lipo"}}
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with lab_in(tmp_path) as lab:
+        yield lab
+
+
+def shakes(bench: Bench, hz: float, amplitude_n: float) -> None:
+    """Let something shake the stand from now on."""
+    cell = bench.rig.loadcell.box.load_cell
+    read = cell.read
+
+    def shaken(time_s: Array, wrench: Array) -> Any:
+        wave = amplitude_n * np.sin(2 * np.pi * hz * time_s)
+        return read(time_s, wrench + np.outer(wave, [1, 0, 0, 0, 0, 0]))
+
+    cell.read = shaken  # type: ignore[method-assign]
+
+
+def fill_fz(bench: Bench, share: float) -> None:
+    """Load Fz up to a share of its range."""
+    cell = bench.rig.loadcell.box.load_cell
+    cell._unloaded[2] = share * cell._ranges[2]
+
+
+# The whole of it
+
+
+def test_a_sound_rig_is_ready_with_every_line_within_its_limit(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        pilot = bench.start("rig", "preflight", "--for", 2, "--no-balance", "--json")
+        code = pilot.end()
+        never_turned = len(bench.history) == 1
+    devices = json.loads(pilot.out)["devices"]
+    asked = {name: [answer["asked"] for answer in answers] for name, answers in devices.items()}
+
+    assert code == 0, pilot.out
+    assert never_turned
+    assert asked["loadcell"][-6:] == ["losses", "load", "noise", "drift", "mains", "other lines"]
+    assert asked["crazyflie"][-2:] == ["radio losses", "battery lasts"]
+    assert asked["disk"] == ["space"]
+    assert all(answer["limit"] for answer in devices["loadcell"][-6:])
+    assert not (tmp_path / RUNS_FOLDER).exists()
+
+
+@pytest.mark.parametrize(("hz", "line"), [(50.0, "mains"), (137.0, "other lines")])
+def test_a_line_is_named_with_its_limit_and_what_to_do(tmp_path: Path, hz: float, line: str) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        bench.in_loop(lambda: shakes(bench, hz, 0.012))
+        pilot = bench.start("rig", "preflight", "sine", "--for", 2, "--no-balance", "--json")
+        code = pilot.end()
+    answers = {answer["asked"]: answer for answer in json.loads(pilot.out)["devices"]["loadcell"]}
+
+    assert code == 3
+    assert answers[line]["state"] == "fault"
+    assert float(answers[line]["answer"].partition(",")[0]) == pytest.approx(12, rel=0.2)
+    assert answers[line]["limit"].startswith("5, 5, 15 mN")
+    assert answers[line]["advice"]
+    assert "not ready: loadcell" in pilot.err
+    assert ("137 Hz" in answers["other lines"]["answer"]) == (line == "other lines")
+
+
+def test_a_low_battery_is_a_warning_that_says_how_long_it_lasts(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start("rig", "preflight", "--for", 1, "--no-balance")
+        assert pilot.end() == 0
+    line = next(line for line in pilot.out.splitlines() if "battery lasts" in line)
+
+    assert "warning" in line
+    assert "3.70 V" in line
+    assert "(limit 7:12 min, on a cell of 240 mAh)" in line
+    assert "-> charge it" in pilot.out
+
+
+def test_propellers_are_judged_once_the_operator_agrees_and_the_worst_is_named(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        refused = bench.start("rig", "preflight", "--for", 1)
+        assert refused.end() == 0
+        assert len(bench.history) == 1
+        content = (tmp_path / "rig.toml").read_text().replace("rate_hz = 700\n", "rate_hz = 7000\n")
+        (tmp_path / "rig.toml").write_text(content)
+        pilot = bench.start("rig", "preflight", "--for", 1, "--yes", "--json")
+        pilot.end()
+        still = bench.motors
+    answers = json.loads(pilot.out)["devices"]["rotors"]
+
+    assert "balance         warning  not measured: nobody confirmed" in refused.out
+    assert [answer["asked"] for answer in answers] == [f"balance {motor}" for motor in (1, 2, 3, 4)]
+    assert all("% of" in answer["answer"] and answer["limit"] for answer in answers)
+    assert "motors stopped, confirmed in" in pilot.err
+    assert not any(still)
+
+
+def test_a_pendulum_that_moves_is_not_ready_and_one_that_hangs_still_is(lab: Lab) -> None:
+    moving = lab.cfid("rig", "preflight", "swing", "--for", 1)
+    lab.e201._angle_at = lambda time_s: 0.5
+    still = lab.cfid("rig", "preflight", "swing", "--for", 1, "--json")
+    states = {answer["asked"]: answer["state"] for answer in json.loads(still.out)["devices"]["encoder"]}
+
+    assert moving.code == 3
+    assert "let the pendulum hang still" in moving.out
+    assert "not ready: encoder" in moving.err
+    assert "limit 0.5 degrees between extremes" in moving.out
+    assert (states["noise"], states["drift"]) == ("ok", "ok")
+
+
+# Before each recording with motors
+
+
+def test_the_question_states_duration_space_and_battery(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        pilot = bench.start(*STAIRS)
+        assert pilot.end() == 2
+        assert len(bench.history) == 1
+    assert "for 0:02 min (about 1 MB; " in pilot.err
+    assert "battery 4." in pilot.err
+    assert "min at this plan's currents. Is the vehicle fastened" in pilot.err
+
+
+def test_a_cell_near_its_range_is_not_recorded_unless_nobody_looks(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        bench.in_loop(lambda: fill_fz(bench, 0.9))
+        refused = bench.start(*STAIRS, "--yes")
+        assert refused.end() == 3
+        assert len(bench.history) == 1
+        blind = bench.start(*STAIRS, "--yes", "--no-preflight")
+        assert blind.end() == 0, blind.err
+    assert "90 % of Fz's range (limit 80 %)" in refused.err
+
+
+def test_what_only_disturbs_is_noted_and_the_recording_goes_on(tmp_path: Path) -> None:
+    with bench_in(tmp_path, **FULL) as bench:
+        bench.in_loop(lambda: shakes(bench, 137.0, 0.03))
+        pilot = bench.start(*STAIRS, "--yes")
+        assert pilot.end() == 0, pilot.err
+        run = bench.run()
+    assert "note: loadcell, other lines: " in pilot.err
+    assert "tighten the stand" in pilot.err
+    assert run.header.state == "complete"
