@@ -85,7 +85,7 @@ def encoder(
         refuse_mixture("--port", simulated)
         setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
-        setting = setting.model_copy(update={"rate_hz": positive(rate_hz, "--rate-hz")})
+        setting = setting.sampled_at(positive(rate_hz, "--rate-hz"))
     plan = Plan(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
@@ -133,8 +133,7 @@ def loadcell(
     if address is not None:
         refuse_mixture("--address", simulated)
         setting = setting.model_copy(update={"address": address})
-    if rate_hz is not None:
-        setting = setting.model_copy(update={"rate_hz": rate_hz})
+    setting = setting.sampled_at(rate_hz)
     kept = load.on(label.label(campaign))
     plan = Plan(
         runs_folder=campaign.runs_folder,

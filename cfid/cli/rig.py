@@ -31,19 +31,24 @@ def check(
     """
     from cfid.console.campaign import here
     from cfid.errors import DeviceError
+    from cfid.records.line_devices import LineDevice
     from cfid.rig.check import check_encoder, check_loadcell
     from cfid.rig.check_crazyflie import check_vehicle
+    from cfid.rig.check_lines import check_lines
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
     found = here(campaign)
     devices, simulated = devices_in(found.folder, found.rig)
     if simulated:
         note(f"the rig is simulated: {found.folder / SIM_FILE} points at it.")
-    findings = {
-        "encoder": check_encoder(devices.encoder, counts_per_turn=found.rig.encoder.counts_per_turn),
-        "loadcell": check_loadcell(devices.loadcell),
-        "crazyflie": check_vehicle(devices.crazyflie),
-    }
+    encoder, loadcell = devices.encoder, devices.loadcell
+    by_name = {"encoder": encoder, "loadcell": loadcell, "tachometer": devices.tachometer, "scales": devices.scales}
+    findings = {name: check_lines(name, one) for name, one in by_name.items() if isinstance(one, LineDevice)}
+    if not isinstance(encoder, LineDevice):
+        findings["encoder"] = check_encoder(encoder, counts_per_turn=found.rig.encoder.counts_per_turn)
+    if not isinstance(loadcell, LineDevice):
+        findings["loadcell"] = check_loadcell(loadcell)
+    findings["crazyflie"] = check_vehicle(devices.crazyflie)
     _print_findings(findings, simulated=simulated, json=json)
     faulty = [name for name, answers in findings.items() if any(answer.state == "fault" for answer in answers)]
     if faulty:
@@ -148,23 +153,12 @@ def _simulated(
 async def _serve(
     campaign: "Campaign", rig: "SimulatedRig", ending: "Ending", *, for_s: float | None, seed: int
 ) -> None:
-    from cfid.records.rig_file import Devices
     from cfid.rig.sim_file import published
+    from cfid.sim.service import devices_at
 
     where = rig.open()
     try:
-        devices = Devices(
-            encoder=campaign.rig.devices.encoder.model_copy(update={"port": str(where.encoder_port)}),
-            loadcell=campaign.rig.devices.loadcell.model_copy(
-                update={
-                    "address": where.address,
-                    "rdt_port": where.rdt_port,
-                    "http_port": where.http_port,
-                    "tcp_port": where.tcp_port,
-                }
-            ),
-            crazyflie=campaign.rig.devices.crazyflie.model_copy(update={"uri": where.crazyflie_uri}),
-        )
+        devices = devices_at(where, campaign.rig.devices)
         with published(campaign.folder, devices, seed=seed) as path:
             typer.echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
             await ending.within(for_s)

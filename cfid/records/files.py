@@ -103,28 +103,29 @@ def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:
     # A misspelt key gives two errors, an unknown key and a missing one; the unknown key is the more useful one.
     faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
     first = faults[0]
-    key = _key(first["loc"], content)
+    key = _key(first, content)
     if first["type"] == "extra_forbidden":
         return f"{key}: there is no such key. Is it misspelt, or in the wrong table?"
     if first["type"] == "missing":
         return f"{key}: is missing."
     # A value with a union type has an error for each type.
-    reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault["loc"], content) == key]
+    reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault, content) == key]
     verb = "should be " if first["msg"].startswith("Input should be ") else ""
     shown = "" if isinstance(first["input"], Mapping | list) else f", not {_short(repr(first['input']))}"
     return f"{key}: {verb}{' or '.join(reasons)}{shown}."
 
 
-def _key(place: tuple[int | str, ...], content: Mapping[str, Any]) -> str:
+def _key(fault: Mapping[str, Any], content: Mapping[str, Any]) -> str:
     """Return the key as written in the file: without pydantic's names for the types of a union."""
     known: list[str] = []
     here: Any = content
-    for part in place:
+    for part in fault["loc"]:
         if not isinstance(here, Mapping | list):
             break
-        known.append(str(part))
         there = dict(here) if isinstance(here, Mapping) else dict(enumerate(here))
-        here = there.get(part)
+        if part in there or (fault["type"] == "missing" and part == fault["loc"][-1]):
+            known.append(str(part))
+            here = there.get(part)
     return ".".join(known) or "(top)"
 
 

@@ -13,6 +13,7 @@ from cfid.console.vehicle import VehicleOptions, confirm, reach
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
 from cfid.records.campaign import Campaign
+from cfid.records.line_devices import LoadCellLines
 from cfid.records.rig_file import LoadCellBox
 from cfid.records.run import Label, Run, list_runs
 from cfid.rig.crossings import Crossings
@@ -44,7 +45,7 @@ def record_sines(
     `show` gets each run at its end. Raises ConfigError or DeviceError before the first motor turns.
     """
     campaign, devices, simulated = rig
-    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
+    cell = devices.loadcell.sampled_at(rate_hz)
     live, runs = LiveLine(quiet=quiet), []
     failure: CfidError | None = None
     with ExitStack() as held:
@@ -75,7 +76,7 @@ def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
 
 
 def _play(
-    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine
+    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox | LoadCellLines, live: LiveLine
 ) -> tuple[Run | None, CfidError | None]:
     reports, *others = vehicle
     with ExitStack() as stream:
