@@ -159,7 +159,10 @@ def scales(
     options: StaircaseOptions,
     port: Annotated[
         str | None,
-        typer.Option(help="Serial port of the scales; default: rig.toml's that send lines, else you type.", rich_help_panel=_INSTRUMENT),
+        typer.Option(
+            help="Serial port of the scales; default: rig.toml's that send lines, else you type.",
+            rich_help_panel=_INSTRUMENT,
+        ),
     ] = None,
     baud: Annotated[int, typer.Option(min=1, help="Speed of that port.", rich_help_panel=_INSTRUMENT)] = 9600,
     motor: Motor = None,

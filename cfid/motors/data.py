@@ -124,7 +124,9 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
         reduced.steady()
     except CfidError as error:
         raise type(error)(f"{_place(record)}: {error}") from None
-    return RunStaircase(record=record, reduced=_measured(reduced, record), run=run, began_s=began_s, sources=tuple(sources))
+    return RunStaircase(
+        record=record, reduced=_measured(reduced, record), run=run, began_s=began_s, sources=tuple(sources)
+    )
 
 
 def _measured(reduced: Staircase, record: WrenchRecord) -> Staircase:

@@ -175,7 +175,12 @@ def devices_at(where: Addresses, devices: Devices) -> Devices:
     """Return a rig's devices at the addresses of the simulated ones, whose lines are of one form."""
     encoder, loadcell = devices.encoder, devices.loadcell
     own_form = {"pattern": ""}
-    box = {"address": where.address, "rdt_port": where.rdt_port, "http_port": where.http_port, "tcp_port": where.tcp_port}
+    box = {
+        "address": where.address,
+        "rdt_port": where.rdt_port,
+        "http_port": where.http_port,
+        "tcp_port": where.tcp_port,
+    }
     return Devices(
         encoder=encoder.model_copy(
             update={"port": str(where.encoder_port), **(own_form if isinstance(encoder, EncoderLines) else {})}
