@@ -10,7 +10,7 @@ _FEWEST = 100
 
 
 def verdict(run: Run) -> str:
-    """Say what the vertical force, or another axis, was, how noisy and how steady. Raises DataError for too few samples."""
+    """Say what the vertical force was, or the first axis, its noise and drift. Raises DataError for few samples."""
     record = read_wrench(run.folder, WrenchReading())
     axis, shown = record.main_axis, 1e3 * record.values_of(record.main_axis)
     if len(shown) < _FEWEST:

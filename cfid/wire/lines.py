@@ -71,8 +71,8 @@ class LineReader:
         words = None if text is None else self._words(text.decode("ascii").strip())
         if words is None or len(words) != len(self._values):
             return None
-        pairs = [(word, value) for word, value in zip(words, self._values, strict=True) if value.used]
-        if not all((_WHOLE if value.whole else _NUMBER).fullmatch(word or "") for word, value in pairs):
+        pairs = [(word or "", value) for word, value in zip(words, self._values, strict=True) if value.used]
+        if not all((_WHOLE if value.whole else _NUMBER).fullmatch(word) for word, value in pairs):
             return None
         numbers = tuple(float(word) for word, _ in pairs)
         return numbers if all(map(math.isfinite, numbers)) else None

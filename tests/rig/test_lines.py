@@ -400,6 +400,14 @@ def test_check_of_a_silent_port_says_so(board: Board) -> None:
     assert "nothing came" in answer
 
 
+def test_check_of_a_port_that_is_not_there_says_which_there_are(board: Board) -> None:
+    board.unplug()
+    state, answer, _ = checked(board, line)["port"]
+
+    assert state == "fault"
+    assert "no such port. Available:" in answer
+
+
 # The simulated rig
 
 

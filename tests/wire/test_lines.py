@@ -1,5 +1,7 @@
 """Lines of numbers in any slicing and with any damage: a reading is a whole line of the stated form, or none."""
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -84,7 +86,7 @@ def test_a_flipped_bit_of_a_line_with_a_checksum_makes_no_other_reading(bit: int
 def test_pieces_of_any_size_give_the_same(cuts: list[int]) -> None:
     data, reader = b"\n" + GOOD * 3, LineReader(TWO)
     bounds = [0, *sorted(cuts), len(data)]
-    pieces = [data[begin:end] for begin, end in zip(bounds, bounds[1:], strict=False)]
+    pieces = [data[begin:end] for begin, end in pairwise(bounds)]
 
     assert [reading for piece in pieces for reading in reader.feed(piece)] == [(1024, -3.5)] * 3
 

@@ -238,7 +238,10 @@ def _begin_s(table: CsvTable, column: str | None, values: Array, reading: Wrench
 
 
 def _units(table: CsvTable, columns: Mapping[str, str], values: Array, given: Units | None) -> Units:
-    """Return the unit of the values (n, k) of axes' columns: the given one, the header's, else counts; refuse impossible values."""
+    """Return the unit of values (n, k): the given one, the header's, else counts; refuse impossible values.
+
+    `columns` has the name of each axis' column.
+    """
     found: set[Units] = set()
     for axis, column in columns.items():
         own = "n" if axis[0] == "F" else "nm"
