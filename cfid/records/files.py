@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import os
+import secrets
 import stat
 import sys
 import tomllib
@@ -19,21 +20,33 @@ from cfid.errors import CfidError, DataError
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically: a crash leaves the old content or the new one, never a part.
 
-    The temporary file is in the same folder, since a rename is atomic only within one file system. An existing file
-    keeps its permissions, and a symbolic link stays a link. Raises OSError.
+    The temporary file is in the same folder, since a rename is atomic only within one file system. Its name cannot be
+    foretold, so that nobody plants a link there. An existing file keeps its permissions, and a symbolic link stays a
+    link. Raises OSError.
     """
     path = path.resolve()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
-        with temporary.open("wb") as file:
+        with temporary.open("xb") as file:
             with contextlib.suppress(FileNotFoundError):
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
+        _sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Flush a folder's names to the disk, where the system can: a rename then outlives a power cut."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def sha256_of(path: Path) -> str:
