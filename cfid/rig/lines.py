@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.errors import DeviceError
 from cfid.records.line_devices import LineDevice
@@ -86,7 +87,7 @@ class Lines:
         times_s, numbers = np.array(self._times), dict(zip(self._names, zip(*self._readings, strict=True), strict=True))
         self._times, self._readings = [], []
         measured = [self._device.factor(value) * np.array(numbers[value.name]) for value in self._device.measured]
-        columns = [self._clock.unix_s(times_s), *measured]
+        columns: list[npt.NDArray[Any]] = [self._clock.unix_s(times_s), *measured]
         if (stamp := self._device.stamp) is not None:
             ticks = self._stamps.unwrapped([int(number) for number in numbers[stamp.name]])
             columns.append(ticks * round(self._device.factor(stamp)))
