@@ -1,6 +1,7 @@
 """Write files atomically, and read TOML files with a sentence for every fault."""
 
 import contextlib
+import errno
 import hashlib
 import os
 import secrets
@@ -49,9 +50,17 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+def check_regular(path: Path) -> None:
+    """Raise OSError for a path whose reading may never end: a pipe, a terminal, a device."""
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "a pipe or a device, where a file is expected")
+
+
 def sha256_of(path: Path) -> str:
     """Return the hash of a file's content, which is read piece by piece. Raises DataError when it cannot be read."""
     try:
+        check_regular(path)
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
@@ -98,6 +107,7 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     Raises FileNotFoundError when it is missing, which callers treat differently, and `error` for any other fault.
     """
     try:
+        check_regular(path)
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:
         raise

@@ -74,7 +74,7 @@ def ready_encoder(
     """Find and lock the encoder; return how it is recorded. Raises ConfigError or DeviceError."""
     if isinstance(setting, EncoderLines):
         scale = angle_scale(setting, counts_per_turn)
-        record, opened_lines = ready_lines("encoder", setting, held, say=say, **scale)
+        record, opened_lines = ready_lines("encoder", setting, held, say=say, scale=scale)
         turn = counts_per_turn if setting.counted else math.tau
         return Device(record=record, open=opened_lines, reading=partial(_degrees, turn))
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
@@ -135,7 +135,7 @@ def ready_loadcell(
     if isinstance(setting, LoadCellLines):
         if bias:
             raise ConfigError("--bias: only a Net F/T box has a bias; fits take the zero from pauses.")
-        record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, units="n,nm")
+        record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, scale={"units": "n,nm"})
         return Device(record=record, open=opened_lines, reading=first_value(setting))
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"

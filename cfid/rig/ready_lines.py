@@ -1,10 +1,11 @@
 """Prepares a device that sends lines: locks its port, and states how it is recorded."""
 
 import errno
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from cfid.errors import ConfigError, DeviceError
@@ -23,7 +24,13 @@ OpenLines = Callable[[Loop, HostClock], Instrument]
 
 
 def ready_lines(
-    name: str, setting: LineDevice, held: ExitStack, *, say: Say, patient: bool = True, **scale: object
+    name: str,
+    setting: LineDevice,
+    held: ExitStack,
+    *,
+    say: Say,
+    patient: bool = True,
+    scale: Mapping[str, object] = MappingProxyType({}),
 ) -> tuple[DeviceRecord, OpenLines]:
     """Lock a device's port; return its description in run.toml, to which `scale` belongs, and how a loop opens it.
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from cfid.errors import DataError
+from cfid.records.files import check_regular
 from cfid.records.tables.matlab import is_matlab
 from cfid.records.tables.table import CsvTable, open_table, table_in
 from cfid.records.tables.text import check_text
@@ -20,6 +21,7 @@ def table_blocks(path: Path, *, sha256: str, skip_lines: int = 0, columns: Seque
         yield open_table(path, columns=columns)
         return
     try:
+        check_regular(path)
         with path.open("rb") as file:
             content = file.read(BLOCK_BYTES) + file.readline()
             check_text(path, content)
