@@ -77,22 +77,25 @@ def encoder(
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
     from cfid.records.facts import RigFacts
+    from cfid.records.rig_file import EncoderPort
     from cfid.rig.log import Plan, ready_encoder
     from cfid.swing.during import Release
 
     campaign, devices, simulated = rig_of(keep.campaign)
     kept = label.label(campaign)
-    setting = devices.encoder
+    setting, counts_per_turn = devices.encoder, campaign.rig.encoder.counts_per_turn
     if port is not None:
         refuse_mixture("--port", simulated)
         setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
-        setting = setting.model_copy(update={"rate_hz": positive(rate_hz, "--rate-hz")})
+        setting = setting.sampled_at(positive(rate_hz, "--rate-hz"))
     plan = Plan(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
-        notice=Release(campaign.rig.encoder.counts_per_turn) if label.kind_of_angles == "swing" else None,
+        notice=Release(counts_per_turn)
+        if label.kind_of_angles == "swing" and isinstance(setting, EncoderPort)
+        else None,
         for_s=lasting.seconds,
         facts=RigFacts(lab_book=campaign.rig.lab_book),
         simulated=simulated,
@@ -105,7 +108,7 @@ def encoder(
         device = ready_encoder(
             setting,
             held,
-            counts_per_turn=campaign.rig.encoder.counts_per_turn,
+            counts_per_turn=counts_per_turn,
             continuous=continuous,
             say=live.say,
         )
@@ -137,8 +140,7 @@ def loadcell(
     if address is not None:
         refuse_mixture("--address", simulated)
         setting = setting.model_copy(update={"address": address})
-    if rate_hz is not None:
-        setting = setting.model_copy(update={"rate_hz": rate_hz})
+    setting = setting.sampled_at(rate_hz)
     kept = load.on(label.label(campaign))
     plan = Plan(
         runs_folder=campaign.runs_folder,

@@ -70,13 +70,13 @@ def preflight(
 
 def _identified(experiment: Experiment, rig: "Rig") -> Answers:
     """Return what `cfid rig check` says about the devices of the experiment."""
-    from cfid.rig.check import check_encoder, check_loadcell
+    from cfid.cli.rig import encoder_answers, loadcell_answers
     from cfid.rig.check_crazyflie import check_vehicle
 
     campaign, devices, _ = rig
     if experiment == "swing":
-        return {"encoder": check_encoder(devices.encoder, counts_per_turn=campaign.rig.encoder.counts_per_turn)}
-    return {"loadcell": check_loadcell(devices.loadcell), "crazyflie": check_vehicle(devices.crazyflie)}
+        return {"encoder": encoder_answers(devices, campaign.rig)}
+    return {"loadcell": loadcell_answers(devices), "crazyflie": check_vehicle(devices.crazyflie)}
 
 
 def _look(

@@ -14,6 +14,8 @@ from cfid.console.options import flat, positive
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import Devices
+    from cfid.records.rig_file import Rig as RigFile
     from cfid.rig.check import DeviceAnswer
     from cfid.rig.loop import Ending, Loop
     from cfid.sim.propulsion import OnMotors
@@ -31,20 +33,45 @@ def check(
     Example: [bold]cfid rig check[/bold]
     """
     from cfid.console.campaign import here
-    from cfid.rig.check import check_encoder, check_loadcell
+    from cfid.records.line_devices import LineDevice
     from cfid.rig.check_crazyflie import check_vehicle
+    from cfid.rig.check_lines import check_lines
     from cfid.rig.sim_file import SIM_FILE, devices_in
 
     found = here(campaign)
     devices, simulated = devices_in(found.folder, found.rig)
     if simulated:
         note(f"the rig is simulated: {found.folder / SIM_FILE} points at it.")
+    hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
     findings = {
-        "encoder": check_encoder(devices.encoder, counts_per_turn=found.rig.encoder.counts_per_turn),
-        "loadcell": check_loadcell(devices.loadcell),
+        "encoder": encoder_answers(devices, found.rig),
+        "loadcell": loadcell_answers(devices),
+        **{name: check_lines(name, one) for name, one in hand_held.items() if isinstance(one, LineDevice)},
         "crazyflie": check_vehicle(devices.crazyflie),
     }
     report_answers("rig check", findings, simulated=simulated, json=json)
+
+
+def encoder_answers(devices: "Devices", rig: "RigFile") -> "list[DeviceAnswer]":
+    """Return what the encoder of whichever kind answers."""
+    from cfid.records.line_devices import LineDevice
+    from cfid.rig.check import check_encoder
+    from cfid.rig.check_lines import check_lines
+
+    if isinstance(devices.encoder, LineDevice):
+        return check_lines("encoder", devices.encoder)
+    return check_encoder(devices.encoder, counts_per_turn=rig.encoder.counts_per_turn)
+
+
+def loadcell_answers(devices: "Devices") -> "list[DeviceAnswer]":
+    """Return what the load cell of whichever kind answers."""
+    from cfid.records.line_devices import LineDevice
+    from cfid.rig.check import check_loadcell
+    from cfid.rig.check_lines import check_lines
+
+    if isinstance(devices.loadcell, LineDevice):
+        return check_lines("loadcell", devices.loadcell)
+    return check_loadcell(devices.loadcell)
 
 
 def report_answers(
@@ -153,23 +180,12 @@ def _simulated(
 async def _serve(
     campaign: "Campaign", rig: "SimulatedRig", ending: "Ending", *, for_s: float | None, seed: int
 ) -> None:
-    from cfid.records.rig_file import Devices
     from cfid.rig.sim_file import published
+    from cfid.sim.service import devices_at
 
     where = rig.open()
     try:
-        devices = Devices(
-            encoder=campaign.rig.devices.encoder.model_copy(update={"port": str(where.encoder_port)}),
-            loadcell=campaign.rig.devices.loadcell.model_copy(
-                update={
-                    "address": where.address,
-                    "rdt_port": where.rdt_port,
-                    "http_port": where.http_port,
-                    "tcp_port": where.tcp_port,
-                }
-            ),
-            crazyflie=campaign.rig.devices.crazyflie.model_copy(update={"uri": where.crazyflie_uri}),
-        )
+        devices = devices_at(where, campaign.rig.devices)
         with published(campaign.folder, devices, seed=seed) as path:
             typer.echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
             await ending.within(for_s)

@@ -7,6 +7,7 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import note as print_note
+from cfid.console.messages import printable
 from cfid.console.selection import LAST
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def _amend(
         if run.cut and _changed_lately(run):
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
         amend_run(run, excluded=excluded, note=note)
-        typer.echo(f"{run.folder.name}: {message}")
+        typer.echo(printable(f"{run.folder.name}: {message}"))
 
 
 def _meant(word: str, folder: Path | None) -> "list[Run]":
@@ -134,6 +135,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     # Other commands take a run's name: it is never shortened.
     table = Table(box=SIMPLE, pad_edge=False)
@@ -142,7 +144,7 @@ def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None,
         table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
     table.add_column("note", overflow="fold")
     for row in rows:
-        table.add_row(*(str(row[key]) for key in ("run", "state", "rows", "lost", "note")))
+        table.add_row(*(Text(printable(str(row[key]))) for key in ("run", "state", "rows", "lost", "note")))
     Console().print(table)
     for sentence in broken:
         print_note(sentence)

@@ -15,9 +15,15 @@ _RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to
 def in_options(text: str) -> str:
     """Return a message with options where it names settings, which stand in backticks: `rate_hz` becomes --rate-hz.
 
-    The functions that raise it are called from Python too, where there are no options.
+    The functions that raise it are called from Python too, where there are no options. What it quotes of files and
+    devices is made printable.
     """
-    return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), text)
+    return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), printable(text))
+
+
+def printable(text: str) -> str:
+    """Return a text whose letters a terminal shows and does not obey: all others but ends of lines become ?."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in text.replace("\t", " "))
 
 
 def note(text: str) -> None:
@@ -38,7 +44,7 @@ def fault(text: str) -> None:
 def result(text: str) -> None:
     """Print what a command did; where stdout takes nothing, as a terminal that was closed, print it on stderr."""
     try:
-        typer.echo(text)
+        typer.echo(printable(text))
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest of the text fails once more
         with contextlib.suppress(OSError):

@@ -38,7 +38,9 @@ def of_loadcell(record: DeviceRecord, sampled: Sampled, *, calm: bool = True) ->
     """Judge the load cell's signals. A wind that blows is not `calm`: noise, drift and lines then have no limit."""
     if sampled.rows < _FEWEST:
         return [_answer("rate", f"{sampled.rows} samples", "check power and cable", limit=f"{_FEWEST}", within=False)]
-    settings = (record.model_extra or {})["settings"]
+    settings = (record.model_extra or {}).get("settings")
+    if settings is None:  # it sends lines, and states no ranges
+        return _rate(sampled, record.rate_hz or math.nan)
     per_unit = np.repeat([settings["counts_per_force"], settings["counts_per_torque"]], 3)
     milli = 1e3 / np.repeat([(record.model_extra or {})[key] for key in ("counts_per_n", "counts_per_nm")], 3)
     largest = np.array(settings["ranges"]) * per_unit

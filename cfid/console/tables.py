@@ -6,7 +6,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from cfid.console.messages import printable
 from cfid.records.parameters import Parameter
 
 _DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as many
@@ -14,12 +16,13 @@ _DIGITS = 7  # of a value whose uncertainty is unknown; the thesis prints as man
 
 def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None:
     """Print value, standard uncertainty and unit of every parameter; commands print lists of rows themselves."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=Text(printable(title)), title_justify="left")
     for heading in ("parameter", "value", "std", "unit"):
         table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")
     for name, parameter in parameters.items():
         for one in parameter.numbers(name):
-            table.add_row(one.name, *value_and_deviation(one.value, one.std), parameter.unit)
+            cells = (one.name, *value_and_deviation(one.value, one.std), parameter.unit)
+            table.add_row(*(Text(printable(cell)) for cell in cells))
     Console().print(table)
 
 

@@ -143,23 +143,36 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
     # Means, since single samples of a vibration would alias into a false curve.
     length = -(-len(record.time_s) // _CURVE_POINTS)
-    means = block_means(record.time_s, length=length), block_means(record.force_n[:, 2], length=length)
+    means = block_means(record.time_s, length=length), block_means(record.values_of(record.main_axis), length=length)
     return View(
         device=device,
         name=record.name,
         path=record.path,
         source=record.source,
         notes=record.notes,
-        parameters=sampling(record.time_s)
-        | {
+        parameters=sampling(record.time_s) | _means(record),
+        curve=Curve(*means, f"{record.main_axis}, {'N' if record.main_axis.startswith('F') else 'N m'}"),
+        draw=draw,
+    )
+
+
+def _means(record: "WrenchRecord") -> dict[str, Parameter]:
+    """Return the means and scatter of forces and torques, of a load cell of fewer axes each by itself."""
+    from cfid.records.tables.wrench import AXES
+
+    if record.axes == AXES:
+        return {
             "mean_n": Parameter(value=record.force_n.mean(axis=0), unit="N"),
             "std_n": Parameter(value=record.force_n.std(axis=0), unit="N"),
             "mean_nm": Parameter(value=record.torque_nm.mean(axis=0), unit="N m"),
             "std_nm": Parameter(value=record.torque_nm.std(axis=0), unit="N m"),
-        },
-        curve=Curve(*means, "Fz, N"),
-        draw=draw,
-    )
+        }
+    found = {}
+    for axis in record.axes:
+        values, unit = record.values_of(axis), "N" if axis.startswith("F") else "N m"
+        found[f"mean.{axis}"] = Parameter(value=float(values.mean()), unit=unit)
+        found[f"std.{axis}"] = Parameter(value=float(values.std()), unit=unit)
+    return found
 
 
 def _device_view(run: "Run", device: str) -> View:

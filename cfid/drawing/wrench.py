@@ -46,12 +46,13 @@ class AmplitudeSpectrum(NamedTuple):
 
 @styled
 def wrench_figure(record: WrenchRecord, *, title: str) -> Figure:
-    """Return forces, torques, the spectrum of Fz and sampling intervals, with the reader's notes above."""
+    """Return forces, torques, the spectrum of the main axis and sampling intervals, with the reader's notes above."""
     page, grid = figure(4, 2, heights_in=(2.1, 2.1, 2.3, 2.3), title=title, notes=record.notes)
     forces, torques = page.add_subplot(grid[0, :]), page.add_subplot(grid[1, :])
     _draw_axes(forces, record, record.force_n, names=AXES[:3], title="(a) forces", y="force (N)")
     _draw_axes(torques, record, 1e3 * record.torque_nm, names=AXES[3:], title="(b) torques", y="torque (mNm)")
-    _draw_spectrum(page.add_subplot(grid[2, :]), spectrum_of(record.time_s, record.force_n[:, 2]))
+    spectrum = spectrum_of(record.time_s, record.values_of(record.main_axis))
+    _draw_spectrum(page.add_subplot(grid[2, :]), spectrum, record.main_axis)
     draw_intervals(
         page.add_subplot(grid[3, 0]), np.diff(record.time_s), usual_s=_usual_s(np.diff(record.time_s)), letter="d"
     )
@@ -131,20 +132,22 @@ def _draw_axes(axes: Axes, record: WrenchRecord, values: Array, *, names: Sequen
     name_panel(axes, f"{title}: samples (pale), and means over {1e3 * length * interval_s:.0f} ms", x=_TIME, y=y)
     pauses = [(time[after], intervals[after]) for after in gaps_of(time)]
     axes.broken_barh(pauses, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=ALERT, alpha=0.25, lw=0.8)
-    for column, colour in zip(values.T, SERIES, strict=False):
+    measured = [one for one in zip(values.T, SERIES, names, strict=False) if one[2] in record.axes]
+    for column, colour, _ in measured:
         # A band of thousands of strokes: rasterized, it makes an SVG of a third of the size.
         draw_line(axes, time, column, color=colour, alpha=0.3, lw=0.5, rasterized=True)
-    for column, colour, name in zip(values.T, SERIES, names, strict=False):
+    for column, colour, name in measured:
         means = block_means(time, length=length), block_means(column, length=length)
         axes.plot(*means, color=colour, lw=1.2, label=name)
-    legend(axes)
+    if measured:
+        legend(axes)
 
 
-def _draw_spectrum(axes: Axes, spectrum: AmplitudeSpectrum) -> None:
+def _draw_spectrum(axes: Axes, spectrum: AmplitudeSpectrum, axis: str) -> None:
     """Draw both axes logarithmic: rotors are in the lowest tenth of the range of a fast box."""
     frequency_hz, amplitude_n = spectrum
-    title = f"(c) amplitude spectrum of Fz, Hann windows of {1 / frequency_hz[0]:.2g} s"
-    name_panel(axes, title, x="frequency (Hz)", y="amplitude (N)")
+    title = f"(c) amplitude spectrum of {axis}, Hann windows of {1 / frequency_hz[0]:.2g} s"
+    name_panel(axes, title, x="frequency (Hz)", y=f"amplitude ({'N' if axis.startswith('F') else 'Nm'})")
     highest = float(amplitude_n.max())
     if highest <= 0:
         return
@@ -188,5 +191,6 @@ def _facts(record: WrenchRecord) -> list[tuple[str, str]]:
     ]
     values = np.hstack([record.force_n, 1e3 * record.torque_nm])
     for axis, mean, std in zip(AXES, values.mean(axis=0), values.std(axis=0), strict=True):
-        rows.append((f"{axis}, mean ± std", plus_minus(mean, std, unit="N" if axis[0] == "F" else "mNm")))
+        if axis in record.axes:
+            rows.append((f"{axis}, mean ± std", plus_minus(mean, std, unit="N" if axis[0] == "F" else "mNm")))
     return rows

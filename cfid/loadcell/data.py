@@ -17,7 +17,7 @@ from cfid.records.facts import RigFacts
 from cfid.records.parameters import Source
 from cfid.records.run import Pull, Run, read_run
 from cfid.records.tables.times import run_at
-from cfid.records.tables.wrench import WrenchReading, read_wrench
+from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +27,10 @@ _GRAM = 1e-3  # kg
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadedRun:
-    """The mean reading (6,) of a run in N and N m, without any earlier calibration, under a known load."""
+    """The mean reading (6,) of a run in N and N m, without any earlier calibration, under a known load.
+
+    Axes that the load cell does not measure are nan.
+    """
 
     name: str
     weight_kg: float
@@ -61,7 +64,7 @@ def read_load(run: Run | Path | str) -> LoadedRun:
     record = read_wrench(run.folder, WrenchReading())
     gain = np.array(run.header.rig.loadcell.gain or np.ones(6))  # of an earlier calibration
     channels = channels_of(record, flip_fz=bool(run.header.rig.loadcell.flip_fz))
-    wrench = channels.T * gain[:, np.newaxis]
+    wrench = np.nan_to_num(channels.T * gain[:, np.newaxis])
     rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
     mean = quiet_mean(wrench, rate_hz=rate_hz)
     return LoadedRun(
@@ -71,7 +74,7 @@ def read_load(run: Run | Path | str) -> LoadedRun:
         at_m=MM * np.array(label.at_mm or (0.0, 0.0, 0.0)),
         at_std_m=None if label.at_std_mm is None else MM * label.at_std_mm,
         weight_std_kg=_GRAM * (label.weight_std_g or 0.0),
-        reading=mean.value,
+        reading=np.where([axis in record.axes for axis in AXES], mean.value, np.nan),
         std=mean.std,
         source=record.source,
         findings=record.findings,

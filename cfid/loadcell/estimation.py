@@ -73,7 +73,9 @@ def fit_axes(loads: Loads) -> dict[str, AxisFit]:
 
 
 def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
-    """Return the fit of one axis, None where its gain or the noise is not determined."""
+    """Return the fit of one axis, None where it was not measured, or its gain or the noise is not determined."""
+    if not np.isfinite(loads.reading[:, place]).all():
+        return None
     columns = {axis: loads.load[:, at] for at, axis in enumerate(AXES) if np.any(loads.load[:, at])}
     zeros = np.asarray(loads.orientation[:, np.newaxis] == np.unique(loads.orientation), dtype=np.float64)
     own = columns.pop(AXES[place])

@@ -10,15 +10,15 @@ _FEWEST = 100
 
 
 def verdict(run: Run) -> str:
-    """Say what the vertical force was, how noisy and how steady. Raises DataError for too few samples."""
+    """Say what the vertical force was, or the first axis, its noise and drift. Raises DataError for few samples."""
     record = read_wrench(run.folder, WrenchReading())
-    force_n = record.force_n[:, 2]
-    if len(force_n) < _FEWEST:
-        raise DataError(f"{len(force_n)} samples are too few (at least {_FEWEST}).")
-    tenth = len(force_n) // 10
-    drift_n = float(force_n[-tenth:].mean() - force_n[:tenth].mean())
-    noise_n = float(np.diff(force_n).std() / np.sqrt(2))
+    axis, shown = record.main_axis, 1e3 * record.values_of(record.main_axis)
+    if len(shown) < _FEWEST:
+        raise DataError(f"{len(shown)} samples are too few (at least {_FEWEST}).")
+    tenth, unit = len(shown) // 10, "mN" if axis.startswith("F") else "mNm"
+    drift = float(shown[-tenth:].mean() - shown[:tenth].mean())
+    noise = float(np.diff(shown).std() / np.sqrt(2))
     return (
-        f"Fz {1e3 * force_n.mean():.1f} mN, noise {1e3 * noise_n:.2g} mN from sample to sample, "
-        f"{1e3 * drift_n:+.2g} mN from the first tenth to the last."
+        f"{axis} {shown.mean():.1f} {unit}, noise {noise:.2g} {unit} from sample to sample, "
+        f"{drift:+.2g} {unit} from the first tenth to the last."
     )

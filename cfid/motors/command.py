@@ -110,9 +110,9 @@ def speed(
     *,
     options: StaircaseOptions,
     tachometer: Annotated[
-        Literal["typed", "ut372", "deck", "brushless"],
+        Literal["typed", "ut372", "lines", "deck", "brushless"],
         typer.Option(
-            help="Source of the speed: typed by you, a UT372, the RPM deck, brushless motors.",
+            help="Source of the speed: typed by you, a UT372, lines, the RPM deck, brushless motors.",
             rich_help_panel=_INSTRUMENT,
         ),
     ] = "typed",
@@ -159,7 +159,10 @@ def scales(
     options: StaircaseOptions,
     port: Annotated[
         str | None,
-        typer.Option(help="Serial port of the scales; default: you type what they show.", rich_help_panel=_INSTRUMENT),
+        typer.Option(
+            help="Serial port of the scales; default: rig.toml's that send lines, else you type.",
+            rich_help_panel=_INSTRUMENT,
+        ),
     ] = None,
     baud: Annotated[int, typer.Option(min=1, help="Speed of that port.", rich_help_panel=_INSTRUMENT)] = 9600,
     motor: Motor = None,

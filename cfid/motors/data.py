@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from cfid.records.tables.vehicle import (
     read_rows,
     told_speeds_rad_s,
 )
-from cfid.records.tables.wrench import LOADCELL, WrenchRecord
+from cfid.records.tables.wrench import AXES, LOADCELL, WrenchRecord
 
 Array = npt.NDArray[np.float64]
 
@@ -106,7 +106,8 @@ def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
 def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
     """Reduce a record of the load cell by the commands that were logged with it, else by the changes it shows.
 
-    Raises DataError or FitError that name the recording, the latter where no step settles.
+    Steps show in Fz, of a load cell without it in the first axis it has; means of other axes are nan then. Raises
+    DataError or FitError that name the recording, the latter where no step settles.
     """
     run, began_s, sources = run_of(record), math.nan, [record.source]
     command_time_s, commands = None, None
@@ -118,15 +119,29 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
     try:
         reduced = reduce_staircase(
             time_s=record.time_s,
-            channels=channels_of(record, flip_fz=flip_fz),
+            channels=np.nan_to_num(channels_of(record, flip_fz=flip_fz)),
             command_time_s=command_time_s,
             commands=commands,
             status=record.status,
+            thrust=AXES.index(record.main_axis),
         )
         reduced.steady()
     except CfidError as error:
         raise type(error)(f"{_place(record)}: {error}") from None
-    return RunStaircase(record=record, reduced=reduced, run=run, began_s=began_s, sources=tuple(sources))
+    return RunStaircase(
+        record=record, reduced=_measured(reduced, record), run=run, began_s=began_s, sources=tuple(sources)
+    )
+
+
+def _measured(reduced: Staircase, record: WrenchRecord) -> Staircase:
+    """Return a staircase with nan for the means of axes that a load cell of fewer axes does not measure."""
+    if record.axes == AXES:
+        return reduced
+    blind = np.array([0.0 if axis in record.axes else math.nan for axis in AXES])
+    points = tuple(
+        replace(point, mean=point.mean + blind, std_of_mean=point.std_of_mean + blind) for point in reduced.points
+    )
+    return replace(reduced, points=points)
 
 
 def _place(record: WrenchRecord) -> Path:

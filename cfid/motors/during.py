@@ -44,7 +44,7 @@ class Steps:
         if len(self._wrong) < _WRONG_STEPS:
             return ""
         self._done = True
-        return f"{' '.join(self._wrong)} Hold longer (--hold), or look at motors and mount."
+        return f"{' '.join(self._wrong)} Hold longer (`hold`), or look at motors and mount."
 
     def _end_step(self) -> None:
         late = np.array(self._means[len(self._means) // 2 :])

@@ -11,6 +11,7 @@ from cfid.console.preflight import quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found, record
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
+from cfid.errors import ConfigError
 from cfid.motors.during import Steps
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Label
@@ -20,9 +21,9 @@ from cfid.rig.loop import Loop
 from cfid.rig.motor_commands import MotorCommands, four
 from cfid.rig.motors import STILL
 from cfid.rig.questions import UNDO, Answer, Questions
-from cfid.rig.ready_instruments import ready_scales, ready_tachometer, typed_readings
+from cfid.rig.ready_instruments import ready_instrument, ready_scales, ready_tachometer, typed_readings
 from cfid.rig.ready_vehicle import ReadyVehicle
-from cfid.rig.recorder import sleep
+from cfid.rig.recorder import Say, sleep
 
 _ROWS_A_SECOND = 200  # of the vehicle's log and what instruments add
 
@@ -52,13 +53,13 @@ def record_forces(
     ConfigError or DeviceError.
     """
     _, devices, simulated = rig
-    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
+    cell = devices.loadcell.sampled_at(rate_hz)
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
         crazyflie.limits.refuse_idling(staircase.motors)
-        effort = _effort(staircase, rig, rate_hz=(rate_hz or cell.rate_hz) + 1000 / log_ms)
+        effort = _effort(staircase, rig, rate_hz=cell.rate_hz + 1000 / log_ms)
         refuse(crazyflie, staircase.motors, staircase.steps)
         if not vehicle.no_preflight:
             effort += quick([loadcell, crazyflie.usual_log(log_ms)], staircase.held, calm=calm)
@@ -68,8 +69,8 @@ def record_forces(
             parts.append(typed_readings("rpm"))
         procedure = _procedure(staircase, question, live, tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
-        counts_per_n = (loadcell.record.model_extra or {})["counts_per_n"]
-        plan = replace(plan, notice=Steps(counts_per_n) if calm else None, asks=question is not None)
+        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
+        plan = replace(plan, notice=Steps(counts_per_n) if calm and counts_per_n else None, asks=question is not None)
         record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
 
 
@@ -85,14 +86,19 @@ def record_speed(
     note: str | None,
     judge: Judge,
 ) -> None:
-    """Record rotor speeds during a staircase, as `typed`, a `ut372`, the RPM `deck` or `brushless` motors give them.
+    """Record rotor speeds in a staircase: `typed`, a `ut372`'s, `lines`, the RPM `deck`'s or of `brushless` motors.
 
     Raises ConfigError or DeviceError.
     """
 
-    def instrument(crazyflie: ReadyVehicle) -> list[Device]:
+    def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Device]:
         if tachometer == "ut372":
             return [crazyflie.usual_log(log_ms), ready_tachometer(port)]
+        if tachometer == "lines":
+            sender = rig[1].tachometer
+            if sender is None:
+                raise ConfigError("--tachometer lines: rig.toml has no table [devices.tachometer] that says which.")
+            return [crazyflie.usual_log(log_ms), ready_instrument("tachometer", sender, held, say=say)]
         if tachometer == "typed":
             return [crazyflie.usual_log(log_ms)]
         return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
@@ -124,15 +130,20 @@ def record_scales(
     note: str | None,
     judge: Judge,
 ) -> None:
-    """Record during a staircase what scales at a serial port show, or, without a port, what the operator types.
+    """Record during a staircase what scales at a serial port show, or else what the operator types.
 
-    Raises ConfigError or DeviceError.
+    Without a port, scales that send lines are those of rig.toml. Raises ConfigError or DeviceError.
     """
 
-    def instrument(crazyflie: ReadyVehicle) -> list[Device]:
-        return [crazyflie.usual_log(log_ms), *([] if port is None else [ready_scales(port, baud=baud)])]
+    sender = rig[1].scales if port is None else None
 
-    question = "grams shown at command {command}" if port is None else None
+    def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Device]:
+        log = crazyflie.usual_log(log_ms)
+        if sender is not None:
+            return [log, ready_instrument("scales", sender, held, say=say)]
+        return [log] if port is None else [log, ready_scales(port, baud=baud)]
+
+    question = "grams shown at command {command}" if port is None and sender is None else None
     _record_readings(
         "scales",
         staircase,
@@ -152,7 +163,7 @@ def _record_readings(
     staircase: StaircasePlan,
     rig: Rig,
     *,
-    instrument: Callable[[ReadyVehicle], list[Device]],
+    instrument: Callable[[ReadyVehicle, ExitStack, Say], list[Device]],
     value: str,
     question: str | None,
     vehicle: ExperimentOptions,
@@ -165,7 +176,7 @@ def _record_readings(
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        parts = [crazyflie.commands(), *instrument(crazyflie), crazyflie.supervisor_log()]
+        parts = [crazyflie.commands(), *instrument(crazyflie, held, live.say), crazyflie.supervisor_log()]
         if question is not None:
             parts.append(typed_readings(value))
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)

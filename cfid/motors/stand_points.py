@@ -1,6 +1,7 @@
 """Settled steps of a stand to points of one motor, when several ran together, or where speed alone is known."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,18 +20,21 @@ def points_of(steps: Sequence[Point], *, motors: int | None = None, thrust: int 
     """Return one motor's points of settled steps; `motors` is how many ran where the steps do not state which.
 
     Thrust is divided by how many ran, torque, where there is such a channel, by how many more of them turn one way
-    than the other: it is nan where as many do.
+    than the other: it is nan where as many do. Channels of nan were not measured.
     """
     ran = np.array([len(step.motors) or motors or 1 for step in steps], float)
     mean, std = (np.array([getattr(step, name) for step in steps]) for name in ("mean", "std_of_mean"))
     shares = np.array([step.tare_shares for step in steps])
-    points = MotorPoints(
-        command=np.array([float(step.command or 0) for step in steps]),
-        thrust_n=mean[:, thrust] / ran,
-        thrust_std_n=std[:, thrust] / ran,
-        thrust_shared_n=shares[:, :, thrust] / ran[:, np.newaxis],
-    )
-    if mean.shape[1] <= TZ:
+    measured = np.isfinite(mean).any(axis=0)
+    points = MotorPoints(command=np.array([float(step.command or 0) for step in steps]))
+    if measured[thrust]:
+        points = replace(
+            points,
+            thrust_n=mean[:, thrust] / ran,
+            thrust_std_n=std[:, thrust] / ran,
+            thrust_shared_n=shares[:, :, thrust] / ran[:, np.newaxis],
+        )
+    if mean.shape[1] <= TZ or not measured[TZ]:
         return points
     alike = np.array(
         [abs(sum(ROTOR_TURNS[motor] for motor in step.motors)) if step.motors else motors or 1 for step in steps]

@@ -7,7 +7,7 @@ from cfid.motors.data import reduce_run
 from cfid.motors.plan import StaircasePlan
 from cfid.records.run import Run
 from cfid.records.tables.vehicle import READINGS, holds, read_rows
-from cfid.records.tables.wrench import WrenchReading, read_wrench
+from cfid.records.tables.wrench import AXES, WrenchReading, read_wrench
 
 _SHARE = 0.5  # of the steps that must be there
 
@@ -15,11 +15,13 @@ _SHARE = 0.5  # of the steps that must be there
 def of_forces(run: Run) -> str:
     """Say how many steps of a load cell's staircase are steady. Raises DataError or FitError where few are."""
     steps = len(StaircasePlan.of_run(run).steps)
-    points = reduce_run(read_wrench(run.folder, WrenchReading())).reduced.steady()
+    record = read_wrench(run.folder, WrenchReading())
+    axis, points = record.main_axis, reduce_run(record).reduced.steady()
     if len(points) < _SHARE * steps:
         raise FitError(f"only {len(points)} of {steps} steps are steady: hold them longer, or let the rig settle.")
-    least, most = (1e3 * float(end(point.mean[2] for point in points)) for end in (min, max))
-    return f"{len(points)} of {steps} steps are steady, Fz from {least:.0f} to {most:.0f} mN."
+    unit = "mN" if axis.startswith("F") else "mNm"
+    least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
+    return f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}."
 
 
 def of_readings(run: Run) -> str:

@@ -1,8 +1,10 @@
 """Write files atomically, and read TOML files with a sentence for every fault."""
 
 import contextlib
+import errno
 import hashlib
 import os
+import secrets
 import stat
 import sys
 import tomllib
@@ -19,26 +21,46 @@ from cfid.errors import CfidError, DataError
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically: a crash leaves the old content or the new one, never a part.
 
-    The temporary file is in the same folder, since a rename is atomic only within one file system. An existing file
-    keeps its permissions, and a symbolic link stays a link. Raises OSError.
+    The temporary file is in the same folder, since a rename is atomic only within one file system. Its name cannot be
+    foretold, so that nobody plants a link there. An existing file keeps its permissions, and a symbolic link stays a
+    link. Raises OSError.
     """
     path = path.resolve()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
-        with temporary.open("wb") as file:
+        with temporary.open("xb") as file:
             with contextlib.suppress(FileNotFoundError):
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
+        _sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Flush a folder's names to the disk, where the system can: a rename then outlives a power cut."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def check_regular(path: Path) -> None:
+    """Raise OSError for a path whose reading may never end: a pipe, a terminal, a device."""
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "a pipe or a device, where a file is expected")
 
 
 def sha256_of(path: Path) -> str:
     """Return the hash of a file's content, which is read piece by piece. Raises DataError when it cannot be read."""
     try:
+        check_regular(path)
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
@@ -85,6 +107,7 @@ def read_toml(path: Path, error: type[CfidError]) -> dict[str, Any]:
     Raises FileNotFoundError when it is missing, which callers treat differently, and `error` for any other fault.
     """
     try:
+        check_regular(path)
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:
         raise
@@ -103,28 +126,29 @@ def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:
     # A misspelt key gives two errors, an unknown key and a missing one; the unknown key is the more useful one.
     faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
     first = faults[0]
-    key = _key(first["loc"], content)
+    key = _key(first, content)
     if first["type"] == "extra_forbidden":
         return f"{key}: there is no such key. Is it misspelt, or in the wrong table?"
     if first["type"] == "missing":
         return f"{key} is missing."
     # A value with a union type has an error for each type.
-    reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault["loc"], content) == key]
+    reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault, content) == key]
     verb = "should be " if first["msg"].startswith("Input should be ") else ""
     shown = "" if isinstance(first["input"], Mapping | list) else f", not {_short(repr(first['input']))}"
     return f"{key}: {verb}{' or '.join(reasons)}{shown}."
 
 
-def _key(place: tuple[int | str, ...], content: Mapping[str, Any]) -> str:
+def _key(fault: Mapping[str, Any], content: Mapping[str, Any]) -> str:
     """Return the key as written in the file: without pydantic's names for the types of a union."""
     known: list[str] = []
     here: Any = content
-    for part in place:
+    for part in fault["loc"]:
         if not isinstance(here, Mapping | list):
             break
-        known.append(str(part))
         there = dict(here) if isinstance(here, Mapping) else dict(enumerate(here))
-        here = there.get(part)
+        if part in there or (fault["type"] == "missing" and part == fault["loc"][-1]):
+            known.append(str(part))
+            here = there.get(part)
     return ".".join(known) or "(top)"
 
 

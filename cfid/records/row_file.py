@@ -27,8 +27,8 @@ class RowFile:
 
     @classmethod
     def create(cls, path: Path, columns: Sequence[str]) -> "RowFile":
-        """Create the file and write its header. Raises OSError, also when the file exists."""
-        file = cls(path, path.open("xb", buffering=0), columns)
+        """Create the file, open for appending, and write its header. Raises OSError, also when the file exists."""
+        file = cls(path, FileIO(path, "xb", opener=_appending), columns)
         try:
             file._write((",".join(columns) + "\n").encode())
         except OSError:
@@ -40,10 +40,15 @@ class RowFile:
     def append(self, columns: Sequence[Sequence[float] | Any]) -> None:
         """Append rows, given as columns of equal length: time in seconds, then raw values.
 
-        Raises DataError when the disk takes only a part of them; the file then ends with the last whole row.
+        Raises DataError when the disk takes only a part of them, and the file then ends with the last whole row, or
+        when the file was removed.
         """
         if len(columns) != len(self.columns) or len({len(column) for column in columns}) != 1:
             raise ValueError(f"{self.path.name} has the columns {self.columns}, each as long as the others")
+        if os.fstat(self._raw.fileno()).st_nlink == 0:
+            raise DataError(
+                f"{self.path}: was removed during the recording, with its {self.rows} rows: record it again."
+            )
         try:
             self._write(_lines(columns))
         except OSError as error:
@@ -65,18 +70,20 @@ class RowFile:
 
     def _write(self, block: bytes) -> None:
         """Write lines; when writing fails, the file ends with the last whole line."""
-        begin = self._raw.tell()
-        left = memoryview(block)
+        written = 0
         try:
-            while left:
-                left = left[self._raw.write(left) :]
+            while written < len(block):
+                written += self._raw.write(memoryview(block)[written:])
         finally:
-            written = self._raw.tell() - begin
             whole = block.rfind(b"\n", 0, written) + 1
             self.rows += block.count(b"\n", 0, whole)
             if written > whole:
                 with contextlib.suppress(OSError):  # the reader leaves out a partial row
-                    self._raw.truncate(begin + whole)
+                    self._raw.truncate(self._raw.tell() - (written - whole))
+
+
+def _appending(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_APPEND, 0o666)
 
 
 def _lines(columns: Sequence[Sequence[float] | Any]) -> bytes:

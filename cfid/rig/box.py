@@ -1,14 +1,17 @@
 """Reads and sets the configuration of the load cell's box over HTTP, and takes single readings over TCP."""
 
+import contextlib
 import http.client
 import socket
+import threading
 import time
 
 from cfid.errors import DeviceError
 from cfid.records.rig_file import LoadCellBox
 from cfid.wire import netft, rdt
 
-_TIME_OUT_S = 3.0
+_TIME_OUT_S = 3.0  # without a byte
+_LONGEST_S = 6.0  # for a page: one that drips would hold a recording for ever
 _LONGEST_PAGE = 1 << 18
 _BIAS_TRIES, _BIAS_TAKES_S = 3, 0.1
 _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
@@ -113,22 +116,39 @@ def read_once(box: LoadCellBox) -> netft.LoadReading:
 def _page(box: LoadCellBox, path: str) -> str:
     where = f"http://{box.address}:{box.http_port}"
     connection = http.client.HTTPConnection(box.address, box.http_port, timeout=_TIME_OUT_S)
+    late = threading.Event()
     try:
-        connection.request("GET", path)
-        answer = connection.getresponse()
-        content = answer.read(_LONGEST_PAGE)
+        connection.connect()
+        ending = threading.Timer(_LONGEST_S, _hang_up, (connection.sock, late))
+        ending.start()
+        try:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            content = answer.read(_LONGEST_PAGE)
+        finally:
+            ending.cancel()
+            ending.join()
     except (OSError, http.client.HTTPException) as error:
+        reason = f"its page was not complete after {_LONGEST_S:g} s" if late.is_set() else _reason(error)
         raise DeviceError(
-            f"{where}: {_reason(error)}. Is the box powered, and this computer in its network? "
-            "`cfid rig check` looks further."
+            f"{where}: {reason}. Is the box powered, and this computer in its network? `cfid rig check` looks further."
         ) from None
     finally:
         connection.close()
+    if late.is_set():
+        raise DeviceError(f"{where}: its page was not complete after {_LONGEST_S:g} s. `cfid rig check` looks further.")
     if answer.status != http.client.OK:
         raise DeviceError(
             f"{where}{path}: answers {answer.status} {answer.reason}, where a Net F/T has its settings: another device."
         )
     return content.decode("utf-8", "replace")
+
+
+def _hang_up(connection: socket.socket, late: threading.Event) -> None:
+    """End a connection on which bytes still come, each in time."""
+    late.set()
+    with contextlib.suppress(OSError):
+        connection.shutdown(socket.SHUT_RDWR)
 
 
 def _reason(error: Exception) -> str:

@@ -1,5 +1,6 @@
 """Records one run: locks and opens devices, records until the end, and closes them however it ends."""
 
+import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -12,8 +13,9 @@ import numpy as np
 from twisted.internet.defer import Deferred
 
 from cfid import __version__
-from cfid.errors import DeviceError
+from cfid.errors import ConfigError, DeviceError
 from cfid.records.facts import NONE_STATED, RigFacts
+from cfid.records.line_devices import EncoderLines, LoadCellLines
 from cfid.records.rig_file import EncoderPort, LoadCellBox
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
@@ -26,6 +28,7 @@ from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
 from cfid.rig.rdt_port import Inbox, RdtPort
+from cfid.rig.ready_lines import angle_scale, first_value, ready_lines
 from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say, Sink
 from cfid.rig.serial_line import serial_lines
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
@@ -70,9 +73,14 @@ class Plan:
 
 
 def ready_encoder(
-    setting: EncoderPort, held: ExitStack, *, counts_per_turn: float | str, continuous: bool, say: Say
+    setting: EncoderPort | EncoderLines, held: ExitStack, *, counts_per_turn: float | str, continuous: bool, say: Say
 ) -> Device:
-    """Find and lock the encoder; return how it is recorded. Raises DeviceError."""
+    """Find and lock the encoder; return how it is recorded. Raises ConfigError or DeviceError."""
+    if isinstance(setting, EncoderLines):
+        scale = angle_scale(setting, counts_per_turn)
+        record, opened_lines = ready_lines("encoder", setting, held, say=say, scale=scale)
+        turn = counts_per_turn if setting.counted else math.tau
+        return Device(record=record, open=opened_lines, reading=partial(_degrees, turn))
     found = find_encoder(setting.port, counts_per_turn=counts_per_turn)
     names = [lock_name(found.port)]
     holding = held.enter_context(ExitStack())
@@ -116,12 +124,23 @@ def ready_encoder(
 
 
 def ready_loadcell(
-    setting: LoadCellBox, held: ExitStack, *, buffered: bool, bias: bool, say: Say, patient: bool = True
+    setting: LoadCellBox | LoadCellLines,
+    held: ExitStack,
+    *,
+    buffered: bool,
+    bias: bool,
+    say: Say,
+    patient: bool = True,
 ) -> Device:
-    """Lock the load cell, set its rate and read its settings; return how it is recorded. Raises DeviceError.
+    """Lock the load cell, set its rate and read its settings; return how it is recorded.
 
-    Without `patient` the run ends as soon as its stream breaks off.
+    Without `patient` the run ends as soon as its stream breaks off. Raises ConfigError or DeviceError.
     """
+    if isinstance(setting, LoadCellLines):
+        if bias:
+            raise ConfigError("--bias: only a Net F/T box has a bias; fits take the zero from pauses.")
+        record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, scale={"units": "n,nm"})
+        return Device(record=record, open=opened_lines, reading=first_value(setting))
     setting = loadcell_box.resolved(setting)
     where = f"{setting.address}:{setting.rdt_port}"
     held.enter_context(DeviceLock.take(where))

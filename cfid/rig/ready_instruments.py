@@ -1,12 +1,16 @@
 """Prepares hand-held instruments as devices of a run."""
 
+from contextlib import ExitStack
+
+from cfid.records.line_devices import LineDevice
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import HostClock
 from cfid.rig.hand_held import HandHeld, Readings, ScalesParser, Ut372Parser
 from cfid.rig.listening import find_ut372, serial_ports, ut372_ports
 from cfid.rig.log import Device, Open
 from cfid.rig.loop import Loop
-from cfid.rig.recorder import Instrument
+from cfid.rig.ready_lines import ready_lines
+from cfid.rig.recorder import Instrument, Say
 
 
 def ready_tachometer(port: str | None) -> Device:
@@ -17,6 +21,12 @@ def ready_tachometer(port: str | None) -> Device:
         return HandHeld(where, Ut372Parser(), listen=ut372_ports(loop), loop=loop, clock=clock)
 
     return _device("tachometer.csv", Ut372Parser.columns, opened, port=where)
+
+
+def ready_instrument(name: str, setting: LineDevice, held: ExitStack, *, say: Say) -> Device:
+    """Return a tachometer or scales that send lines. Raises DeviceError."""
+    record, opened = ready_lines(name, setting, held, say=say)
+    return Device(record=record, open=opened, eventful=True)
 
 
 def ready_scales(port: str, *, baud: int) -> Device:

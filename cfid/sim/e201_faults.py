@@ -1,6 +1,7 @@
 """Adds faults to a simulated E201, between the device's core and its port; no port and no clock."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.faults import EncoderFaults, within
@@ -21,15 +22,30 @@ class ReplyMishaps:
     split: int = 0
 
 
-class FaultyE201:
-    """The interface with its faults."""
+class SerialDevice(Protocol):
+    """A device at a serial port."""
 
-    def __init__(self, device: E201Device, faults: EncoderFaults, *, opened_s: float) -> None:
+    @property
+    def continuous(self) -> bool:
+        """Whether `due` returns replies, now or later."""
+
+    def received(self, data: bytes, now_s: float) -> list[Reply]:
+        """Return the replies to bytes."""
+
+    def due(self, now_s: float) -> list[Reply]:
+        """Return what the device sends unprompted up to now."""
+
+
+class FaultyE201:
+    """The interface, or another device at a serial port, with its faults."""
+
+    def __init__(self, device: SerialDevice, faults: EncoderFaults, *, opened_s: float) -> None:
         """Count the faults' times from `opened_s`."""
         self.faults = faults
         self.mishaps = ReplyMishaps()
         self._device = device
-        device.stuck_at_bits = faults.wrong_width
+        if isinstance(device, E201Device):
+            device.stuck_at_bits = faults.wrong_width
         self._opened_s = opened_s
         self._replies = 0
 

@@ -65,6 +65,8 @@ class PtyPort:
     def open(self) -> Path:
         """Plug the device in; return its path, which stays the same after it was unplugged."""
         self._plug()
+        if self._device.continuous:
+            self._after(_CONTINUOUS_EVERY_S, self._continue)
         faults = self._device.faults
         if faults.unplug_after_s is not None:
             self._after(faults.unplug_after_s, self._unplug)

@@ -1,5 +1,7 @@
 """Serves a whole simulated rig on this machine: an encoder on a serial port, a load cell and a vehicle on UDP."""
 
+import math
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,14 +10,16 @@ from twisted.internet.defer import Deferred, gatherResults
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
-from cfid.records.rig_file import Rig
+from cfid.records.line_devices import EncoderLines, LoadCellLines
+from cfid.records.rig_file import Devices, Rig
+from cfid.records.tables.wrench import AXES
 from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
 from cfid.sim.crazyflie_server import CrazyflieServer
 from cfid.sim.e201 import E201Device
-from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.e201_faults import FaultyE201, SerialDevice
 from cfid.sim.faults import (
     SOUND_CRAZYFLIE,
     SOUND_ENCODER,
@@ -24,6 +28,7 @@ from cfid.sim.faults import (
     EncoderFaults,
     LoadCellFaults,
 )
+from cfid.sim.lines import LineSender
 from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.netft_faults import FaultyNetFT
@@ -44,9 +49,10 @@ _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds sca
 
 
 class Addresses(NamedTuple):
-    """The addresses of the two instruments and the vehicle."""
+    """The addresses of the two instruments and the vehicle; a load cell that sends lines has a port."""
 
     encoder_port: Path
+    loadcell_port: Path | None
     address: str
     rdt_port: int
     http_port: int
@@ -86,9 +92,9 @@ class SimulatedRig:
         self._address = address
         self.axis = _axis(rig, truth, axis, weight_g, rng=plant_rng)
         self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes its time
-        device = E201Device(self._angle_at, reply_s=_USB_REPLY_S, powered_s=opened_s)
-        self.encoder = FaultyE201(device, encoder_faults, opened_s=opened_s)
-        box = NetFTBox(load_cell=SimulatedLoadCell(truth.loadcell, cell_rng), plant=self._wrench_at, powered_s=opened_s)
+        self.encoder = FaultyE201(self._encoder(rig), encoder_faults, opened_s=opened_s)
+        cell = SimulatedLoadCell(truth.loadcell, cell_rng)
+        box = NetFTBox(load_cell=cell, plant=self._wrench_at, powered_s=opened_s)
         self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
         self._body_n = np.append(truth.wind.body_n, np.zeros(3))
         self._propulsion = Propulsion(
@@ -119,19 +125,43 @@ class SimulatedRig:
             opened_s=opened_s,
         )
         self._pty = PtyPort(self.encoder, reactor=reactor, folder=folder)
+        self._cell_pty: PtyPort | None = None
+        if isinstance(setting := rig.devices.loadcell, LoadCellLines):
+            sender = LineSender(setting, partial(self._load_at, cell), powered_s=opened_s)
+            faulty = FaultyE201(sender, _of_lines(loadcell_faults), opened_s=opened_s)
+            self._cell_pty = PtyPort(faulty, reactor=reactor, folder=folder, name="loadcell")
         self._server = NetFTServer(self.loadcell, reactor=reactor, address=address, ports=ports)
         self._link = CrazyflieServer(self.crazyflie, reactor=reactor, address=address)
 
     def open(self) -> Addresses:
         """Open all ports. Raises twisted's CannotListenError when a port is taken."""
         ports = self._server.open()
-        return Addresses(self._pty.open(), self._address, *ports, self._link.open())
+        cell_port = None if self._cell_pty is None else self._cell_pty.open()
+        return Addresses(self._pty.open(), cell_port, self._address, *ports, self._link.open())
 
     def close(self) -> Deferred[list[Any]]:
         """Close all ports; fires when all are closed."""
         self._pty.close()
+        if self._cell_pty is not None:
+            self._cell_pty.close()
         closing: list[Deferred[Any]] = [self._server.close(), self._link.close()]
         return gatherResults(closing)
+
+    def _encoder(self, rig: Rig) -> SerialDevice:
+        if not isinstance(setting := rig.devices.encoder, EncoderLines):
+            return E201Device(self._angle_at, reply_s=_USB_REPLY_S, powered_s=self._opened_s)
+        counts = float(rig.encoder.counts_per_turn) if setting.counted else math.tau
+        return LineSender(
+            setting,
+            lambda time_s: {"phi": self._angle_at(time_s) / math.tau % 1.0 * counts},
+            powered_s=self._opened_s,
+        )
+
+    def _load_at(self, cell: SimulatedLoadCell, time_s: float) -> dict[str, float]:
+        """Return what the load cell shows, in N and N m."""
+        at = np.array([time_s])
+        shown = cell.read(at, self._wrench_at(at))[0][0] / cell.truth.counts_per_unit
+        return dict(zip(AXES, shown.tolist(), strict=True))
 
     def _angle_at(self, time_s: float) -> float:
         return self.axis.angle_at(time_s - self._opened_s)
@@ -139,6 +169,39 @@ class SimulatedRig:
     def _wrench_at(self, time_s: Array) -> Array:
         self.crazyflie.advance(float(time_s[-1]))  # packets until then already drive its motors
         return np.asarray(self._propulsion.wrench_at(time_s) + self._body_n)
+
+
+def devices_at(where: Addresses, devices: Devices) -> Devices:
+    """Return a rig's devices at the addresses of the simulated ones, whose lines are of one form."""
+    encoder, loadcell = devices.encoder, devices.loadcell
+    own_form = {"pattern": ""}
+    box = {
+        "address": where.address,
+        "rdt_port": where.rdt_port,
+        "http_port": where.http_port,
+        "tcp_port": where.tcp_port,
+    }
+    return Devices(
+        encoder=encoder.model_copy(
+            update={"port": str(where.encoder_port), **(own_form if isinstance(encoder, EncoderLines) else {})}
+        ),
+        loadcell=loadcell.model_copy(
+            update={"port": str(where.loadcell_port), **own_form} if isinstance(loadcell, LoadCellLines) else box
+        ),
+        crazyflie=devices.crazyflie.model_copy(update={"uri": where.crazyflie_uri}),
+        tachometer=devices.tachometer,
+        scales=devices.scales,
+    )
+
+
+def _of_lines(faults: LoadCellFaults) -> EncoderFaults:
+    """Return the faults that lines can have of those of a box."""
+    return EncoderFaults(
+        drop_every=faults.drop_every,
+        corrupt_every=faults.corrupt_every,
+        silent_after_s=faults.silent_after_s,
+        silent_for_s=faults.silent_for_s,
+    )
 
 
 def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator) -> Axis:

@@ -1,6 +1,7 @@
 """Bad input gets a sentence that names the fault and the next step, an exit code, and never a traceback."""
 
 import json
+import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -196,3 +197,17 @@ def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
     refused(cfid("fit", "friction", f"50={drop}", "--radius-mm", "0", "--json"), 2, "--radius-mm")
     refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4, "no weight dropped")
     refused(cfid("fit", "friction", drop, "--json"), 4, "does not say its weight in grams")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of Unix")
+@pytest.mark.parametrize("words", [("fit", "swing"), ("show",), ("import",), ("fit", "torque"), ("tf", "identify")])
+def test_a_pipe_or_a_device_is_refused_and_not_read_for_ever(
+    cfid: Cfid, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "rig.toml").write_text(new_rig_text())
+    os.mkfifo(tmp_path / "pipe.csv")
+    for path in (tmp_path / "pipe.csv", Path("/dev/zero")):
+        ended = cfid(*words, path)
+
+        assert ended.returncode in (2, 4), ended.stderr
+        assert "Traceback" not in ended.stderr

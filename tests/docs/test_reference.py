@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from cfid.errors import CfidError
 from cfid.quantities.table import QUANTITIES
+from cfid.records.line_devices import LineDevice
 from cfid.records.rig_file import Mount, Rig
 from tests.places import ROOT
 
@@ -43,6 +44,8 @@ def _keys(model: type[BaseModel], before: str) -> Iterator[tuple[str, str]]:
         for below, place in _tables(field.annotation):
             if below is Mount and before:
                 yield f"{before}{name}.NAME", "as `mounts.NAME`"
+            elif issubclass(below, LineDevice):
+                yield from _keys(below, "lines.")
             else:
                 yield from _keys(below, f"{before}{name}{place}.")
         if not list(_tables(field.annotation)):

@@ -16,7 +16,7 @@ from tests.places import ROOT
 
 TEXT = (ROOT / "docs" / "reference" / "wires.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| `(\w+)\.([^`]+)` \| `([^`]+)` \|", TEXT, re.MULTILINE)
-MODULES = ("app", "crtp", "e201", "netft", "rdt", "rls", "scales", "supervisor", "ut372")
+MODULES = ("app", "crtp", "e201", "lines", "netft", "rdt", "rls", "scales", "supervisor", "ut372")
 
 
 def module(name: str) -> ModuleType:

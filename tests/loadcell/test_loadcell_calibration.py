@@ -18,6 +18,7 @@ from cfid.records.rig_file import change_rig, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
 from cfid.records.tables.wrench import WrenchReading, read_wrench
+from tests.few_axes import with_axes
 
 Array = npt.NDArray[np.float64]
 
@@ -138,6 +139,17 @@ def test_an_upright_cell_shows_no_gain_of_what_was_not_loaded(tmp_path: Path) ->
         f"loadcell.gain.{axis}" for axis in ("fz", "tx", "ty")
     }
     assert "loadcell-axes-missing" in {one.code for one in result.findings}
+
+
+def test_a_cell_of_one_axis_shows_its_gain_and_names_the_others(tmp_path: Path) -> None:
+    cell = cell_of(np.random.default_rng(6))
+    runs = [with_axes(run, "Fz") for run in record(tmp_path, cell, UPRIGHT)]
+    result = fit(runs, gravity_mps2=GRAVITY)
+
+    one = result.quantities["loadcell.gain.fz"]
+    assert {key for key in result.quantities if ".gain." in key} == {"loadcell.gain.fz"}
+    assert abs(one.value - cell.matrix[2, 2]) < 3 * one.std
+    assert "Fx, Fy, Tx, Ty, Tz" in " ".join(texts(result.findings, "note"))
 
 
 def test_weights_at_one_place_do_not_separate_force_from_torque(tmp_path: Path) -> None:

@@ -5,7 +5,11 @@ from pathlib import Path
 import pytest
 
 import cfid
+from cfid.errors import DataError
 from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.transfer.sines.data import read_sines
+from cfid.transfer.sines.verdict import verdict
+from tests.few_axes import with_axes
 from tests.transfer.sines_in_a_folder import sines, write_run
 
 PERIODS = (2, 10, 40)
@@ -33,3 +37,12 @@ def test_the_crossings_of_a_run_are_read_from_its_folder(campaign: Path) -> None
     crossings = cfid.read_table(folder, kind="crossings")
 
     assert len(crossings.host_s) == len(cfid.read_table(folder / "crossings.csv", kind="crossings").host_s) > 40
+
+
+def test_sines_of_one_axis_are_read_by_its_channel_and_refused_by_another(campaign: Path) -> None:
+    runs = [with_axes(run, "Fz") for run in cfid.open_campaign(campaign).runs(kind="sine")]
+
+    assert "times the noise there" in verdict(runs[0])
+    assert len(read_sines(runs, channel="Fz").runs) == len(PERIODS)
+    with pytest.raises(DataError, match="measured Fz alone, and thrust by the channel arm needs Tx, Ty"):
+        read_sines(runs)

@@ -85,6 +85,7 @@ def reduce_run(path: Path, how: WindReading) -> ReducedRecording:
     if run is None:
         raise DataError(f"{path}: not a run folder; other recordings are listed in an index file.")
     setting, record = setting_of(run), read_wrench(path, how.wrench)
+    record.require("Fx", "Fy", "Fz", purpose="drag")
     facts = how.given.over(run.header.rig)
     if not holds(run, COMMANDS):
         raise DataError(f"{run.device_file(COMMANDS)}: has no rows.")

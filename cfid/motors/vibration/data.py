@@ -13,7 +13,7 @@ from cfid.estimate.windows import LAGS
 from cfid.findings import Finding, note, texts, warning
 from cfid.motors.data import channels_of
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
-from cfid.records.tables.wrench import WrenchRecord
+from cfid.records.tables.wrench import AXES, WrenchRecord
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Rotors:
 
 
 def quiet_channels(record: WrenchRecord) -> Array:
-    """Return the channels (n, 6) of a record without spikes: a single one hides a rotor's lines.
+    """Return the measured channels (n, k) of a record without spikes: a single one hides a rotor's lines.
 
     Raises DataError for a record too short to have a rate.
     """
@@ -39,7 +39,8 @@ def quiet_channels(record: WrenchRecord) -> Array:
         raise DataError(f"{len(record.time_s)} samples are too few for a rotor speed.")
     rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
     length = max(round(_SCREENED_S * rate_hz), _FEWEST)
-    return without_spikes(channels_of(record).T, length=length).T
+    measured = [AXES.index(axis) for axis in record.axes]
+    return without_spikes(channels_of(record).T[measured], length=length).T
 
 
 class VibrationRecord:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.files import sha256_of
+from cfid.records.files import check_regular, sha256_of
 from cfid.records.logs.blackbox import BEGIN as BLACKBOX
 from cfid.records.logs.blackbox import read_blackbox
 from cfid.records.logs.log import FlightLog
@@ -46,6 +46,7 @@ def read_log(path: Path, reading: Foreign = NO_OPTIONS) -> FlightLog:
 
 def _binary_reader(path: Path) -> Callable[[Path, Source], FlightLog] | None:
     try:
+        check_regular(path)
         with path.open("rb") as file:
             begin = file.read(32)
     except OSError:

@@ -14,6 +14,7 @@ import numpy as np
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, of_recording, texts
 from cfid.large import usual_step
+from cfid.records.line_devices import STAMP
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.blocks import open_table
@@ -41,7 +42,6 @@ from cfid.wire.rls import RLS_13BIT_IN_22
 AngleUnit = Literal["counts", "rad", "deg"]
 
 ENCODER = "encoder"
-STAMP = "device_us"  # a column of a run: when the interface took the sample, by its own clock
 
 _ANGLE = Column(
     "angle",

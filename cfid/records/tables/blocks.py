@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from cfid.errors import ConfigError, DataError
-from cfid.records.files import sha256_of
+from cfid.records.files import check_regular, sha256_of
 from cfid.records.tables.matlab import is_matlab, matlab_text
 from cfid.records.tables.table import CsvTable, table_in
 from cfid.records.tables.text import check_text, whole_lines
@@ -29,6 +29,7 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     if is_matlab(path):
         return table_in(path, matlab_text(path, columns), sha256=sha256 or sha256_of(path))
     try:
+        check_regular(path)
         with path.open("rb") as file:
             content = file.read(BLOCK_BYTES) + file.readline()
             size = file.seek(0, 2)

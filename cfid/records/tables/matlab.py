@@ -14,6 +14,7 @@ from scipy.io import loadmat
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.extras import optional_library
+from cfid.records.files import check_regular
 from cfid.records.tables.text import is_number
 
 Tree = Any  # a dict of trees by field, a list of trees, an array, or a text
@@ -42,6 +43,7 @@ class MatlabTable:
 def is_matlab(path: Path) -> bool:
     """Return whether a file is a MATLAB file, by its first bytes."""
     try:
+        check_regular(path)
         with path.open("rb") as file:
             return file.read(len(_BEGINS[0])).startswith(_BEGINS)
     except OSError:

@@ -17,10 +17,12 @@ from pydantic import Field
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, of_recording, texts
 from cfid.large import parts
+from cfid.records.line_devices import STAMP
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
+from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array, CsvTable
 from cfid.records.tables.times import (
     CUT_LINE,
@@ -50,14 +52,20 @@ USUAL_COUNTS = 1e6  # per N and per N m: the thesis' box, and the manufacturer's
 _STATUS = "status"
 _THESIS_FAMILY: Family = "netft"  # of a file that does not state its box
 _NAMES = {axis: column_name(axis, ("n" if axis[0] == "F" else "nm", "counts")) for axis in AXES}
-SCHEMA = TableSchema(
-    columns=(
-        TIME_COLUMN,
-        *(Column(axis, called, axis) for axis, called in _NAMES.items()),
-        Column(_STATUS, re.compile(_STATUS, re.IGNORECASE), _STATUS, optional=True),
-    ),
-    words=("TIME", *(axis.upper() for axis in AXES)),
-)
+
+
+def _schema(axes: Sequence[str]) -> TableSchema:
+    return TableSchema(
+        columns=(
+            TIME_COLUMN,
+            *(Column(axis, _NAMES[axis], axis) for axis in axes),
+            Column(_STATUS, re.compile(_STATUS, re.IGNORECASE), _STATUS, optional=True),
+        ),
+        words=("TIME", *(axis.upper() for axis in axes)),
+    )
+
+
+SCHEMA = _schema(AXES)
 # What no reading exceeds: a count is a signed word of 32 bits, and the largest load cells end at 40 kN.
 _LARGEST: dict[Units, float] = {"counts": 2.0**31, "n,nm": 1e5}
 
@@ -82,7 +90,8 @@ class WrenchRecord:
     """Forces (n, 3) and torques (n, 3) at times (n,) from the first sample on; times may repeat.
 
     `status` (n,) are the box's status words, None where the file has none; `lost` is the number of missing samples,
-    None where unknown. `begin_s` is the first sample's time by the file's own clock, None where it has none.
+    None where unknown. `begin_s` is the first sample's time by the file's own clock, None where it has none. A device
+    of fewer `axes` has nan in the others.
     """
 
     path: Path
@@ -96,11 +105,30 @@ class WrenchRecord:
     lost: int | None = None
     run: str | None = None
     begin_s: float | None = None
+    axes: tuple[str, ...] = AXES
 
     @property
     def name(self) -> str:
         """The run's name, or the file's."""
         return self.run or self.path.stem
+
+    @property
+    def main_axis(self) -> str:
+        """Fz, or the first axis of a load cell without it."""
+        return "Fz" if "Fz" in self.axes else self.axes[0]
+
+    def values_of(self, axis: str) -> Array:
+        """Return the values (n,) of an axis, in N or N m."""
+        return np.hstack([self.force_n, self.torque_nm])[:, AXES.index(axis)]
+
+    def require(self, *axes: str, purpose: str) -> None:
+        """Raise DataError where an axis that a purpose needs was not measured."""
+        missing = [axis for axis in axes if axis not in self.axes]
+        if missing:
+            raise DataError(
+                f"{self.name}: the load cell measured {', '.join(self.axes)} alone, and {purpose} needs "
+                f"{', '.join(missing)}."
+            )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -139,7 +167,8 @@ def read_wrench(path: Path, reading: WrenchReading) -> WrenchRecord:
         counts_per_nm=_scale(run, "counts_per_nm", reading.counts_per_nm, facts.counts_per_nm) if counted else None,
         gain=run.header.rig.loadcell.gain,
     )
-    found = _read(file, own, run.header.label, family=facts.family, own=True)
+    axes = tuple(axis for axis in AXES if axis in record.columns)
+    found = _read(file, own, run.header.label, family=facts.family, own=True, axes=axes)
     name = path.resolve().name
     about_run = of_recording(name, [*losses(run, record, len(found.time_s)), *gaps(facts)])
     return replace(found, run=name, findings=about_run + found.findings, lost=record.lost)
@@ -165,15 +194,29 @@ def _scale(run: Run, key: str, given: float | None, recorded: float | None) -> f
     return value
 
 
-def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, own: bool = False) -> WrenchRecord:
+def _read(
+    path: Path,
+    reading: WrenchReading,
+    label: Label,
+    *,
+    family: Family,
+    own: bool = False,
+    axes: tuple[str, ...] = AXES,
+) -> WrenchRecord:
     table = open_table(path, skip_lines=reading.skip_lines, columns=reading.columns)
-    places = SCHEMA.places(table, named=reading.columns, rate_hz=reading.rate_hz)
-    axes, time_name = [places[axis] for axis in AXES], places.get(TIME)
+    places = _schema(axes).places(table, named=reading.columns, rate_hz=reading.rate_hz)
+    names, time_name = {axis: places[axis] for axis in axes}, places.get(TIME)
     table, values, missing = complete_rows(table, list(places.values()), own=own)
     time, notes = times_of(table, time_name, values[:, 0], unit=reading.time_unit, rate_hz=reading.rate_hz, own=own)
-    wrench = values[:, time_name is not None :][:, : len(AXES)]
+    stamped = stamped_times(values[:, 0], table.numbers([STAMP])[:, 0]) if own and STAMP in table.names else None
     begin_s = _begin_s(table, time_name, values, reading)
-    scale, scale_notes = _scales(reading, _units(table, axes, wrench, reading.units))
+    if stamped is not None:
+        time, begin_s = stamped.time_s - stamped.time_s[0], float(stamped.time_s[0])
+    wrench = values[:, time_name is not None :][:, : len(axes)]
+    scale, scale_notes = _scales(reading, _units(table, names, wrench, reading.units))
+    if axes != AXES:
+        shown, wrench = wrench, np.full((len(values), len(AXES)), np.nan)
+        wrench[:, [AXES.index(axis) for axis in axes]] = shown
     scale = scale * np.array(reading.gain or np.ones(len(AXES)))
     words = _words(table, values[:, -1]) if _STATUS in places else None
     notes = (*missing, *notes, *(() if own or missing else pauses(table, time)))
@@ -190,6 +233,7 @@ def _read(path: Path, reading: WrenchReading, label: Label, *, family: Family, o
         status=words,
         findings=of_recording(file_name(path, own=own), notes),
         begin_s=begin_s,
+        axes=axes,
     )
 
 
@@ -199,17 +243,20 @@ def _begin_s(table: CsvTable, column: str | None, values: Array, reading: Wrench
     return float(seconds_of(table, column, values[:1, 0], unit=reading.time_unit)[0])
 
 
-def _units(table: CsvTable, axes: Sequence[str], values: Array, given: Units | None) -> Units:
-    """Return the unit of the values (n, 6): the given one, the header's, else counts; refuse impossible values."""
+def _units(table: CsvTable, columns: Mapping[str, str], values: Array, given: Units | None) -> Units:
+    """Return the unit of values (n, k): the given one, the header's, else counts; refuse impossible values.
+
+    `columns` has the name of each axis' column.
+    """
     found: set[Units] = set()
-    for axis, column in zip(AXES, axes, strict=True):
+    for axis, column in columns.items():
         own = "n" if axis[0] == "F" else "nm"
         named = unit_of(table, _NAMES[axis], column, own if given == "n,nm" else given, "units")
         found.add("n,nm" if named == own else "counts")
     if len(found) > 1:
         raise DataError(f"{table.path}: its header has some axes in counts and some not: give `units`.")
     units = found.pop()
-    _check_values(table, axes, values, units)
+    _check_values(table, list(columns.values()), values, units)
     return units
 
 

@@ -1,6 +1,6 @@
 """Sine runs of a campaign, or of files that an index lists, by the name of their series."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from cfid.transfer.sines.reports import Reports
 from cfid.units import MM
 from cfid.wire.app import MIDDLE
 
+_AXES_OF: Mapping[Channel, tuple[str, ...]] = {"Fz": ("Fz",), "Tx": ("Tx",), "Ty": ("Ty",), "arm": ("Tx", "Ty")}
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _MOST_SAMPLES = 2**32 - 1
 _ARM = Range(0.015, 0.3, "a Crazyflie has 0.046")
@@ -194,6 +195,7 @@ class _Reader:
             cell = self._cells[path]
             if cell.begin_s is None:
                 raise ConfigError(f"{path}: has no times, which tie a load cell to the vehicle's reports.")
+            cell.require(*_AXES_OF[self.channel], purpose=f"thrust by the channel {self.channel}")
             arm_m, yaw_deg = self._mount(facts)
             thrust = thrust_of(self.channel, cell.force_n, cell.torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
             std_mm = None if self.arm_std_m is None else self.arm_std_m / MM

@@ -17,6 +17,7 @@ from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
 from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
+from cfid.records.line_devices import LoadCellLines
 from cfid.records.rig_file import LoadCellBox
 from cfid.records.run import Label, Run, list_runs
 from cfid.rig.crossings import Crossings
@@ -49,7 +50,7 @@ def record_sines(
     `show` gets each run at its end. Raises ConfigError or DeviceError before the first motor turns.
     """
     campaign, devices, simulated = rig
-    cell = devices.loadcell.model_copy(update={"rate_hz": rate_hz} if rate_hz else {})
+    cell = devices.loadcell.sampled_at(rate_hz)
     live, runs = LiveLine(quiet=quiet), []
     failure: CfidError | None = None
     with ExitStack() as held:
@@ -79,7 +80,7 @@ def record_sines(
     return runs, failure
 
 
-def _quick(cell: LoadCellBox, log: Device, plan: Sequence[Held]) -> str:
+def _quick(cell: LoadCellBox | LoadCellLines, log: Device, plan: Sequence[Held]) -> str:
     with ExitStack() as stream:
         return quick([ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False), log], plan)
 
@@ -89,7 +90,11 @@ def _show_task(live: LiveLine, periods: int, left: str, text: str) -> None:
 
 
 def _play(
-    plan: Plan, vehicle: Sequence[Device], cell: LoadCellBox, live: LiveLine, frequency_rad_s: float
+    plan: Plan,
+    vehicle: Sequence[Device],
+    cell: LoadCellBox | LoadCellLines,
+    live: LiveLine,
+    frequency_rad_s: float,
 ) -> tuple[Run | None, CfidError | None]:
     reports, *others = vehicle
     with ExitStack() as stream:
@@ -97,7 +102,8 @@ def _play(
             loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
         except CfidError as error:
             return None, error
-        notice = Felt(frequency_rad_s, (loadcell.record.model_extra or {})["counts_per_n"])
+        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None of a cell that sends lines
+        notice = Felt(frequency_rad_s, counts_per_n) if counts_per_n else None
         return attempt(replace(plan, notice=notice), [reports, loadcell, *others], live)
 
 

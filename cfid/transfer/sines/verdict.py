@@ -2,6 +2,7 @@
 
 from cfid.errors import FitError
 from cfid.records.run import Run
+from cfid.records.tables.wrench import LOADCELL
 from cfid.transfer.sines.alignment import align
 from cfid.transfer.sines.data import read_sines
 from cfid.transfer.sines.during import CLEAR, SineSums, not_felt
@@ -9,7 +10,8 @@ from cfid.transfer.sines.during import CLEAR, SineSums, not_felt
 
 def verdict(run: Run) -> str:
     """Say how clearly the load cell feels a sine. Raises DataError or FitError where it does not, or reports lack."""
-    sines = read_sines([run])
+    axes = run.header.devices[LOADCELL].columns
+    sines = read_sines([run], channel="arm" if {"Tx", "Ty"} <= set(axes) else "Fz")
     (played,) = align(sines.runs).runs
     if not played.sine.periods:
         return f"a constant command, thrust {1e3 * played.force_n.mean():.1f} mN."

@@ -1,0 +1,91 @@
+"""Checks a device that sends lines: whether they match, how many come in a second, and how finely they resolve."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import serial
+
+from cfid.errors import DeviceError
+from cfid.records.line_devices import LineDevice, LineValue
+from cfid.rig.check import DeviceAnswer
+from cfid.rig.e201_port import PORT_ERRORS, lock_name, why_not_open
+from cfid.rig.lock import DeviceLock, holder_of
+from cfid.wire.lines import LineReader, printable
+
+_FIRST_S = 4.0  # until the first line: a board that restarts when its port is opened takes two seconds
+_LOOK_S = 1.0
+_FEWEST_PERIODS = 10
+_LONGEST_LOOK_S = 5.0
+_OFF = 0.1  # of the rate that rig.toml states
+_TORN = 0.01  # of the lines that may not match
+
+
+def check_lines(name: str, setting: LineDevice) -> list[DeviceAnswer]:
+    """Listen to a device for a second or more. One that a recording holds is left alone: its lines would be shared."""
+    port = setting.port
+    try:
+        if holder := holder_of(lock_name(port)):
+            return [DeviceAnswer("port", "ok", f"{port} is held by {holder}", "skipped: the check would take lines")]
+        with DeviceLock.take(lock_name(port)):
+            return _listened(name, setting)
+    except DeviceError as error:
+        return [DeviceAnswer("port", "fault", str(error), f"plug it in, or set devices.{name}.port in rig.toml")]
+
+
+def _listened(name: str, setting: LineDevice) -> list[DeviceAnswer]:
+    reader = setting.reader()
+    readings, for_s, heard = _readings(setting, reader)
+    opened = DeviceAnswer("port", "ok", f"{setting.port}, {setting.baud} baud")
+    if not readings and not heard:
+        advice = "check its power, and that its program runs"
+        return [opened, DeviceAnswer("lines", "fault", f"nothing came in {_FIRST_S:g} s", advice)]
+    if not readings:
+        last = printable(reader.last_rejected)
+        shown = f"{heard} bytes, but no line that matches{f': {last!r}' if last else ''}"
+        return [opened, DeviceAnswer("lines", "fault", shown, f"compare baud, pattern and values of devices.{name}")]
+    return [opened, _rate(setting, len(readings), reader.rejected, for_s), *_resolutions(setting, readings)]
+
+
+def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> DeviceAnswer:
+    rate_hz = count / for_s
+    shown = f"{rate_hz:.4g} a second, {rejected} of {count + rejected} do not match"
+    if rejected > max(_TORN * count, 1):
+        return DeviceAnswer("lines", "warning", shown, "shorten the cable, lower the rate, or correct the pattern")
+    if abs(rate_hz - setting.rate_hz) > max(_OFF * setting.rate_hz, 2 / for_s):
+        return DeviceAnswer("lines", "warning", shown, f"rig.toml states {setting.rate_hz:g} Hz: set what it sends")
+    return DeviceAnswer("lines", "ok", shown)
+
+
+def _resolutions(setting: LineDevice, readings: Sequence[tuple[float, ...]]) -> list[DeviceAnswer]:
+    columns = zip(setting.in_order(), np.array(readings).T, strict=True)
+    return [_resolution(setting, value, column) for value, column in columns if value in setting.measured]
+
+
+def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.float64]) -> DeviceAnswer:
+    """Return the latest value, the smallest step between two different ones, and the scatter."""
+    shown = setting.factor(value) * numbers
+    steps = np.diff(np.unique(shown))
+    step = f"steps of {steps.min():.2g}, scatter {shown.std():.2g}" if len(steps) else "no change"
+    return DeviceAnswer(value.name, "ok", f"{shown[-1]:.6g} {setting.column_unit(value)}, {step}")
+
+
+def _readings(setting: LineDevice, reader: LineReader) -> tuple[list[tuple[float, ...]], float, int]:
+    """Return the lines after the first one, in which time they came, and how many bytes came at all."""
+    found: list[tuple[float, ...]] = []
+    heard, begun_s = 0, 0.0
+    end_s = time.monotonic() + _FIRST_S
+    look_s = min(max(_LOOK_S, _FEWEST_PERIODS / setting.rate_hz), _LONGEST_LOOK_S)
+    try:
+        with serial.Serial(setting.port, setting.baud, timeout=0.02, exclusive=True) as line:
+            while (now_s := time.monotonic()) < end_s:
+                data = line.read(4096)
+                heard += len(data)
+                found += reader.feed(data)
+                if found and not begun_s:
+                    begun_s, found, reader.rejected = time.monotonic(), [], 0
+                    end_s = begun_s + look_s
+    except PORT_ERRORS as error:
+        raise DeviceError(f"{setting.port}: {why_not_open(error)}") from None
+    return found, now_s - begun_s, heard

@@ -1,0 +1,172 @@
+"""Records a device that sends lines of text unprompted; a port that is gone is opened again when it is back."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DeviceError
+from cfid.records.line_devices import LineDevice
+from cfid.rig.clock import HostClock
+from cfid.rig.e201_stamps import Stamps
+from cfid.rig.listening import Listen, Port
+from cfid.rig.recorder import Block, Say, no_rows
+from cfid.wire.lines import printable
+
+_ABSENT_S = 5.0  # without a line: a board that restarts when its port is opened takes two seconds
+_BROKEN_S = 0.4  # without a line while motors run, after which they are stopped
+_PAUSE_S = 0.25  # without a line, which is a gap
+_PERIODS = 4  # of a slow rate: a shorter silence is neither absence nor gap
+_SEARCH_S = 0.5
+
+
+class Lines:
+    """A device that sends lines, timed as they arrive.
+
+    Without `patient` a pulled plug or a silence ends the run at once, as it must while motors run.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: LineDevice,
+        *,
+        listen: Listen,
+        loop: Any,
+        clock: HostClock,
+        say: Say,
+        patient: bool = True,
+    ) -> None:
+        """Take the device as rig.toml states it, and what opens its port; nothing is opened yet."""
+        self.name, self.columns = name, device.columns
+        self._device, self._listen, self._loop, self._clock, self._say = device, listen, loop, clock, say
+        self._patient = patient
+        self._reader = device.reader()
+        self._stamps = Stamps()
+        self._port: Port | None = None
+        self._times: list[float] = []
+        self._readings: list[tuple[float, ...]] = []
+        self._received_s = 0.0
+        self._begun = self._stopped = False  # begun with the first line
+        self._gone_s: float | None = None
+        self._gaps: list[dict[str, float | str]] = []
+        self._missing = self._counted = 0
+
+    def start(self) -> None:
+        """Open the port. Raises DeviceError naming why it cannot be opened."""
+        self._received_s = self._loop.seconds()
+        self._port = self._listen(self._device.port, self)
+
+    def received(self, data: bytes) -> None:
+        """Take the bytes that the port received."""
+        readings, now_s = self._reader.feed(data), self._loop.seconds()
+        if not readings:
+            return
+        if self._begun and now_s - self._received_s > self._longest(_PAUSE_S):
+            self._note_gap(now_s, "no line came")
+        self._begun, self._received_s = True, now_s
+        self._times += [now_s] * len(readings)
+        self._readings += readings
+
+    def disconnected(self) -> None:
+        """Note that the plug was pulled, and look for the port until it is back."""
+        self._port = None
+        if self._stopped or self._gone_s is not None:
+            return
+        self._gone_s = self._loop.seconds()
+        if self._patient:
+            self._say(f"{self._device.port}: unplugged; waiting for the {self.name} to come back")
+            self._loop.callLater(_SEARCH_S, self._search)
+
+    def take(self) -> Block:
+        """Return the new rows. Raises DeviceError for a plugged device that is silent, and for any fault of motors."""
+        self._watch()
+        if not self._readings:
+            return Block(no_rows(len(self.columns)), self._newly_lost())
+        times_s, numbers = np.array(self._times), dict(zip(self._names, zip(*self._readings, strict=True), strict=True))
+        self._times, self._readings = [], []
+        measured = [self._device.factor(value) * np.array(numbers[value.name]) for value in self._device.measured]
+        columns: list[npt.NDArray[Any]] = [self._clock.unix_s(times_s), *measured]
+        if (stamp := self._device.stamp) is not None:
+            ticks = self._stamps.unwrapped([int(number) for number in numbers[stamp.name]])
+            columns.append(ticks * round(self._device.factor(stamp)))
+        return Block(columns, self._newly_lost())
+
+    async def stop(self) -> None:
+        """Expect no further line. Raises DeviceError when the device was gone or silent."""
+        self._stopped = True
+        now_s = self._loop.seconds()
+        silent_s = now_s - self._received_s
+        if self._begun and silent_s > self._longest(_PAUSE_S):
+            self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
+        if self._gone_s is not None and self._patient:
+            raise DeviceError(
+                f"{self._device.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
+            )
+
+    def close(self) -> None:
+        """Close the port."""
+        self._stopped = True
+        if self._port is not None:
+            port, self._port = self._port, None
+            port.close()
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return losses by kind, and gaps."""
+        losses = {"missing_in_gaps": self._missing, "lines_that_do_not_match": self._reader.rejected}
+        return {"losses": losses, "gaps": self._gaps}
+
+    @property
+    def _names(self) -> list[str]:
+        return [value.name for value in self._device.in_order()]
+
+    def _search(self) -> None:
+        if self._stopped or self._gone_s is None:
+            return
+        try:
+            self._port = self._listen(self._device.port, self)
+        except DeviceError:
+            self._loop.callLater(_SEARCH_S, self._search)
+            return
+        now_s = self._loop.seconds()
+        self._say(f"{self._device.port}: the {self.name} is back after {now_s - self._gone_s:.1f} s")
+        if self._begun:
+            self._note_gap(now_s, "unplugged")
+        self._reader.forget()
+        self._gone_s, self._received_s = None, now_s
+
+    def _note_gap(self, end_s: float, reason: str) -> None:
+        """Note a span without lines; every line that the rate implies there is lost."""
+        begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
+        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": reason})
+        self._missing += max(round((end_s - self._received_s) * self._device.rate_hz) - 1, 0)
+
+    def _longest(self, usual_s: float) -> float:
+        """Return how long a silence may be at this rate before it is significant."""
+        return max(usual_s, _PERIODS / self._device.rate_hz)
+
+    def _newly_lost(self) -> int:
+        lost = self._reader.rejected + self._missing
+        newly, self._counted = lost - self._counted, lost
+        return newly
+
+    def _watch(self) -> None:
+        if self._stopped:
+            return
+        where, silent_s = self._device.port, self._loop.seconds() - self._received_s
+        if self._gone_s is not None:
+            if not self._patient:
+                raise DeviceError(f"{where}: the {self.name} was unplugged while motors run.")
+            return
+        if silent_s <= self._longest(_ABSENT_S if self._patient or not self._begun else _BROKEN_S):
+            return
+        unread = ""
+        if self._reader.rejected:
+            unread = (
+                f" {self._reader.rejected} lines do not match what rig.toml states, the last one "
+                f"'{printable(self._reader.last_rejected)}'."
+            )
+        raise DeviceError(
+            f"{where}: the {self.name} sent no line for {silent_s:.1f} s.{unread} `cfid rig check` looks for the cause."
+        )

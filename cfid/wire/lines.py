@@ -1,0 +1,104 @@
+"""Reads lines of text in which a microcontroller or an instrument sends numbers unprompted; sends no command.
+
+A line ends in CR, LF or both. Without a pattern its values are separated by commas, semicolons, tabs or spaces; a
+pattern (a regular expression over the whole line) has a group for each value. A line that ends in `*` and two
+hexadecimal digits, as in NMEA 0183, counts only if they are the exclusive or of the bytes before the `*`; after one
+such line all need it.
+
+A line that lost its beginning would read as another number. So everything up to the first end of line is dropped.
+Without a checksum, a lost or flipped byte that leaves a number, and a lost end of line that leaves a number of values
+that is right, cannot be detected.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from functools import reduce
+from operator import xor
+from typing import NamedTuple
+
+LONGEST_LINE = 200  # bytes; a longer one is dropped
+
+_ENDS = re.compile(rb"[\r\n]")
+_SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
+_NUMBER = re.compile(r"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
+_WHOLE = re.compile(r"[+-]?\d{1,15}", re.ASCII)
+_CHECKED = re.compile(rb"(.*)\*([0-9A-Fa-f]{2})", re.DOTALL)
+
+
+class Value(NamedTuple):
+    """A value of a line; a `whole` one has no decimals, and one that is not `used` may be any text."""
+
+    whole: bool = False
+    used: bool = True
+
+
+class LineReader:
+    """Reads the values of lines; `rejected` counts lines that do not match, `last_rejected` is the latest of them."""
+
+    def __init__(self, values: Sequence[Value], *, pattern: str = "") -> None:
+        """Take what the values of a line are, in order; a `pattern` has as many groups."""
+        self.rejected = 0
+        self.last_rejected = b""
+        self._values = tuple(values)
+        self._pattern = re.compile(pattern, re.ASCII) if pattern else None
+        self._begun = b""
+        self._aligned = self._checked = False
+
+    def forget(self) -> None:
+        """Expect to start anywhere in a line: the device was unplugged."""
+        self._begun, self._aligned = b"", False
+
+    def feed(self, data: bytes) -> list[tuple[float, ...]]:
+        """Return the numbers of the lines that `data` completes, those of used values."""
+        *lines, begun = _ENDS.split(self._begun + data)
+        self._begun = begun[: LONGEST_LINE + 1]  # of a line too long only that must be remembered
+        if not self._aligned:
+            self._aligned = bool(lines)
+            lines = lines[1:]
+        readings = []
+        for line in filter(None, lines):
+            reading = self._read(line)
+            if reading is None:
+                self.rejected += 1
+                self.last_rejected = line[:LONGEST_LINE]
+            else:
+                readings.append(reading)
+        return readings
+
+    def _read(self, line: bytes) -> tuple[float, ...] | None:
+        text = self._verified(line) if len(line) <= LONGEST_LINE and line.isascii() else None
+        words = None if text is None else self._words(text.decode("ascii").strip())
+        if words is None or len(words) != len(self._values):
+            return None
+        pairs = [(word or "", value) for word, value in zip(words, self._values, strict=True) if value.used]
+        if not all((_WHOLE if value.whole else _NUMBER).fullmatch(word) for word, value in pairs):
+            return None
+        numbers = tuple(float(word) for word, _ in pairs)
+        return numbers if all(map(math.isfinite, numbers)) else None
+
+    def _verified(self, line: bytes) -> bytes | None:
+        """Return a line without its checksum, None where that is wrong or missing."""
+        found = _CHECKED.fullmatch(line.strip())
+        if found is None:
+            return None if self._checked else line
+        if checksum(found[1]) != int(found[2], 16):
+            return None
+        self._checked = True
+        return found[1]
+
+    def _words(self, line: str) -> Sequence[str | None] | None:
+        if self._pattern is None:
+            return _SEPARATOR.split(line)
+        match = self._pattern.fullmatch(line)
+        return None if match is None else match.groups()
+
+
+def checksum(line: bytes) -> int:
+    """Return the exclusive or of a line's bytes."""
+    return reduce(xor, line, 0)
+
+
+def printable(line: bytes) -> str:
+    """Return a line as text for a message: 60 characters at most, a question mark for what cannot be printed."""
+    return "".join(chr(byte) if 32 <= byte < 127 else "?" for byte in line[:60])

@@ -1,0 +1,61 @@
+"""Nothing that a terminal would obey is printed, whatever files, notes and names contain."""
+
+import subprocess
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\r[/red]\u202e"
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    return tmp_path
+
+
+def harmless(said: subprocess.CompletedProcess[str]) -> bool:
+    printed = said.stdout + said.stderr
+    return all(letter.isprintable() or letter == "\n" for letter in printed) and "Traceback" not in printed
+
+
+def test_a_note_is_printed_without_its_escapes_and_its_markup_is_text(cfid: Cfid, campaign: Path) -> None:
+    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
+    with create_run(
+        campaign / "runs",
+        kind="swing",
+        label=Label(note=EVIL),
+        devices=devices,
+        started=datetime(2026, 11, 21, tzinfo=UTC),
+        cfid_version="0",
+    ) as run:
+        run.append("encoder", ([1.0, 2.0], [3, 4]))
+    for words in (("runs",), ("runs", "note", "last", "more"), ("show", "last"), ("fit", "swing", "last"), ("status",)):
+        said = cfid(*words, folder=campaign)
+        assert harmless(said), (words, said.stdout, said.stderr)
+    assert "[/red]" in cfid("runs", folder=campaign).stdout
+
+
+def test_a_key_of_rig_toml_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:
+    with (campaign / RIG_FILE).open("a") as file:
+        file.write('\n["\\u001b[2J\\u0007"]\nkey = 1\n')
+
+    said = cfid("rig", "check", folder=campaign)
+    assert said.returncode == 2
+    assert harmless(said), said.stderr
+    assert "there is no such key" in said.stderr
+
+
+def test_a_name_that_is_no_run_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:
+    said = cfid("show", EVIL, folder=campaign)
+
+    assert said.returncode != 0
+    assert harmless(said), said.stderr

@@ -1,0 +1,92 @@
+"""A load cell of one axis gives the thrust that six axes give, torque by an arm, and says what it cannot give."""
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.drag.wind.data import AS_THEY_ARE, reduce_run
+from cfid.errors import CfidError, DataError, FitError
+from cfid.motors import maps, vibration
+from cfid.motors.verdict import of_forces
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import Run, write_header
+from cfid.sim.rotors import RotorTruth
+from tests.few_axes import with_axes
+from tests.motors.stand_in_a_folder import climbed, write_run
+
+Cfid = Callable[..., subprocess.CompletedProcess[str]]
+
+STEPS = tuple(range(0, 64001, 8000))
+RATE_HZ = 80.0  # of a usual load-cell amplifier
+HOLD_S = 5.0
+
+
+def recorded(folder: Path, *axes: str, **more: Any) -> Run:
+    folder.mkdir(exist_ok=True)
+    (folder / RIG_FILE).write_text(new_rig_text())
+    record = climbed(STEPS, rate_hz=RATE_HZ, hold_s=HOLD_S, rest_s=3.0, spikes_per_s=0.0, **more)
+    run = write_run(folder, record, steps=STEPS, motors=[1, 3], hold_s=HOLD_S, rest_s=3.0)
+    return with_axes(run, *axes) if axes else run
+
+
+@pytest.fixture(scope="module")
+def of_fz(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return recorded(tmp_path_factory.mktemp("fz"), "Fz")
+
+
+def test_one_axis_gives_the_thrust_of_six(tmp_path: Path, of_fz: Run) -> None:
+    one, six = maps.fit_thrust([of_fz]), maps.fit_thrust([recorded(tmp_path)])
+
+    assert one.accepted, one.findings
+    name = "motor.thrust_poly"
+    assert np.array(one.quantities[name].value) == pytest.approx(np.array(six.quantities[name].value))
+    assert np.array(one.quantities[name].std) == pytest.approx(np.array(six.quantities[name].std))
+    assert one.figures()
+
+
+def test_the_verdict_names_the_axis(of_fz: Run) -> None:
+    assert "steps are steady, Fz from" in of_forces(of_fz)
+
+
+def test_thrust_alone_gives_no_torque_and_says_so(of_fz: Run) -> None:
+    with pytest.raises(FitError, match="torque_nm: it was not measured"):
+        maps.fit_torque([of_fz])
+
+
+def test_torque_by_an_arm_meets_the_thrust_of_another_run_by_command(tmp_path: Path, of_fz: Run) -> None:
+    of_tz = recorded(tmp_path, "Tz", seed=4)
+
+    result = maps.fit_torque([of_fz, of_tz])
+    slope = result.quantities["motor.torque_poly"]
+    assert result.accepted, result.findings
+    assert abs(slope.value[0] - RotorTruth().torque_m) < 4 * slope.std[0]
+    with pytest.raises(CfidError, match="thrust_n: it was not measured"):
+        maps.fit_thrust([of_tz])
+
+
+def test_a_wind_needs_all_forces(tmp_path: Path) -> None:
+    run = recorded(tmp_path, "Fz")
+    requested = {**run.header.requested, "wind_min_mps": 1.0, "wind_max_mps": 1.2}
+    write_header(run.folder, run.header.model_copy(update={"kind": "wind", "requested": requested}))
+
+    with pytest.raises(DataError, match="measured Fz alone, and drag needs Fx, Fy"):
+        reduce_run(run.folder, AS_THEY_ARE)
+
+
+def test_speeds_from_vibration_that_sampling_folds_are_rejected(of_fz: Run) -> None:
+    result = vibration.fit(of_fz)
+
+    assert not result.accepted
+    assert "vibration-aliased" in {one.code for one in result.findings}
+
+
+def test_show_names_the_axis_and_draws_it(cfid: Cfid, of_fz: Run) -> None:
+    said = cfid("show", of_fz.folder, "--json", folder=of_fz.folder.parents[1])
+
+    assert said.returncode == 0, said.stderr
+    assert "mean.Fz" in said.stdout
+    assert "mean_nm" not in said.stdout

@@ -1,0 +1,444 @@
+"""Devices that send lines, over pseudo terminals and in virtual time: rows are whole lines, all else is counted."""
+
+import json
+import os
+import re
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DeviceError
+from cfid.records.line_devices import EncoderLines, LineValue, LoadCellLines
+from cfid.records.rig_file import RIG_FILE, new_rig_text
+from cfid.records.run import Label, Run
+from cfid.records.tables.angle import Reading, read_angle
+from cfid.records.tables.wrench import WrenchReading, read_wrench
+from cfid.rig.check_lines import check_lines
+from cfid.rig.encoder import Receiver
+from cfid.rig.lines import Lines
+from cfid.rig.listening import Port
+from cfid.rig.lock import DeviceLock
+from cfid.rig.log import Device, Plan, ready_encoder, ready_loadcell, record_run
+from cfid.rig.loop import Loop
+from cfid.rig.recorder import sleep
+from tests.rig.virtual import UNIX_S, Session, rows_of
+from tests.rig_in_a_folder import lab_in, rig_sim
+
+CELL = LoadCellLines(
+    kind="lines",
+    port="port",
+    rate_hz=80,
+    values=(LineValue(name="device_us"), LineValue(name="Fz", unit="g", scale=0.5)),
+)
+G = 9.80665e-3  # newtons of a gram
+
+
+class Cable:
+    """A cable whose far end the test holds."""
+
+    def __init__(self) -> None:
+        self.receiver: Receiver | None = None
+        self.there = True
+
+    def listen(self, port: str, receiver: Receiver) -> Port:
+        if not self.there:
+            raise DeviceError(f"{port}: no such port.")
+        self.receiver = receiver
+        return self
+
+    def send(self, data: bytes) -> None:
+        if self.receiver is not None and self.there:
+            self.receiver.received(data)
+
+    def pull(self) -> None:
+        assert self.receiver is not None
+        receiver, self.receiver, self.there = self.receiver, None, False
+        receiver.disconnected()
+
+    def close(self) -> None:
+        self.receiver = None
+
+
+def cell(session: Session, *, patient: bool = True) -> tuple[Lines, Cable]:
+    cable = Cable()
+    instrument = Lines(
+        "loadcell",
+        CELL,
+        listen=cable.listen,
+        loop=session.clock,
+        clock=session.host,
+        say=session.said.append,
+        patient=patient,
+    )
+    return instrument, cable
+
+
+def sending(cable: Cable, line: Callable[[int], bytes], *, period_s: float = 0.0125) -> Callable[[float], None]:
+    """Return what a session calls at every step, and which sends lines on a grid."""
+    sent = 0
+
+    def step(now_s: float) -> None:
+        nonlocal sent
+        while (sent + 1) * period_s <= now_s:
+            sent += 1
+            cable.send(line(sent))
+
+    return step
+
+
+def line(count: int) -> bytes:
+    return b"%d,%d\r\n" % ((12500 * count + 4294000000) % (1 << 32), 100 + count)
+
+
+def facts(run: Run) -> dict[str, Any]:
+    return dict(run.header.devices["loadcell"].model_extra or {})
+
+
+# In virtual time
+
+
+def test_lines_are_rows_in_newtons_with_the_devices_clock_unwrapped(session: Session) -> None:
+    instrument, cable = cell(session)
+
+    run, failure = session.record(instrument, for_s=5, also=sending(cable, line))
+    rows = rows_of(run, "loadcell")
+
+    assert failure is None
+    assert list(rows.columns) == ["t", "Fz", "device_us"]
+    assert rows["Fz"].to_numpy() == pytest.approx(0.5 * G * (100 + np.arange(2, len(rows) + 2)))
+    assert set(np.diff(rows["device_us"])) == {12500}
+    assert rows["t"].to_numpy() == pytest.approx(UNIX_S + 0.0125 * np.arange(2, len(rows) + 2), abs=0.006)
+    assert facts(run)["losses"] == {"missing_in_gaps": 0, "lines_that_do_not_match": 0}
+
+
+def test_lines_that_do_not_match_are_counted_as_lost(session: Session) -> None:
+    instrument, cable = cell(session)
+
+    run, failure = session.record(
+        instrument, for_s=5, also=sending(cable, lambda n: line(n) if n % 10 else b"\x1b]0;\x07no,%d\r\n" % n)
+    )
+
+    assert failure is None
+    assert run.header.devices["loadcell"].lost == facts(run)["losses"]["lines_that_do_not_match"]
+    assert run.header.devices["loadcell"].lost == pytest.approx(40, abs=1)
+
+
+def test_a_silence_is_a_gap_with_the_lines_that_the_rate_implies(session: Session) -> None:
+    instrument, cable = cell(session)
+
+    run, failure = session.record(instrument, for_s=6, also=sending(cable, lambda n: b"" if 80 < n <= 240 else line(n)))
+    (gap,) = facts(run)["gaps"]
+
+    assert failure is None
+    assert run.header.devices["loadcell"].lost == pytest.approx(160, abs=1)
+    assert gap["reason"] == "no line came"
+    assert gap["to_s"] - gap["from_s"] == pytest.approx(2, abs=0.05)
+
+
+def test_a_silence_for_good_fails_the_run_and_shows_nothing_unprintable(session: Session) -> None:
+    instrument, cable = cell(session)
+
+    _, failure = session.record(
+        instrument, for_s=None, also=sending(cable, lambda n: line(n) if n < 80 else b"\x1b[31mE%d\r\n" % n)
+    )
+
+    assert isinstance(failure, DeviceError)
+    assert "sent no line for 5" in str(failure)
+    assert "'?[31mE" in str(failure)
+    assert str(failure).isprintable()
+
+
+def test_motors_stop_as_soon_as_lines_break_off(session: Session) -> None:
+    instrument, cable = cell(session, patient=False)
+
+    _, failure = session.record(instrument, for_s=None, also=sending(cable, lambda n: line(n) if n < 80 else b""))
+
+    assert isinstance(failure, DeviceError)
+    assert session.clock.seconds() < 1.6
+
+
+def test_motors_stop_when_the_plug_is_pulled(session: Session) -> None:
+    instrument, cable = cell(session, patient=False)
+    send = sending(cable, line)
+
+    def step(now_s: float) -> None:
+        if now_s > 1 and cable.there:
+            cable.pull()
+        send(now_s)
+
+    run, failure = session.record(instrument, for_s=None, also=step)
+
+    assert isinstance(failure, DeviceError)
+    assert "while motors run" in str(failure)
+    assert session.clock.seconds() < 1.2
+    assert len(rows_of(run, "loadcell")) == pytest.approx(79, abs=1)
+
+
+def test_a_plug_that_comes_back_is_a_gap(session: Session) -> None:
+    instrument, cable = cell(session)
+    send = sending(cable, line)
+
+    def step(now_s: float) -> None:
+        if 1 < now_s < 3 and cable.there:
+            cable.pull()
+        cable.there = cable.there or now_s >= 3
+        send(now_s)
+
+    run, failure = session.record(instrument, for_s=6, also=step)
+
+    assert failure is None
+    assert facts(run)["gaps"][0]["reason"] == "unplugged"
+    assert run.header.devices["loadcell"].lost == pytest.approx(160, abs=45)  # looked for twice a second
+    assert "unplugged" in session.said[0]
+    assert "back" in session.said[1]
+
+
+def test_a_plug_that_stays_away_fails_the_run(session: Session) -> None:
+    instrument, cable = cell(session)
+    send = sending(cable, line)
+
+    def step(now_s: float) -> None:
+        if now_s > 1 and cable.there:
+            cable.pull()
+        send(now_s)
+
+    run, failure = session.record(instrument, for_s=4, also=step)
+
+    assert isinstance(failure, DeviceError)
+    assert "not plugged in again" in str(failure)
+    assert facts(run)["gaps"][0]["reason"] == "unplugged"
+
+
+# Over a pseudo terminal
+
+
+class Board:
+    """A microcontroller on a serial port, of which the test holds the end."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.end = self._host = -1
+        self.plug()
+
+    def plug(self) -> None:
+        self.end, self._host = os.openpty()
+        tty.setraw(self._host)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(self._host))
+
+    def unplug(self) -> None:
+        self.path.unlink(missing_ok=True)
+        for end in (self.end, self._host):
+            if end >= 0:
+                os.close(end)
+        self.end = self._host = -1
+
+    def send(self, data: bytes) -> None:
+        if self.end >= 0:
+            os.write(self.end, data)
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[Board]:
+    board = Board(tmp_path / "board")
+    yield board
+    board.unplug()
+
+
+def recorded(folder: Path, make: Callable[[ExitStack], Device], act: Callable[[Loop], Any]) -> Run:
+    """Record while `act`, a coroutine, sends; the run ends with it."""
+
+    async def procedure(_: Any, loop: Loop) -> None:
+        await act(loop)
+
+    plan = Plan(runs_folder=folder, kind="loadcell", label=Label(), procedure=procedure)
+    with ExitStack() as held:
+        return record_run(plan, [make(held)], show=lambda _: None, begun=lambda _: None)
+
+
+def device(board: Board, held: ExitStack, said: list[str]) -> Device:
+    setting = CELL.model_copy(update={"port": str(board.path)})
+    return ready_loadcell(setting, held, buffered=True, bias=False, say=said.append)
+
+
+def test_half_lines_junk_and_bursts_over_a_port_leave_only_whole_lines(tmp_path: Path, board: Board) -> None:
+    async def act(loop: Loop) -> None:
+        await sleep(loop, 0.2)
+        board.send(b"999,9")  # the end of a line of which the beginning is gone
+        board.send(b"99\r\n")
+        for count in range(40):
+            whole = line(count)
+            board.send(whole[:4])
+            await sleep(loop, 0.005)
+            board.send(whole[4:])
+        board.send(b"\xff\xfe\x00\x1b[2J\r\n" + b"5" * 1500 + b"\r\n")
+        board.send(b"".join(line(count) for count in range(40, 140)))  # at once
+        await sleep(loop, 0.1)
+        board.send(line(200)[:-3])  # never ends
+
+    said: list[str] = []
+    run = recorded(tmp_path, lambda held: device(board, held, said), act)
+    rows = rows_of(run, "loadcell")
+
+    assert rows["Fz"].to_numpy() == pytest.approx(0.5 * G * (100 + np.arange(140)))
+    assert run.header.devices["loadcell"].lost == 2
+    assert dict(facts(run)["lines"])["values"][1] == {"name": "Fz", "unit": "g", "scale": 0.5}
+    assert facts(run)["units"] == "n,nm"
+    cell = read_wrench(run.folder, WrenchReading())
+    assert cell.axes == ("Fz",)
+    assert cell.force_n[:, 2] == pytest.approx(rows["Fz"].to_numpy())
+    assert np.isnan(cell.torque_nm).all()
+
+
+def test_an_unplugged_board_is_found_again_at_another_terminal(tmp_path: Path, board: Board) -> None:
+    async def act(loop: Loop) -> None:
+        for count in range(160):
+            board.send(line(count))
+            await sleep(loop, 0.0125)
+            if count == 40:
+                board.unplug()
+            if count == 60:
+                board.plug()
+
+    said: list[str] = []
+    run = recorded(tmp_path, lambda held: device(board, held, said), act)
+
+    assert facts(run)["gaps"][0]["reason"] == "unplugged"
+    assert any("back after" in text for text in said)
+    values = rows_of(run, "loadcell")["Fz"].to_numpy() / (0.5 * G) - 100
+    assert set(np.rint(values)) < set(range(160))
+    assert values[-1] == pytest.approx(159, abs=1)
+
+
+def test_a_port_is_locked_while_it_is_recorded(board: Board) -> None:
+    with ExitStack() as held:
+        device(board, held, [])
+        with pytest.raises(DeviceError, match="is held by"), DeviceLock.take(os.path.realpath(board.path)):
+            pass
+
+
+def test_a_port_that_is_not_there_makes_no_run(board: Board) -> None:
+    board.unplug()
+    with ExitStack() as held, pytest.raises(DeviceError, match="no such port"):
+        device(board, held, [])
+
+
+def test_a_bias_and_a_rate_are_the_boxs(board: Board) -> None:
+    setting = CELL.model_copy(update={"port": str(board.path)})
+    with ExitStack() as held, pytest.raises(ConfigError, match="bias"):
+        ready_loadcell(setting, held, buffered=True, bias=True, say=print)
+    with pytest.raises(ConfigError, match="rate"):
+        setting.sampled_at(100)
+
+
+def test_counts_need_the_counts_of_a_turn(board: Board) -> None:
+    setting = EncoderLines(kind="lines", port=str(board.path), rate_hz=500, values=(LineValue(name="phi"),))
+    with ExitStack() as held, pytest.raises(ConfigError, match="counts_per_turn"):
+        ready_encoder(setting, held, counts_per_turn="rls-13bit-in-22", continuous=False, say=print)
+
+
+# cfid rig check
+
+
+def checked(board: Board, lines: Callable[[int], bytes], *, rate_hz: float = 80) -> dict[str, tuple[str, str, str]]:
+    """Return answers by question while the board sends on a thread of its own."""
+    ended = threading.Event()
+
+    def send() -> None:
+        begun_s, count = time.monotonic(), 0
+        while not ended.wait(0.002):
+            while count * 0.0125 <= time.monotonic() - begun_s:
+                board.send(lines(count))
+                count += 1
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        answers = check_lines("loadcell", CELL.model_copy(update={"port": str(board.path), "rate_hz": rate_hz}))
+    finally:
+        ended.set()
+        thread.join()
+    return {answer.asked: (answer.state, answer.answer, answer.advice) for answer in answers}
+
+
+def test_check_shows_rate_and_resolution(board: Board) -> None:
+    found = checked(board, line)
+
+    assert found["port"][0] == "ok"
+    assert found["lines"][0] == "ok"
+    assert float(found["lines"][1].split()[0]) == pytest.approx(80, rel=0.1)
+    assert "steps of 0.0049," in found["Fz"][1]
+
+
+def test_check_shows_a_rate_that_is_not_the_stated_one(board: Board) -> None:
+    state, _, advice = checked(board, line, rate_hz=40)["lines"]
+
+    assert state == "warning"
+    assert "40 Hz" in advice
+
+
+def test_check_shows_lines_that_do_not_match_without_their_control_characters(board: Board) -> None:
+    state, answer, advice = checked(board, lambda n: b"\x1b[2JFz=%d\r\n" % n)["lines"]
+
+    assert state == "fault"
+    assert "?[2JFz=" in answer
+    assert answer.isprintable()
+    assert "pattern" in advice
+
+
+def test_check_of_a_silent_port_says_so(board: Board) -> None:
+    state, answer, _ = checked(board, lambda n: b"")["lines"]
+
+    assert state == "fault"
+    assert "nothing came" in answer
+
+
+def test_check_of_a_port_that_is_not_there_says_which_there_are(board: Board) -> None:
+    board.unplug()
+    state, answer, _ = checked(board, line)["port"]
+
+    assert state == "fault"
+    assert "no such port. Available:" in answer
+
+
+# The simulated rig
+
+
+RIG = """
+[devices.encoder]
+kind = "lines"
+port = "/dev/null"
+rate_hz = 200
+values = [{ name = "phi", unit = "deg" }, { name = "device_us" }]
+
+[devices.loadcell]
+kind = "lines"
+port = "/dev/null"
+rate_hz = 80
+pattern = 'Fz=(\\S+)'
+values = [{ name = "Fz", unit = "mN" }]
+"""
+
+
+def test_a_simulated_rig_serves_both_and_commands_record_them(tmp_path: Path) -> None:
+    with lab_in(tmp_path) as lab:
+        content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
+        (tmp_path / RIG_FILE).write_text(content + RIG)
+        with rig_sim(lab):
+            checks = json.loads(lab.cfid("rig", "check", "--json").out)["devices"]
+            angle = lab.cfid("log", "encoder", "--for", 2)
+            force = lab.cfid("log", "loadcell", "--for", 3)
+
+    assert [one["asked"] for one in checks["encoder"]] == ["port", "lines", "phi"]
+    assert [one["asked"] for one in checks["loadcell"]] == ["port", "lines", "Fz"]
+    assert angle.code == force.code == 0, angle.err + force.err
+    of_angle, of_force = sorted((tmp_path / "runs").iterdir(), key=lambda folder: "loadcell" in folder.name)
+    assert len(read_angle(of_angle, Reading()).time_s) > 200
+    assert read_wrench(of_force, WrenchReading()).force_n[:, 2].mean() == pytest.approx(1.4, abs=0.1)

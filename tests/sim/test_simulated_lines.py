@@ -1,0 +1,68 @@
+"""A simulated device that sends lines: what it measures comes back through the reader of its wire."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cfid.records.line_devices import EncoderLines, LineDevice, LineValue, LoadCellLines
+from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import EncoderFaults
+from cfid.sim.lines import LineSender
+
+CELL = LoadCellLines(
+    kind="lines",
+    port="port",
+    rate_hz=80,
+    pattern=r"weight (\d+) (-?\d+) (\w+)",
+    values=(
+        LineValue(name="device_ms"),
+        LineValue(name="Tz", unit="g", scale=0.001, arm_mm=50),
+        LineValue(name="unused"),
+    ),
+)
+ENCODER = EncoderLines(kind="lines", port="port", rate_hz=500, values=(LineValue(name="phi", unit="deg"),))
+
+
+def read(device: LineDevice, lines: bytes) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Return what a reader of the sender's own form makes of lines, in the columns' units."""
+    numbers = device.model_copy(update={"pattern": ""}).reader().feed(b"\n" + lines)
+    return np.array(numbers) * [device.factor(value) for value in device.in_order()]
+
+
+def sent(device: LineDevice, name: str, *, until_s: float, faults: EncoderFaults | None = None) -> bytes:
+    sender = LineSender(device, lambda time_s: {name: 0.001 * math.sin(time_s)}, powered_s=10.0)
+    port = FaultyE201(sender, faults or EncoderFaults(), opened_s=10.0)
+    times = np.arange(10.0, 10.0 + until_s, 0.1)
+    return b"".join(line for time_s in times for _, line in port.due(float(time_s)))
+
+
+def test_a_torque_by_an_arm_comes_back_with_the_devices_clock() -> None:
+    stamp_us, torque_nm = read(CELL, sent(CELL, "Tz", until_s=5)).T
+
+    assert len(torque_nm) == pytest.approx(400, abs=10)
+    assert np.diff(stamp_us) == pytest.approx(12500, abs=1000)
+    expected = 0.001 * np.sin(10 + 1e-6 * stamp_us)
+    assert torque_nm == pytest.approx(expected, abs=2e-6)  # of whole milligrams at 50 mm, and of whole milliseconds
+
+
+def test_an_angle_comes_back() -> None:
+    (angle_rad,) = read(ENCODER, sent(ENCODER, "phi", until_s=2)).T
+
+    assert len(angle_rad) == pytest.approx(1000, abs=51)
+    assert angle_rad == pytest.approx(0.001 * np.sin(10 + np.arange(len(angle_rad)) / 500), abs=1e-6)
+
+
+def test_faults_make_no_other_angle() -> None:
+    whole = read(ENCODER, sent(ENCODER, "phi", until_s=5))[:, 0]
+    torn = read(ENCODER, sent(ENCODER, "phi", until_s=5, faults=EncoderFaults(corrupt_every=7, drop_every=11)))[:, 0]
+
+    assert set(torn) <= set(whole)
+    assert 0.6 * len(whole) < len(torn) < 0.9 * len(whole)
+
+
+def test_after_a_stall_the_lines_of_half_a_second_come_at_once() -> None:
+    sender = LineSender(ENCODER, lambda time_s: {"phi": 0.0}, powered_s=0.0)
+    sender.due(0.0)
+
+    assert len(sender.due(100.0)) == pytest.approx(250, abs=1)

@@ -1,0 +1,118 @@
+"""Lines of numbers in any slicing and with any damage: a reading is a whole line of the stated form, or none."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cfid.wire.lines import LONGEST_LINE, LineReader, Value, checksum, printable
+
+FEW = settings(max_examples=300, deadline=None, derandomize=True)
+
+TWO = (Value(whole=True), Value())
+GOOD = b"1024,-3.5\r\n"
+
+
+def read(data: bytes, *, values: tuple[Value, ...] = TWO, pattern: str = "") -> tuple[list[tuple[float, ...]], int]:
+    reader = LineReader(values, pattern=pattern)
+    return reader.feed(b"\n" + data), reader.rejected
+
+
+@pytest.mark.parametrize(
+    "line", [b"1024,-3.5", b" 1024 ; -3.5 ", b"1024\t-3.50", b"+1024   -35e-1", b"1024,-3.5*2E", b"1024,-3.5*2e"]
+)
+@pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r"])
+def test_numbers_with_a_separator_are_a_reading(line: bytes, end: bytes) -> None:
+    assert read(line + end) == ([(1024, -3.5)], 0)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"1024",
+        b"1024,-3.5,7",
+        b"1024,-3.5,",
+        b"1024.5,-3.5",
+        b"1024,nan",
+        b"1024,inf",
+        b"1024,1e999",
+        b"1024,1_0",
+        b"1024,0x10",
+        b"1024,\xd9\xa3",  # an Arabic three, which Python reads as a number
+        b"1024,-3.5\x00",
+        b"\x1b[2J1024,-3.5",
+        b"1024,-3.5*2F",
+        b"hello",
+        b"1" * 30 + b",1",
+        b" " * LONGEST_LINE + b"1024,-3.5",
+    ],
+)
+def test_anything_else_is_counted_and_left_out(line: bytes) -> None:
+    assert read(GOOD + line + b"\n" + GOOD) == ([(1024, -3.5)] * 2, 1)
+
+
+def test_a_pattern_finds_its_groups_in_what_scales_print() -> None:
+    values, pattern = (Value(), Value(used=False)), r"[SU][TS],GS,([+-] *[0-9.]+|[+-]?[0-9.]+) *(g|kg)"
+
+    assert read(b"ST,GS,+0123.4 g\r\nOL\r\n", values=values, pattern=pattern) == ([(123.4,)], 1)
+
+
+def test_the_first_line_may_have_lost_its_beginning_and_is_dropped() -> None:
+    reader = LineReader(TWO)
+
+    assert reader.feed(b"24,-3.5\r\n" + GOOD) == [(1024, -3.5)]
+    assert reader.rejected == 0
+    reader.forget()
+    assert reader.feed(b"4,-3.5\r\n" + GOOD) == [(1024, -3.5)]
+
+
+def test_after_a_line_with_a_checksum_all_need_one() -> None:
+    assert read(GOOD + b"1024,-3.5*2E\n" + GOOD) == ([(1024, -3.5)] * 2, 1)
+
+
+@FEW
+@given(st.integers(0, 8 * len(b"1024,-3.5*2E") - 1))
+def test_a_flipped_bit_of_a_line_with_a_checksum_makes_no_other_reading(bit: int) -> None:
+    line = bytearray(b"1024,-3.5*2E")
+    line[bit // 8] ^= 1 << bit % 8
+
+    found, _ = read(b"1024,-3.5*2E\n" + bytes(line) + b"\n")
+    assert set(found) == {(1024, -3.5)}
+
+
+@FEW
+@given(st.lists(st.integers(0, len(GOOD) * 3), max_size=8))
+def test_pieces_of_any_size_give_the_same(cuts: list[int]) -> None:
+    data, reader = b"\n" + GOOD * 3, LineReader(TWO)
+    bounds = [0, *sorted(cuts), len(data)]
+    pieces = [data[begin:end] for begin, end in pairwise(bounds)]
+
+    assert [reading for piece in pieces for reading in reader.feed(piece)] == [(1024, -3.5)] * 3
+
+
+@FEW
+@given(st.binary(max_size=400))
+def test_junk_never_fails(data: bytes) -> None:
+    reader = LineReader(TWO)
+    reader.feed(data)
+
+    assert printable(reader.last_rejected).isprintable()
+    assert reader.feed(b"\n" + GOOD)[-1:] == [(1024, -3.5)] or b"*" in data
+
+
+def test_a_line_without_end_takes_no_memory() -> None:
+    reader = LineReader(TWO)
+    reader.feed(b"\n")
+    for _ in range(1000):
+        reader.feed(b"7" * 1000)
+
+    assert len(reader._begun) <= LONGEST_LINE + 1
+    assert reader.feed(b"\n" + GOOD) == [(1024, -3.5)]
+    assert reader.rejected == 1
+    assert len(reader.last_rejected) <= LONGEST_LINE
+
+
+def test_the_checksum_is_that_of_nmea_0183() -> None:
+    # The line of the standard's own example in circulation, whose sum is printed in it.
+    assert checksum(b"GPGLL,5300.97914,N,00259.98174,E,125926,A") == 0x28
