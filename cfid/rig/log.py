@@ -223,6 +223,7 @@ async def _recorded(
 ) -> Run:
     clock = HostClock.now()
     instruments = [device.open(loop, clock) for device in devices]
+    lasting = {} if plan.for_s is None else {"for_s": plan.for_s}
     with create_run(
         plan.runs_folder,
         kind=plan.kind,
@@ -232,7 +233,7 @@ async def _recorded(
         cfid_version=__version__,
         simulated=plan.simulated,
         facts=plan.facts,
-        requested=plan.requested,
+        requested={**plan.requested, **lasting},
     ) as run:
         begun(run.folder)
         recorder = Recorder(instruments, run, loop=loop, show=lambda: show(recorder))

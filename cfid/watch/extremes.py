@@ -45,12 +45,14 @@ class Extremes:
         empty = np.empty((0, self._channels))
         if not self._levels:
             return Envelope(np.empty(0), empty, empty)
-        for k, level in enumerate(self._levels):
+        parts: list[Envelope] = []
+        for level in self._levels:
             found = level.between(begin_s, end_s)
             if len(found.time_s) <= most + 2 and level.reaches(begin_s):
                 break
-        rest = [level.carry for level in self._levels[k - 1 :: -1]] if k else []
-        parts = [found, *(one for one in rest if len(one.time_s) and one.time_s[0] <= end_s)]
+            if len(level.carry.time_s) and level.carry.time_s[0] <= end_s:  # not in any coarser bin yet
+                parts.insert(0, level.carry)
+        parts.insert(0, found)
         return Envelope(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def newest(self, count: int) -> tuple[Array, Array]:

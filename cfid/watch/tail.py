@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 Array = npt.NDArray[np.float64]
 
@@ -52,8 +53,6 @@ class Tail:
         return block
 
     def _parsed(self, block: bytes) -> Array:
-        import pandas as pd  # a page that shows no rows yet need not wait for it
-
         try:
             rows = pd.read_csv(
                 io.BytesIO(block), header=None, names=range(self._columns), index_col=False, dtype=np.float64

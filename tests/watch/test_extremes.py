@@ -70,14 +70,15 @@ def test_the_zigzag_visits_the_least_and_the_largest_of_each_bin() -> None:
     assert values[:, 0].max() == 399.0
 
 
-def test_an_hour_at_7_khz_takes_tens_of_megabytes() -> None:
-    extremes, block = Extremes(6), np.zeros((70_000, 6))
-    for k in range(360):
-        extremes.add(10.0 * k + np.arange(70_000) / 7000, block)
-    taken = sum(sum(column.base.nbytes for column in level.kept) for level in extremes._levels)
+def test_memory_grows_with_the_logarithm_of_the_duration() -> None:
+    def taken(seconds: int) -> int:
+        extremes, block = Extremes(1, bins=BINS), np.zeros((700, 1))
+        for k in range(10 * seconds):
+            extremes.add(0.1 * k + np.arange(700) / 7000, block)
+        assert len(extremes.view(0, seconds, 50).time_s) <= 50 + 2 + len(extremes._levels)
+        return len(extremes._levels)
 
-    assert taken < 60e6
-    assert len(extremes.view(0, 3600, 600).time_s) <= 640
+    assert taken(32) - taken(2) == 4
 
 
 def test_nothing_yet_is_an_empty_view() -> None:

@@ -1,0 +1,105 @@
+"""The document of one viewer: facts, plots and a spectrum, drawn ten times a second until paused or zoomed."""
+
+import math
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.events import Reset
+from bokeh.layouts import column, row
+from bokeh.models import Div, InlineStyleSheet, RadioButtonGroup, Range1d, Toggle
+
+from cfid.watch.facts import facts_html
+from cfid.watch.gate import Gate
+from cfid.watch.live_run import LiveRun
+from cfid.watch.plots import Colours, SignalPlot, SpectrumPlot
+from cfid.watch.watched import Watched
+
+EVERY_MS = 100
+
+_SPANS = {"10 s": 10.0, "60 s": 60.0, "all": math.inf}
+_FACTS_EVERY = 5  # pictures
+_WRAPPED = {"flex-wrap": "wrap"}
+_FACTS_CSS = """
+table { border-collapse: collapse; font-size: 13px; width: 100%; }
+th { text-align: left; font-weight: 600; padding: 1px 12px 1px 0; vertical-align: top; white-space: nowrap; }
+td { padding: 1px 0; width: 100%; overflow-wrap: anywhere; }
+.warning { font-weight: 700; text-decoration: underline; }
+"""
+
+
+class Picture:
+    """What one viewer sees; it follows the recording until it is paused or zoomed."""
+
+    def __init__(self, document: Document, watched: Watched, gate: Gate, *, dark: bool) -> None:
+        """Draw into a document as long as that has a viewer."""
+        self._watched, self._gate, self._colours = watched, gate, Colours(dark=dark)
+        self._run: LiveRun | None = None
+        self._plots: list[SignalPlot] = []
+        self._spectrum: SpectrumPlot | None = None
+        self._drawn: tuple[object, ...] = ()
+        self._count = 0
+        self._span = RadioButtonGroup(labels=list(_SPANS), active=0)
+        self._pause = Toggle(label="Pause", width=80)
+        self._time, self._placed = Range1d(0.0, 1.0), [0.0, 1.0]
+        self._time.on_change("start", self._zoomed)
+        self._time.on_change("end", self._zoomed)
+        self._facts = Div(
+            sizing_mode="stretch_width",
+            styles={"color": self._colours.text},
+            stylesheets=[InlineStyleSheet(css=_FACTS_CSS)],
+        )
+        self._area = row(sizing_mode="stretch_width", styles=_WRAPPED)
+        controls = row(self._span, self._pause, styles=_WRAPPED)
+        document.add_root(column(controls, self._facts, self._area, sizing_mode="stretch_width"))
+        watched.viewers += 1
+        document.on_session_destroyed(self._left)
+        document.add_periodic_callback(self.draw, EVERY_MS)
+        self.draw()
+
+    def draw(self) -> None:
+        """Draw what is there by now, if it is anything new."""
+        if self._watched.run is not self._run:
+            self._begin(self._watched.run)
+        if self._count % _FACTS_EVERY == 0:
+            self._facts.text = facts_html(self._run, refused=self._gate.refused)
+        self._count += 1
+        if self._run is None:
+            return
+        if not self._pause.active:
+            self._place(self._run.now_s)
+        wanted = (self._watched.revision, *self._placed)
+        if wanted != self._drawn:
+            self._drawn = wanted
+            for plot in self._plots:
+                plot.draw(*self._placed, self._run.now_s)
+        if self._spectrum is not None and not self._pause.active:
+            self._spectrum.draw(self._watched.lines)
+
+    def _begin(self, run: LiveRun | None) -> None:
+        """Make the plots of another run."""
+        self._run, self._drawn, self._count = run, (), 0
+        self._pause.active = False
+        self._plots = [SignalPlot(signal, self._time, self._colours) for signal in (run.signals if run else ())]
+        self._spectrum = SpectrumPlot(self._colours) if run and run.loadcell else None
+        for plot in self._plots:
+            plot.figure.on_event(Reset, self._follow)
+        self._area.children = [plot.figure for plot in (*self._plots, self._spectrum) if plot is not None]
+
+    def _place(self, now_s: float) -> None:
+        """Move the common axis of time to the newest rows."""
+        span_s = list(_SPANS.values())[self._span.active or 0]
+        self._placed = [max(now_s - span_s, 0.0), max(now_s, 1.0)]
+        self._time.update(start=self._placed[0], end=self._placed[1])
+
+    def _zoomed(self, end: str, _old: float, new: float) -> None:
+        """Stay where the viewer zoomed or moved to; what `_place` did is nothing new."""
+        place = ("start", "end").index(end)
+        if new != self._placed[place]:
+            self._pause.active = True
+            self._placed[place] = float(new)
+
+    def _follow(self, _event: Any) -> None:
+        self._pause.active = False
+
+    def _left(self, _session: object) -> None:
+        self._watched.viewers -= 1
