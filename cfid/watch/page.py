@@ -21,11 +21,15 @@ h1 { font-size: 16px; margin: 0; }
   background: #b3161b; color: #fff; cursor: pointer; }
 #said { white-space: pre-wrap; overflow-wrap: anywhere; }
 main { padding: 8px 12px; }
+table { border-collapse: collapse; font-size: 13px; width: 100%; margin-bottom: 6px; }
+th { text-align: left; font-weight: 600; padding: 1px 12px 1px 0; vertical-align: top; white-space: nowrap; }
+td { padding: 1px 0; width: 100%; overflow-wrap: anywhere; }
+.warning { font-weight: 700; text-decoration: underline; }
 </style>
 </head>
 <body>
 <header><h1>cfid watch</h1>BUTTON<span id="said" role="status"></span></header>
-<main id="plots"></main>
+<main><div id="facts"></div><div id="plots"></div></main>
 <script src="/page.js"></script>
 </body>
 </html>
@@ -39,6 +43,31 @@ plots.id = "plots-script";
 plots.src = "/plots/autoload.js?bokeh-autoload-element=plots-script&bokeh-app-path=/plots&dark=" + Number(dark.matches);
 document.getElementById("plots").append(plots);
 dark.addEventListener("change", () => location.reload());
+
+// Answers each picture once it is drawn, so that the next ones are sent.
+const waiting = setInterval(() => {
+  const time = window.Bokeh?.documents[0]?.get_model_by_name("time");
+  if (!time) return;
+  clearInterval(waiting);
+  const answer = () => {
+    const [word, count] = time.tags;
+    if (word === "sent") requestAnimationFrame(() => setTimeout(() => { time.tags = ["drawn", count]; }));
+  };
+  time.properties.tags.change.connect(answer);
+  answer();
+}, 50);
+
+const facts = document.getElementById("facts");
+const look = async () => {
+  try {
+    const text = await (await fetch("/facts")).text();
+    if (facts.innerHTML !== text) facts.innerHTML = text;
+  } catch {
+    facts.textContent = "cfid watch has ended: start it again and reload this page.";
+  }
+  setTimeout(look, 500);
+};
+look();
 
 const said = document.getElementById("said");
 const stop = document.getElementById("stop");

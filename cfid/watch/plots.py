@@ -1,15 +1,16 @@
 """The plots of a page: signals over time, and the spectrum."""
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool, Legend, Range1d
+from bokeh.models import ColumnDataSource, DataRange1d, HoverTool, Legend, Range1d
 from bokeh.plotting import figure
 
 from cfid.watch.signals import Signal
-from cfid.watch.spectrum import Lines
+from cfid.watch.spectrum import HIGHEST_HZ, Lines
 
-BINS = 600  # of a signal in a picture: a plot is some 600 pixels wide
+BINS = 400  # of a signal in a picture: a plot is some 400 pixels wide
 
 _WIDTH_PX, _HEIGHT_PX = 320, 230
+_LABEL_ROOM = 0.25  # of the highest line, above it
 _TOOLS = "xpan,xwheel_zoom,xbox_zoom,reset"
 
 
@@ -64,7 +65,10 @@ class SpectrumPlot:
         self._drawn: Lines | None = None
         self._source = ColumnDataSource({"f": [], "a": []})
         self._lines = ColumnDataSource({"f": [], "a": [], "label": []})
-        self.figure = _figure("spectrum of the force", "Hz", "mN", colours)
+        self.figure = _figure(
+            "spectrum of the force", "Hz", "mN", colours, x_range=(0.0, HIGHEST_HZ), y_range=DataRange1d(start=0.0)
+        )
+        self.figure.y_range.range_padding = _LABEL_ROOM
         self.figure.line("f", "a", source=self._source, color=colours.line(0), line_width=1.2)
         self.figure.scatter("f", "a", source=self._lines, color=colours.line(1), size=7)
         self.figure.text(

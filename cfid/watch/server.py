@@ -20,6 +20,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import RequestHandler
 
 from cfid.errors import ConfigError
+from cfid.watch.facts import facts_html
 from cfid.watch.gate import LOOPBACK, Gate
 from cfid.watch.page import HEADERS, SCRIPT, page_html
 from cfid.watch.picture import EVERY_MS, Picture
@@ -54,7 +55,7 @@ async def _serving(
     def draw(document: Document) -> None:
         context = document.session_context
         arguments = context.request.arguments if context is not None and context.request is not None else {}
-        Picture(document, watched, gate, dark=arguments.get("dark") == [b"1"])
+        Picture(document, watched, dark=arguments.get("dark") == [b"1"])
 
     application = _Gated(
         {_PLOTS: Application(FunctionHandler(draw))},
@@ -63,6 +64,7 @@ async def _serving(
         extra_patterns=[
             ("/", _Page, {"gate": gate, "can_stop": stop is not None}),
             ("/page.js", _Script),
+            ("/facts", _Facts, {"watched": watched, "gate": gate}),
             ("/stop", _Stop, {"gate": gate, "stop": stop}),
         ],
         extra_websocket_origins=gate.hosts,
@@ -121,6 +123,15 @@ class _Script(RequestHandler):
         self.set_header("Content-Type", "text/javascript; charset=utf-8")
         self.set_header("Cache-Control", "no-store")
         self.finish(SCRIPT)
+
+
+class _Facts(RequestHandler):
+    def initialize(self, watched: Watched, gate: Gate) -> None:
+        self._watched, self._gate = watched, gate
+
+    def get(self) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.finish(facts_html(self._watched.run, refused=self._gate.refused))
 
 
 class _Stop(RequestHandler):

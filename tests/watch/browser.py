@@ -98,13 +98,15 @@ class Page:
             f"(() => {{ const box = document.querySelector({selector!r}).getBoundingClientRect(); "
             "return [box.x + box.width / 2, box.y + box.height / 2] })()"
         )
+        self._ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
         for kind in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
-    def wheel(self, x: float, y: float, delta: float) -> None:
+    def wheel(self, x: float, y: float, *, delta: float) -> None:
+        """Turn the wheel over a place; below zero is away from oneself."""
         self._ask("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=delta)
 
-    def picture(self, height_px: int | None = None) -> bytes:
+    def picture(self) -> bytes:
         """Return what the page shows as PNG."""
         return base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])
 
