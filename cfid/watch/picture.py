@@ -33,6 +33,7 @@ class Picture:
         self._spectrum: SpectrumPlot | None = None
         self._drawn: tuple[object, ...] = ()
         self._sent = self._drawn_there = 0
+        self._overtaken = False
         self._span = RadioButtonGroup(labels=list(_SPANS), active=0)
         self._pause = Toggle(label="Pause", width=80)
         self._time, self._placed = Range1d(0.0, 1.0, name=TIME), [0.0, 1.0]
@@ -59,7 +60,10 @@ class Picture:
         if self._run is None:
             return
         if not self._pause.active:
-            self._place(self._run.now_s)
+            self._move_to(self._newest(self._run.now_s))
+        elif self._overtaken:  # pictures that were on their way moved the axis once more
+            self._overtaken = False
+            self._move_to([math.nextafter(end_s, math.inf) for end_s in self._placed])
         wanted = (self._watched.revision, *self._placed)
         if wanted != self._drawn:
             self._drawn = wanted
@@ -80,16 +84,20 @@ class Picture:
             plot.figure.on_event(Reset, self._follow)
         self._area.children = [plot.figure for plot in (*self._plots, self._spectrum) if plot is not None]
 
-    def _place(self, now_s: float) -> None:
-        """Move the common axis of time to the newest rows."""
+    def _newest(self, now_s: float) -> list[float]:
+        """Return the span of time that ends with the newest rows."""
         span_s = list(_SPANS.values())[self._span.active or 0]
-        self._placed = [max(now_s - span_s, 0.0), max(now_s, 1.0)]
-        self._time.update(start=self._placed[0], end=self._placed[1])
+        return [max(now_s - span_s, 0.0), max(now_s, 1.0)]
+
+    def _move_to(self, span_s: list[float]) -> None:
+        self._placed = span_s
+        self._time.update(start=span_s[0], end=span_s[1])
 
     def _zoomed(self, end: str, _old: float, new: float) -> None:
-        """Stay where the viewer zoomed or moved to; what `_place` did is nothing new."""
+        """Stay where the viewer zoomed or moved to; what `_move_to` did is nothing new."""
         place = ("start", "end").index(end)
         if new != self._placed[place]:
+            self._overtaken = self._overtaken or not self._pause.active
             self._pause.active = True
             self._placed[place] = float(new)
 

@@ -21,8 +21,9 @@ class Browser:
     """Chromium without a window."""
 
     def __init__(self, folder: Path) -> None:
+        # Drawing without a graphics card takes a processor whole: it must not keep a simulated rig from one.
         command = [
-            BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+            "nice", "-n", "10", BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
             "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
         ]  # fmt: skip
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
@@ -134,6 +135,8 @@ class Page:
             assert message is not None, "Chromium ended"
             content = json.loads(message)
             if content.get("id") == self._number:
+                if method == "Runtime.evaluate" and "error" in content:  # the page was left meanwhile
+                    return {"result": {}}
                 assert "error" not in content, content
                 return content["result"]
             self._note(content)
