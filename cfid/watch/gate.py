@@ -1,4 +1,4 @@
-"""Lets in requests of this server's own page alone: Host and Origin of every request, a token for the stop."""
+"""Admits requests of this server's own page alone: Host and Origin of every request, a token for the stop."""
 
 import hmac
 import secrets

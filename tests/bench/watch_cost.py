@@ -1,7 +1,7 @@
 """What a viewer of `cfid watch` costs the recorder, in one run: its processor time with and without, in turn.
 
-A simulated load cell at 7 kHz is recorded; every other part of the run, of BENCH_SECONDS each (10), a page is open in headless
-Chromium. Also the pictures a second that the page drew, and the share of a core that `cfid watch` itself took.
+A simulated load cell at 7 kHz is recorded; every other part of the run, of BENCH_SECONDS each (10), a page is open in
+headless Chromium. Also the pictures a second that the page drew, and the share of a core that `cfid watch` itself took.
 """
 
 import os
@@ -89,9 +89,8 @@ def measure(folder: Path, recorder: "subprocess.Popen[str]", watcher: "subproces
     alone, seen = statistics.median(without), statistics.median(viewed)
     print(f"recorder at 7 kHz: {alone:.2f} % of a core without a viewer, {seen:.2f} % with one (medians of {PAIRS})")
     print(f"ratio {seen / alone:.3f}, difference {seen - alone:+.2f} % of a core (goal: below 1)")
-    print(
-        f"cfid watch: {statistics.median(watching):.1f} % of a core; {statistics.median(pictures):.1f} pictures a second"
-    )
+    share, drawn = statistics.median(watching), statistics.median(pictures)
+    print(f"cfid watch: {share:.1f} % of a core; {drawn:.1f} pictures a second")
 
 
 if __name__ == "__main__":
