@@ -70,7 +70,7 @@ class Picture:
             self._sent += 1
             self._time.tags = [SENT, self._sent]
             for plot in self._plots:
-                plot.draw(*self._placed, self._run.now_s)
+                plot.draw(self._placed[0], self._placed[1], self._run.now_s)
         if self._spectrum is not None and not self._pause.active:
             self._spectrum.draw(self._watched.lines)
 
