@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.motors.vibration.estimation import EVIDENCE_LIMIT, PLAUSIBLE_RAD_PER_S, rotor_comb
+from cfid.motors.vibration.estimation import EVIDENCE_LIMIT, PLAUSIBLE_RAD_PER_S, aliased, rotor_comb
 from cfid.motors.vibration.lines import Spectrum, spectrum
 
 Array = npt.NDArray[np.float64]
@@ -54,6 +54,8 @@ def spectrum_of(time_s: Array, force_n: Array) -> Lines | None:
 
 
 def _rotor_lines(seen: Spectrum, height: Array) -> list[Line]:
+    if aliased(0.5 / float(seen.frequency_hz[-1]), _BLADES, PLAUSIBLE_RAD_PER_S[1]):
+        return []  # blade pass may be folded to any place
     comb, found = rotor_comb(_BLADES), list[Line]()
     try:
         grid = comb.candidates(seen, PLAUSIBLE_RAD_PER_S)

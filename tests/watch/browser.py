@@ -23,8 +23,8 @@ class Browser:
     def __init__(self, folder: Path, *, behind: int) -> None:
         # Drawing without a graphics card takes a processor whole: it must not keep a simulated rig from one.
         command = [
-            "nice", "-n", str(behind), BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-            "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
+            "nice", "-n", str(behind), BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu",
+            "--hide-scrollbars", "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
         ]  # fmt: skip
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         self.loop = asyncio.new_event_loop()

@@ -173,6 +173,14 @@ def test_lines_of_two_rotors_are_labelled_and_a_line_that_stands_alone_is_not() 
     assert {("rotor", 240.0), ("blade pass", 480.0), ("rotor", 290.0), ("blade pass", 580.0)} <= labelled
 
 
+def test_a_line_that_may_be_folded_from_above_half_the_sampling_rate_is_not_labelled() -> None:
+    time_s = np.arange(350) / 700
+    noise = np.random.default_rng(5).normal(scale=0.01, size=(350, 3))
+    folded = spectrum_of(time_s, noise + np.sin(2 * np.pi * 641 * time_s)[:, np.newaxis])
+    assert folded is not None
+    assert folded.rotors == ()
+
+
 def test_noise_alone_has_no_rotor() -> None:
     random = np.random.default_rng(4)
     seen = spectrum_of(np.arange(3500) / 7000, random.normal(size=(3500, 3)))
