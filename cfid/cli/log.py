@@ -83,6 +83,7 @@ def encoder(
 
     campaign, devices, simulated = rig_of(keep.campaign)
     kept = label.label(campaign)
+    swings = label.kind_of_angles == "swing"
     setting, counts_per_turn = devices.encoder, campaign.rig.encoder.counts_per_turn
     if port is not None:
         refuse_mixture("--port", simulated)

@@ -14,6 +14,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, "
         "pings.",
     ),
+    "watch": (
+        "cfid.watch.command:watch",
+        "Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the page.",
+    ),
     "report": (
         "cfid.report.command:report",
         "Write a campaign's results to one file: the sheet first, then every experiment with its figures.",

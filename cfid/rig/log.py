@@ -254,6 +254,7 @@ async def _recorded(
 ) -> Run:
     clock = HostClock.now()
     instruments = [device.open(loop, clock) for device in devices]
+    lasting = {} if plan.for_s is None else {"for_s": plan.for_s}
     with (
         ExitStack() as closing,
         create_run(
@@ -265,7 +266,7 @@ async def _recorded(
             cfid_version=__version__,
             simulated=plan.simulated,
             facts=plan.facts,
-            requested=plan.requested,
+            requested={**plan.requested, **lasting},
         ) as run,
     ):
         begun(run.folder)

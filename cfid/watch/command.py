@@ -1,0 +1,56 @@
+"""`cfid watch`: a run in the browser while it is recorded."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cfid.console.inputs import find_recording, open_workplace
+from cfid.console.messages import note
+from cfid.console.options import RigOptions
+from cfid.records.extras import optional_library
+
+
+def watch(
+    run: Annotated[
+        str | None,
+        typer.Argument(metavar="RUN", help="A run folder, or a run's name; default: the one recorded, else the last."),
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; default: any free one.")] = 0,
+    browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: this one or a parent.")] = None,
+) -> None:
+    """Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the page.
+
+    Example: [bold]cfid watch --open[/bold]
+    """
+    from cfid.errors import ConfigError
+
+    workplace = open_workplace(RigOptions(campaign=campaign))
+    found = workplace.campaign
+    if run is None and found is None:
+        raise ConfigError("there is no campaign here whose runs could be shown: name a run folder, or --campaign.")
+    optional_library("bokeh", extra="watch", what="cfid watch")
+    from cfid.watch.server import serve
+    from cfid.watch.watched import Watched
+
+    watched = Watched(
+        folder=None if run is None else find_recording(run, workplace),
+        runs_folder=None if found is None else found.runs_folder,
+    )
+    if found is None:
+        note("there is no campaign here, hence no button that stops motors.")
+    serve(
+        watched,
+        campaign=None if found is None else found.folder,
+        port=port,
+        ready=lambda address: _announce(address, browser),
+    )
+
+
+def _announce(address: str, opened: bool) -> None:
+    typer.echo(f"{address} (Ctrl-C ends it)", err=True)
+    if opened:
+        import webbrowser
+
+        webbrowser.open(address)

@@ -1,0 +1,63 @@
+"""The facts above the plots as HTML: run, state, time left, battery, the vehicle, rates and losses."""
+
+from collections.abc import Iterator
+from html import escape
+
+from cfid.console.messages import clock
+from cfid.records.logs.log import printable
+from cfid.watch.live_run import DeviceProgress, LiveRun
+
+_QUIET_S = 2.0  # without a row of any device
+_CATCHING_UP = 0.05  # of the files that is not read yet
+_LOW_V = 3.2
+_SLOWEST_HZ = 2.0  # rows that come more slowly are events
+_LONGEST = 300
+
+
+def facts_html(run: LiveRun | None, *, refused: int) -> str:
+    """Return a table of facts; texts of the run's files are escaped, and have no control characters."""
+    if run is None:
+        return "<p>No run yet. The page shows the first one as soon as it begins.</p>"
+    rows = [*_of_run(run), *(_of_device(name, device, run) for name, device in run.devices.items())]
+    if refused:
+        rows.append(("requests refused", f"{refused} from outside this page", True))
+    cells = "".join(
+        f'<tr><th>{escape(name)}</th><td class="{"warning" if warning else ""}">{_text(text)}</td></tr>'
+        for name, text, warning in rows
+    )
+    return f"<table>{cells}</table>"
+
+
+def _text(text: str) -> str:
+    return escape(printable(text, _LONGEST))
+
+
+def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
+    header = run.header
+    yield "run", run.folder.name + (", simulated" if header.simulated else ""), False
+    if header.label.note:
+        yield "note", header.label.note, False
+    quiet = run.recording and not run.behind and run.quiet_s > _QUIET_S
+    state = f"recording, but no row for {run.quiet_s:.0f} s" if quiet else header.state
+    yield "state", ": ".join(filter(None, [state, header.reason])), quiet or header.state == "failed"
+    if header.verdict is not None:
+        yield "verdict", header.verdict.text, not header.verdict.usable
+    left_s = run.left_s
+    lasted = f"{clock(run.now_s)} min" + ("" if left_s is None else f", {clock(left_s)} min left")
+    yield "time", lasted, False
+    if run.behind > _CATCHING_UP:
+        yield "reading", f"{100 * (1 - run.behind):.0f} % of the files so far", False
+    if (volts := run.battery_v) is not None:
+        yield "battery", f"{volts:.2f} V", volts < _LOW_V
+    if (vehicle := run.vehicle_state) is not None:
+        yield "vehicle", vehicle.name + (f": {vehicle.remedy}" if vehicle.remedy else ""), bool(vehicle.remedy)
+
+
+def _of_device(name: str, device: DeviceProgress, run: LiveRun) -> tuple[str, str, bool]:
+    record = run.header.devices.get(name, device.record)
+    asked = f" of {record.rate_hz:g}" if record.rate_hz else ""
+    rate = f"{device.rate_hz:.0f}{asked} Hz, " if device.rate_hz > _SLOWEST_HZ else ""
+    lost = device.missing if run.recording else record.lost
+    losses = "" if lost is None else f", {lost} lost"
+    unreadable = f", {device.tail.unreadable} bytes unreadable" if device.tail.unreadable else ""
+    return name, f"{rate}{device.rows} rows{losses}{unreadable}", bool(lost or device.tail.unreadable)

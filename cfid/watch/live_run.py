@@ -1,0 +1,212 @@
+"""A run as its folder shows it, while it grows: signals, rates, losses, the vehicle's state, the time left."""
+
+import contextlib
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.errors import DataError
+from cfid.motors.plan import StaircasePlan
+from cfid.records.run import RUN_FILE, DeviceRecord, Run, RunHeader, read_run
+from cfid.records.tables.vehicle import SUPERVISOR, VEHICLE_LOG
+from cfid.records.tables.wrench import LOADCELL
+from cfid.rig.crazyflie_log import BATTERY
+from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.watch.signals import Signal, signals_of
+from cfid.watch.tail import Tail
+from cfid.wire.supervisor import VehicleState
+
+Array = npt.NDArray[np.float64]
+
+_RATE_S = 2.0  # over which a rate is averaged
+_QUIET_S = 5.0  # without a row, after which another run may be the one that is recorded
+_SEQUENCE, _WRAP = "rdt_sequence", 2**32
+
+
+@dataclass(kw_only=True)
+class DeviceProgress:
+    """A device's rows so far, its rate in Hz, and the samples known to be missing (None where the rows do not show)."""
+
+    record: DeviceRecord
+    tail: Tail
+    signals: list[Signal]
+    rows: int = 0
+    missing: int | None = None
+    latest_s: float = float("nan")
+    latest: tuple[float, ...] = ()
+    _marks: deque[tuple[float, int]] = field(default_factory=deque)
+
+    @property
+    def rate_hz(self) -> float:
+        """Rows per second over the last seconds, by the rows' own times."""
+        if len(self._marks) < 2:
+            return 0.0
+        (begin_s, before), (end_s, after) = self._marks[0], self._marks[-1]
+        return (after - before) / (end_s - begin_s) if end_s > begin_s else 0.0
+
+    def take(self, zero_s: float | None) -> float | None:
+        """Read the next rows; return the Unix time that is zero of the run's picture, as soon as that is known."""
+        rows = self.tail.rows()
+        if not len(rows):
+            return zero_s
+        zero_s = float(rows[0, 0]) if zero_s is None else zero_s
+        if _SEQUENCE in self.record.columns:
+            place = self.record.columns.index(_SEQUENCE)
+            numbers = np.concatenate([[self.latest[place]] if self.latest else [], rows[:, place]])
+            steps = np.diff(numbers) % _WRAP
+            self.missing = (self.missing or 0) + int(np.sum(steps[(steps > 1) & (steps < _WRAP / 2)] - 1))
+        for signal in self.signals:
+            signal.add(rows[:, 0] - zero_s, rows)
+        self.rows += len(rows)
+        self.latest_s, self.latest = float(rows[-1, 0]), tuple(rows[-1].tolist())
+        self._marks.append((self.latest_s, self.rows))
+        while len(self._marks) > 2 and self.latest_s - self._marks[1][0] > _RATE_S:
+            self._marks.popleft()
+        return zero_s
+
+
+class LiveRun:
+    """A run folder that is read again and again; nothing in it is locked or written."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read its run.toml. Raises DataError when that is missing or invalid."""
+        self.folder = folder
+        self.header: RunHeader = read_run(folder).header
+        self.zero_s: float | None = None
+        self.devices = {
+            name: DeviceProgress(
+                record=record,
+                tail=Tail(folder / record.file, len(record.columns)),
+                signals=signals_of(name, record),
+            )
+            for name, record in self.header.devices.items()
+        }
+        self._changed = self._stamp()
+
+    @property
+    def recording(self) -> bool:
+        """Whether run.toml says that it is being recorded; a run that was cut says so for ever."""
+        return self.header.state == "recording"
+
+    @property
+    def signals(self) -> list[Signal]:
+        """All signals, device by device."""
+        return [signal for device in self.devices.values() for signal in device.signals]
+
+    @property
+    def now_s(self) -> float:
+        """The time of the newest row, in s from the first."""
+        times = [device.latest_s for device in self.devices.values() if device.rows]
+        return max(times) - self.zero_s if times and self.zero_s is not None else 0.0
+
+    @property
+    def behind(self) -> float:
+        """How much of the files is not read yet, from 0 to 1."""
+        behind = sum(device.tail.behind_bytes for device in self.devices.values())
+        whole = sum(_size(self.folder / device.record.file) for device in self.devices.values())
+        return behind / whole if whole else 0.0
+
+    @property
+    def quiet_s(self) -> float:
+        """How long ago the newest row was taken, by this computer's clock."""
+        return max(time.time() - (self.zero_s or self.header.started.timestamp()) - self.now_s, 0.0)
+
+    @property
+    def recording_now(self) -> bool:
+        """Whether it is being recorded, and rows arrive."""
+        return self.recording and self.quiet_s < _QUIET_S
+
+    @property
+    def left_s(self) -> float | None:
+        """How long the recording goes on, None where it has no planned end."""
+        lasts_s = planned_s(Run(folder=self.folder, header=self.header))
+        return None if lasts_s is None or not self.recording else max(lasts_s - self.now_s, 0.0)
+
+    @property
+    def vehicle_state(self) -> VehicleState | None:
+        """The last state that the vehicle's supervisor reported."""
+        device = self.devices.get(SUPERVISOR)
+        return None if device is None or not device.latest else VehicleState.of(int(device.latest[1]))
+
+    @property
+    def battery_v(self) -> float | None:
+        """The vehicle's last voltage that was logged."""
+        device = self.devices.get(VEHICLE_LOG)
+        if device is None or not device.latest or BATTERY not in device.record.columns:
+            return None
+        return device.latest[device.record.columns.index(BATTERY)]
+
+    @property
+    def loadcell(self) -> DeviceProgress | None:
+        """The load cell, where the run has one with its usual columns."""
+        device = self.devices.get(LOADCELL)
+        return device if device is not None and device.signals else None
+
+    def read(self, within_s: float) -> bool:
+        """Read what was added, for about so long at most; return whether anything was."""
+        begun_s, before = time.monotonic(), sum(device.rows for device in self.devices.values())
+        more = True
+        while more and time.monotonic() - begun_s < within_s:
+            more = False
+            for device in self.devices.values():
+                rows = device.rows
+                self.zero_s = device.take(self.zero_s)
+                more = more or device.rows > rows
+        return self._read_header() or sum(device.rows for device in self.devices.values()) > before
+
+    def _read_header(self) -> bool:
+        """Read run.toml again when it was replaced."""
+        stamp = self._stamp()
+        if stamp == self._changed:
+            return False
+        self._changed = stamp
+        with contextlib.suppress(DataError):
+            self.header = read_run(self.folder).header
+        return True
+
+    def _stamp(self) -> int:
+        try:
+            return (self.folder / RUN_FILE).stat().st_mtime_ns
+        except OSError:
+            return 0
+
+
+def planned_s(run: Run) -> float | None:
+    """Return how long a run was to last, as its request states it; None where that has no end, or is no known one."""
+    asked = run.header.requested
+    try:
+        if "for_s" in asked:
+            return float(asked["for_s"])
+        if {"l", "n"} <= set(asked):
+            return int(asked["n"]) * SAMPLE_S
+        return StaircasePlan.of_run(run).duration_s
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def newest_run(runs_folder: Path) -> Path | None:
+    """Return the run being recorded, else the last one; None where there is none."""
+    found = sorted((path.parent for path in runs_folder.glob(f"*/{RUN_FILE}")), reverse=True)
+    return next((folder for folder in found if _grows(folder)), found[0] if found else None)
+
+
+def _grows(folder: Path) -> bool:
+    """Return whether a file of a run was written just now, and the run is not closed."""
+    grown_s = max((path.stat().st_mtime for path in folder.glob("*.csv")), default=0.0)
+    if time.time() - grown_s > _RATE_S:
+        return False
+    try:
+        return read_run(folder).cut
+    except DataError:
+        return False
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0

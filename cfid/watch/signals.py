@@ -1,0 +1,124 @@
+"""The signals of a run's devices: which columns are drawn together, in which unit, from a device's raw rows."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import groupby
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.records.run import DeviceRecord
+from cfid.records.tables.angle import ENCODER
+from cfid.records.tables.vehicle import COMMANDS, SUPERVISOR, VEHICLE_LOG
+from cfid.records.tables.wrench import AXES, LOADCELL, USUAL_COUNTS
+from cfid.watch.extremes import Extremes
+from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+
+Array = npt.NDArray[np.float64]
+Convert = Callable[[Array], Array]
+
+SCALE_MN = 1e3  # forces are drawn in mN, torques in mN m
+
+_STAMPS = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable"}
+_UNITS = {"pm": "V", "gyro": "degrees/s", "acc": "g", "rpm": "rpm", "rtt_s": "s", "grams": "g"}
+_TITLES = {"pm": "battery", "motor": "motors, as the vehicle logs them", "rtt_s": "round trip"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """Curves drawn together: `convert` makes their values (n, c) of a device's rows (n, columns).
+
+    `steps` hold their value until the next row.
+    """
+
+    device: str
+    title: str
+    unit: str
+    names: tuple[str, ...]
+    convert: Convert
+    steps: bool = False
+    extremes: Extremes = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Start without a sample."""
+        object.__setattr__(self, "extremes", Extremes(len(self.names)))
+
+    def add(self, time_s: Array, rows: Array) -> None:
+        """Add a device's rows at times (n,)."""
+        self.extremes.add(time_s, self.convert(rows))
+
+
+def signals_of(device: str, record: DeviceRecord) -> list[Signal]:
+    """Return the signals of a device, of any kind: what is not known is drawn in its own unit."""
+    facts = record.model_extra or {}
+    if device == ENCODER and "phi" in record.columns:
+        convert = _Angle(record, place=record.columns.index("phi"))
+        return [Signal(device=device, title="angle", unit="degrees", names=("angle",), convert=convert)]
+    if device == LOADCELL and set(AXES) <= set(record.columns):
+        in_si = facts.get("units") == "n,nm"
+        kinds = (("forces", "mN", AXES[:3], "counts_per_n"), ("torques", "mN m", AXES[3:], "counts_per_nm"))
+        in_si = facts.get("units") == "n,nm"
+        return [
+            Signal(
+                device=device,
+                title=title,
+                unit=unit,
+                names=axes,
+                convert=_picked(record, axes, SCALE_MN / (1.0 if in_si else float(facts.get(scale) or USUAL_COUNTS))),
+            )
+            for title, unit, axes, scale in kinds
+        ]
+    if device == SUPERVISOR:  # its states are words
+        return []
+    return list(_groups(device, record))
+
+
+def _groups(device: str, record: DeviceRecord) -> Iterator[Signal]:
+    """Yield a signal for each group of a vehicle's variables, as `gyro.x` and `gyro.y`; for others one of all."""
+    names = [name for name in record.columns if name not in _STAMPS]
+    if device == VEHICLE_LOG:
+        groups = [(group, tuple(members)) for group, members in groupby(names, lambda name: name.partition(".")[0])]
+    else:
+        groups = [(names[0] if len(names) == 1 else device, tuple(names))] if names else []
+    for group, members in groups:
+        yield Signal(
+            device=device,
+            title=_TITLES.get(group, group),
+            unit=_UNITS.get(group, ""),
+            names=members,
+            convert=_picked(record, members, 1.0),
+            steps=device == COMMANDS,
+        )
+
+
+def _picked(record: DeviceRecord, names: tuple[str, ...], factor: float) -> Convert:
+    places = [record.columns.index(name) for name in names]
+    return lambda rows: factor * rows[:, places]
+
+
+class _Angle:
+    """Counts to a continuous angle in degrees; words that fail their check are left out."""
+
+    def __init__(self, record: DeviceRecord, *, place: int) -> None:
+        self._place, self._scale = place, record.counts_per_turn
+        self._in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+        self._last_turns: float | None = None
+
+    def __call__(self, rows: Array) -> Array:
+        value = rows[:, self._place]
+        if self._in_radians:
+            return np.degrees(value)[:, np.newaxis]
+        turns = self._turns(value)
+        good = np.flatnonzero(np.isfinite(turns))
+        if len(good):
+            before = turns[good[0]] if self._last_turns is None else self._last_turns
+            steps = np.diff(turns[good], prepend=before)
+            turns[good] = before + np.cumsum(steps - np.round(steps))
+            self._last_turns = float(turns[good[-1]])
+        return 360 * turns[:, np.newaxis]
+
+    def _turns(self, value: Array) -> Array:
+        if self._scale == RLS_13BIT_IN_22:
+            words = decode_words(np.nan_to_num(value, nan=-1.0).astype(np.int64))
+            return np.where(words.valid, words.position / STEPS_PER_TURN, np.nan)
+        return value / float(self._scale or STEPS_PER_TURN)

@@ -1,0 +1,166 @@
+"""A page in headless Chromium, driven by its own protocol over a WebSocket: what it asked for, said, and shows."""
+
+import asyncio
+import base64
+import json
+import re
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from tests.report.chromium import BROWSER
+
+_LONGEST_S = 60.0
+
+
+class Browser:
+    """Chromium without a window."""
+
+    def __init__(self, folder: Path, *, behind: int) -> None:
+        # Drawing without a graphics card takes a processor whole: it must not keep a simulated rig from one.
+        command = [
+            "nice", "-n", str(behind), BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu",
+            "--hide-scrollbars", "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
+        ]  # fmt: skip
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self.loop = asyncio.new_event_loop()
+        self.address = self._listening()
+
+    def _listening(self) -> str:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            if found := re.search(r"ws://(\S+?)/", line):
+                return found[1]
+        raise AssertionError("Chromium does not start")
+
+    def open(self, address: str, *, width_px: int = 1280, height_px: int = 900, dark: bool = False) -> "Page":
+        """Open a page in a tab of its own."""
+        page = Page(self, width_px, height_px, dark)
+        page.go(address)
+        return page
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.wait(_LONGEST_S)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+        self.loop.close()
+
+
+class Page:
+    """A tab; `requests` are the addresses that it asked for, `said` the errors on its console."""
+
+    def __init__(self, browser: Browser, width_px: int, height_px: int, dark: bool) -> None:
+        self.requests: list[str] = []
+        self.said: list[str] = []
+        self._loop, self._number = browser.loop, 0
+        self._line = self._run(self._connect(browser.address))
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self._ask(f"{domain}.enable")
+        self._ask(
+            "Emulation.setDeviceMetricsOverride", width=width_px, height=height_px, deviceScaleFactor=1, mobile=False
+        )
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._ask("Emulation.setEmulatedMedia", features=[scheme])
+
+    def go(self, address: str) -> None:
+        self._ask("Page.navigate", url=address)
+
+    def reload(self) -> None:
+        self._ask("Page.reload")
+
+    def value(self, script: str) -> Any:
+        """Return the value of an expression in the page."""
+        answer = self._ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait_for(self, script: str) -> Any:
+        """Wait until an expression is true in the page, and return it."""
+
+        async def waiting() -> Any:
+            end_s = self._loop.time() + _LONGEST_S
+            while True:
+                answer = await self._asked("Runtime.evaluate", {"expression": script, "returnByValue": True})
+                if found := answer["result"].get("value"):
+                    return found
+                assert self._loop.time() < end_s, f"waited in vain for {script}: {answer} {self.said}"
+                await asyncio.sleep(0.05)
+
+        return self._run(waiting())
+
+    def click(self, selector: str) -> None:
+        """Press the mouse on an element, as a person does."""
+        x, y = self.value(
+            f"(() => {{ const box = document.querySelector({selector!r}).getBoundingClientRect(); "
+            "return [box.x + box.width / 2, box.y + box.height / 2] })()"
+        )
+        self._ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+        for kind in ("mousePressed", "mouseReleased"):
+            self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def wheel(self, x: float, y: float, *, delta: float) -> None:
+        """Turn the wheel over a place; below zero is away from oneself."""
+        self._ask("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=delta)
+
+    def picture(self) -> bytes:
+        """Return what the page shows as PNG."""
+        return base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])
+
+    def close(self) -> None:
+        self._ask("Page.close")
+        self._line.close()
+
+    def _run(self, coroutine: Any) -> Any:
+        return self._loop.run_until_complete(asyncio.wait_for(coroutine, 2 * _LONGEST_S))
+
+    async def _connect(self, address: str) -> WebSocketClientConnection:
+        from tornado.httpclient import AsyncHTTPClient
+
+        new = await AsyncHTTPClient().fetch(f"http://{address}/json/new", method="PUT", body="")
+        return await websocket_connect(json.loads(new.body)["webSocketDebuggerUrl"], max_message_size=1 << 27)
+
+    def _ask(self, method: str, **parameters: Any) -> Any:
+        return self._run(self._asked(method, parameters))
+
+    async def _asked(self, method: str, parameters: dict[str, Any]) -> Any:
+        self._number += 1
+        await self._line.write_message(json.dumps({"id": self._number, "method": method, "params": parameters}))
+        while True:
+            message = await self._line.read_message()
+            assert message is not None, "Chromium ended"
+            content = json.loads(message)
+            if content.get("id") == self._number:
+                if method == "Runtime.evaluate" and "error" in content:  # the page was left meanwhile
+                    return {"result": {}}
+                assert "error" not in content, content
+                return content["result"]
+            self._note(content)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        told = event.get("params", {})
+        match event.get("method"):
+            case "Network.requestWillBeSent":
+                self.requests.append(told["request"]["url"])
+            case "Network.webSocketCreated":
+                self.requests.append(told["url"])
+            case "Runtime.exceptionThrown":
+                self.said.append(str(told["exceptionDetails"]))
+            case "Log.entryAdded" if told["entry"]["level"] == "error":
+                self.said.append(f"{told['entry']['text']} {told['entry'].get('url', '')}")
+            case "Runtime.consoleAPICalled" if told["type"] in ("error", "assert"):
+                self.said.append(str(told["args"]))
+
+
+@contextmanager
+def browser_in(folder: Path, *, behind: int = 10) -> Iterator[Browser]:
+    """Start Chromium with a profile in a folder, so much nicer than the test itself."""
+    browser = Browser(folder, behind=behind)
+    try:
+        yield browser
+    finally:
+        browser.close()

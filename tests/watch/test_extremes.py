@@ -1,0 +1,91 @@
+"""Decimation by extremes: no peak is lost at any zoom, in bounded memory."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cfid.watch.extremes import Extremes
+
+BINS = 64
+
+
+def pyramid(values: np.ndarray, sizes: list[int]) -> Extremes:
+    extremes, begin = Extremes(values.shape[1], bins=BINS), 0
+    for size in [*sizes, len(values)]:
+        part = slice(begin, begin + size)
+        extremes.add(np.arange(len(values), dtype=float)[part], values[part])
+        begin += size
+    return extremes
+
+
+@given(count=st.integers(1, 3000), sizes=st.lists(st.integers(1, 400), max_size=8), most=st.integers(10, 60))
+def test_the_whole_run_has_its_extremes_however_it_arrived(count: int, sizes: list[int], most: int) -> None:
+    values = np.random.default_rng(count).normal(size=(count, 2))
+
+    seen = pyramid(values, sizes).view(0.0, count, most)
+
+    assert np.array_equal(seen.low.min(axis=0), values.min(axis=0))
+    assert np.array_equal(seen.high.max(axis=0), values.max(axis=0))
+    assert len(seen.time_s) <= most + 14  # and the bins without a partner, one a level
+    assert seen.time_s[0] == 0
+    assert np.all(np.diff(seen.time_s) > 0)
+
+
+@given(count=st.integers(500, 3000), begin=st.floats(0, 1), width=st.floats(0.001, 1))
+def test_a_peak_within_the_span_is_drawn(count: int, begin: float, width: float) -> None:
+    first, last = begin * count, min((begin + width) * count, count - 1.0)
+    values = np.zeros((count, 1))
+    place = min(int(np.ceil(first)), count - 1)
+    values[place] = 7.0
+
+    seen = pyramid(values, [100] * 30).view(first, max(last, place), 40)
+
+    assert seen.high.max() == 7.0
+
+
+def test_a_recent_span_is_drawn_sample_by_sample() -> None:
+    values = np.arange(10_000.0)[:, np.newaxis]
+
+    seen = pyramid(values, [70] * 142).view(9_980.0, 9_990.0, 40)
+
+    assert set(range(9_980, 9_991)) <= set(seen.time_s.tolist())
+    assert np.array_equal(seen.low, seen.high)
+
+
+def test_values_that_are_no_numbers_hide_no_others() -> None:
+    values = np.array([[np.nan], [3.0], [np.nan], [-2.0]] * 200)
+
+    seen = pyramid(values, []).view(0, 800, 20)
+
+    assert np.nanmin(seen.low) == -2.0
+    assert np.nanmax(seen.high) == 3.0
+
+
+def test_the_zigzag_visits_the_least_and_the_largest_of_each_bin() -> None:
+    time_s, values = pyramid(np.arange(400.0)[:, np.newaxis], []).view(0, 400, 60).zigzag()
+
+    assert len(time_s) == len(values)
+    assert values[:, 0].min() == 0.0
+    assert values[:, 0].max() == 399.0
+
+
+def test_memory_grows_with_the_logarithm_of_the_duration() -> None:
+    def taken(seconds: int) -> int:
+        extremes, block = Extremes(1, bins=BINS), np.zeros((700, 1))
+        for k in range(10 * seconds):
+            extremes.add(0.1 * k + np.arange(700) / 7000, block)
+        assert len(extremes.view(0, seconds, 50).time_s) <= 50 + 2 + len(extremes._levels)
+        return len(extremes._levels)
+
+    assert taken(32) - taken(2) == 4
+
+
+def test_nothing_yet_is_an_empty_view() -> None:
+    assert Extremes(3).view(0, 1, 100).low.shape == (0, 3)
+    assert Extremes(3).newest(5)[1].shape == (0, 3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_first_samples_are_there_at_once(count: int) -> None:
+    assert len(pyramid(np.ones((count, 1)), []).view(0, 10, 100).time_s) == count

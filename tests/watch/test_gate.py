@@ -1,0 +1,64 @@
+"""Who may ask the server of the page for what."""
+
+import pytest
+
+from cfid.watch.gate import Gate
+
+OWN = {"Host": "127.0.0.1:5006"}
+
+
+@pytest.fixture
+def gate() -> Gate:
+    return Gate(5006)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        OWN,
+        {"Host": "localhost:5006"},
+        {**OWN, "Origin": "http://127.0.0.1:5006"},
+        {**OWN, "Origin": "http://localhost:5006"},
+    ],
+)
+def test_the_own_page_is_let_in(gate: Gate, headers: dict[str, str]) -> None:
+    assert gate.admits(headers)
+    assert gate.refused == 0
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Host": "evil.example:5006"},
+        {"Host": "127.0.0.1"},
+        {"Host": "127.0.0.1:5007"},
+        {"Host": "127.0.0.1:5006.evil.example"},
+        {**OWN, "Origin": "http://evil.example"},
+        {**OWN, "Origin": "http://127.0.0.1:5007"},
+        {**OWN, "Origin": "https://127.0.0.1:5006"},
+        {**OWN, "Origin": "null"},
+        {**OWN, "Origin": ""},
+    ],
+)
+def test_other_names_and_other_pages_are_refused_and_counted(gate: Gate, headers: dict[str, str]) -> None:
+    assert not gate.admits(headers)
+    assert gate.refused == 1
+
+
+@pytest.mark.parametrize("origin", ["", "null", "http://evil.example", "http://127.0.0.1:1"])
+def test_a_stop_needs_the_origin_of_the_page(gate: Gate, origin: str) -> None:
+    assert not gate.admits_stop({**OWN, "Origin": origin}, gate.token)
+    assert gate.refused == 1
+
+
+@pytest.mark.parametrize("token", ["", "guessed", "\udcff", "ü"])
+def test_a_stop_needs_the_token_of_the_page(gate: Gate, token: str) -> None:
+    headers = {**OWN, "Origin": "http://127.0.0.1:5006"}
+    assert not gate.admits_stop(headers, token)
+    assert gate.admits_stop(headers, gate.token)
+    assert gate.refused == 1
+
+
+def test_every_server_has_a_token_of_its_own() -> None:
+    assert Gate(1).token != Gate(1).token

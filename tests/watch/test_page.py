@@ -1,0 +1,168 @@
+"""The page in a real browser, beside a simulated rig that records: it moves, it stops motors, and it takes no orders
+from elsewhere."""
+
+import http.client
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import pytest
+
+from tests.flying_in_a_folder import Bench, Pilot, bench_in
+from tests.report.chromium import BROWSER
+from tests.rig_in_a_folder import wait_until
+from tests.watch.browser import Browser, Page, browser_in
+
+pytestmark = [
+    pytest.mark.usefixtures("in_time"),
+    pytest.mark.skipif(BROWSER is None, reason="needs Chromium to look at the page with"),
+]
+
+NOTE = "<script>document.title='taken'</script> & more"
+RECORDED = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 600, "--rest", 0.3, "--yes", "--note", NOTE)
+
+# The newest time that is drawn of a column, and what the facts say.
+DRAWN = """(() => { for (const m of window.Bokeh?.documents[0]?._all_models.values() ?? [])
+  if (m.type === 'ColumnDataSource' && 'Fx' in m.data) return m.data.t[m.data.t.length - 1] ?? 0; return 0 })()"""
+FACTS = "document.getElementById('facts').textContent"
+CELLS = "[...document.querySelectorAll('#facts td')].map(cell => cell.textContent).join('\\n')"
+RIGHTMOST = """(() => { let most = 0; const look = root => { for (const e of root.querySelectorAll('*')) {
+  const box = e.getBoundingClientRect(); if (['CANVAS', 'TD', 'BUTTON'].includes(e.tagName) && box.width)
+    most = Math.max(most, box.right); if (e.shadowRoot) look(e.shadowRoot) } };
+  look(document); return most })()"""
+RANGE = "(time => [time.start, time.end])(Bokeh.documents[0].get_model_by_name('time'))"
+PLOT = """(() => { let found; const look = root => { for (const e of root.querySelectorAll('*')) {
+  if (e.tagName === 'CANVAS' && !found) found = e.getBoundingClientRect(); if (e.shadowRoot) look(e.shadowRoot) } };
+  look(document); return [found.x + found.width / 2, found.y + found.height / 2] })()"""
+
+
+@dataclass
+class Show:
+    """A recording with turning motors, `cfid watch` beside it, and a browser."""
+
+    bench: Bench
+    recorder: Pilot
+    watcher: Pilot
+    browser: Browser
+
+    @property
+    def address(self) -> str:
+        found = re.search(r"http://127\.0\.0\.1:\d+/", self.watcher.err)
+        assert found is not None, self.watcher.err
+        return found[0]
+
+    @property
+    def port(self) -> int:
+        return int(self.address.rpartition(":")[2].strip("/"))
+
+    def open(self, **how: object) -> Page:
+        page = self.browser.open(self.address, **how)  # type: ignore[arg-type]
+        page.wait_for(f"{DRAWN} > 0")
+        return page
+
+    def asked(self, method: str, path: str, **headers: str) -> int:
+        """Return the status of an answer to a program that states any headers."""
+        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        own = {name.replace("_", "-"): value for name, value in headers.items()}
+        line.request(method, path, headers=own, body=b"" if method == "POST" else None)
+        answer = line.getresponse()
+        answer.read()
+        line.close()
+        return answer.status
+
+
+@pytest.fixture(scope="module")
+def show(tmp_path_factory: pytest.TempPathFactory, in_time: None) -> Iterator[Show]:
+    folder = tmp_path_factory.mktemp("show")
+    with ExitStack() as opened:
+        # Stock firmware drives its motors on when the program that drives them hangs.
+        bench = opened.enter_context(bench_in(folder, crazyflie={"firmware": "stock"}))
+        browser = opened.enter_context(browser_in(tmp_path_factory.mktemp("browser")))
+        recorder = bench.start(*RECORDED)
+        recorder.wait_until_motors_run()
+        watcher = bench.start("watch")
+        bench.wait_until(lambda: "http://" in watcher.err or watcher.process.poll() is not None, watcher)
+        yield Show(bench, recorder, watcher, browser)
+        recorder.send(signal.SIGCONT, signal.SIGINT)
+        recorder.end()
+        watcher.send(signal.SIGINT)
+        assert watcher.end() == 0, watcher.err
+        assert "Traceback" not in watcher.err
+
+
+def test_curves_move_for_two_viewers_and_after_a_reload_and_nothing_comes_from_elsewhere(show: Show) -> None:
+    page, other = show.open(), show.open(width_px=400, dark=True)
+    for viewer in (page, other, page):
+        drawn_s = viewer.value(DRAWN)
+        viewer.wait_for(f"{DRAWN} > {drawn_s} + 1")
+    page.value("window.before = true")
+    page.reload()
+    page.wait_for(f"!window.before && {DRAWN} > {drawn_s} + 1")
+
+    allowed = (show.address, show.address.replace("http", "ws"), "data:", "blob:")
+    for viewer in (page, other):
+        assert [address for address in viewer.requests if not address.startswith(allowed)] == []
+        assert viewer.said == []
+        assert viewer.value("document.title") == "cfid watch"
+        assert NOTE in viewer.value(CELLS)
+    shown = page.value(CELLS)
+    assert re.search(r"recording\n\d:\d\d min, \d:\d\d min left\n\d\.\d\d V\nready|flying", shown), shown
+    assert re.search(r"\d+ of 700 Hz, \d+ rows, 0 lost", shown), shown
+    assert other.value("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    for viewer, width_px in ((page, 1280), (other, 400)):
+        assert viewer.value("document.documentElement.scrollWidth") <= width_px
+        assert 0 < viewer.value(RIGHTMOST) <= width_px
+    page.close()
+    other.close()
+
+
+def test_a_zoomed_picture_stays_until_it_is_told_to_follow(show: Show) -> None:
+    page = show.open()
+    page.wait_for(f"{DRAWN} > 11")
+    page.wheel(*page.value(PLOT), delta=-400)
+    page.wait_for(f"(([begin, end]) => end - begin < 9)({RANGE})")
+    page.wait_for("[...Bokeh.documents[0]._all_models.values()].some(m => m.type === 'Toggle' && m.active)")
+    zoomed = page.value(RANGE)
+    before = page.value(FACTS)
+    page.wait_for(f"{FACTS} !== {before!r}")
+    assert page.value(RANGE) == zoomed
+    page.value("[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'Toggle').active = false")
+    page.wait_for(f"{RANGE}[1] > {zoomed[1]} + 1")
+    page.close()
+
+
+def test_no_other_page_stops_the_motors(show: Show) -> None:
+    page = show.open()
+    token = page.value("document.getElementById('stop').dataset.token")
+    own = show.address.rstrip("/")
+    elsewhere = "http://evil.example"
+    asked = [
+        show.asked("POST", "/stop", Origin=own),
+        show.asked("POST", "/stop", Origin=own, X_Cfid_Token="guessed"),
+        show.asked("POST", "/stop", Origin=elsewhere, X_Cfid_Token=token),
+        show.asked("POST", "/stop", Origin="null", X_Cfid_Token=token),
+        show.asked("POST", "/stop", X_Cfid_Token=token),
+        show.asked("POST", "/stop", Host=f"evil.example:{show.port}", Origin=own, X_Cfid_Token=token),
+        show.asked("GET", "/", Host=f"evil.example:{show.port}"),
+        show.asked("GET", "/plots/autoload.js?bokeh-autoload-element=x", Origin=elsewhere),
+        show.asked("GET", "/plots/ws", Origin=elsewhere, Upgrade="websocket", Connection="Upgrade"),
+    ]
+    assert asked == [403] * len(asked)
+    assert show.asked("GET", "/stop") == 405
+    assert any(show.bench.motors), show.recorder.err
+    page.wait_for(f"{FACTS}.includes('{len(asked)} from outside this page')")
+    assert page.value("document.getElementById('said').textContent") == ""
+    page.close()
+
+
+def test_the_button_stops_the_motors_of_a_recorder_that_hangs(show: Show) -> None:
+    page = show.open()
+    show.recorder.send(signal.SIGSTOP)
+    assert any(show.bench.motors), show.recorder.err
+    page.click("#stop")
+    wait_until(lambda: not any(show.bench.motors), "the motors' stop")
+    said = page.wait_for("(said => /confirmed|NOT/.test(said) && said)(document.getElementById('said').textContent)")
+    assert re.search(r"motors stopped, confirmed in \d+ ms", said)
+    page.close()
