@@ -94,9 +94,7 @@ def encoder(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
-        notice=Release(counts_per_turn)
-        if label.kind_of_angles == "swing" and isinstance(setting, EncoderPort)
-        else None,
+        notice=Release(counts_per_turn) if swings and isinstance(setting, EncoderPort) else None,
         for_s=lasting.seconds,
         facts=RigFacts(lab_book=campaign.rig.lab_book),
         simulated=simulated,

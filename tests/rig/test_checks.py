@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cfid.records.rig_file import LoadCellBox
 from cfid.rig.check import DeviceAnswer, check_loadcell, judge_buffer
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, enlarge
 from tests.rig.streaming_rig import ServedRig, served_rig
@@ -23,6 +24,7 @@ def about(asked: str, findings: list[DeviceAnswer]) -> DeviceAnswer:
 
 
 def test_a_receive_buffer_that_the_system_caps_is_reported(rig: ServedRig) -> None:
+    assert isinstance(rig.devices.loadcell, LoadCellBox)
     sound = check_loadcell(rig.devices.loadcell)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         assert about("receive buffer", sound) == judge_buffer(enlarge(line))
