@@ -26,7 +26,8 @@ class RadioTruth(BaseModel):
     With `jitter_shape` the rest is a gamma distribution of that shape: at 1 the exponential, above it a delay has no
     sharp lower edge. The shortest time wanders with the standard deviation `floor_wander_s`, correlated over
     FLOOR_WANDER_S. In times of congestion, CONGESTED_S long and CLEAR_S apart on average, a packet takes longer by an
-    exponential time of mean `congestion_s`.
+    exponential time of mean `congestion_s`. Each direction passes `packets_per_s` at most, where that is not zero, and
+    loses a packet that follows too soon.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -37,6 +38,7 @@ class RadioTruth(BaseModel):
     jitter_shape: Positive = 1.0
     floor_wander_s: Spread = 0.0
     congestion_s: Spread = 0.0
+    packets_per_s: Spread = 0.0
 
     @model_validator(mode="after")
     def _comes_after_it_was_sent(self) -> Self:
@@ -66,6 +68,7 @@ class Direction:
         self._truth = truth
         self._rng = rng
         self._last_s = 0.0
+        self._free_s = -math.inf
         self.lost = 0
         self._disturbing = rng.spawn(1)[0] if truth.floor_wander_s or truth.congestion_s else rng
         self._wander: Wander | None = None
@@ -78,9 +81,11 @@ class Direction:
         truth = self._truth
         fate = self._rng.random()
         late_s = self._rng.gamma(truth.jitter_shape, truth.jitter_s / truth.jitter_shape)  # of a lost one, too
-        if fate < truth.loss:
+        if fate < truth.loss or sent_s < self._free_s:
             self.lost += 1
             return None
+        if truth.packets_per_s:
+            self._free_s = sent_s + 1 / truth.packets_per_s
         floor_s = truth.latency_s - truth.jitter_s
         if self._wander is not None:
             floor_s = max(floor_s + float(self._wander.at(sent_s)[0, 0]), 0.0)

@@ -99,6 +99,8 @@ def _waveform_residual(fit: OutputError, time_s: Array, period: float) -> Array:
     model = sample(trajectory, time_s)
     nodes_s = trajectory.start_s + trajectory.step_s * np.arange(len(trajectory.speed_rad_per_s))
     speed = np.interp(time_s, nodes_s, trajectory.speed_rad_per_s)
+    if fit.setup.gyro_per_s is not None:  # a rate and its own rate of change
+        model = np.sin(model)
     left = fit.residual_rad.copy()
     edges = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], period))
     for first, last in zip(edges, [*edges[1:], len(time_s)], strict=True):

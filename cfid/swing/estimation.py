@@ -5,7 +5,7 @@ It finds the natural frequency and the damping per inertia; `result` makes kg m^
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -30,6 +30,8 @@ from cfid.swing.uncertainty import (
     drift_of_halves,
     friction_probes,
     inflation,
+    moved_by_scale,
+    scale_error,
     scatter_of_windows,
     standard_uncertainties,
     step_error,
@@ -56,7 +58,8 @@ class SwingFit:
 
     `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is
     the distance in BIC to the next best choice of terms, `budget_s2` has the parts of W's standard uncertainty. W is
-    that of `output_error` less what dry friction that varies over the angle moves it.
+    that of `output_error` less what dry friction that varies over the angle moves it. A gyro's rates are taken as too
+    large by `gyro_scale_error`; `predicted_rad` (n,) are the readings without residual.
     """
 
     output_error: OutputError
@@ -66,7 +69,10 @@ class SwingFit:
     start_std: tuple[float, float]
     residual_rms_rad: float
     split_bic: float
+    gyro_scale_error: float
+    gyro_scale_std: float
     budget_s2: Mapping[str, float]
+    predicted_rad: Array
     quality: FitQuality
     findings: tuple[Finding, ...]
 
@@ -87,20 +93,34 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     time, angle = swing.hands_off
     step = grid_step(swing)
     coefficients, trajectory = first_guess(time, angle, start_s=swing.release_s, step_s=step)
-    base = fit_output_error(time, angle, coefficients=coefficients, trajectory=trajectory, terms=("viscous",))
-    full = _refit(base, time, angle, TERMS)
+    if swing.rate_rad_per_s is not None:
+        trajectory = trajectory._replace(angle_rad=trajectory.angle_rad - coefficients.zero_rad)
+        coefficients = coefficients._replace(zero_rad=0.0)
+    base = fit_output_error(
+        time, swing.readings_rad, coefficients=coefficients, trajectory=trajectory, terms=("viscous",),
+        setup=swing.setup,
+    )  # fmt: skip
+    full = _refit(base, time, swing.readings_rad, TERMS)
+    scale = 0.0
+    if swing.rate_rad_per_s is not None:
+        scale, scale_std = scale_error(swing, full if full.converged else base)
+        swing = replace(swing, rate_rad_per_s=swing.rate_rad_per_s / (1 + scale), rate_scale_std=scale_std)
+        base, full = (_refit(fit, time, swing.readings_rad, chosen_terms(fit)) for fit in (base, full))
+    reading = swing.readings_rad
     promising = [terms for terms in _SUBSETS if not _hopeless(full, terms)]
-    candidates = [base, full, *(_refit(base, time, angle, terms) for terms in promising)]
+    candidates = [base, full, *(_refit(base, time, reading, terms) for terms in promising)]
     physical = [fit for fit in candidates if _acceptable(fit)]
     if not physical:
         # Damping too weak to be distinguished from none comes out negative half of the time.
-        physical = [fit for fit in [_refit(base, time, angle, ())] if _acceptable(fit)]
+        physical = [fit for fit in [_refit(base, time, reading, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
     likeliest = [fit for _, fit in _ranked(physical)[:_TRIED_ECCENTRIC]]
-    eccentric = [_refit(fit, time, angle, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
-    ranked = _ranked([*physical, *(fit for fit in eccentric if _acceptable(fit))])
-    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates))
+    if swing.rate_rad_per_s is None:
+        eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
+        physical += [fit for fit in eccentric if _acceptable(fit)]
+    ranked = _ranked(physical)
+    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -108,16 +128,16 @@ def grid_step(swing: FreeSwing) -> float:
     return min(GRID_S, PHASE_STEP * swing.period_s / (2 * math.pi))
 
 
-def _refit(fit: OutputError, time: Array, angle: Array, terms: tuple[str, ...]) -> OutputError:
+def _refit(fit: OutputError, time: Array, reading: Array, terms: tuple[str, ...]) -> OutputError:
     """Fit other terms from where a fit ended; one that did not converge is taken up again where it stopped."""
     dropped = {field: 0.0 for field, term in zip(_DAMPING, TERMS, strict=True) if term not in terms}
     start = fit.coefficients._replace(**dropped)
-    found = fit_output_error(time, angle, coefficients=start, trajectory=fit.trajectory, terms=terms)
+    found = fit_output_error(time, reading, coefficients=start, trajectory=fit.trajectory, terms=terms, setup=fit.setup)
     if found.converged or not np.all(np.isfinite(found.residual_rad)):
         return found
     return fit_output_error(
-        time, angle, coefficients=found.coefficients, trajectory=found.trajectory, terms=terms,
-        eccentricity=found.eccentricity,
+        time, reading, coefficients=found.coefficients, trajectory=found.trajectory, terms=terms,
+        eccentricity=found.eccentricity, setup=fit.setup,
     )  # fmt: skip
 
 
@@ -179,17 +199,23 @@ def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
     return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))
 
 
-def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinished: OutputError | None) -> SwingFit:
+def _judged(
+    swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinished: OutputError | None, scale: float
+) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
-    std = standard_uncertainties(fit)
+    noise = standard_uncertainties(fit)
+    gyro = np.zeros(len(noise)) if swing.rate_rad_per_s is None else moved_by_scale(swing, fit)
+    std = np.hypot(noise, gyro)
     frequency = fit.coefficients.natural_frequency_squared_s2
     drift, drift_std = drift_of_halves(swing, fit)
+    instrument = "encoder" if swing.rate_rad_per_s is None else "vehicle"
     shares = {
-        "noise": float(std[0]),
+        "noise": float(noise[0]),
+        "scale of the gyro": float(gyro[0]),
         "choice of terms": _spread_of_choices(ranked),
         "grid": step_error(swing, fit),
-        "clock of the encoder": 2 * frequency * swing.time_scale_std,
+        f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
         # Halves that disagree by more than noise: the truth lies between them as likely as anywhere else.
         "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
         "scatter between windows": scatter_of_windows(swing, fit),
@@ -215,7 +241,10 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
         start_std=(float(std[-2]), float(std[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
         split_bic=split_bic,
+        gyro_scale_error=scale,
+        gyro_scale_std=swing.rate_scale_std,
         budget_s2={name: share for name, share in shares.items() if share > 0},
+        predicted_rad=swing.readings_rad - fit.residual_rad,
         quality=quality,
         findings=(
             *swing.findings,

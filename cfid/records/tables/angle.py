@@ -15,6 +15,7 @@ from cfid.findings import Finding, note, of_recording, texts
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
+from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array, open_table
@@ -66,7 +67,7 @@ class AngleRecord:
     """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
 
     `begin_s` is the first sample's Unix time in a run, `time_scale_std` the relative standard uncertainty of intervals
-    beyond that of this computer's clock.
+    beyond that of this computer's clock. A gyro's angle is the sum of its `rates`, which fits take.
     """
 
     path: Path
@@ -78,6 +79,7 @@ class AngleRecord:
     run: str | None = None
     begin_s: float = 0.0
     time_scale_std: float = 0.0
+    rates: Rates | None = None
 
     @property
     def name(self) -> str:
@@ -91,13 +93,15 @@ class AngleRecord:
 
 
 def read_angle(path: Path, reading: Reading) -> AngleRecord:
-    """Read a run folder's encoder, or a CSV file outside a run.
+    """Read a run folder's encoder, its vehicle's gyro where it has no encoder, or a CSV file outside a run.
 
     Raises DataError with file, line and next step; ConfigError when options contradict the file.
     """
     run = run_at(path)
     if run is None:
         return _read(path, reading, Label())[0]
+    if ENCODER not in run.header.devices and (device := gyro_device(run)) is not None:
+        return _of_gyro(run, device)
     file, record = run.device_file(ENCODER), run.header.devices[ENCODER]
     if len(record.columns) < 2:
         raise DataError(f"{path / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.")
@@ -113,6 +117,26 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     name = path.resolve().name
     about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts)])
     return replace(found, run=name, findings=about_run + found.findings)
+
+
+def _of_gyro(run: Run, device: str) -> AngleRecord:
+    """Return the angle that a run's gyro sums up to, about the axis that it turned about."""
+    found, record = read_gyro(run, device), run.header.devices[device]
+    name = run.folder.resolve().name
+    x, y, z = found.rates.axis
+    axis = note("gyro-axis", f"the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame.").at(name)
+    return AngleRecord(
+        path=Path(found.rows.source.path),
+        source=found.rows.source,
+        label=run.header.label,
+        time_s=found.time_s,
+        angle_rad=found.angle_rad,
+        findings=(*of_recording(name, losses(run, record, len(found.time_s))), axis),
+        run=name,
+        begin_s=float(found.rows.time_s[0]),
+        time_scale_std=found.time_scale_std,
+        rates=found.rates,
+    )
 
 
 Recording = AngleRecord | Run | Path | str
