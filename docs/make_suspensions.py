@@ -37,7 +37,7 @@ def _axis(axes: Axes) -> None:
     _centre(axes, 0.0, -2.2)
     _size(axes, (-2.1, 0.0), (-2.1, -2.2), "r: distance of the\ncentre of mass", side=-0.12, align="right")
     axes.add_patch(Arc((0, 0), 6.2, 6.2, theta1=248, theta2=292, color=PATH, lw=1.6))
-    axes.text(1.35, -3.05, "swing, let go at\n20 to 70 degrees", color=PATH)
+    axes.text(-1.35, -3.05, "swing, let go at\n20 to 70 degrees", color=PATH, ha="right")
     axes.set_xlim(-5.2, 4.6)
     axes.set_ylim(-3.6, 1.1)
 
@@ -50,7 +50,7 @@ def _threads(axes: Axes) -> None:
         axes.plot([side * above, side * below], [height, 0], color=INK, lw=1.2)
         axes.plot([side * below], [0], "o", color=INK, ms=3)
     axes.plot([0, 0], [-0.9, height + 0.25], color=INK, lw=0.8, ls="--")
-    axes.text(0.08, height - 0.62, "vertical through the centre of\nmass, in the middle of both", fontsize=8)
+    axes.text(0.08, height - 1.1, "vertical through\nthe centre of mass,\nin the middle", fontsize=8)
     axes.add_patch(Rectangle((-1.6, -0.45), 3.2, 0.45, fc=BODY, ec=INK))
     _centre(axes, 0.0, -0.22)
     _size(axes, (-above, height + 0.35), (above, height + 0.35), "above_mm", side=0.1)

@@ -1,6 +1,6 @@
 """Finds the shortest period at which a link passes nearly every row of the vehicle's log, by trying."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from cfid.errors import DeviceError
 from cfid.rig.clock import HostClock
@@ -18,13 +18,18 @@ def fastest_period_ms(vehicle: ReadyVehicle, names: Sequence[str]) -> tuple[int,
 
     Raises DeviceError when the longest loses more too, KeyboardInterrupt when a signal ends the trials.
     """
+    return shortest(lambda period_ms: _loss(vehicle, names, period_ms), uri=vehicle.uri)
+
+
+def shortest(loss_at: Callable[[int], float], *, uri: str) -> tuple[int, Mapping[int, float]]:
+    """Return the shortest period whose loss, as tried by `loss_at`, is small enough. Raises DeviceError for none."""
     losses: dict[int, float] = {}
     for period_ms in PERIODS_MS:
-        losses[period_ms] = _loss(vehicle, names, period_ms)
+        losses[period_ms] = loss_at(period_ms)
         if losses[period_ms] < LARGEST_LOSS:
             return period_ms, losses
     raise DeviceError(
-        f"{vehicle.uri}: the link loses {100 * losses[PERIODS_MS[-1]]:.0f} % of rows that are {PERIODS_MS[-1]} ms "
+        f"{uri}: the link loses {100 * losses[PERIODS_MS[-1]]:.0f} % of rows that are {PERIODS_MS[-1]} ms "
         f"apart (limit {100 * LARGEST_LOSS:g} %). Bring the vehicle closer, change the channel, use its USB cable, or "
         "choose --log-ms and accept the losses."
     )

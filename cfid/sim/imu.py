@@ -64,7 +64,7 @@ class Imu:
         self._truth, self._turning, self._rng = truth, turning, rng
         axis, sensor_m = hanging.axis, hanging.sensor_m
         self._gravity_mps2 = hanging.gravity_mps2
-        to_sensor = turned(np.eye(3), np.radians(truth.misalignment_deg)).T
+        to_sensor = turned(np.eye(3), np.radians(truth.misalignment_deg))  # rows: the sensor's axes
         along = (hanging.down @ axis) * axis
         lever = np.cross(axis, sensor_m)
         rows = (axis, lever, np.cross(axis, lever), along, hanging.down - along, np.cross(axis, hanging.down))

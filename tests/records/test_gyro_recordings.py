@@ -66,8 +66,8 @@ def test_the_vehicles_stamps_place_its_rows_however_late_they_arrive_and_where_t
 
     found = read(gyro_run(tmp_path, rate, stamps_ms=stamps_ms, arrivals_s=late_s))
 
-    assert found.time_s == pytest.approx(time_s, abs=2e-3)
-    assert np.abs(found.time_s * time_s[-1] / found.time_s[-1] - time_s).max() < 1e-5
+    assert found.time_s == pytest.approx(time_s, abs=1e-3)
+    assert found.time_scale_std == pytest.approx(3e-5)
     assert found.rates is not None
     assert found.rates.axis == pytest.approx(AXIS, abs=1e-3)
     assert np.abs(found.angle_rad - angle).max() < 5e-3
@@ -87,7 +87,7 @@ def test_stamps_that_run_at_84_85_of_real_time_are_refused_and_not_corrected_twi
     time_s = np.arange(0, 10, 0.005)
     folder = gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=1000 * time_s * 84 / 85, arrivals_s=time_s)
 
-    with pytest.raises(DataError, match="no steady clock in milliseconds"):
+    with pytest.raises(DataError, match=r"1\.0119 s pass on this computer: they are no milliseconds"):
         read(folder)
 
 
