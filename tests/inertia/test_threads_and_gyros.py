@@ -1,6 +1,7 @@
 """Mounts on threads, and directions that a gyro saw: what they do to axis inertias and the matrix."""
 
 import math
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from cfid.errors import ConfigError
 from cfid.inertia.estimation import fit_inertia
 from cfid.records.parameters import Source
-from cfid.records.rig_file import Fixture, Mount, ThreadPair, load_rig, new_rig_text
+from cfid.records.rig_file import Fixture, Mount, Rig, ThreadPair, load_rig, new_rig_text
 from cfid.records.run import Label
 from cfid.records.tables.angle import AngleRecord
 from cfid.records.tables.gyro import Rates
@@ -117,3 +118,37 @@ def test_a_mount_needs_a_point_or_threads_that_reach(tmp_path: Path) -> None:
         load_rig(path)
     with pytest.raises(ValueError, match="do not reach"):
         ThreadPair(above_mm=100, below_mm=10, length_mm=40)
+
+
+def test_a_gyros_matrix_is_as_certain_as_an_encoders() -> None:
+    rig = load_rig_of_a_new_campaign()
+    vehicle = rig.vehicle
+    given = SwungBody(
+        mass_kg=vehicle.mass_kg,
+        mass_std_kg=vehicle.mass_std_kg,
+        centre_m=1e-3 * np.array(vehicle.centre_of_mass_mm),
+        centre_std_m=1e-3 * np.array(vehicle.centre_of_mass_std_mm),
+        mounts=rig.mounts,
+    )
+    seen, _ = turned_about(given, [gyro_about(mount.direction, name) for name, mount in rig.mounts.items()])
+    by_encoder, by_gyro = (
+        fit_inertia(AxisInertias(swings_of(one, relative_std), one, SITE)).std_kg_m2
+        for one, relative_std in ((given, 2e-5), (seen, 2e-4))  # as certain as a swing's W is at worst
+    )
+
+    assert np.all(by_gyro < 1.3 * by_encoder)
+    assert by_gyro.max() > 0.5 * by_encoder.max()
+
+
+def load_rig_of_a_new_campaign() -> Rig:
+    return Rig.model_validate(tomllib.loads(new_rig_text()))
+
+
+def swings_of(hung: SwungBody, relative_std: float) -> list[MountedSwing]:
+    swings = []
+    for name, mount in hung.mounts.items():
+        unit = np.array(mount.direction) / np.linalg.norm(mount.direction)
+        distance = np.linalg.norm(np.cross(hung.centre_m - np.array(mount.point_m), unit))
+        frequency = hung.mass_kg * G * distance / (unit @ TRUTH @ unit + hung.mass_kg * distance**2)
+        swings.append(MountedSwing(axis=name, value=float(frequency), std=relative_std * float(frequency)))
+    return swings

@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, note, of_recording, texts
+from cfid.findings import Finding, note, of_recording, rejection, texts
+from cfid.records.logs.usd_clock import UNDECIDED
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
@@ -38,6 +39,11 @@ from cfid.wire.rls import RLS_13BIT_IN_22
 AngleUnit = Literal["counts", "rad", "deg"]
 
 ENCODER = "encoder"
+_UNDECIDED = rejection(
+    "gyro-clock-undecided",
+    f"{UNDECIDED}, which would make an inertia 2.4 % wrong. Import it again with `clock` 84/85 or true.",
+    *("swing.*", "inertia.*", "friction.*"),
+)
 STAMP = "device_us"  # a column of a run: when the interface took the sample, by its own clock
 
 _ANGLE = Column(
@@ -125,13 +131,14 @@ def _of_gyro(run: Run, device: str) -> AngleRecord:
     name = run.folder.resolve().name
     x, y, z = found.rates.axis
     axis = note("gyro-axis", f"the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame.").at(name)
+    clock = () if run.header.origin is None or UNDECIDED not in run.header.origin.clock else (_UNDECIDED.at(name),)
     return AngleRecord(
         path=Path(found.rows.source.path),
         source=found.rows.source,
         label=run.header.label,
         time_s=found.time_s,
         angle_rad=found.angle_rad,
-        findings=(*of_recording(name, losses(run, record, len(found.time_s))), axis),
+        findings=(*of_recording(name, losses(run, record, len(found.time_s))), axis, *clock),
         run=name,
         begin_s=float(found.rows.time_s[0]),
         time_scale_std=found.time_scale_std,
