@@ -91,8 +91,9 @@ def turned_about(body: SwungBody, records: Iterable[AngleRecord]) -> tuple[Swung
     """
     seen: dict[str, list[Array]] = {}
     for record in records:
-        if record.rates is not None and record.label.axis in body.mounts and record.label.body != FIXTURE:
-            seen.setdefault(record.label.axis, []).append(record.rates.axis)
+        mount = record.label.axis
+        if record.rates is not None and mount is not None and mount in body.mounts and record.label.body != FIXTURE:
+            seen.setdefault(mount, []).append(record.rates.axis)
     mounts, findings = dict(body.mounts), list[tuple[str, Finding]]()
     for name, axes in seen.items():
         mounts[name], finding = _with_direction(mounts[name], axes)

@@ -13,8 +13,16 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S
-from cfid.findings import Finding, note, warning
-from cfid.swing.checks import FitQuality, judge
+from cfid.findings import Finding
+from cfid.swing.checks import (
+    FitQuality,
+    eccentricity_finding,
+    hand_finding,
+    judge,
+    split_finding,
+    unfinished_finding,
+    varying_finding,
+)
 from cfid.swing.collocation import Coefficients
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import (
@@ -25,7 +33,6 @@ from cfid.swing.model import (
     fit_output_error,
 )
 from cfid.swing.uncertainty import (
-    FrictionProbe,
     chosen_terms,
     drift_of_halves,
     friction_probes,
@@ -46,10 +53,8 @@ _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _CLEARLY_BETTER = 0.95  # of the sum of squares
-_LED_BY_HAND = 0.15  # of the release angle
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
 _VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
-IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,11 +106,7 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         setup=swing.setup,
     )  # fmt: skip
     full = _refit(base, time, swing.readings_rad, TERMS)
-    scale = 0.0
-    if swing.rate_rad_per_s is not None:
-        scale, scale_std = scale_error(swing, full if full.converged else base)
-        swing = replace(swing, rate_rad_per_s=swing.rate_rad_per_s / (1 + scale), rate_scale_std=scale_std)
-        base, full = (_refit(fit, time, swing.readings_rad, chosen_terms(fit)) for fit in (base, full))
+    swing, scale, base, full = _scaled(swing, base, full)
     reading = swing.readings_rad
     promising = [terms for terms in _SUBSETS if not _hopeless(full, terms)]
     candidates = [base, full, *(_refit(base, time, reading, terms) for terms in promising)]
@@ -121,6 +122,23 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
         physical += [fit for fit in eccentric if _acceptable(fit)]
     ranked = _ranked(physical)
     return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
+
+
+def _scaled(
+    swing: FreeSwing, base: OutputError, full: OutputError
+) -> tuple[FreeSwing, float, OutputError, OutputError]:
+    """Take the scale's error off a gyro's rates, refined once; return the swing, the error, and both fits anew."""
+    corrected, error = swing, 0.0
+    if swing.rate_rad_per_s is None:
+        return swing, error, base, full
+    for _ in range(2):
+        usual = replace(corrected, rate_scale_std=swing.rate_scale_std)
+        error, std = scale_error(usual, full if full.converged else base, error)
+        corrected = replace(swing, rate_rad_per_s=swing.rate_rad_per_s / (1 + error), rate_scale_std=std)
+        base, full = (
+            _refit(fit, swing.hands_off[0], corrected.readings_rad, chosen_terms(fit)) for fit in (base, full)
+        )
+    return corrected, error, base, full
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -249,71 +267,10 @@ def _judged(
         findings=(
             *swing.findings,
             *quality.findings,
-            *_split_finding(terms, split_bic),
-            *_hand_finding(swing, fit),
-            *_eccentricity_finding(fit),
-            *_unfinished_finding(unfinished, shares),
-            *_varying_finding(varying),
+            *split_finding(terms, split_bic),
+            *hand_finding(swing, fit),
+            *eccentricity_finding(fit),
+            *unfinished_finding(unfinished, shares),
+            *varying_finding(varying),
         ),
     )
-
-
-def _eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
-    if not fit.eccentric:
-        return ()
-    degrees = math.degrees(math.hypot(*fit.eccentricity))
-    text = (
-        f"the encoder's disc reads {degrees:.2g} degrees off within a turn, as an eccentric one: its first harmonic is "
-        "taken out. Centre the disc on the axis."
-    )
-    return (note("swing-encoder-eccentric", text),)
-
-
-def _unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
-    if unfinished is None:
-        return ()
-    terms = ", ".join(chosen_terms(unfinished)) or "none"
-    text = (
-        f"a model with other terms ({terms}) follows the record better, but its fit did not converge: its natural "
-        f"frequency squared differs by {shares['model that did not converge']:.2g} 1/s^2, which is added to the "
-        "uncertainty. Use another window."
-    )
-    return (warning("swing-better-model-open", text, "swing.*"),)
-
-
-def _varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
-    if varying is None:
-        return ()
-    consequence = "taken off" if varying.varies_with == "angle" else "added to the uncertainty"
-    text = (
-        f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
-        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is {consequence}. Clean or replace the "
-        "bearing, or end the window at a higher peak."
-    )
-    return (warning("swing-friction-varies", text, "swing.*"),)
-
-
-def _split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
-    if split_bic >= IDENTIFIABLE_BIC:
-        return ()
-    chosen = ", ".join(terms) or "none"
-    text = (
-        f"the damping terms ({chosen}) are not identifiable: another choice is as likely "
-        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it."
-    )
-    damping = ("swing.viscous_nms_per_rad", "swing.coulomb_nm", "swing.quadratic_nms2_per_rad2")
-    return (note("swing-damping-split-unresolved", text, *damping),)
-
-
-def _hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:
-    """Report when the motion just after the release was not the pendulum's own."""
-    measured = float(swing.angle_rad[swing.release])
-    missed = abs(fit.start_angle_rad - measured)
-    if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):
-        return ()
-    text = (
-        f"between {swing.release_s:.2f} and {swing.time_s[swing.hand_gone]:.2f} s the body did not fall freely "
-        f"(the pendulum would have started from {math.degrees(fit.start_angle_rad):.0f} degrees, "
-        f"it stood at {math.degrees(measured):.0f}): this segment is left out. Release without a push."
-    )
-    return (note("swing-led-by-hand", text, "swing.start_angle_rad", "swing.start_speed_rad_per_s"),)

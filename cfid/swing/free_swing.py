@@ -80,7 +80,9 @@ class FreeSwing:
     def readings_rad(self) -> Array:
         """What is fitted from when the hand is surely gone: angles, or a gyro's rates as `Setup` has them."""
         window, (_, per_s) = slice(self.hand_gone, self.end + 1), self.setup
-        return self.angle_rad[window] if per_s is None else self.rate_rad_per_s[window] / per_s
+        if self.rate_rad_per_s is None or per_s is None:
+            return self.angle_rad[window]
+        return self.rate_rad_per_s[window] / per_s
 
     @property
     def hands_off(self) -> tuple[Array, Array]:

@@ -207,7 +207,7 @@ def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array]:
 def _read(seen: Array, offsets: Array) -> Array:
     """Return what a gyro with a bias (1,) reads at rates (n,), or an eccentric encoder (2,) at angles (n,)."""
     if len(offsets) == 1:
-        return seen + offsets[0]
+        return np.asarray(seen + offsets[0])
     if not offsets.any():
         return seen
     return np.asarray(seen + offsets[0] * np.sin(seen) + offsets[1] * (np.cos(seen) - 1))

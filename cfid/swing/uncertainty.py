@@ -120,14 +120,15 @@ def friction_probes(swing: FreeSwing, fit: OutputError) -> tuple[FrictionProbe, 
     return tuple(found)
 
 
-def scale_error(swing: FreeSwing, fit: OutputError) -> tuple[float, float]:
+def scale_error(swing: FreeSwing, fit: OutputError, taken: float) -> tuple[float, float]:
     """Return the relative error of a gyro's scale and its standard uncertainty, by the record and what is usual.
 
-    The period of a pendulum depends on its amplitude, which a scale changes: large swings show it, small ones do not.
+    `taken` is what the rates were corrected by, `rate_scale_std` what is usual. The period of a pendulum depends on its
+    amplitude, which a scale changes: large swings show it, small ones do not.
     """
     change, std = _beside(fit, fit.jacobian, _without_bias(swing, fit))
     weight = swing.rate_scale_std**2 / (swing.rate_scale_std**2 + std**2)
-    return float(weight * change[-1]), math.sqrt(weight) * std
+    return float(weight * (taken + change[-1])), math.sqrt(weight) * std
 
 
 def moved_by_scale(swing: FreeSwing, fit: OutputError) -> Array:

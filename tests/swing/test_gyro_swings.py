@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.records.tables.gyro import about_one_axis
+from cfid.records.tables.gyro import about_one_axis, integrated
 from cfid.sim.imu import ImuTruth
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.rig import draw_release
@@ -75,6 +75,25 @@ def test_a_gyro_whose_scale_is_off_gives_w_to_two_ten_thousandths(degrees: float
 
     assert np.abs(errors).max() < limit
     assert np.abs(scores).max() < 4
+
+
+def test_a_trembling_hand_leaves_the_bias_of_the_gyro_as_it_is() -> None:
+    motion, _ = swung(10, 12, seed=110)
+    rng = np.random.default_rng(110)
+    for i in range(12):
+        time_s, rates = gyro_of(motion, i, rate_hz=100, truth=usual_gyro(rng), rng=rng)
+        angle, _ = integrated(time_s, about_one_axis(rates).rate_rad_per_s)
+        assert np.degrees(np.abs(angle - motion.angle_rad[::10, i]).max()) < 0.5
+
+
+def test_intervals_of_a_dozen_gyro_swings_hold_w() -> None:
+    motion, truth = swung(45, 12, seed=12)
+
+    errors, scores = relative(fits(motion, rate_hz=100, seed=12), truth)
+
+    assert np.abs(errors).max() < 5e-4
+    assert np.count_nonzero(np.abs(scores) < 1.96) >= 10
+    assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.7
 
 
 @pytest.mark.slow

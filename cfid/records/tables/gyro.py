@@ -25,8 +25,9 @@ _STAMP, _WRAP_MS = "vehicle_ms", 1 << 24
 _CRYSTALS_STD = 3e-5  # of the ratio of two clocks, each within 30 to 50 millionths
 _LARGEST_SKEW = 3e-3  # with room for arrivals that are late; a timer that runs at 84/85 is off by 12e-3
 _REST_S = 0.25
-_FLAT = 0.1  # of the fastest rate: below, a tremor may reverse it
-_FEWEST_EXTREMES = 6
+_FLAT = 0.1  # of the fastest rate: below, noise may reverse it
+_NARROW = 0.1  # of the widest half-swing
+_FEWEST_MIDDLES = 4
 _AT_THE_END = 0.999  # of the range
 
 
@@ -97,9 +98,8 @@ def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
     steps = np.diff(time_s)
     summed = np.concatenate([[0.0], np.cumsum(steps * (rate_rad_per_s[1:] + rate_rad_per_s[:-1]) / 2)])
     turns = _extremes(rate_rad_per_s - np.median(rate_rad_per_s))
-    if len(turns) >= _FEWEST_EXTREMES:
-        at, angle = time_s[turns], summed[turns]
-        middle, at = (angle[:-2] + 2 * angle[1:-1] + angle[2:]) / 4, at[1:-1]
+    at, middle = _middles(time_s[turns], summed[turns])
+    if len(at) >= _FEWEST_MIDDLES:
         first, last = np.triu_indices(len(at), k=1)
         slope = float(np.median((middle[last] - middle[first]) / (at[last] - at[first])))  # of Theil and Sen
         return summed - slope * time_s - float(np.median(middle - slope * at)), slope
@@ -136,6 +136,14 @@ def _extremes(rate: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     fast = np.flatnonzero(side)
     ends = np.flatnonzero(np.diff(side[fast]))
     return np.array([fast[i] + int(np.argmin(np.abs(rate[fast[i] : fast[i + 1] + 1]))) for i in ends], dtype=np.intp)
+
+
+def _middles(time_s: Array, angle_rad: Array) -> tuple[Array, Array]:
+    """Return times and middles of the wide half-swings between extremes (n,), by three in turn: a decay cancels."""
+    swept = np.abs(np.diff(angle_rad))
+    wide = np.minimum(swept[:-1], swept[1:]) > _NARROW * swept.max(initial=0.0)  # a hand's tremor is not
+    middle = (angle_rad[:-2] + 2 * angle_rad[1:-1] + angle_rad[2:]) / 4
+    return time_s[1:-1][wide], middle[wide]
 
 
 def _at_rest(time_s: Array, rate: Array) -> float:
