@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Rectangle
 
-mpl.rcParams["svg.hashsalt"] = "cfid"  # the same drawing is the same file
+mpl.rcParams.update({"svg.hashsalt": "cfid", "svg.fonttype": "none"})  # the same drawing is the same file
 FOLDER = Path(__file__).parent / "how-to" / "figures"
 INK, BODY, SIZE, PATH = "#222222", "#cfd8e3", "#b03a2e", "#1f6fb2"
 
