@@ -71,7 +71,7 @@ class Pilot:
 class Bench:
     """The campaign's folder, and the simulated rig that runs beside the test."""
 
-    def __init__(self, folder: Path, loop: Loop, **truth: Any) -> None:
+    def __init__(self, folder: Path, loop: Loop, *, hung_on: str | None = None, **truth: Any) -> None:
         self.folder = folder
         self.environment = {
             **os.environ,
@@ -85,9 +85,10 @@ class Bench:
         self._loop = loop
         self._pilots: list[Pilot] = []
         (folder / RIG_FILE).write_text(new_rig_text())
-        still = load_rig(folder / RIG_FILE).model_copy(update={"mounts": {}})  # no encoder here whose swing would count
+        rig = load_rig(folder / RIG_FILE)
         self.rig = SimulatedRig(
-            still,
+            rig if hung_on else rig.model_copy(update={"mounts": {}}),  # no encoder here whose swing would count
+            axis=hung_on,
             reactor=loop,
             folder=folder,
             seed=5,
@@ -153,13 +154,16 @@ class Bench:
 
 
 @contextmanager
-def bench_in(folder: Path, **truth: Any) -> Iterator[Bench]:
-    """Open a bench in a folder, in a loop of its own; `truth` are tables of the truth file."""
+def bench_in(folder: Path, *, hung_on: str | None = None, **truth: Any) -> Iterator[Bench]:
+    """Open a bench in a folder, in a loop of its own; `truth` are tables of the truth file.
+
+    With `hung_on` its vehicle swings on that mount.
+    """
     loop = Loop()
     thread = threading.Thread(target=loop.run, kwargs={"installSignalHandlers": False})
     thread.start()
     try:
-        bench = Bench(folder, loop, **truth)
+        bench = Bench(folder, loop, hung_on=hung_on, **truth)
         try:
             yield bench
         finally:

@@ -1,4 +1,4 @@
-"""`cfid log encoder` and `cfid log loadcell`: a device recorded into a new run."""
+"""`cfid log encoder`, `cfid log gyro` and `cfid log loadcell`: a device recorded into a new run."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -9,12 +9,17 @@ import typer
 from cfid.console.labels import LABEL, LabelOptions
 from cfid.console.lists import comma_list
 from cfid.console.live import LiveLine
+from cfid.console.messages import note
 from cfid.console.options import flat, positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
+from cfid.console.vehicle import LinkOptions, reach
 from cfid.lazy import later
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cfid.records.run import Label
+    from cfid.rig.ready_vehicle import ReadyVehicle
 
 
 _JUDGES = {
@@ -112,6 +117,58 @@ def encoder(
             say=live.say,
         )
         record("log encoder", plan, [device], live, keep, judge=_JUDGES.get(plan.kind))
+
+
+@flat
+def gyro(
+    *,
+    label: LabelOptions,
+    lasting: Lasting,
+    vehicle: LinkOptions,
+    log_ms: Annotated[
+        int | None,
+        typer.Option(min=1, max=10, help="Milliseconds between rows; default: 1, by radio the fastest that arrives."),
+    ] = None,
+    keep: KeepOptions,
+) -> None:
+    """Record the vehicle's gyro and accelerometer until Ctrl-C, in place of an encoder. No motor turns.
+
+    Example: [bold]cfid log gyro --axis x --for 20[/bold]
+    """
+    from cfid.rig.log import Plan
+
+    campaign, devices, simulated = rig_of(keep.campaign)
+    kind = label.kind_of_angles
+    plan = Plan(
+        runs_folder=campaign.runs_folder,
+        kind="gyro" if kind == "encoder" else kind,
+        label=label.label(campaign),
+        for_s=lasting.seconds,
+        simulated=simulated,
+    )
+    if lasting.dry_run:
+        rehearse("gyro and accelerometer", campaign.runs_folder, lasting.seconds)
+        return
+    live = LiveLine(quiet=keep.quiet)
+    with ExitStack() as held:
+        ready = reach(vehicle, devices, held, simulated=simulated)
+        period_ms, losses = (log_ms, {}) if log_ms else _period_ms(ready)
+        facts = {"trial_losses": {f"{tried} ms": loss for tried, loss in losses.items()}} if losses else {}
+        device = ready.inertial_log(period_ms, **facts)
+        record("log gyro", plan, [device], live, keep, judge=_JUDGES.get(plan.kind))
+
+
+def _period_ms(ready: "ReadyVehicle") -> "tuple[int, Mapping[int, float]]":
+    """Return the period of the log's rows, and the losses that were measured to choose it: a radio's alone."""
+    from cfid.rig.log_rate import PERIODS_MS, fastest_period_ms
+    from cfid.rig.ready_vehicle import INERTIAL
+
+    if not ready.uri.startswith("radio:"):
+        return PERIODS_MS[0], {}
+    period_ms, losses = fastest_period_ms(ready, INERTIAL)
+    tried = ", ".join(f"{100 * loss:.2g} % at {tried} ms" for tried, loss in losses.items())
+    note(f"rows every {period_ms} ms: this radio link lost {tried}.")
+    return period_ms, losses
 
 
 @flat

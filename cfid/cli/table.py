@@ -81,6 +81,10 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "log": (None, "Record from the rig."),
     "log encoder": ("cfid.cli.log:encoder", "Record the encoder until Ctrl-C."),
+    "log gyro": (
+        "cfid.cli.log:gyro",
+        "Record the vehicle's gyro and accelerometer until Ctrl-C, in place of an encoder. No motor turns.",
+    ),
     "log loadcell": ("cfid.cli.log:loadcell", "Record the load cell until Ctrl-C."),
     "log thrust": (
         "cfid.motors.command:thrust",

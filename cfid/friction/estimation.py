@@ -42,13 +42,19 @@ class FrictionEstimate:
 
 
 def fit_friction(
-    drops: Sequence[Drop], *, radius_m: float, radius_std_m: float, gravity_mps2: float, gravity_std_mps2: float = 0.0
+    drops: Sequence[Drop],
+    *,
+    radius_m: float,
+    radius_std_m: float,
+    gravity_mps2: float,
+    gravity_std_mps2: float = 0.0,
+    speed_scale_std: float = 0.0,
 ) -> FrictionEstimate:
     """Fit Coulomb and viscous friction to all settled drops, and the set-up's inertia to their starts.
 
     m g r = M_c + c speed, with the speed that each fall tends to; the windowed mean, as the thesis has it, is
     still on its way there. The start's time constant is (I + m r^2) / c: the weight is accelerated as well,
-    which eq. 2.12 leaves out.
+    which eq. 2.12 leaves out. `speed_scale_std` is the relative standard uncertainty that all speeds share.
     """
     settled = [drop for drop in drops if drop.settled]
     if len({drop.weight_kg for drop in settled}) < 2:
@@ -59,10 +65,11 @@ def fit_friction(
     findings += (*_order_finding(settled), *_layers_finding(settled, viscous.value, radius_m, gravity_mps2))
     # Radius and gravity are common to all runs: their errors do not average out.
     common = math.hypot(radius_std_m / radius_m, gravity_std_mps2 / gravity_mps2)
-    inertia = _setup_inertia(settled, viscous, radius_m, common) if viscous.value > 0 else _Estimate(None, None)
+    with_speed = math.hypot(common, speed_scale_std)
+    inertia = _setup_inertia(settled, viscous, radius_m, with_speed) if viscous.value > 0 else _Estimate(None, None)
     return FrictionEstimate(
         viscous_nms_per_rad=viscous.value,
-        viscous_std=_with(viscous.std, viscous.value * common),
+        viscous_std=_with(viscous.std, viscous.value * with_speed),
         coulomb_nm=coulomb.value,
         coulomb_std=_with(coulomb.std, coulomb.value * common),
         setup_inertia_kg_m2=inertia.value,

@@ -15,6 +15,7 @@ from cfid.records.plausibility import Given, implausible_inputs, implausible_qua
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
+from cfid.records.tables.gyro import SCALE_STD
 from cfid.swing.data import rig_or_thesis
 from cfid.units import MM
 
@@ -66,6 +67,7 @@ def fit(
             radius_std_m=radius_std_m or 0.0,
             gravity_mps2=gravity_mps2,
             gravity_std_mps2=gravity_std_mps2,
+            speed_scale_std=SCALE_STD if any(record.rates is not None for record in records) else 0.0,
         )
     quantities = _quantities(found, measured)
     unsettled = [record for record, drop in zip(records, measured, strict=True) if not drop.settled]

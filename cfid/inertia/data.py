@@ -9,9 +9,10 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import Finding
 from cfid.records.parameters import Source
 from cfid.records.result import Dependent
+from cfid.records.rig_file import Mount
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record
 from cfid.swing.axis_inertias import MountedSwing
-from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, swing_in
+from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, swing_in, threads_of
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.result import Method, rejections_of
@@ -61,28 +62,31 @@ def measure(
     swings: Sequence[AngleRecord | KnownInertia],
     *,
     body: str,
+    mounts: Mapping[str, Mount],
+    gravity_mps2: float,
     gives: str,
     peaks: Peaks,
     smallest_peak_rad: float,
     method: Method,
 ) -> MeasuredSwings:
-    """Fit every recording of a body, on the mount of its label; known axis inertias stay as they are.
+    """Fit every recording of a body, on the one of its `mounts` in the label; known axis inertias stay as they are.
 
     `gives` is the key, without the mount, of the quantity that a swing gives.
     Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
     """
-    mounts = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
-    if mounts.count(FIXTURE) > 1:
+    names = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
+    if names.count(FIXTURE) > 1:
         raise ConfigError("more than one swing of the empty fixture: give one.")
-    check_peaks(peaks, mounts)
+    check_peaks(peaks, names)
     mounted, merits, lines, found = [], list[dict[str, Any]](), list[str | Dependent](), []
-    for mount, swing in zip(mounts, swings, strict=True):
+    for mount, swing in zip(names, swings, strict=True):
         if isinstance(swing, KnownInertia):
             mounted.append(MountedSwing(axis=mount, value=swing.value_kg_m2, std=swing.std_kg_m2, known=True))
             merits.append({"axis": mount, "known_kg_m2": swing.value_kg_m2})
             lines.append(f"{mount}: {swing.value_kg_m2:.7g} kg m^2, as given")
             continue
-        free = swing_in(swing, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)
+        threads = threads_of(mounts.get(mount), gravity_mps2)
+        free = swing_in(swing, threads, peaks=peaks_on(mount, peaks), smallest_peak_rad=smallest_peak_rad)
         try:
             value, std, figures, rejections = (_by_thesis if method == "thesis" else _by_default)(free)
         except FitError as error:

@@ -34,7 +34,7 @@ class MeasuredAxes:
     """What each swing gives (n,), whether or not the swings determine a matrix.
 
     Inertia about the mounting axis and about the parallel axis through the centre of mass, each with its standard
-    uncertainty; `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes.
+    uncertainty; `sensitivity_kg_m` = dI_G/dr and `best_distance_m`, where it vanishes. On threads there is no distance.
     """
 
     about_axis_kg_m2: Array
@@ -222,7 +222,10 @@ def _measured(axis_inertias: AxisInertias, moved: Moved) -> MeasuredAxes:
         about_centre_kg_m2=found.about_centre_kg_m2,
         about_centre_std_kg_m2=_norms(moved.about_centre),
         distance_m=found.distance_m,
-        sensitivity_kg_m=found.about_axis_kg_m2 / found.distance_m - 2 * mass * found.distance_m,
+        sensitivity_kg_m=np.divide(
+            found.about_axis_kg_m2, found.distance_m, out=np.zeros(len(found.distance_m)), where=found.distance_m > 0
+        )
+        - 2 * mass * found.distance_m,
         best_distance_m=np.sqrt(np.maximum(found.about_centre_kg_m2, 0.0) / mass),
     )
 

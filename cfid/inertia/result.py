@@ -1,6 +1,7 @@
 """The inertia matrix and its axis inertias: quantities, findings, budget and mounting advice."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
 from cfid.records.tables.angle import AngleRecord
 from cfid.swing.axis_inertias import AxisInertias, SwungBody
-from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, vehicle
+from cfid.swing.data import FIXTURE, check_mounts, rig_or_thesis, surroundings, turned_about, vehicle
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD
 from cfid.swing.plausibility import given_numbers, moment_fault
 from cfid.swing.result import Method
@@ -61,8 +62,17 @@ def fit(
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
     body = vehicle(rig, mass_kg, mass_std_kg)
     measured = measure(
-        given, body="crazyflie", gives=_AXIS, peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method
+        given,
+        body="crazyflie",
+        mounts=body.mounts,
+        gravity_mps2=rig.site.gravity_mps2 if gravity_mps2 is None else gravity_mps2,
+        gives=_AXIS,
+        peaks=peaks,
+        smallest_peak_rad=smallest_peak_rad,
+        method=method,
     )
+    body, directions = turned_about(body, measured.records)
+    measured = replace(measured, found=(*measured.found, *directions))
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
     around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
     axis_inertias = AxisInertias(measured.mounted, body, around)
@@ -110,7 +120,7 @@ def fit(
 
 def _neglected_fixture(axis_inertias: AxisInertias, about: MeasuredAxes) -> list[Finding]:
     """Note what a fixture that rig.toml does not describe would be worth."""
-    swung = [i for i, swing in enumerate(axis_inertias.swings) if not swing.known]
+    swung = [i for i, swing in enumerate(axis_inertias.swings) if not swing.known and about.distance_m[i]]
     if axis_inertias.surroundings.fixture is not None or not swung:
         return []
     frequency = np.array([axis_inertias.swings[i].value for i in swung])
@@ -128,7 +138,7 @@ def _body_findings(body: SwungBody, axes: list[str], about: MeasuredAxes, rig: R
     """Reject what no body and no vehicle of the platform can have."""
     moments = zip(axes, about.about_axis_kg_m2, about.about_centre_kg_m2, about.about_centre_std_kg_m2, strict=True)
     return [
-        *implausible_inputs(given_numbers(body, map(float, about.distance_m)), rig, "inertia.*"),
+        *implausible_inputs(given_numbers(body, filter(None, map(float, about.distance_m))), rig, "inertia.*"),
         *(
             finding
             for axis, around, centre, std in moments
@@ -229,6 +239,8 @@ def _proposals(
 ) -> list[str | Dependent]:
     lines: list[str | Dependent] = ["distances: where an error of 0.1 mm in the mount does not matter"]
     for i, axis in enumerate(axes):
+        if not measured.distance_m[i]:  # on threads
+            continue
         felt = 1e9 * 1e-4 * abs(measured.sensitivity_kg_m[i])
         line = (
             f"  {axis:<6} now {1e3 * measured.distance_m[i]:6.2f} mm (0.1 mm moves I_G by {felt:6.1f}e-9 kg m^2), "

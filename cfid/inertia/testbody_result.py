@@ -42,7 +42,14 @@ def fit_testbody(
     rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AngleRecord)], rig)
     body = drawn_body(rig, mass_kg, mass_std_kg)
     measured = measure(
-        given, body="testbody", gives=_MEASURED, peaks=peaks, smallest_peak_rad=smallest_peak_rad, method=method
+        given,
+        body="testbody",
+        mounts=body.mounts,
+        gravity_mps2=rig.site.gravity_mps2 if gravity_mps2 is None else gravity_mps2,
+        gives=_MEASURED,
+        peaks=peaks,
+        smallest_peak_rad=smallest_peak_rad,
+        method=method,
     )
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
     around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)

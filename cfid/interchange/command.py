@@ -29,6 +29,8 @@ def import_file(
 ) -> None:
     """Make a run of a recording that another program made. The file stays as it is, and no run is changed.
 
+    A log of a vehicle with --axis is a swing that its gyro recorded.
+
     Example: [bold]cfid import LOG00.BIN[/bold]
     """
     from cfid.interchange import importing
@@ -41,7 +43,14 @@ def import_file(
     elif found == "wrench":
         made = importing.import_wrench(into, file, loadcell.reading(reading), label=kept)
     else:
-        made = importing.import_flight(into, file, replace(reading.reading(), clock=clock), label=kept)
+        hung = label.kind_of_angles
+        made = importing.import_flight(
+            into,
+            file,
+            replace(reading.reading(), clock=clock),
+            label=kept,
+            kind="flight" if hung == "encoder" else hung,
+        )
     typer.echo(made.understood)
     for text in made.notes:
         note(text)

@@ -108,7 +108,7 @@ def import_wrench(campaign: Campaign, path: Path, reading: WrenchReading, *, lab
     return _imported(campaign, devices, kind="loadcell", label=label, path=path)
 
 
-def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label) -> Imported:
+def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: Label, kind: str = "flight") -> Imported:
     """Import a log of a vehicle: a device for each series in the log's own units, and the commands of its motors.
 
     Columns with numbers that are not finite are left out. Raises DataError and ConfigError as `read_log`.
@@ -158,7 +158,7 @@ def import_flight(campaign: Campaign, path: Path, reading: Foreign, *, label: La
         assumed=log.assumed,
         notes=tuple(notes),
     )
-    return _imported(campaign, devices, kind="flight", label=label, path=path)
+    return _imported(campaign, devices, kind=kind, label=label, path=path)
 
 
 def _imported(campaign: Campaign, devices: _Devices, *, kind: str, label: Label, path: Path) -> Imported:

@@ -78,20 +78,56 @@ def _unit(axis: BodyAxis) -> tuple[int, int, int]:
     return x, y, z
 
 
+class ThreadPair(RigTable):
+    """Two threads of one length that a body hangs on: their distance from each other above and below, and the length.
+
+    The vertical through the centre of mass lies in the middle between them, above and below.
+    """
+
+    above_mm: Positive
+    above_std_mm: Spread = 0.0
+    below_mm: Positive
+    below_std_mm: Spread = 0.0
+    length_mm: Positive
+    length_std_mm: Spread = 0.0
+
+    @model_validator(mode="after")
+    def _long_enough(self) -> Self:
+        if self.length_mm <= abs(self.above_mm - self.below_mm) / 2:
+            raise ValueError("threads of this length do not reach from above_mm to below_mm")
+        return self
+
+    @property
+    def lengths_m(self) -> tuple[Vector, Vector]:
+        """Both distances and the length, and their standard uncertainties."""
+        values = MM * self.above_mm, MM * self.below_mm, MM * self.length_mm
+        return values, (MM * self.above_std_mm, MM * self.below_std_mm, MM * self.length_std_mm)
+
+
 class Mount(RigTable):
     """One way of fixing a body to the swing's axis: a point on the axis and its direction.
+
+    With `threads` it hangs on two of them instead and turns about the vertical: `direction` is then that of the
+    vertical through the centre of mass, and a point is not needed.
 
     The thesis measures the distance of its xy mount along another direction than it solves the tensor with (C.1.7
     against C.1.4), so the direction for the distance may differ; it defaults to `direction`. `point_yaw_deg` turns the
     frame in which the point was measured about z, so that numbers read along an arm can be entered as read.
     """
 
-    point_mm: Vector
+    point_mm: Vector = (0.0, 0.0, 0.0)
     point_std_mm: SpreadVector = (0.0, 0.0, 0.0)
     point_yaw_deg: Number = 0.0
     direction: Direction
     direction_std_deg: Spread = 0.0
     distance_direction: Direction | None = None
+    threads: ThreadPair | None = None
+
+    @model_validator(mode="after")
+    def _hangs_somewhere(self) -> Self:
+        if self.threads is None and "point_mm" not in self.model_fields_set:
+            raise ValueError("point_mm is required: a point on the axis, or threads that the body hangs on")
+        return self
 
     @property
     def point_m(self) -> Vector:

@@ -20,6 +20,7 @@ _BLOCK = 200  # cflib numbers its own blocks from 1
 _WRAP_MS = 1 << 24
 _EXISTS = 17
 _SILENT_S, _SILENT_PERIODS = 0.5, 5  # without a row
+_ABSENT_S = 3.0  # without a row of a log that monitors nothing, as of an encoder
 _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
 
 
@@ -128,11 +129,13 @@ class CrazyflieLog:
     def _watch(self) -> None:
         """Raise DeviceError when rows stop arriving, the voltage with them: another client may have reset the log."""
         silent_s = self._vehicle.silent_s(self._received_s)
-        if self._streaming and silent_s > max(_SILENT_S, _SILENT_PERIODS * self._period_ms / 1000):
+        monitored = BATTERY in self._names
+        longest_s = max(_SILENT_S if monitored else _ABSENT_S, _SILENT_PERIODS * self._period_ms / 1000)
+        if self._streaming and silent_s > longest_s:
             cause = f"{self._vehicle.stall}." if self._vehicle.stall else "does another program use it?"
+            consequence = ", so its battery is not monitored" if monitored else ""
             raise DeviceError(
-                f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s, so its battery is not "
-                f"monitored: {cause}"
+                f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s{consequence}: {cause}"
             )
 
     def _watch_battery(self, now_s: float) -> str:

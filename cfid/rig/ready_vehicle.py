@@ -1,5 +1,6 @@
 """Finds, locks and connects a vehicle, and offers its instruments as devices of a run."""
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -32,6 +33,7 @@ from cfid.wire.supervisor import VehicleState
 
 DECK_SPEEDS = tuple(f"rpm.m{motor}" for motor in MOTORS)
 MOTOR_SPEEDS = tuple(f"motor.m{motor}_rpm" for motor in MOTORS)
+INERTIAL = tuple(f"{sensor}.{axis}" for sensor in ("gyro", "acc") for axis in "xyz")
 IDLE_THRUST = "powerDist.idleThrust"
 OBEYS_SINCE = 10  # version of the protocol; of its two releases, the app compiles only with the one that obeys
 USUAL_MS = 10
@@ -179,6 +181,18 @@ class ReadyVehicle:
             raise DeviceError(f"{self.uri}: this vehicle has no {what}: it does not log {names[0]}.")
         return self.log((BATTERY, *names), period_ms=period_ms)
 
+    def inertial_log(self, period_ms: int, **facts: Any) -> Device:
+        """Return a log of gyro and accelerometer, which state in run.toml further facts about their rate.
+
+        Raises DeviceError for a firmware that does not log them.
+        """
+        missing = [name for name in INERTIAL if self.link.variable(name) is None]
+        if missing:
+            raise DeviceError(f"{self.uri}: this firmware does not log {', '.join(missing)}.")
+        device = self.log(INERTIAL, period_ms=period_ms)
+        record = device.record.model_copy(update={"rate_hz": 1000 / period_ms, **facts})
+        return replace(device, record=record, reading=_turning)
+
     def log(self, names: Sequence[str], *, period_ms: int) -> Device:
         """Return a log of variables as a device of a run; those that the vehicle does not have are left out."""
         there = [name for name in names if self.link.variable(name) is not None]
@@ -214,6 +228,11 @@ class ReadyVehicle:
         }
         record = DeviceRecord.model_validate({"file": file, "columns": tuple(columns), **common, **more})
         return Device(record=record, open=opened, eventful=eventful)
+
+
+def _turning(latest: tuple[float, ...]) -> str:
+    """Return the rate of rotation in a row of the inertial log."""
+    return f"{math.hypot(*latest[1:4]):5.0f} deg/s"
 
 
 def connect_vehicle(setting: CrazyflieLink, held: ExitStack) -> ReadyVehicle:

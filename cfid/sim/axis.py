@@ -1,4 +1,4 @@
-"""Gives the encoder's angle at any time: of a pendulum released repeatedly, or a weight dropped repeatedly.
+"""Gives an axis' motion at any time: of a pendulum released repeatedly, or a weight dropped repeatedly.
 
 A few experiments are integrated beforehand, all at once, and then repeat in turn: no integration is left for the time
 in which a device has to answer.
@@ -6,11 +6,13 @@ in which a device has to answer.
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
 from cfid.sim.rig import draw_release
+from cfid.sim.threads import TwoThreads, twist
 
 PERIOD_S = 20.0
 RELEASES = 16
@@ -40,23 +42,36 @@ class Axis:
 
     def angle_at(self, time_s: float) -> float:
         """Return the angle in rad that the encoder sees: the cubic through the two nearest steps, with its error."""
+        angle_rad = self._turned(time_s) + self._offset_rad
+        return angle_rad + self._eccentricity_rad * math.sin(angle_rad)
+
+    def motion_at(self, time_s: float) -> tuple[float, float, float]:
+        """Return angle, speed and acceleration of the body itself, in rad, rad/s and rad/s^2."""
+        half_s = self._step_s / 4
+        before, angle_rad, after = (self._turned(time_s + shift_s) for shift_s in (-half_s, 0.0, half_s))
+        return angle_rad, (after - before) / (2 * half_s), (after - 2 * angle_rad + before) / half_s**2
+
+    def _turned(self, time_s: float) -> float:
         turn, into_s = divmod(max(time_s, 0.0), PERIOD_S)
         which = int(turn) % len(self._angles)
         angle_rad = _between(self._angles[which], self._speeds[which], into_s / self._step_s, self._step_s)
         if turn and into_s < self._return_s:
             left_rad = self._angles[which - 1][-1]  # of the last one, if this is the first again
             angle_rad += left_rad * _smooth(1 - into_s / self._return_s)
-        angle_rad += self._offset_rad
-        return angle_rad + self._eccentricity_rad * math.sin(angle_rad)
+        return angle_rad
 
 
-def swinging(pendulum: Pendulum, *, rng: np.random.Generator, eccentricity_rad: float = 0.0) -> Axis:
-    """Return the axis of a pendulum that a hand deflects and releases every PERIOD_S, each time differently.
+def swinging(body: Pendulum | TwoThreads, *, rng: np.random.Generator, eccentricity_rad: float = 0.0) -> Axis:
+    """Return the axis of a pendulum, or of a body on threads, that a hand deflects and releases every PERIOD_S.
 
-    After RELEASES of them, some five minutes, they repeat.
+    Each time it does so differently; after RELEASES of them, some five minutes, they repeat.
     """
     releases: Sequence[HandRelease] = [draw_release(rng) for _ in range(RELEASES)]
-    motion = swing([pendulum] * RELEASES, releases, duration_s=PERIOD_S, step_s=_STEP_S, store_every=1)
+    settings: dict[str, Any] = {"duration_s": PERIOD_S, "step_s": _STEP_S, "store_every": 1}
+    if isinstance(body, TwoThreads):
+        motion = twist([body] * RELEASES, releases, **settings)
+    else:
+        motion = swing([body] * RELEASES, releases, **settings)
     offset_rad = rng.uniform(0, 2 * math.pi)
     return Axis(motion, return_s=_STEADIED_S, offset_rad=offset_rad, eccentricity_rad=eccentricity_rad)
 

@@ -14,6 +14,7 @@ from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer
 from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, UPDATE_STEPS, SimulatedSupervisor
 from cfid.sim.crazyflie_tables import parameters, variables
 from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.imu import Imu, ImuSample
 from cfid.sim.motor_power_set import overriding
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
@@ -74,13 +75,14 @@ class Crazyflie:
         ports: AppPorts = USUAL_PORTS,
         on_motors: OnMotors = lambda time_s, motors: None,
         rtos_ms: Callable[[int], int] = lambda step: step,
+        imu: Imu | None = None,
     ) -> None:
-        """Start it before `opened_s`, by the time that its truth states."""
+        """Start it before `opened_s`, by the time that its truth states; without `imu` it is fastened."""
         self.protocol = PROTOCOL
         self._truth, self._propulsion, self._on_motors = truth, propulsion, on_motors
         self._load_app = {"app": load_app, "stock": NoModules, "old": ModulesOf2015}[truth.firmware]
         self._services = {ports.thrust: THRUST, ports.sine: SINE, ports.ping: PING}
-        self._ports, self._rtos_ms = ports, rtos_ms
+        self._ports, self._rtos_ms, self._imu = ports, rtos_ms, imu
         self._motors, self._ticks = STILL, 0
         self.acc_z_g = 1.0
         self._begin(opened_s - truth.powered_for_s)
@@ -94,6 +96,13 @@ class Crazyflie:
     def volts(self) -> float:
         """The motors' supply voltage."""
         return self._propulsion.battery.volts
+
+    @property
+    def inertial(self) -> ImuSample:
+        """What gyro and accelerometer show; its supervisor takes one that hangs in a swing for one that stands."""
+        if self._imu is not None:
+            return self._imu.at(self._time_s(self._ticks))
+        return ImuSample((0.0, 0.0, 0.0), (math.sqrt(max(0.0, 1 - self.acc_z_g**2)), 0.0, self.acc_z_g))
 
     @property
     def speed_rad_per_s(self) -> Array:

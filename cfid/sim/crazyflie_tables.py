@@ -6,6 +6,7 @@ from typing import Protocol
 from cfid.sim.crazyflie_log import LoggedVariable
 from cfid.sim.crazyflie_params import FirmwareParameter
 from cfid.sim.crazyflie_supervisor import SimulatedSupervisor
+from cfid.sim.imu import ImuSample
 from cfid.sim.propulsion import Four
 from cfid.sim.stepping import Array
 
@@ -19,7 +20,10 @@ class Sensed(Protocol):
     """The vehicle's state that its log variables show."""
 
     supervisor: SimulatedSupervisor
-    acc_z_g: float
+
+    @property
+    def inertial(self) -> ImuSample:
+        """What gyro and accelerometer show."""
 
     @property
     def motors(self) -> Four:
@@ -69,7 +73,7 @@ def parameters(*, rpm_deck: bool, idle: int = 0) -> list[FirmwareParameter]:
 
 
 def variables(vehicle: Sensed, *, rpm_deck: bool, brushless: bool) -> list[LoggedVariable]:
-    """Return the log variables of a vehicle that is fastened and level."""
+    """Return the log variables of a vehicle that is fastened or hangs in a swing."""
     supervisor = vehicle.supervisor
     found = [
         LoggedVariable("pm.vbat", "f", lambda: vehicle.volts),
@@ -82,10 +86,7 @@ def variables(vehicle: Sensed, *, rpm_deck: bool, brushless: bool) -> list[Logge
         LoggedVariable("sys.isTumbled", "B", lambda: supervisor.tumbled),
         *(_constant(f"stabilizer.{angle}", 0.0) for angle in ("roll", "pitch", "yaw")),
         LoggedVariable("stabilizer.thrust", "f", lambda: max(vehicle.motors)),
-        *(_constant(f"gyro.{axis}", 0.0) for axis in "xyz"),
-        LoggedVariable("acc.x", "f", lambda: math.sqrt(max(0.0, 1 - vehicle.acc_z_g**2))),
-        _constant("acc.y", 0.0),
-        LoggedVariable("acc.z", "f", lambda: vehicle.acc_z_g),
+        *(_inertial(vehicle, name, place) for name in ImuSample._fields for place in range(3)),
         _constant("baro.temp", _ROOM_C),
         *(_command(vehicle, f"motor.m{motor + 1}", "H", motor) for motor in _MOTORS),
         *(_command(vehicle, f"motor.m{motor + 1}req", "i", motor) for motor in _MOTORS),
@@ -96,6 +97,11 @@ def variables(vehicle: Sensed, *, rpm_deck: bool, brushless: bool) -> list[Logge
 
 def _constant(name: str, value: float) -> LoggedVariable:
     return LoggedVariable(name, "f", lambda: value)
+
+
+def _inertial(vehicle: Sensed, name: str, place: int) -> LoggedVariable:
+    sensor = name.partition("_")[0]
+    return LoggedVariable(f"{sensor}.{'xyz'[place]}", "f", lambda: getattr(vehicle.inertial, name)[place])
 
 
 def _command(vehicle: Sensed, name: str, kind: str, motor: int) -> LoggedVariable:

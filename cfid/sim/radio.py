@@ -13,6 +13,8 @@ from cfid.sim.wander import Wander
 FLOOR_WANDER_S = 60.0
 CONGESTED_S, CLEAR_S = 2.0, 8.0
 
+MOST_WAITING = 16
+
 _CYCLES = 20  # before the first packet, so that it may meet a congestion
 _REMEMBERED = 100_000  # pings
 
@@ -26,7 +28,8 @@ class RadioTruth(BaseModel):
     With `jitter_shape` the rest is a gamma distribution of that shape: at 1 the exponential, above it a delay has no
     sharp lower edge. The shortest time wanders with the standard deviation `floor_wander_s`, correlated over
     FLOOR_WANDER_S. In times of congestion, CONGESTED_S long and CLEAR_S apart on average, a packet takes longer by an
-    exponential time of mean `congestion_s`.
+    exponential time of mean `congestion_s`. Each direction passes `packets_per_s` at most, where that is not zero:
+    a packet waits behind MOST_WAITING others, or is lost.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -37,6 +40,7 @@ class RadioTruth(BaseModel):
     jitter_shape: Positive = 1.0
     floor_wander_s: Spread = 0.0
     congestion_s: Spread = 0.0
+    packets_per_s: Spread = 0.0
 
     @model_validator(mode="after")
     def _comes_after_it_was_sent(self) -> Self:
@@ -66,6 +70,7 @@ class Direction:
         self._truth = truth
         self._rng = rng
         self._last_s = 0.0
+        self._free_s = -math.inf
         self.lost = 0
         self._disturbing = rng.spawn(1)[0] if truth.floor_wander_s or truth.congestion_s else rng
         self._wander: Wander | None = None
@@ -78,6 +83,13 @@ class Direction:
         truth = self._truth
         fate = self._rng.random()
         late_s = self._rng.gamma(truth.jitter_shape, truth.jitter_s / truth.jitter_shape)  # of a lost one, too
+        if truth.packets_per_s:
+            waited_s = max(self._free_s - sent_s, 0.0)
+            if waited_s * truth.packets_per_s > MOST_WAITING:
+                self.lost += 1
+                return None
+            sent_s += waited_s
+            self._free_s = sent_s + 1 / truth.packets_per_s
         if fate < truth.loss:
             self.lost += 1
             return None

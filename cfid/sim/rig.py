@@ -10,7 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from cfid.sim.encoder import EncoderModel, EncoderRecording, record
+from cfid.sim.imu import Hanging
 from cfid.sim.plants import HandRelease, Pendulum, swing
+from cfid.sim.threads import TwoThreads
 from cfid.sim.truth import CUBE_ARM_M, CUBE_M, TrueFriction, Truth, draw_testbody, draw_truth
 
 __all__ = [
@@ -19,8 +21,10 @@ __all__ = [
     "draw_release",
     "draw_testbody",
     "draw_truth",
+    "hanging",
     "pendulum",
     "record_swings",
+    "two_threads",
 ]
 
 
@@ -44,6 +48,45 @@ def pendulum(truth: Truth, mount_name: str) -> Pendulum:
         spring_nm_per_rad=mount.friction.spring_nm_per_rad,
         stribeck_nm=mount.friction.stribeck_nm,
         ripple_nm=mount.friction.ripple_nm,
+    )
+
+
+def two_threads(truth: Truth, mount_name: str) -> TwoThreads | None:
+    """Hang the body on the threads of one of its mounts, None for an axis."""
+    mount = truth.mounts[mount_name]
+    if mount.threads_m is None:
+        return None
+    above, below, length = mount.threads_m
+    return TwoThreads(
+        inertia_kg_m2=float(mount.direction @ truth.inertia_kg_m2 @ mount.direction),
+        mass_kg=truth.mass_kg,
+        gravity_mps2=truth.gravity_mps2,
+        above_m=above,
+        below_m=below,
+        length_m=length,
+        viscous_nms_per_rad=mount.friction.viscous_nms_per_rad,
+        coulomb_nm=mount.friction.coulomb_nm,
+        quadratic_nms2_per_rad2=mount.friction.quadratic_nms2_per_rad2,
+    )
+
+
+def hanging(truth: Truth, mount_name: str) -> Hanging:
+    """Return how the body hangs in one of its mounts; the sensors sit at the origin of the body frame."""
+    mount = truth.mounts[mount_name]
+    if mount.threads_m is not None:
+        return Hanging(
+            axis=mount.direction,
+            down=-mount.direction,
+            sensor_m=-truth.centre_of_mass_m,
+            gravity_mps2=truth.gravity_mps2,
+        )
+    below = truth.centre_of_mass_m - mount.point_m
+    below = below - (below @ mount.direction) * mount.direction
+    return Hanging(
+        axis=mount.direction,
+        down=below / np.linalg.norm(below),
+        sensor_m=-mount.point_m,
+        gravity_mps2=truth.gravity_mps2,
     )
 
 

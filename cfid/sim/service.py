@@ -28,6 +28,7 @@ from cfid.sim.faults import (
     EncoderFaults,
     LoadCellFaults,
 )
+from cfid.sim.imu import Hanging, Imu
 from cfid.sim.lines import LineSender
 from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
@@ -37,7 +38,7 @@ from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.pty import PtyPort
 from cfid.sim.radio import Radio
-from cfid.sim.rig import pendulum
+from cfid.sim.rig import hanging, pendulum, two_threads
 from cfid.sim.stepping import Array
 from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted, draw_vehicle
 from cfid.units import MM
@@ -63,7 +64,8 @@ class Addresses(NamedTuple):
 class SimulatedRig:
     """An encoder on the axis of a swing or of a dropping weight, and a vehicle that is fastened to a load cell.
 
-    With `weight_g` a weight drops; else a vehicle swings about the mount `axis`, by default the first one. The truth
+    With `weight_g` a weight drops; else a vehicle swings about the mount `axis`, by default the first one, which is
+    what gyro and accelerometer of the vehicle on the link feel. The truth
     may include a wind on the vehicle on the load cell. The rotors run at `commands` until the motors are commanded;
     `on_motors` is called at each change. All random numbers come from `seed`. Raises ConfigError for an unknown mount.
     """
@@ -88,9 +90,9 @@ class SimulatedRig:
     ) -> None:
         """Draw the rig and integrate its axis' motion; open nothing yet, though the times of faults begin here."""
         truth = as_mounted(truth, rig)
-        plant_rng, motor_rng, cell_rng, fault_rng, radio_rng = np.random.default_rng(seed).spawn(5)
+        plant_rng, motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = np.random.default_rng(seed).spawn(6)
         self._address = address
-        self.axis = _axis(rig, truth, axis, weight_g, rng=plant_rng)
+        self.axis, hangs = _axis(rig, truth, axis, weight_g, rng=plant_rng)
         self._opened_s = opened_s = reactor.seconds()  # after the integration, which takes its time
         self.encoder = FaultyE201(self._encoder(rig), encoder_faults, opened_s=opened_s)
         cell = SimulatedLoadCell(truth.loadcell, cell_rng)
@@ -115,6 +117,7 @@ class SimulatedRig:
             opened_s=opened_s,
             ports=app_ports,
             on_motors=on_motors,
+            imu=None if hangs is None else Imu(truth.imu, hangs, self._motion_at, imu_rng),
         )
         self.crazyflie = FaultyCrazyflie(
             vehicle,
@@ -166,6 +169,9 @@ class SimulatedRig:
     def _angle_at(self, time_s: float) -> float:
         return self.axis.angle_at(time_s - self._opened_s)
 
+    def _motion_at(self, time_s: float) -> tuple[float, float, float]:
+        return self.axis.motion_at(time_s - self._opened_s)
+
     def _wrench_at(self, time_s: Array) -> Array:
         self.crazyflie.advance(float(time_s[-1]))  # packets until then already drive its motors
         return np.asarray(self._propulsion.wrench_at(time_s) + self._body_n)
@@ -204,18 +210,22 @@ def _of_lines(faults: LoadCellFaults) -> EncoderFaults:
     )
 
 
-def _axis(rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator) -> Axis:
+def _axis(
+    rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator
+) -> tuple[Axis, Hanging | None]:
+    """Return what turns the encoder, and how the vehicle hangs on it, None where it does not."""
     vehicle = draw_vehicle(rig, truth, rng=rng)
     off_rad = truth.swing.eccentricity_rad
     if weight_g is not None:
         weights = _weights(rig, truth.axis, weight_g, gravity_mps2=vehicle.gravity_mps2, rng=rng)
-        return dropping(weights, rng=rng, eccentricity_rad=off_rad)
+        return dropping(weights, rng=rng, eccentricity_rad=off_rad), None
     if name is not None and name not in vehicle.mounts:
         raise ConfigError(f"rig.toml: mounts: there is no '{name}'. There are: {', '.join(vehicle.mounts) or 'none'}.")
     mount = name or next(iter(vehicle.mounts), None)
     if mount is None:
-        return resting(offset_rad=0.0)
-    return swinging(pendulum(vehicle, mount), rng=rng, eccentricity_rad=off_rad)
+        return resting(offset_rad=0.0), None
+    body = two_threads(vehicle, mount) or pendulum(vehicle, mount)
+    return swinging(body, rng=rng, eccentricity_rad=off_rad), hanging(vehicle, mount)
 
 
 def _weights(

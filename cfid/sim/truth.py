@@ -32,13 +32,20 @@ class TrueFriction:
     ripple_nm: float = 0.0
 
 
+OF_THREADS = TrueFriction(viscous_nms_per_rad=3e-6, coulomb_nm=0.0, quadratic_nms2_per_rad2=2e-7)  # air alone
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrueMount:
-    """A true axis: a point on it (3,), its unit direction (3,), and its friction."""
+    """A true axis: a point on it (3,), its unit direction (3,), and its friction.
+
+    Two threads instead have their distances above and below and their length; the point is then the centre of mass.
+    """
 
     point_m: Array
     direction: Array
     friction: TrueFriction
+    threads_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,10 +152,18 @@ def _draw_mounts(
         name: TrueMount(
             point_m=mount.point_m + MM * rng.normal(0, mount.point_std_mm) @ np.array(mount.point_axes),
             direction=_draw_direction(mount, rng=rng),
-            friction=_draw_friction(friction, rng=rng),
+            friction=_draw_friction(OF_THREADS if mount.threads else friction, rng=rng),
+            threads_m=_draw_threads(mount, rng=rng),
         )
         for name, mount in mounts.items()
     }
+
+
+def _draw_threads(mount: Mount, *, rng: np.random.Generator) -> tuple[float, float, float] | None:
+    if mount.threads is None:
+        return None
+    above, below, length = rng.normal(*mount.threads.lengths_m)
+    return above, below, length
 
 
 def _draw_direction(mount: Mount, *, rng: np.random.Generator) -> Array:

@@ -13,6 +13,7 @@ from cfid.records.files import first_fault, read_toml
 from cfid.records.rig_file import Rig, Vector
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie_truth import CrazyflieTruth, Platform
+from cfid.sim.imu import ImuTruth
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
@@ -102,6 +103,7 @@ class SimTruth(_TruthTable):
     rotors: RotorTruth = RotorTruth()
     loadcell: LoadCellTruth = LoadCellTruth()
     crazyflie: CrazyflieTruth = CrazyflieTruth()
+    imu: ImuTruth = ImuTruth()
     battery: BatteryTruth = BatteryTruth()
     radio: RadioTruth = RadioTruth()
     wind: WindTruth = WindTruth()

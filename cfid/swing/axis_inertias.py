@@ -1,7 +1,8 @@
 """From natural frequencies to inertias about parallel axes through the centre of mass, input by input.
 
-The path of section 2.5: I_a = m g r / W, then I_G = I_a - m r^2. Mass, gravity, centre of mass and mounts
-enter as uncertain inputs; those that several swings share stay shared, and so correlate the results.
+The path of section 2.5: I_a = m g r / W, then I_G = I_a - m r^2. On two threads I_G = m g a b / (h W) at once, with a
+and b the threads' distances from the vertical above and below, and h their height. Mass, gravity, centre of mass and
+mounts enter as uncertain inputs; those that several swings share stay shared, and so correlate the results.
 """
 
 import math
@@ -97,8 +98,9 @@ class AxisInertias:
         distance, direction = self._mounts.placed(values, centre)
         measured = values[self._mounts.swing]
         known = np.array([swing.known for swing in self.swings])
-        moment = mass * gravity * distance + fixture_moment
-        inertia = np.where(known, measured, moment / measured - fixture_inertia)
+        on_axis = ~self._mounts.on_threads
+        moment = mass * gravity * self._mounts.levers(values, distance) + on_axis * fixture_moment
+        inertia = np.where(known, measured, moment / measured - on_axis * fixture_inertia)
         return Evaluated(
             about_axis_kg_m2=inertia,
             about_centre_kg_m2=inertia - mass * distance**2,
@@ -122,7 +124,8 @@ class _Mounts(NamedTuple):
     """The mount of each swing: point (n, 3), the axes of its numbers (n, 3, 3), unit vectors of its directions.
 
     `directions` (2, n, 3) are those of the matrix and of the distance, `asides` (2, 2, n, 3) the two vectors across
-    each along which it tilts; `points`, `tilts` and `swing` are the places (n, 3), (n, 2) and (n,) of the inputs.
+    each along which it tilts; `points`, `tilts`, `threads` and `swing` are the places (n, 3), (n, 2), (n, 3) and (n,)
+    of the inputs, those of threads for a body that hangs `on_threads` (n,).
     """
 
     point_m: Array
@@ -131,6 +134,8 @@ class _Mounts(NamedTuple):
     asides: Array
     points: npt.NDArray[np.intp]
     tilts: npt.NDArray[np.intp]
+    on_threads: npt.NDArray[np.bool_]
+    threads: npt.NDArray[np.intp]
     swing: npt.NDArray[np.intp]
 
     @classmethod
@@ -148,6 +153,10 @@ class _Mounts(NamedTuple):
             asides=asides.swapaxes(1, 2),
             points=_places(place, [[f"{swing.axis} point {j}" for j in range(3)] for swing in swings]).reshape(-1, 3),
             tilts=_places(place, [[f"{swing.axis} tilt {j}" for j in range(2)] for swing in swings]).reshape(-1, 2),
+            on_threads=np.array([mount.threads is not None for mount in mounts], dtype=bool),
+            threads=np.array(
+                [[place.get(f"{swing.axis} thread {j}", 0) for j in range(3)] for swing in swings], dtype=np.intp
+            ).reshape(-1, 3),
             swing=_places(place, [f"swing {i}" for i in range(len(swings))]),
         )
 
@@ -159,7 +168,16 @@ class _Mounts(NamedTuple):
         direction, along = moved / np.sqrt(np.einsum("knj,knj->kn", moved, moved))[..., None]
         offset = centre_m - point
         across = offset - np.einsum("nj,nj->n", offset, along)[:, None] * along
-        return np.sqrt(np.einsum("nj,nj->n", across, across)), direction
+        distance = np.sqrt(np.einsum("nj,nj->n", across, across))
+        return np.where(self.on_threads, 0.0, distance), direction
+
+    def levers(self, values: Array, distance_m: Array) -> Array:
+        """Return what mass times gravity is multiplied by (n,): the distance, or a b / h of threads."""
+        if not self.on_threads.any():
+            return distance_m
+        above, below, length = values[self.threads].T
+        height = np.sqrt(np.where(self.on_threads, length**2 - ((above - below) / 2) ** 2, 1.0))
+        return np.where(self.on_threads, above * below / (4 * height), distance_m)
 
 
 def _places(place: Mapping[str, int], names: Sequence[object]) -> npt.NDArray[np.intp]:
@@ -178,6 +196,8 @@ def _inputs(swings: Sequence[MountedSwing], body: SwungBody, around: Surrounding
         mount = body.mounts[axis]
         for j, std in enumerate(mount.point_std_mm):
             inputs.append(Input(name=f"{axis} point {j}", group="mount distances", value=0.0, std=MM * std))
+        for j, (value, std) in enumerate(zip(*mount.threads.lengths_m, strict=True) if mount.threads else ()):
+            inputs.append(Input(name=f"{axis} thread {j}", group="threads", value=value, std=std))
         for j in range(2):
             tilt = float(np.radians(mount.direction_std_deg))
             inputs.append(Input(name=f"{axis} tilt {j}", group="axis directions", value=0.0, std=tilt))

@@ -1,24 +1,30 @@
-"""Whether a fitted pendulum describes its record: misfit, waveform and drift, each with its limit.
+"""Whether a fitted pendulum describes its record: misfit, waveform and drift, each with its limit, and other findings.
 
 The limits lie between the two public records that cfid is checked with: a sound rig stays below each of them by a
 factor of three or more, and one with a soft arm and a dragging cable exceeds the limit of the waveform.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.blocks import block_means
-from cfid.findings import Finding, rejection
+from cfid.findings import Finding, note, rejection, warning
+from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import OutputError, sample
+from cfid.swing.uncertainty import FrictionProbe, chosen_terms
 
 Array = npt.NDArray[np.float64]
 
 MISFIT_LIMIT = 0.02
 DISTORTION_LIMIT = 0.0015
 DRIFT_LIMIT = 0.01
+
+IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
+_LED_BY_HAND = 0.15  # of the release angle
 
 _ALL = "swing.*"
 _BLOCKS_A_PERIOD = 12
@@ -99,6 +105,8 @@ def _waveform_residual(fit: OutputError, time_s: Array, period: float) -> Array:
     model = sample(trajectory, time_s)
     nodes_s = trajectory.start_s + trajectory.step_s * np.arange(len(trajectory.speed_rad_per_s))
     speed = np.interp(time_s, nodes_s, trajectory.speed_rad_per_s)
+    if fit.setup.gyro_per_s is not None:  # a rate and its own rate of change
+        model = np.sin(model)
     left = fit.residual_rad.copy()
     edges = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], period))
     for first, last in zip(edges, [*edges[1:], len(time_s)], strict=True):
@@ -115,3 +123,68 @@ def _rms(values: Array) -> float:
 
 def _percent(fraction: float) -> str:
     return f"{100 * fraction:.2g} %"
+
+
+def eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
+    """Note that an encoder's disc is eccentric."""
+    if not fit.eccentric:
+        return ()
+    degrees = math.degrees(math.hypot(*fit.eccentricity))
+    text = (
+        f"the encoder's disc reads {degrees:.2g} degrees off within a turn, as an eccentric one: its first harmonic is "
+        "taken out. Centre the disc on the axis."
+    )
+    return (note("swing-encoder-eccentric", text),)
+
+
+def unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
+    """Warn of a better model whose fit did not converge."""
+    if unfinished is None:
+        return ()
+    terms = ", ".join(chosen_terms(unfinished)) or "none"
+    text = (
+        f"a model with other terms ({terms}) follows the record better, but its fit did not converge: its natural "
+        f"frequency squared differs by {shares['model that did not converge']:.2g} 1/s^2, which is added to the "
+        "uncertainty. Use another window."
+    )
+    return (warning("swing-better-model-open", text, "swing.*"),)
+
+
+def varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
+    """Warn of dry friction that varies as the model's does not."""
+    if varying is None:
+        return ()
+    consequence = "taken off" if varying.varies_with == "angle" else "added to the uncertainty"
+    text = (
+        f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
+        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is {consequence}. Clean or replace the "
+        "bearing, or end the window at a higher peak."
+    )
+    return (warning("swing-friction-varies", text, "swing.*"),)
+
+
+def split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
+    """Note that another choice of damping terms is as likely."""
+    if split_bic >= IDENTIFIABLE_BIC:
+        return ()
+    chosen = ", ".join(terms) or "none"
+    text = (
+        f"the damping terms ({chosen}) are not identifiable: another choice is as likely "
+        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it."
+    )
+    damping = ("swing.viscous_nms_per_rad", "swing.coulomb_nm", "swing.quadratic_nms2_per_rad2")
+    return (note("swing-damping-split-unresolved", text, *damping),)
+
+
+def hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:
+    """Report when the motion just after the release was not the pendulum's own."""
+    measured = float(swing.angle_rad[swing.release])
+    missed = abs(fit.start_angle_rad - measured)
+    if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):
+        return ()
+    text = (
+        f"between {swing.release_s:.2f} and {swing.time_s[swing.hand_gone]:.2f} s the body did not fall freely "
+        f"(the pendulum would have started from {math.degrees(fit.start_angle_rad):.0f} degrees, "
+        f"it stood at {math.degrees(measured):.0f}): this segment is left out. Release without a push."
+    )
+    return (note("swing-led-by-hand", text, "swing.start_angle_rad", "swing.start_speed_rad_per_s"),)

@@ -26,6 +26,19 @@ class Coefficients(NamedTuple):
     zero_rad: float
 
 
+class Threads(NamedTuple):
+    """What two threads make of a pendulum's equation, in which a body turns about the vertical: see `model`.
+
+    `ratio` is a b / h^2 and `fall_s2` a b / (g h), of threads a and b from the vertical above and below, h high.
+    """
+
+    ratio: float
+    fall_s2: float
+
+
+NO_THREADS = Threads(0.0, 0.0)
+
+
 class _Acceleration(NamedTuple):
     value: Array
     by_angle: Array
@@ -34,16 +47,19 @@ class _Acceleration(NamedTuple):
 
 
 def _acceleration(
-    angle: Array, speed: Array, step: float, coefficients: Coefficients, *, probes: bool
+    angle: Array, speed: Array, step: float, coefficients: Coefficients, threads: Threads, *, probes: bool
 ) -> _Acceleration:
     stiffness, viscous, coulomb, quadratic, zero = coefficients
     sine, cosine = np.sin(angle - zero), np.cos(angle - zero)
-    width = _turning_width(stiffness * sine, speed, coulomb, step)
+    if threads != NO_THREADS:
+        sine, cosine, bend = _pull_of_threads(sine, cosine, threads.ratio)
+    carried = 1 + stiffness * threads.fall_s2 * sine**2 if threads.fall_s2 else 1.0
+    width = _turning_width(stiffness * sine / carried, speed, coulomb / carried, step)
     direction = np.clip(speed / width, -1, 1)
     turning = np.abs(speed) < width
     drag = speed * np.abs(speed)
     excess = [np.exp(-((speed / low) ** 2)) for low in _PROBED_RAD_PER_S] + [1 - cosine] if probes else []
-    return _Acceleration(
+    level = _Acceleration(
         value=-stiffness * sine - viscous * speed - coulomb * direction - quadratic * drag,
         by_angle=-stiffness * cosine,
         by_speed=-viscous - 2 * quadratic * np.abs(speed) - np.where(turning, coulomb / width, 0.0),
@@ -51,9 +67,35 @@ def _acceleration(
             [-sine, -speed, -direction, -drag, stiffness * cosine, *(-direction * e for e in excess)]
         ),
     )
+    if not threads.fall_s2:
+        return level
+    return _lifted(level, sine, cosine, bend, speed=speed, stiffness=stiffness, fall_s2=threads.fall_s2)
 
 
-def _turning_width(pull: Array, speed: Array, coulomb: float, step: float) -> Array:
+def _pull_of_threads(sine: Array, cosine: Array, ratio: float) -> tuple[Array, Array, Array]:
+    """Return sin phi / s, with s the threads' height over that at rest, and its first two derivatives."""
+    s = np.sqrt(1 - 2 * ratio * (1 - cosine))
+    slope = cosine / s + ratio * sine**2 / s**3
+    bend = -sine / s + 3 * ratio * sine * cosine / s**3 + 3 * ratio**2 * sine**3 / s**5
+    return sine / s, slope, bend
+
+
+def _lifted(
+    level: _Acceleration, pull: Array, slope: Array, bend: Array, *, speed: Array, stiffness: float, fall_s2: float
+) -> _Acceleration:
+    """Return the acceleration of a body that rises as it turns, which adds to its inertia."""
+    carried = 1 + stiffness * fall_s2 * pull**2
+    value = (level.value - stiffness * fall_s2 * pull * slope * speed**2) / carried
+    climbs = (slope**2 + pull * bend) * speed**2 + 2 * pull * slope * value
+    by_angle = (level.by_angle - stiffness * fall_s2 * climbs) / carried
+    by_coefficient = level.by_coefficient / carried
+    by_coefficient[0] -= fall_s2 * (pull * slope * speed**2 + pull**2 * value) / carried
+    by_coefficient[4] = -by_angle
+    by_speed = (level.by_speed - 2 * stiffness * fall_s2 * pull * slope * speed) / carried
+    return _Acceleration(value, by_angle, by_speed, by_coefficient)
+
+
+def _turning_width(pull: Array, speed: Array, coulomb: float | Array, step: float) -> Array:
     """Return the speed within which sgn(phi') is replaced by a straight line, so that nothing jumps.
 
     At a turning point the speed runs through zero at the rate P + s on the way out and P - s on the way
@@ -70,7 +112,13 @@ def _turning_width(pull: Array, speed: Array, coulomb: float, step: float) -> Ar
 
 
 def linearised(
-    state: Array, begin: Array, step: float, coefficients: Coefficients, free: npt.NDArray[np.intp]
+    state: Array,
+    begin: Array,
+    step: float,
+    coefficients: Coefficients,
+    free: npt.NDArray[np.intp],
+    *,
+    threads: Threads = NO_THREADS,
 ) -> Array:
     """Linearise the collocated equation of motion about `state` (2n,), interleaved angle and speed.
 
@@ -79,13 +127,14 @@ def linearised(
     """
     angle, speed = state[::2], state[1::2]
     probes = len(free) > 0 and int(free[-1]) >= len(coefficients)
-    node = _acceleration(angle, speed, step, coefficients, probes=probes)
+    node = _acceleration(angle, speed, step, coefficients, threads, probes=probes)
     a, a_angle, a_speed = node.value, node.by_angle, node.by_speed
     middle = _acceleration(
         (angle[:-1] + angle[1:]) / 2 + step / 8 * (speed[:-1] - speed[1:]),
         (speed[:-1] + speed[1:]) / 2 + step / 8 * (a[:-1] - a[1:]),
         step,
         coefficients,
+        threads,
         probes=probes,
     )
     left, right = _cells(a_angle, a_speed, middle, step)

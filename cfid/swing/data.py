@@ -1,5 +1,6 @@
 """What swung about what: recordings with their mounts, the body, gravity and the fixture; checked, in SI."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError, check_positive
-from cfid.findings import Finding, note
+from cfid.findings import Finding, note, rejection
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import Mount, Rig, TestBody, thesis_rig
 from cfid.records.tables.angle import AngleRecord
+from cfid.records.tables.gyro import ALIGNMENT_STD_RAD, SCALE_STD
 from cfid.swing.axis_inertias import MountedSwing, Surroundings, SwungBody, swung_test_body
+from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.free_swing import FEWEST_PEAKS, FreeSwing, find_swing
 from cfid.units import MM
 
@@ -22,7 +25,7 @@ FIXTURE = "fixture"
 
 _MOST_ROWS = 2_000_000  # half an hour at 1 kHz
 _HELD_S = 5.0  # before the release, and after the swing at least
-
+_APART_STD = 4.0  # of a stated direction and a gyro's: beyond, one of them is wrong
 _GIVEN = "given"  # the mount that a distance given as a number makes
 
 
@@ -58,17 +61,72 @@ def rig_or_thesis(records: Iterable[AngleRecord], rig: Rig | None) -> tuple[Rig,
     return thesis_rig(), (note("thesis-geometry", text),)
 
 
-def swing_in(record: AngleRecord, **window: Any) -> FreeSwing:
-    """Find the free swing of a recording; `window` as `find_swing` takes it.
+def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) -> FreeSwing:
+    """Find the free swing of a recording; `threads` are those that the body hangs on, `window` as `find_swing` has it.
 
     Raises DataError that names the file.
     """
     try:
-        many = len(record.time_s) > _MOST_ROWS
+        many = len(record.time_s) > _MOST_ROWS and record.rates is None
         swing = (_find_in_long if many else find_swing)(record.time_s, record.angle_rad, **window)
     except DataError as error:
         raise DataError(f"{record.path}: {error}") from None
-    return replace(swing, time_scale_std=record.time_scale_std)
+    swing = replace(swing, time_scale_std=record.time_scale_std, threads=threads)
+    if record.rates is None:
+        return swing
+    return replace(swing, rate_rad_per_s=record.rates.rate_rad_per_s, rate_scale_std=SCALE_STD)
+
+
+def threads_of(mount: Mount | None, gravity_mps2: float) -> Threads:
+    """Return what a mount's threads make of the equation of motion, if it has any."""
+    if mount is None or mount.threads is None:
+        return NO_THREADS
+    above, below, length = mount.threads.lengths_m[0]
+    product, height = above * below / 4, math.sqrt(length**2 - (above - below) ** 2 / 4)
+    return Threads(product / height**2, product / (gravity_mps2 * height))
+
+
+def turned_about(body: SwungBody, records: Iterable[AngleRecord]) -> tuple[SwungBody, tuple[tuple[str, Finding], ...]]:
+    """Return a body whose mounts have the directions that a gyro turned about, and a finding for each such mount.
+
+    What rig.toml states counts as its uncertainty allows, and not at all where it states none. A direction that the
+    gyro contradicts is rejected, and stays.
+    """
+    seen: dict[str, list[Array]] = {}
+    for record in records:
+        mount = record.label.axis
+        if record.rates is not None and mount is not None and mount in body.mounts and record.label.body != FIXTURE:
+            seen.setdefault(mount, []).append(record.rates.axis)
+    mounts, findings = dict(body.mounts), list[tuple[str, Finding]]()
+    for name, axes in seen.items():
+        mounts[name], finding = _with_direction(mounts[name], axes)
+        findings.append((name, finding))
+    return replace(body, mounts=mounts), tuple(findings)
+
+
+def _with_direction(mount: Mount, axes: list[Array]) -> tuple[Mount, Finding]:
+    stated, stated_std = np.array(mount.direction) / math.hypot(*mount.direction), math.radians(mount.direction_std_deg)
+    found = np.sum([axis * np.sign(axis @ stated) for axis in axes], axis=0)
+    found /= np.linalg.norm(found) or 1.0
+    apart = math.acos(min(abs(float(found @ stated)), 1.0))
+    limit = _APART_STD * math.hypot(stated_std, ALIGNMENT_STD_RAD)
+    where = (
+        f"the gyro turned about ({found[0]:+.3f}, {found[1]:+.3f}, {found[2]:+.3f}), {math.degrees(apart):.2g} degrees "
+        "from the direction in rig.toml"
+    )
+    if apart > limit:
+        text = (
+            f"{where} (limit {math.degrees(limit):.2g}). Check whether the run is labelled with the right mount, and "
+            "the mount's direction."
+        )
+        return mount, rejection("swing-axis-contradicts", text)
+    share = stated_std**2 / (stated_std**2 + ALIGNMENT_STD_RAD**2) if stated_std else 1.0
+    direction = stated + share * (found - stated)
+    std = stated_std * ALIGNMENT_STD_RAD / math.hypot(stated_std, ALIGNMENT_STD_RAD) or ALIGNMENT_STD_RAD
+    x, y, z = map(float, direction)
+    text = f"{where}: both count, as far as they are certain." if stated_std else f"{where}, and replaces it."
+    update = {"direction": (x, y, z), "direction_std_deg": math.degrees(std)}
+    return mount.model_copy(update=update), note("swing-axis-by-gyro", text)
 
 
 def _find_in_long(

@@ -5,7 +5,7 @@ It finds the natural frequency and the damping per inertia; `result` makes kg m^
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -13,8 +13,16 @@ import numpy.typing as npt
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S
-from cfid.findings import Finding, note, warning
-from cfid.swing.checks import FitQuality, judge
+from cfid.findings import Finding
+from cfid.swing.checks import (
+    FitQuality,
+    eccentricity_finding,
+    hand_finding,
+    judge,
+    split_finding,
+    unfinished_finding,
+    varying_finding,
+)
 from cfid.swing.collocation import Coefficients
 from cfid.swing.free_swing import FreeSwing
 from cfid.swing.model import (
@@ -25,11 +33,12 @@ from cfid.swing.model import (
     fit_output_error,
 )
 from cfid.swing.uncertainty import (
-    FrictionProbe,
     chosen_terms,
     drift_of_halves,
     friction_probes,
     inflation,
+    moved_by_scale,
+    scale_error,
     scatter_of_windows,
     standard_uncertainties,
     step_error,
@@ -44,10 +53,8 @@ _DAMPING = Coefficients._fields[1:4]
 _ECCENTRIC_RAD = 0.05  # more is no eccentricity of a disc
 _TRIED_ECCENTRIC = 2  # of the choices of damping, the best
 _CLEARLY_BETTER = 0.95  # of the sum of squares
-_LED_BY_HAND = 0.15  # of the release angle
 _VARIES_STD = 4.0  # of a probe of dry friction: sound swings stay below
 _VARIES_USUALLY = 0.25  # of the Coulomb friction, over the angle: a bearing that nobody measured
-IDENTIFIABLE_BIC = 10.0  # [KR]: a difference below it is no strong evidence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +63,8 @@ class SwingFit:
 
     `std` has the fields of `coefficients`; `start_std` belongs to the start angle and speed. `split_bic` is
     the distance in BIC to the next best choice of terms, `budget_s2` has the parts of W's standard uncertainty. W is
-    that of `output_error` less what dry friction that varies over the angle moves it.
+    that of `output_error` less what dry friction that varies over the angle moves it. A gyro's rates are taken as too
+    large by `gyro_scale_error`; `predicted_rad` (n,) are the readings without residual.
     """
 
     output_error: OutputError
@@ -66,7 +74,10 @@ class SwingFit:
     start_std: tuple[float, float]
     residual_rms_rad: float
     split_bic: float
+    gyro_scale_error: float
+    gyro_scale_std: float
     budget_s2: Mapping[str, float]
+    predicted_rad: Array
     quality: FitQuality
     findings: tuple[Finding, ...]
 
@@ -87,20 +98,47 @@ def fit_swing(swing: FreeSwing) -> SwingFit:
     time, angle = swing.hands_off
     step = grid_step(swing)
     coefficients, trajectory = first_guess(time, angle, start_s=swing.release_s, step_s=step)
-    base = fit_output_error(time, angle, coefficients=coefficients, trajectory=trajectory, terms=("viscous",))
-    full = _refit(base, time, angle, TERMS)
+    if swing.rate_rad_per_s is not None:
+        trajectory = trajectory._replace(angle_rad=trajectory.angle_rad - coefficients.zero_rad)
+        coefficients = coefficients._replace(zero_rad=0.0)
+    base = fit_output_error(
+        time, swing.readings_rad, coefficients=coefficients, trajectory=trajectory, terms=("viscous",),
+        setup=swing.setup,
+    )  # fmt: skip
+    full = _refit(base, time, swing.readings_rad, TERMS)
+    swing, scale, base, full = _scaled(swing, base, full)
+    reading = swing.readings_rad
     promising = [terms for terms in _SUBSETS if not _hopeless(full, terms)]
-    candidates = [base, full, *(_refit(base, time, angle, terms) for terms in promising)]
+    candidates = [base, full, *(_refit(base, time, reading, terms) for terms in promising)]
     physical = [fit for fit in candidates if _acceptable(fit)]
     if not physical:
         # Damping too weak to be distinguished from none comes out negative half of the time.
-        physical = [fit for fit in [_refit(base, time, angle, ())] if _acceptable(fit)]
+        physical = [fit for fit in [_refit(base, time, reading, ())] if _acceptable(fit)]
     if not physical:
         raise FitError("no damped pendulum follows this record: is it a free swing? Look at it with `cfid show`.")
     likeliest = [fit for _, fit in _ranked(physical)[:_TRIED_ECCENTRIC]]
-    eccentric = [_refit(fit, time, angle, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
-    ranked = _ranked([*physical, *(fit for fit in eccentric if _acceptable(fit))])
-    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates))
+    if swing.rate_rad_per_s is None:
+        eccentric = [_refit(fit, time, reading, (*chosen_terms(fit), ECCENTRICITY)) for fit in likeliest]
+        physical += [fit for fit in eccentric if _acceptable(fit)]
+    ranked = _ranked(physical)
+    return _judged(swing, ranked, _unfinished(ranked[0][1], candidates), scale)
+
+
+def _scaled(
+    swing: FreeSwing, base: OutputError, full: OutputError
+) -> tuple[FreeSwing, float, OutputError, OutputError]:
+    """Take the scale's error off a gyro's rates, refined once; return the swing, the error, and both fits anew."""
+    corrected, error = swing, 0.0
+    if swing.rate_rad_per_s is None:
+        return swing, error, base, full
+    for _ in range(2):
+        usual = replace(corrected, rate_scale_std=swing.rate_scale_std)
+        error, std = scale_error(usual, full if full.converged else base, error)
+        corrected = replace(swing, rate_rad_per_s=swing.rate_rad_per_s / (1 + error), rate_scale_std=std)
+        base, full = (
+            _refit(fit, swing.hands_off[0], corrected.readings_rad, chosen_terms(fit)) for fit in (base, full)
+        )
+    return corrected, error, base, full
 
 
 def grid_step(swing: FreeSwing) -> float:
@@ -108,16 +146,16 @@ def grid_step(swing: FreeSwing) -> float:
     return min(GRID_S, PHASE_STEP * swing.period_s / (2 * math.pi))
 
 
-def _refit(fit: OutputError, time: Array, angle: Array, terms: tuple[str, ...]) -> OutputError:
+def _refit(fit: OutputError, time: Array, reading: Array, terms: tuple[str, ...]) -> OutputError:
     """Fit other terms from where a fit ended; one that did not converge is taken up again where it stopped."""
     dropped = {field: 0.0 for field, term in zip(_DAMPING, TERMS, strict=True) if term not in terms}
     start = fit.coefficients._replace(**dropped)
-    found = fit_output_error(time, angle, coefficients=start, trajectory=fit.trajectory, terms=terms)
+    found = fit_output_error(time, reading, coefficients=start, trajectory=fit.trajectory, terms=terms, setup=fit.setup)
     if found.converged or not np.all(np.isfinite(found.residual_rad)):
         return found
     return fit_output_error(
-        time, angle, coefficients=found.coefficients, trajectory=found.trajectory, terms=terms,
-        eccentricity=found.eccentricity,
+        time, reading, coefficients=found.coefficients, trajectory=found.trajectory, terms=terms,
+        eccentricity=found.eccentricity, setup=fit.setup,
     )  # fmt: skip
 
 
@@ -179,17 +217,23 @@ def _spread_of_choices(ranked: list[tuple[float, OutputError]]) -> float:
     return float(np.sqrt(likely @ (frequencies - frequencies[0]) ** 2 / likely.sum()))
 
 
-def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinished: OutputError | None) -> SwingFit:
+def _judged(
+    swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinished: OutputError | None, scale: float
+) -> SwingFit:
     fit = ranked[0][1]
     split_bic = ranked[1][0] - ranked[0][0] if len(ranked) > 1 else math.inf
-    std = standard_uncertainties(fit)
+    noise = standard_uncertainties(fit)
+    gyro = np.zeros(len(noise)) if swing.rate_rad_per_s is None else moved_by_scale(swing, fit)
+    std = np.hypot(noise, gyro)
     frequency = fit.coefficients.natural_frequency_squared_s2
     drift, drift_std = drift_of_halves(swing, fit)
+    instrument = "encoder" if swing.rate_rad_per_s is None else "vehicle"
     shares = {
-        "noise": float(std[0]),
+        "noise": float(noise[0]),
+        "scale of the gyro": float(gyro[0]),
         "choice of terms": _spread_of_choices(ranked),
         "grid": step_error(swing, fit),
-        "clock of the encoder": 2 * frequency * swing.time_scale_std,
+        f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
         # Halves that disagree by more than noise: the truth lies between them as likely as anywhere else.
         "drift": frequency * abs(drift) / math.sqrt(12) if abs(drift) > 3 * drift_std else 0.0,
         "scatter between windows": scatter_of_windows(swing, fit),
@@ -215,76 +259,18 @@ def _judged(swing: FreeSwing, ranked: list[tuple[float, OutputError]], unfinishe
         start_std=(float(std[-2]), float(std[-1])),
         residual_rms_rad=float(np.sqrt(np.mean(fit.residual_rad**2))),
         split_bic=split_bic,
+        gyro_scale_error=scale,
+        gyro_scale_std=swing.rate_scale_std,
         budget_s2={name: share for name, share in shares.items() if share > 0},
+        predicted_rad=swing.readings_rad - fit.residual_rad,
         quality=quality,
         findings=(
             *swing.findings,
             *quality.findings,
-            *_split_finding(terms, split_bic),
-            *_hand_finding(swing, fit),
-            *_eccentricity_finding(fit),
-            *_unfinished_finding(unfinished, shares),
-            *_varying_finding(varying),
+            *split_finding(terms, split_bic),
+            *hand_finding(swing, fit),
+            *eccentricity_finding(fit),
+            *unfinished_finding(unfinished, shares),
+            *varying_finding(varying),
         ),
     )
-
-
-def _eccentricity_finding(fit: OutputError) -> tuple[Finding, ...]:
-    if not fit.eccentric:
-        return ()
-    degrees = math.degrees(math.hypot(*fit.eccentricity))
-    text = (
-        f"the encoder's disc reads {degrees:.2g} degrees off within a turn, as an eccentric one: its first harmonic is "
-        "taken out. Centre the disc on the axis."
-    )
-    return (note("swing-encoder-eccentric", text),)
-
-
-def _unfinished_finding(unfinished: OutputError | None, shares: Mapping[str, float]) -> tuple[Finding, ...]:
-    if unfinished is None:
-        return ()
-    terms = ", ".join(chosen_terms(unfinished)) or "none"
-    text = (
-        f"a model with other terms ({terms}) follows the record better, but its fit did not converge: its natural "
-        f"frequency squared differs by {shares['model that did not converge']:.2g} 1/s^2, which is added to the "
-        "uncertainty. Use another window."
-    )
-    return (warning("swing-better-model-open", text, "swing.*"),)
-
-
-def _varying_finding(varying: FrictionProbe | None) -> tuple[Finding, ...]:
-    if varying is None:
-        return ()
-    consequence = "taken off" if varying.varies_with == "angle" else "added to the uncertainty"
-    text = (
-        f"dry friction varies with {varying.varies_with} ({varying.shown_std:.1f} standard uncertainties), which moves "
-        f"the natural frequency squared by {varying.moved_s2:.2g} 1/s^2: this is {consequence}. Clean or replace the "
-        "bearing, or end the window at a higher peak."
-    )
-    return (warning("swing-friction-varies", text, "swing.*"),)
-
-
-def _split_finding(terms: tuple[str, ...], split_bic: float) -> tuple[Finding, ...]:
-    if split_bic >= IDENTIFIABLE_BIC:
-        return ()
-    chosen = ", ".join(terms) or "none"
-    text = (
-        f"the damping terms ({chosen}) are not identifiable: another choice is as likely "
-        f"(BIC {split_bic:.1f} apart). The inertia does not depend on it."
-    )
-    damping = ("swing.viscous_nms_per_rad", "swing.coulomb_nm", "swing.quadratic_nms2_per_rad2")
-    return (note("swing-damping-split-unresolved", text, *damping),)
-
-
-def _hand_finding(swing: FreeSwing, fit: OutputError) -> tuple[Finding, ...]:
-    """Report when the motion just after the release was not the pendulum's own."""
-    measured = float(swing.angle_rad[swing.release])
-    missed = abs(fit.start_angle_rad - measured)
-    if swing.hand_gone == swing.release or missed < _LED_BY_HAND * abs(measured):
-        return ()
-    text = (
-        f"between {swing.release_s:.2f} and {swing.time_s[swing.hand_gone]:.2f} s the body did not fall freely "
-        f"(the pendulum would have started from {math.degrees(fit.start_angle_rad):.0f} degrees, "
-        f"it stood at {math.degrees(measured):.0f}): this segment is left out. Release without a push."
-    )
-    return (note("swing-led-by-hand", text, "swing.start_angle_rad", "swing.start_speed_rad_per_s"),)

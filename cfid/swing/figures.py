@@ -41,6 +41,7 @@ _ACCEPTED = "describes the record"
 _TIME = "time (s)"
 _DEGREES = "angle (°)"
 _RADIANS = "angle (rad)"
+_RATE = "rate (°/s)"
 
 
 @styled
@@ -55,10 +56,14 @@ def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
     page, grid = figure(
         5, 2, heights_in=heights_in, title=title, rejections=rejected, notes=texts(fit.findings, "note", "warning")
     )
-    (time, angle), residual = swing.hands_off, fit.output_error.residual_rad
+    time, residual = swing.hands_off[0], fit.output_error.residual_rad
+    per_s = fit.output_error.setup.gyro_per_s or 1.0
+    reading = per_s * (residual + fit.predicted_rad)
     _draw_recording(page.add_subplot(grid[0, :]), swing)
     shown = pieces(page, grid, 1, time, period_s=swing.period_s)
-    _draw_overlay(shown, time, angle, angle - residual, title="(b) fit in the window", in_degrees=True)
+    quantity = _DEGREES if swing.rate_rad_per_s is None else _RATE
+    fitted = per_s * fit.predicted_rad
+    _draw_overlay(shown, time, reading, fitted, title="(b) fit in the window", quantity=quantity)
     _draw_residual(page.add_subplot(grid[2, :]), time, residual, title="(c) record less fit")
     _draw_autocorrelation(page.add_subplot(grid[3, 0]), swing, fit)
     motion = fitted_motion(fit, swing.time_s[swing.release :])
@@ -85,7 +90,7 @@ def thesis_swing_figure(
     page, grid = figure(len(heights_in), 2, heights_in=heights_in, title=title)
     time, recorded, fitted = cosine.time_s, cosine.angle_rad, cosine.model_rad
     shown = pieces(page, grid, 0, time, period_s=swing.period_s)
-    _draw_overlay(shown, time, recorded, fitted, title="(a) damped cosine, eq. 2.11", in_degrees=False)
+    _draw_overlay(shown, time, recorded, fitted, title="(a) damped cosine, eq. 2.11", quantity=_RADIANS)
     _draw_residual(page.add_subplot(grid[1, :]), time, recorded - fitted, title="(b) record less cosine")
     if flexible is not None:
         _draw_flexible(page, grid, swing, flexible)
@@ -135,10 +140,10 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
 
 
 def _draw_overlay(
-    shown: list[Piece], time_s: Array, recorded_rad: Array, fitted_rad: Array, *, title: str, in_degrees: bool
+    shown: list[Piece], time_s: Array, recorded_rad: Array, fitted_rad: Array, *, title: str, quantity: str
 ) -> None:
     """Draw a fit over what was recorded: thin and dark over wide and pale, and neither hides the other."""
-    scale, quantity = (math.degrees(1.0), _DEGREES) if in_degrees else (1.0, _RADIANS)
+    scale = 1.0 if quantity == _RADIANS else math.degrees(1.0)
     for axes, part in shown:
         draw_line(axes, time_s[part], scale * recorded_rad[part], color=RECORDED_BELOW, lw=3.2, label="recorded")
         draw_line(axes, time_s[part], scale * fitted_rad[part], color=MODEL, lw=1.0, label="fitted")
@@ -211,7 +216,7 @@ def _draw_motion(axes: Axes, swing: FreeSwing, motion_rad: Array) -> None:
 def _draw_flexible(page: Figure, grid: GridSpec, swing: FreeSwing, flexible: FlexibleFunction) -> None:
     time, recorded, fitted = flexible.time_s, flexible.angle_rad, flexible.model_rad
     shown = pieces(page, grid, 2, time, period_s=swing.period_s)
-    _draw_overlay(shown, time, recorded, fitted, title="(c) flexible function, eq. 2.16", in_degrees=False)
+    _draw_overlay(shown, time, recorded, fitted, title="(c) flexible function, eq. 2.16", quantity=_RADIANS)
     derivatives = (
         ("(d) its first derivative", flexible.speed_rad_per_s, "speed (rad/s)"),
         ("(e) its second derivative", flexible.acceleration_rad_per_s2, "acceleration (rad/s²)"),

@@ -15,6 +15,8 @@ import numpy.typing as npt
 from cfid.errors import DataError
 from cfid.estimate.signals import GRID_S, HalfSwing, half_swings, resample, smooth, vertex
 from cfid.findings import Finding, note, warning
+from cfid.swing.collocation import NO_THREADS, Threads
+from cfid.swing.model import Setup
 
 Array = npt.NDArray[np.float64]
 
@@ -36,7 +38,9 @@ class FreeSwing:
     `time_s` and `angle_rad` (n,) are the whole record, from its first sample and about rest. The free swing
     runs from sample `release` to sample `end` (inclusive); the default fit looks at it from `hand_gone` on.
     Peaks are those on the release's side, the release first; in a window set by hand, those that lie in it.
-    `time_scale_std` is the relative standard uncertainty of the times' scale.
+    `time_scale_std` is the relative standard uncertainty of the times' scale. A gyro's `rate_rad_per_s` (n,) is about
+    the axis, with the relative standard uncertainty `rate_scale_std`; its angle is the sum of it. `threads` are those
+    that the body hangs on.
     """
 
     time_s: Array
@@ -51,6 +55,9 @@ class FreeSwing:
     period_s: float
     resolution_rad: float
     time_scale_std: float = 0.0
+    rate_rad_per_s: Array | None = None
+    rate_scale_std: float = 0.0
+    threads: Threads = NO_THREADS
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -63,6 +70,19 @@ class FreeSwing:
         """Time and angle from the release on, as the thesis fits it."""
         window = slice(self.release, self.end + 1)
         return self.time_s[window], self.angle_rad[window]
+
+    @property
+    def setup(self) -> Setup:
+        """What the model has beside a pendulum under an encoder."""
+        return Setup(self.threads, None if self.rate_rad_per_s is None else 2 * math.pi / self.period_s)
+
+    @property
+    def readings_rad(self) -> Array:
+        """What is fitted from when the hand is surely gone: angles, or a gyro's rates as `Setup` has them."""
+        window, (_, per_s) = slice(self.hand_gone, self.end + 1), self.setup
+        if self.rate_rad_per_s is None or per_s is None:
+            return self.angle_rad[window]
+        return self.rate_rad_per_s[window] / per_s
 
     @property
     def hands_off(self) -> tuple[Array, Array]:

@@ -1,13 +1,18 @@
-"""The damped pendulum fitted to an angle record by output error; knows nothing of rigs, mounts or masses.
+"""The damped pendulum fitted to a record of its angle or its rate by output error; knows no rig, mount or mass.
 
 The model is eq. 2.9 of the thesis with its sine kept and two damping terms added,
 
     phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|,
 
 W = m g r / I_a and c, s, q the damping divided by I_a. An encoder whose disc is eccentric reads
-phi + a sin phi + b (cos phi - 1), the first harmonic of its error about rest. The trajectory itself is an
-unknown, see `collocation`. Started on the measured angle, it cannot slip by a period as shooting from
-a guess can.
+phi + a sin phi + b (cos phi - 1), the first harmonic of its error about rest. A gyro reads phi' and a constant,
+its bias; as rates do not show where zero is, the vertical is. A body on two threads turns about the vertical by
+
+    (1 + W f S^2) phi'' = -W S - W f S S' phi'^2 - friction,  S = sin phi / s,  s^2 = 1 - 2 k (1 - cos phi),
+
+with W = m g a b / (h I), k = a b / h^2 and f = a b / (g h), which follows from the energies of a body that rises with
+the threads; without threads k = f = 0. The trajectory itself is an unknown, see `collocation`. Started on the
+measured angle, it cannot slip by a period as shooting from a guess can.
 """
 
 import math
@@ -19,7 +24,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from cfid.estimate.signals import smooth
-from cfid.swing.collocation import Coefficients, linearised
+from cfid.swing.collocation import NO_THREADS, Coefficients, Threads, linearised
 
 Array = npt.NDArray[np.float64]
 
@@ -44,6 +49,20 @@ class Eccentricity(NamedTuple):
 CENTRED = Eccentricity(0.0, 0.0)
 
 
+class Setup(NamedTuple):
+    """What is modelled beside a pendulum under an encoder: threads, and a gyro.
+
+    A gyro's rates are read in rad as those of a swing of the angular frequency `gyro_per_s`, so that residuals of
+    both instruments compare.
+    """
+
+    threads: Threads = NO_THREADS
+    gyro_per_s: float | None = None
+
+
+PLAIN = Setup()
+
+
 class Trajectory(NamedTuple):
     """Angle and speed at the nodes of a uniform grid, shape (n,) each."""
 
@@ -58,13 +77,15 @@ class OutputError:
     """A fitted pendulum.
 
     `residual_rad` has the shape of the samples (n,). `jacobian` (n, p) are the derivatives of the predicted
-    angle with respect to the free coefficients, the encoder's eccentricity if that was free too (`eccentric`), the
-    start angle and the start speed, in this order; `free` has which coefficients were free.
+    readings with respect to the free coefficients, the encoder's eccentricity if that was free too (`eccentric`) or
+    the gyro's bias, the start angle and the start speed, in this order; `free` has which coefficients were free.
     """
 
     coefficients: Coefficients
     eccentricity: Eccentricity
     eccentric: bool
+    setup: Setup
+    bias_rad: float
     start_angle_rad: float
     start_speed_rad_per_s: float
     trajectory: Trajectory
@@ -97,38 +118,41 @@ def first_guess(time_s: Array, angle_rad: Array, *, start_s: float, step_s: floa
 
 def fit_output_error(
     time_s: Array,
-    angle_rad: Array,
+    reading_rad: Array,
     *,
     coefficients: Coefficients,
     trajectory: Trajectory,
     terms: tuple[str, ...],
     eccentricity: Eccentricity = CENTRED,
+    setup: Setup = PLAIN,
 ) -> OutputError:
     """Fit the pendulum to samples (n,) at any increasing times within the trajectory's grid.
 
-    Free are W, zero, the start state and the `terms` named, of damping and the encoder's eccentricity; the others stay
-    at their given values. The start need not be a solution: measured angles will do. It has converged when a step moves
-    the prediction by far less than noise leaves it uncertain.
+    Free are W, the start state, zero or a gyro's bias, and the `terms` named, of damping and the encoder's
+    eccentricity; the others stay at their given values. The start need not be a solution: measured angles will do. It
+    has converged when a step moves the prediction by far less than noise leaves it uncertain.
     """
-    free = (True, *(term in terms for term in TERMS), True)
+    gyro = setup.gyro_per_s is not None
+    free = (True, *(term in terms for term in TERMS), not gyro)
     chosen, eccentric = np.flatnonzero(free), ECCENTRICITY in terms
-    values, harmonic = np.array(coefficients, dtype=float), np.array(eccentricity, dtype=float)
+    values, offsets = np.array(coefficients, dtype=float), np.zeros(1) if gyro else np.array(eccentricity, dtype=float)
     start, step = trajectory.start_s, trajectory.step_s
     state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
     begin = state[:2].copy()
-    sampler = _hermite_sampler(time_s, start_s=start, step_s=step, nodes=len(state) // 2)
-    jacobian = np.zeros((len(time_s), len(chosen) + 2 * eccentric + 2))
+    sampler = _sampler(time_s, trajectory, setup)
+    extra = len(offsets) * (gyro or eccentric)
+    jacobian = np.zeros((len(time_s), len(chosen) + extra + 2))
     converged = False
     iteration = 0
     while not converged and iteration < _MAX_ITERATIONS:
         iteration += 1
         try:
-            columns = linearised(state, begin, step, Coefficients(*values), chosen)
+            columns = linearised(state, begin, step, Coefficients(*values), chosen, threads=setup.threads)
         except np.linalg.LinAlgError:
             break
-        angle = sampler @ state
-        error = angle_rad - _read(angle, harmonic)
-        sampled = _read_derivatives(angle, sampler @ columns, harmonic, eccentric=eccentric)
+        seen = sampler @ state
+        error = reading_rad - _read(seen, offsets)
+        sampled = _read_derivatives(seen, sampler @ columns, offsets, free=extra > 0)
         jacobian = sampled[:, 1:]
         change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0])
         moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(chosen)], change[-2:]])
@@ -136,7 +160,7 @@ def fit_output_error(
             break
         state = state + moved
         values[chosen] += change[: len(chosen)]
-        harmonic += change[len(chosen) : -2] if eccentric else 0.0
+        offsets += change[len(chosen) : -2] if extra else 0.0
         begin += change[-2:]
         off_equation_rad = float(np.max(np.abs(columns[::2, 0])))
         uncertain_rad = math.sqrt(float(error @ error) * len(change)) / len(error)
@@ -145,12 +169,14 @@ def fit_output_error(
         )
     return OutputError(
         coefficients=Coefficients(*map(float, values)),
-        eccentricity=Eccentricity(*map(float, harmonic)),
+        eccentricity=CENTRED if gyro else Eccentricity(*map(float, offsets)),
         eccentric=eccentric,
+        setup=setup,
+        bias_rad=float(offsets[0]) if gyro else 0.0,
         start_angle_rad=float(begin[0]),
         start_speed_rad_per_s=float(begin[1]),
         trajectory=Trajectory(start, step, state[::2], state[1::2]),
-        residual_rad=angle_rad - _read(sampler @ state, harmonic),
+        residual_rad=reading_rad - _read(sampler @ state, offsets),
         jacobian=jacobian,
         free=free,
         iterations=iteration,
@@ -158,35 +184,44 @@ def fit_output_error(
     )
 
 
-def probed(fit: OutputError, time_s: Array) -> Array:
-    """Return what all coefficients, start and probes of dry friction do to the readings, (n, 5 + 3 + 2).
+def probed(fit: OutputError, time_s: Array) -> tuple[Array, Array]:
+    """Return what everything that a fit may leave free does to the readings (n, p), W first, and what probes do (n, 3).
 
     The probes are excesses of dry friction below two low speeds, and one that grows with 1 - cos phi.
     """
-    path = fit.trajectory
+    path, gyro = fit.trajectory, fit.setup.gyro_per_s is not None
     state = np.stack([path.angle_rad, path.speed_rad_per_s], axis=1).ravel()
-    columns = linearised(state, state[:2], path.step_s, fit.coefficients, np.arange(8))[:, 1:]
-    sampler = _hermite_sampler(time_s, start_s=path.start_s, step_s=path.step_s, nodes=len(path.angle_rad))
-    harmonic = np.array(fit.eccentricity)
-    return _read_derivatives(
-        np.asarray(sampler @ state), np.asarray(sampler @ columns), harmonic, eccentric=fit.eccentric
+    columns = linearised(state, state[:2], path.step_s, fit.coefficients, np.arange(8), threads=fit.setup.threads)[
+        :, 1:
+    ]
+    sampler = _sampler(time_s, path, fit.setup)
+    offsets = np.array([fit.bias_rad] if gyro else fit.eccentricity)
+    read = _read_derivatives(
+        np.asarray(sampler @ state), np.asarray(sampler @ columns), offsets, free=gyro or fit.eccentric
     )
+    probes = slice(5, 5 + len(PROBES))
+    left_out = [4] if gyro else []  # zero does to rates what the start angle does
+    return np.delete(read, [*left_out, *range(probes.start, probes.stop)], axis=1), read[:, probes]
 
 
-def _read(angle: Array, harmonic: Array) -> Array:
-    """Return what an encoder reads at angles (n,)."""
-    if not harmonic.any():
-        return angle
-    return np.asarray(angle + harmonic[0] * np.sin(angle) + harmonic[1] * (np.cos(angle) - 1))
+def _read(seen: Array, offsets: Array) -> Array:
+    """Return what a gyro with a bias (1,) reads at rates (n,), or an eccentric encoder (2,) at angles (n,)."""
+    if len(offsets) == 1:
+        return np.asarray(seen + offsets[0])
+    if not offsets.any():
+        return seen
+    return np.asarray(seen + offsets[0] * np.sin(seen) + offsets[1] * (np.cos(seen) - 1))
 
 
-def _read_derivatives(angle: Array, columns: Array, harmonic: Array, *, eccentric: bool) -> Array:
-    """Return what the columns (n, 1 + p + 2) of an angle are in its readings, with those of a free eccentricity."""
-    if not (eccentric or harmonic.any()):
+def _read_derivatives(seen: Array, columns: Array, offsets: Array, *, free: bool) -> Array:
+    """Return what the columns (n, 1 + p + 2) of an angle or a rate are in its readings, with those of free offsets."""
+    if len(offsets) == 1:
+        return np.insert(columns, -2, 1.0, axis=1) if free else columns
+    if not (free or offsets.any()):
         return columns
-    sine, cosine = np.sin(angle), np.cos(angle)
-    read = (1 + harmonic[0] * cosine - harmonic[1] * sine)[:, None] * columns
-    if not eccentric:
+    sine, cosine = np.sin(seen), np.cos(seen)
+    read = (1 + offsets[0] * cosine - offsets[1] * sine)[:, None] * columns
+    if not free:
         return np.asarray(read)
     return np.concatenate([read[:, :-2], np.stack([sine, cosine - 1], axis=1), read[:, -2:]], axis=1)
 
@@ -194,10 +229,7 @@ def _read_derivatives(angle: Array, columns: Array, harmonic: Array, *, eccentri
 def sample(trajectory: Trajectory, time_s: Array) -> Array:
     """Return the trajectory's angle at any times (n,) within its grid, by cubic Hermite interpolation."""
     state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
-    sampler = _hermite_sampler(
-        time_s, start_s=trajectory.start_s, step_s=trajectory.step_s, nodes=len(trajectory.angle_rad)
-    )
-    return np.asarray(sampler @ state)
+    return np.asarray(_sampler(time_s, trajectory, PLAIN) @ state)
 
 
 def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
@@ -211,15 +243,23 @@ def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
     return change / scale, moved
 
 
-def _hermite_sampler(time_s: Array, *, start_s: float, step_s: float, nodes: int) -> csr_matrix:
-    """Return the sparse matrix (n, 2 nodes) that takes interleaved (angle, speed) to angles at `time_s`."""
-    place = (time_s - start_s) / step_s
+def _sampler(time_s: Array, trajectory: Trajectory, setup: Setup) -> csr_matrix:
+    """Return the sparse matrix (n, 2 nodes) that takes interleaved (angle, speed) to what is seen at `time_s`.
+
+    That is the Hermite cubic of the angle, or for a gyro its derivative over `gyro_per_s`.
+    """
+    step_s, nodes = trajectory.step_s, len(trajectory.angle_rad)
+    place = (time_s - trajectory.start_s) / step_s
     left = np.clip(place.astype(int), 0, nodes - 2)
     s = place - left
-    weights = np.stack(
-        [(1 + 2 * s) * (1 - s) ** 2, step_s * s * (1 - s) ** 2, s**2 * (3 - 2 * s), step_s * s**2 * (s - 1)],
-        axis=1,
-    )
+    if setup.gyro_per_s is None:
+        weights = np.stack(
+            [(1 + 2 * s) * (1 - s) ** 2, step_s * s * (1 - s) ** 2, s**2 * (3 - 2 * s), step_s * s**2 * (s - 1)],
+            axis=1,
+        )
+    else:
+        turning = 6 * s * (s - 1) / step_s
+        weights = np.stack([turning, (1 - s) * (1 - 3 * s), -turning, s * (3 * s - 2)], axis=1) / setup.gyro_per_s
     columns = 2 * left[:, None] + np.arange(4)
     return csr_matrix(
         (weights.ravel(), columns.ravel(), 4 * np.arange(len(time_s) + 1)), shape=(len(time_s), 2 * nodes)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
 
-from cfid.swing.collocation import Coefficients
+from cfid.swing.collocation import Coefficients, Threads
 from cfid.swing.estimation import SwingFit
 
 Array = npt.NDArray[np.float64]
@@ -21,16 +21,16 @@ _TOLERANCE = 1e-8
 def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
     """Return the angle (n,) at increasing times (n,), none before the fit's start, from its start state.
 
-    phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|. With dry friction each half-swing is a
-    segment of its own, as the integrator cannot step over a jump, and the body stops where gravity no longer
-    overcomes it.
+    phi'' = -W sin(phi - zero) - c phi' - s sgn(phi') - q phi' |phi'|, with threads that of `model`. With dry friction
+    each half-swing is a segment of its own, as the integrator cannot step over a jump, and the body stops where gravity
+    no longer overcomes it.
     """
     start = fit.output_error
     state = np.array([start.start_angle_rad, start.start_speed_rad_per_s])
     now, end = start.trajectory.start_s, float(time_s[-1])
     angle = np.full(len(time_s), state[0])
     while now < end and (side := _side(state, fit.coefficients)):
-        segment = _until_it_turns(state, fit.coefficients, side, now, end)
+        segment = _until_it_turns(state, fit.coefficients, start.setup.threads, side, (now, end))
         turned = segment.status == 1
         reached = float(segment.t[-1])
         state = np.array([segment.y[0, -1], 0.0 if turned else segment.y[1, -1]])
@@ -61,17 +61,23 @@ class _Turning:
         return float(state[1])
 
 
-def _until_it_turns(state: Array, coefficients: Coefficients, side: float, now: float, end: float) -> Any:
+def _until_it_turns(
+    state: Array, coefficients: Coefficients, threads: Threads, side: float, span_s: tuple[float, float]
+) -> Any:
     """Integrate to the end or, with dry friction, to where the body turns."""
     stiffness, viscous, coulomb, quadratic, zero = coefficients
 
     def derivative(_: float, y: Array) -> tuple[float, float]:
         drag = viscous * y[1] + quadratic * y[1] * abs(y[1]) + coulomb * side
-        return y[1], -stiffness * np.sin(y[0] - zero) - drag
+        height = np.sqrt(1 - 2 * threads.ratio * (1 - np.cos(y[0] - zero)))  # over that at rest
+        pull = np.sin(y[0] - zero) / height
+        steeper = np.cos(y[0] - zero) / height + threads.ratio * pull**2 / height
+        rise = stiffness * threads.fall_s2 * pull
+        return y[1], -(stiffness * pull + rise * steeper * y[1] ** 2 + drag) / (1 + rise * pull)
 
     return solve_ivp(
         derivative,
-        (now, end),
+        span_s,
         state,
         method="DOP853",
         rtol=_TOLERANCE,

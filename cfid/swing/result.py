@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,8 +17,17 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
-from cfid.swing.collocation import Coefficients
-from cfid.swing.data import body_of_swing, check_peaks, peaks_on, rig_around, surroundings, swing_in
+from cfid.swing.collocation import NO_THREADS, Coefficients
+from cfid.swing.data import (
+    body_of_swing,
+    check_peaks,
+    peaks_on,
+    rig_around,
+    surroundings,
+    swing_in,
+    threads_of,
+    turned_about,
+)
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
@@ -79,9 +88,12 @@ def fit(
     body = body_of_swing(rig, axis=axis, body=record.label.body, mass=mass, distance=distance)
     around = surroundings(rig or thesis_rig(), gravity_mps2, gravity_std_mps2)
     check_peaks(peaks, [axis] if axis else [])
-    swing = swing_in(record, peaks=peaks_on(axis, peaks), smallest_peak_rad=smallest_peak_rad, from_s=from_s, to_s=to_s)
+    swung, directions = (None, ()) if body is None else turned_about(body[0], [record])
+    threads = NO_THREADS if body is None else threads_of(body[0].mounts[body[1]], around.gravity_mps2)
+    window = {"smallest_peak_rad": smallest_peak_rad, "from_s": from_s, "to_s": to_s}
+    swing = swing_in(record, threads, peaks=peaks_on(axis, peaks), **window)
     found = _by_thesis(record, swing) if method == "thesis" else _by_default(record, swing)
-    inertia = None if body is None else _inertia(found, *body, around)
+    inertia = None if body is None or swung is None else _inertia(found, swung, body[1], around)
     quantities = _quantities(swing, found, inertia)
     return Result(
         command="fit swing",
@@ -93,6 +105,7 @@ def fit(
         findings=(
             *record.findings,
             *found.findings,
+            *(replace(finding, where=(mount,), quantities=(_INERTIA,)) for mount, finding in directions),
             *implausible_quantities(quantities, rig),
             *(() if body is None or inertia is None else _body_findings(body[0], inertia, rig)),
             *(() if distance_m is None else _exact(mass=mass_std_kg, distance=distance_std_m)),
@@ -147,6 +160,7 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
             "drift_std": quality.drift_std,
             "damping_terms": fitted.terms,
             "damping_split_bic": fitted.split_bic,
+            **_gyro(swing, fitted),
             **_window(swing),
             **checks,
         },
@@ -154,10 +168,21 @@ def _by_default(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
         lines=(
             f"damping: {', '.join(fitted.terms) or 'none'}; residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
             f"waveform off by {100 * quality.distortion:.2g} % of the start angle, drift {100 * quality.drift:+.2g} %",
+            *(
+                f"{key.replace('_', ' ')} {value:+.3g}, standard uncertainty {std:.1g}"
+                for key, (value, std) in _gyro(swing, fitted).items()
+            ),
             *check_lines,
         ),
         drawings=drawings,
     )
+
+
+def _gyro(swing: FreeSwing, fitted: SwingFit) -> dict[str, tuple[float, float]]:
+    """Return the relative error of a gyro's scale with its standard uncertainty, nothing for an encoder."""
+    if swing.rate_rad_per_s is None:
+        return {}
+    return {"gyro_scale_error": (fitted.gyro_scale_error, fitted.gyro_scale_std)}
 
 
 def _checks(
@@ -274,11 +299,11 @@ def _inertia(found: _SwingEstimate, body: SwungBody, mount: str, around: Surroun
 def _body_findings(body: SwungBody, inertia: _Inertia, rig: Rig | None) -> tuple[Finding, ...]:
     resting = tuple(inertia.quantities)
     return (
-        *implausible_inputs(given_numbers(body, [inertia.distance_m]), rig, *resting),
+        *implausible_inputs(given_numbers(body, filter(None, [inertia.distance_m])), rig, *resting),
         *moment_fault(
             "this swing", inertia.about_axis_kg_m2, inertia.about_centre_kg_m2, inertia.about_centre_std, *resting
         ),
-        note("swing-stiffness-unseen", _STIFFNESS, _INERTIA),
+        *([note("swing-stiffness-unseen", _STIFFNESS, _INERTIA)] if inertia.distance_m else []),
     )
 
 

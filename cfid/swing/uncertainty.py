@@ -44,8 +44,8 @@ def step_error(swing: FreeSwing, fit: OutputError) -> float:
         step = share * fit.trajectory.step_s
         _, trajectory = first_guess(time, angle, start_s=fit.trajectory.start_s, step_s=step)
         finer = fit_output_error(
-            time, angle, coefficients=fit.coefficients, trajectory=trajectory, terms=chosen_terms(fit),
-            eccentricity=fit.eccentricity,
+            time, swing.readings_rad, coefficients=fit.coefficients, trajectory=trajectory, terms=chosen_terms(fit),
+            eccentricity=fit.eccentricity, setup=fit.setup,
         )  # fmt: skip
         if finer.converged:
             changes.append(abs(finer.coefficients[0] - fit.coefficients[0]))
@@ -112,22 +112,49 @@ class FrictionProbe(NamedTuple):
 
 def friction_probes(swing: FreeSwing, fit: OutputError) -> tuple[FrictionProbe, ...]:
     """Estimate each of PROBES beside all coefficients, linearly about the fit."""
-    columns = probed(fit, swing.hands_off[0])
+    own, probes = probed(fit, swing.hands_off[0])
     found = []
-    own = [i for i in range(columns.shape[1]) if not 5 <= i < 5 + len(PROBES)]
-    for i, name in enumerate(PROBES):
-        jacobian = columns[:, [*own, 5 + i]]
-        size = np.linalg.norm(jacobian, axis=0)
-        change = np.linalg.lstsq(jacobian / size, fit.residual_rad, rcond=1e-10)[0] / size
-        left = fit.residual_rad - jacobian @ change
-        std = std_of(sandwich(jacobian, left, longest=_samples_a_period(fit)))
-        found.append(FrictionProbe(name, float(change[-1]), float(std[-1]), float(change[0] / change[-1])))
+    for name, probe in zip(PROBES, probes.T, strict=True):
+        change, std = _beside(fit, own, probe)
+        found.append(FrictionProbe(name, float(change[-1]), std, float(change[0] / change[-1])))
     return tuple(found)
+
+
+def scale_error(swing: FreeSwing, fit: OutputError, taken: float) -> tuple[float, float]:
+    """Return the relative error of a gyro's scale and its standard uncertainty, by the record and what is usual.
+
+    `taken` is what the rates were corrected by, `rate_scale_std` what is usual. The period of a pendulum depends on its
+    amplitude, which a scale changes: large swings show it, small ones do not.
+    """
+    change, std = _beside(fit, fit.jacobian, _without_bias(swing, fit))
+    weight = swing.rate_scale_std**2 / (swing.rate_scale_std**2 + std**2)
+    return float(weight * (taken + change[-1])), math.sqrt(weight) * std
+
+
+def moved_by_scale(swing: FreeSwing, fit: OutputError) -> Array:
+    """Return by how much the standard uncertainty of a gyro's scale moves each Jacobian column's estimate."""
+    column = _without_bias(swing, fit)
+    size = np.linalg.norm(fit.jacobian, axis=0)
+    moved = np.linalg.lstsq(fit.jacobian / size, column, rcond=1e-10)[0] / size
+    return np.asarray(np.abs(moved) * swing.rate_scale_std)
+
+
+def _without_bias(swing: FreeSwing, fit: OutputError) -> Array:
+    return np.asarray(swing.readings_rad - fit.residual_rad - fit.bias_rad)
+
+
+def _beside(fit: OutputError, own: Array, probe: Array) -> tuple[Array, float]:
+    """Return by how much estimates (p,) and a probe's size change where it is fitted too, and that size's std."""
+    jacobian = np.column_stack([own, probe])
+    size = np.linalg.norm(jacobian, axis=0)
+    change = np.linalg.lstsq(jacobian / size, fit.residual_rad, rcond=1e-10)[0] / size
+    left = fit.residual_rad - jacobian @ change
+    return change, float(std_of(sandwich(jacobian, left, longest=_samples_a_period(fit)))[-1])
 
 
 def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Array]:
     """Return W and its variance of windows of equal length, with damping and eccentricity held."""
-    time, angle = swing.hands_off
+    time, reading = swing.hands_off[0], swing.readings_rad
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
     edges[-1] = len(time)
     values, variances = [], []
@@ -143,8 +170,8 @@ def _windows(swing: FreeSwing, fit: OutputError, count: int) -> tuple[Array, Arr
             speed_rad_per_s=fit.trajectory.speed_rad_per_s[begin:end],
         )
         one = fit_output_error(
-            time[part], angle[part], coefficients=fit.coefficients, trajectory=own, terms=(),
-            eccentricity=fit.eccentricity,
+            time[part], reading[part], coefficients=fit.coefficients, trajectory=own, terms=(),
+            eccentricity=fit.eccentricity, setup=fit.setup,
         )  # fmt: skip
         values.append(one.coefficients.natural_frequency_squared_s2)
         variances.append(standard_uncertainties(one)[0] ** 2)

@@ -8,13 +8,17 @@ from cfid.errors import FitError
 from cfid.findings import texts
 from cfid.records.run import Run
 from cfid.records.tables.angle import angle_record
-from cfid.swing.data import swing_in
+from cfid.swing.collocation import NO_THREADS
+from cfid.swing.data import rig_around, swing_in, threads_of
 from cfid.swing.estimation import fit_swing
 
 
 def verdict(run: Run) -> str:
     """Say what a recorded swing is good for. Raises DataError or FitError where it is good for nothing."""
-    swing = swing_in(angle_record(run))
+    record = angle_record(run)
+    rig = rig_around([record], None)
+    mount = None if rig is None else rig.mounts.get(record.label.axis or "")
+    swing = swing_in(record, NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2))
     fitted = fit_swing(swing)
     if not fitted.accepted:
         raise FitError(" ".join(texts(fitted.findings, "rejection")))

@@ -127,3 +127,23 @@ def test_a_bad_column_is_left_out_and_named(tmp_path: Path, campaign: Path, caps
     run = imported(campaign, file)
     assert list(read_rows(run, VEHICLE_LOG).columns) == ["gyro.x"]
     assert "not finite: pm.vbat" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("step_us", "options", "undecided"), [(84e3 / 85, (), False), (1310.0, (), True)])
+def test_a_card_s_log_of_a_swing_has_true_seconds_or_says_that_it_may_not(
+    tmp_path: Path, campaign: Path, step_us: float, options: tuple[str, ...], undecided: bool
+) -> None:
+    rate_dps = np.degrees(4 * np.sin(8 * np.arange(3000) / 1000)) + 0.5
+    records: list[Record] = [(65535, round(step_us * at), (rate, 0.5, 0.5)) for at, rate in enumerate(rate_dps)]
+    gyro = ("gyro.x(f)", "gyro.y(f)", "gyro.z(f)")
+    file = written(tmp_path, bytes_of([(65535, "fixedFrequency", gyro)], records))
+
+    run = imported(campaign, file, "--axis", "x", *options)
+    found = read_angle(run.folder, Reading())
+
+    assert (run.header.kind, run.header.label.axis) == ("swing", "x")
+    assert found.rates is not None
+    assert found.rates.axis == pytest.approx((1, 0, 0), abs=1e-3)
+    assert [finding.severity for finding in found.findings].count("rejection") == undecided
+    if not undecided:
+        assert found.time_s[-1] == pytest.approx(2.999, abs=1e-5)

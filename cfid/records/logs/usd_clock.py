@@ -18,6 +18,7 @@ FIXED_FREQUENCY = "fixedFrequency"  # the event whose rows the scheduler trigger
 _SLOW = 84 / 85
 _FEWEST_ROWS = 100
 _CLOSE = 4e-3  # of the interval: a gyro's rate is off by 2e-3 in public logs, the slow timer by 1.2e-2
+UNDECIDED = "the log does not show whether they run at 84/85 of real time"
 _STATED = "times are the vehicle's microseconds"
 
 
@@ -45,8 +46,7 @@ def microsecond_clock(stamps: npt.NDArray[np.uint64], given: Clock | None) -> Mi
         return MicrosecondClock(1e-6, f"{_STATED}, not corrected: rows lie whole milliseconds apart by them")
     return MicrosecondClock(
         1e-6,
-        f"{_STATED}, not corrected: the log does not show whether they run at 84/85 of real time, as on a Crazyflie "
-        "2.x with firmware up to 2026.08 (`clock` 84/85)",
+        f"{_STATED}, not corrected: {UNDECIDED}, as on a Crazyflie 2.x with firmware up to 2026.08 (`clock` 84/85)",
     )
 
 

@@ -12,13 +12,15 @@ from typing import Literal
 import numpy as np
 
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, note, of_recording, texts
+from cfid.findings import Finding, note, of_recording, rejection, texts
 from cfid.large import usual_step
 from cfid.records.line_devices import STAMP
+from cfid.records.logs.usd_clock import UNDECIDED
 from cfid.records.parameters import Source
 from cfid.records.run import RUN_FILE, Label, Run
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.counts import CountsPerTurn, continuous_angle
+from cfid.records.tables.gyro import Rates, gyro_device, read_gyro
 from cfid.records.tables.schema import TIME, Column, Foreign, TableSchema
 from cfid.records.tables.stamps import stamped_times
 from cfid.records.tables.table import Array
@@ -42,6 +44,11 @@ from cfid.wire.rls import RLS_13BIT_IN_22
 AngleUnit = Literal["counts", "rad", "deg"]
 
 ENCODER = "encoder"
+_UNDECIDED = rejection(
+    "gyro-clock-undecided",
+    f"{UNDECIDED}, which would make an inertia 2.4 % wrong. Import it again with `clock` 84/85 or true.",
+    *("swing.*", "inertia.*", "friction.*"),
+)
 
 _ANGLE = Column(
     "angle",
@@ -70,7 +77,7 @@ class AngleRecord:
     """An angle (n,), continuous over turns, at increasing times (n,) since the first sample.
 
     `begin_s` is the first sample's Unix time in a run, `time_scale_std` the relative standard uncertainty of intervals
-    beyond that of this computer's clock.
+    beyond that of this computer's clock. A gyro's angle is the sum of its `rates`, which fits take.
     """
 
     path: Path
@@ -82,6 +89,7 @@ class AngleRecord:
     run: str | None = None
     begin_s: float = 0.0
     time_scale_std: float = 0.0
+    rates: Rates | None = None
 
     @property
     def name(self) -> str:
@@ -95,13 +103,15 @@ class AngleRecord:
 
 
 def read_angle(path: Path, reading: Reading) -> AngleRecord:
-    """Read a run folder's encoder, or a CSV file outside a run.
+    """Read a run folder's encoder, its vehicle's gyro where it has no encoder, or a CSV file outside a run.
 
     Raises DataError with file, line and next step; ConfigError when options contradict the file.
     """
     run = run_at(path)
     if run is None:
         return _read(path, reading, Label())[0]
+    if ENCODER not in run.header.devices and (device := gyro_device(run)) is not None:
+        return _of_gyro(run, device)
     file, record = run.device_file(ENCODER), run.header.devices[ENCODER]
     if len(record.columns) < 2:
         raise DataError(f"{path / RUN_FILE}: devices.{ENCODER}.columns: has no time and angle.")
@@ -117,6 +127,27 @@ def read_angle(path: Path, reading: Reading) -> AngleRecord:
     name = path.resolve().name
     about_run = of_recording(name, [*losses(run, record, rows), *gaps(facts)])
     return replace(found, run=name, findings=about_run + found.findings)
+
+
+def _of_gyro(run: Run, device: str) -> AngleRecord:
+    """Return the angle that a run's gyro sums up to, about the axis that it turned about."""
+    found, record = read_gyro(run, device), run.header.devices[device]
+    name = run.folder.resolve().name
+    x, y, z = found.rates.axis
+    axis = note("gyro-axis", f"the gyro turned about ({x:+.3f}, {y:+.3f}, {z:+.3f}) of the body frame.").at(name)
+    clock = () if run.header.origin is None or UNDECIDED not in run.header.origin.clock else (_UNDECIDED.at(name),)
+    return AngleRecord(
+        path=Path(found.rows.source.path),
+        source=found.rows.source,
+        label=run.header.label,
+        time_s=found.time_s,
+        angle_rad=found.angle_rad,
+        findings=(*of_recording(name, losses(run, record, len(found.time_s))), axis, *clock),
+        run=name,
+        begin_s=float(found.rows.time_s[0]),
+        time_scale_std=found.time_scale_std,
+        rates=found.rates,
+    )
 
 
 Recording = AngleRecord | Run | Path | str

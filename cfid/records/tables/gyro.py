@@ -1,0 +1,153 @@
+"""Read a gyro as an angle: the axis that it turned about, its rate about that, and the angle that rate sums up to.
+
+The angle wanders with what is left of the bias, and has the gyro's scale: it shows what happened, and where. Fits take
+the rate.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cfid.errors import DataError
+from cfid.records.run import DeviceRecord, Run
+from cfid.records.tables.stamps import stamped_times
+from cfid.records.tables.table import Array
+from cfid.records.tables.vehicle import VEHICLE_LOG, Rows, read_rows
+
+GYRO = tuple(f"gyro.{axis}" for axis in "xyz")  # deg/s, as the firmware logs it
+RANGE_DPS = 2000.0  # of every gyro that a Crazyflie has had
+
+# BMI088, data sheet: sensitivity within 1 %, and 1 % of a rate about one axis on another.
+SCALE_STD = 0.01
+ALIGNMENT_STD_RAD = 0.01
+
+_STAMP, _WRAP_MS = "vehicle_ms", 1 << 24
+_CRYSTALS_STD = 3e-5  # of the ratio of two clocks, each within 30 to 50 millionths
+_LARGEST_SKEW = 3e-3  # with room for arrivals that are late; a timer that runs at 84/85 is off by 12e-3
+_REST_S = 0.25
+_FLAT = 0.1  # of the fastest rate: below, noise may reverse it
+_NARROW = 0.1  # of the widest half-swing
+_FEWEST_MIDDLES = 4
+_AT_THE_END = 0.999  # of the range
+
+
+class Rates(NamedTuple):
+    """The rate (n,) in rad/s about the unit vector `axis` (3,) of the body frame, and the share off that axis."""
+
+    rate_rad_per_s: Array
+    axis: Array
+    off_axis: float
+
+
+class Turned(NamedTuple):
+    """A gyro's recording: times (n,) since the first sample, the angle (n,) that it sums up to, and its rates."""
+
+    rows: Rows
+    time_s: Array
+    angle_rad: Array
+    rates: Rates
+    time_scale_std: float
+
+
+def gyro_device(run: Run) -> str | None:
+    """Return the device of a run whose rows hold a gyro, if there is one."""
+    return next((name for name, record in run.header.devices.items() if _has_gyro(record)), None)
+
+
+def _has_gyro(record: DeviceRecord) -> bool:
+    return set(GYRO) <= set(record.columns)
+
+
+def read_gyro(run: Run, device: str = VEHICLE_LOG) -> Turned:
+    """Read a gyro. Raises DataError where it shows no rotation, or left its range."""
+    rows = read_rows(run, device)
+    where = rows.source.path
+    rates = np.radians(np.column_stack([rows.columns[name] for name in GYRO]))
+    time, scale_std = _times(rows)
+    if len(time) < 2 or not np.all(np.diff(time) > 0):
+        raise DataError(f"{where}: the times of its rows do not increase.")
+    if (reached := float(np.abs(np.degrees(rates)).max())) > _AT_THE_END * RANGE_DPS:
+        raise DataError(
+            f"{where}: the gyro reached {reached:.0f} deg/s, the end of its range ({RANGE_DPS:g} deg/s), and shows no "
+            "more than that. Release lower, or drop a lighter weight."
+        )
+    found = about_one_axis(rates)
+    angle, level = integrated(time, found.rate_rad_per_s)
+    found = found._replace(rate_rad_per_s=found.rate_rad_per_s - level)
+    return Turned(rows, time, angle, found, scale_std)
+
+
+def about_one_axis(rates_rad_per_s: Array) -> Rates:
+    """Return the axis that rates (n, 3) in rad/s lie along, and the rate about it: its largest part is positive.
+
+    Each gyro has a constant of its own, the bias: the axis is that of what changes.
+    """
+    changing = rates_rad_per_s - rates_rad_per_s.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(changing, full_matrices=False)
+    axis = axes[0] * np.sign(axes[0][np.argmax(np.abs(axes[0]))])
+    off = float(np.hypot(sizes[1], sizes[2]) / sizes[0]) if sizes[0] else 0.0
+    return Rates(rates_rad_per_s @ axis, axis, off)
+
+
+def integrated(time_s: Array, rate_rad_per_s: Array) -> tuple[Array, float]:
+    """Return the angle (n,) that a rate (n,) sums up to, and the constant of the rate that was taken off before.
+
+    A swing comes back to where it hangs: the constant is the one that lets the middles of its half-swings stay. Any
+    other motion begins or ends at rest, where a gyro shows its bias.
+    """
+    steps = np.diff(time_s)
+    summed = np.concatenate([[0.0], np.cumsum(steps * (rate_rad_per_s[1:] + rate_rad_per_s[:-1]) / 2)])
+    turns = _extremes(rate_rad_per_s - np.median(rate_rad_per_s))
+    at, middle = _middles(time_s[turns], summed[turns])
+    if len(at) >= _FEWEST_MIDDLES:
+        first, last = np.triu_indices(len(at), k=1)
+        slope = float(np.median((middle[last] - middle[first]) / (at[last] - at[first])))  # of Theil and Sen
+        return summed - slope * time_s - float(np.median(middle - slope * at)), slope
+    slope = _at_rest(time_s, rate_rad_per_s)
+    return summed - slope * (time_s - time_s[0]), slope
+
+
+def _times(rows: Rows) -> tuple[Array, float]:
+    """Return times since the first row by the vehicle's own stamps where there are any, and their scale's uncertainty.
+
+    The scale is this computer's, where arrivals show it better than two crystals agree. Raises DataError where the
+    stamps are not milliseconds.
+    """
+    since_s = rows.time_s - rows.time_s[0]
+    if _STAMP not in rows.columns:
+        return since_s, 0.0
+    steps = np.diff(rows.columns[_STAMP]) % _WRAP_MS
+    device_s = 1e-3 * np.concatenate([[0.0], np.cumsum(steps)])
+    found = stamped_times(rows.time_s, 1e6 * device_s)
+    if found is not None and found.scale_std < _CRYSTALS_STD:
+        return found.time_s - found.time_s[0], found.scale_std
+    pace = float(np.polyfit(device_s, since_s, 1)[0]) if device_s[-1] > 0 else 0.0
+    if abs(pace - 1) > _LARGEST_SKEW:
+        raise DataError(
+            f"{rows.source.path}: in a second of the vehicle's stamps {pace:.4f} s pass on this computer: they are no "
+            "milliseconds, or the vehicle was restarted. Record it again."
+        )
+    return device_s, _CRYSTALS_STD
+
+
+def _extremes(rate: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Return the samples at which a rate (n,) changes its sign between two fast parts."""
+    side = np.where(np.abs(rate) > _FLAT * np.abs(rate).max(), np.sign(rate), 0)
+    fast = np.flatnonzero(side)
+    ends = np.flatnonzero(np.diff(side[fast]))
+    return np.array([fast[i] + int(np.argmin(np.abs(rate[fast[i] : fast[i + 1] + 1]))) for i in ends], dtype=np.intp)
+
+
+def _middles(time_s: Array, angle_rad: Array) -> tuple[Array, Array]:
+    """Return times and middles of the wide half-swings between extremes (n,), by three in turn: a decay cancels."""
+    swept = np.abs(np.diff(angle_rad))
+    wide = np.minimum(swept[:-1], swept[1:]) > _NARROW * swept.max(initial=0.0)  # a hand's tremor is not
+    middle = (angle_rad[:-2] + 2 * angle_rad[1:-1] + angle_rad[2:]) / 4
+    return time_s[1:-1][wide], middle[wide]
+
+
+def _at_rest(time_s: Array, rate: Array) -> float:
+    """Return the mean rate of the quarter of a second in which it is least."""
+    count = max(int(time_s[-1] / _REST_S), 1)
+    means = [float(part.mean()) for part in np.array_split(rate, count)]
+    return min(means, key=abs)

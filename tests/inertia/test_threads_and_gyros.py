@@ -1,0 +1,154 @@
+"""Mounts on threads, and directions that a gyro saw: what they do to axis inertias and the matrix."""
+
+import math
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError
+from cfid.inertia.estimation import fit_inertia
+from cfid.records.parameters import Source
+from cfid.records.rig_file import Fixture, Mount, Rig, ThreadPair, load_rig, new_rig_text
+from cfid.records.run import Label
+from cfid.records.tables.angle import AngleRecord
+from cfid.records.tables.gyro import Rates
+from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.swing.data import threads_of, turned_about
+
+TRUTH = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1, 29.0]])
+DIRECTIONS = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "xy": (1, 1, 0), "xz": (1, 0, 1), "yz": (0, 1, 1)}
+MASS_KG, G = 0.028, 9.81
+SITE = Surroundings(gravity_mps2=G, gravity_std_mps2=0.003)
+
+
+def threads(**spread: float) -> ThreadPair:
+    return ThreadPair(above_mm=80.0, below_mm=60.0, length_mm=400.0, **spread)
+
+
+def body(mounts: dict[str, Mount]) -> SwungBody:
+    still = np.zeros(3)
+    return SwungBody(mass_kg=MASS_KG, mass_std_kg=0.0, centre_m=still, centre_std_m=still, mounts=mounts)
+
+
+def on_threads(**spread: float) -> tuple[SwungBody, list[MountedSwing]]:
+    """Return a body on threads in six directions, and its exact W."""
+    mounts = {name: Mount(direction=direction, threads=threads(**spread)) for name, direction in DIRECTIONS.items()}
+    height = math.sqrt(0.4**2 - 0.01**2)
+    swings = []
+    for name, direction in DIRECTIONS.items():
+        unit = np.array(direction) / np.linalg.norm(direction)
+        frequency = MASS_KG * G * 0.04 * 0.03 / (height * float(unit @ TRUTH @ unit))
+        swings.append(MountedSwing(axis=name, value=frequency, std=0.0))
+    return body(mounts), swings
+
+
+def test_six_directions_on_threads_give_the_matrix_whatever_the_fixture_and_the_centre_of_mass() -> None:
+    hung, swings = on_threads()
+    hung = replace(hung, centre_m=np.array([0.01, -0.02, 0.03]))
+    around = replace(SITE, fixture=Fixture(mass_kg=0.002, distance_mm=2.0))
+
+    fit = fit_inertia(AxisInertias(swings, hung, around))
+
+    assert fit.matrix_kg_m2 == pytest.approx(TRUTH, rel=1e-9, abs=1e-14)
+    assert np.all(fit.axes.distance_m == 0)
+
+
+def test_the_lengths_of_threads_are_a_line_of_the_budget() -> None:
+    hung, swings = on_threads(above_std_mm=0.4, below_std_mm=0.3, length_std_mm=2.0)
+
+    fit = fit_inertia(AxisInertias(swings, hung, SITE))
+    relative = math.hypot(0.4 / 80, 0.3 / 60, 2.0 / 400 * 1.0)
+
+    assert fit.budget["threads"][0, 0] / TRUTH[0, 0] == pytest.approx(relative, rel=0.02)
+
+
+def test_threads_change_the_equation_by_their_ratios_and_an_axis_does_not() -> None:
+    found = threads_of(Mount(direction=(0, 0, 1), threads=threads()), G)
+    height = math.sqrt(0.4**2 - 0.01**2)
+
+    assert found == pytest.approx((0.0012 / height**2, 0.0012 / (G * height)))
+    assert threads_of(Mount(direction=(0, 0, 1), point_mm=(0, 1, 0)), G) == threads_of(None, G) == (0, 0)
+
+
+def gyro_about(axis: tuple[float, float, float], mount: str = "x") -> AngleRecord:
+    unit = np.array(axis) / np.linalg.norm(axis)
+    nothing = np.zeros(2)
+    return AngleRecord(
+        path=Path("run"),
+        source=Source("run", ""),
+        label=Label(axis=mount),
+        time_s=nothing,
+        angle_rad=nothing,
+        findings=(),
+        rates=Rates(nothing, unit, 0.0),
+    )
+
+
+def mounted(std_deg: float) -> SwungBody:
+    return body({"x": Mount(point_mm=(0, 30, 0), direction=(1, 0, 0), direction_std_deg=std_deg)})
+
+
+def test_a_gyro_replaces_a_direction_without_an_uncertainty_and_shares_with_one_that_has_it() -> None:
+    seen = [gyro_about((-1, 0.02, 0))]  # a gyro does not know which way round an axis is
+    replaced, told = turned_about(mounted(0.0), seen)
+    shared, _ = turned_about(mounted(math.degrees(0.01)), seen)
+
+    assert np.array(replaced.mounts["x"].direction) == pytest.approx((1, -0.02, 0), abs=1e-3)
+    assert replaced.mounts["x"].direction_std_deg == pytest.approx(math.degrees(0.01))
+    assert np.array(shared.mounts["x"].direction) == pytest.approx((1, -0.01, 0), abs=1e-3)
+    assert shared.mounts["x"].direction_std_deg == pytest.approx(math.degrees(0.01 / math.sqrt(2)))
+    assert [(name, finding.code, finding.severity) for name, finding in told] == [("x", "swing-axis-by-gyro", "note")]
+
+
+def test_a_gyro_that_turned_about_another_mount_contradicts_the_label() -> None:
+    stays, ((name, finding),) = turned_about(mounted(0.3), [gyro_about((0, 1, 0))])
+
+    assert (name, finding.severity) == ("x", "rejection")
+    assert "90 degrees from the direction in rig.toml (limit 2.6)" in finding.sentence
+    assert stays.mounts["x"].direction == (1, 0, 0)
+
+
+def test_a_mount_needs_a_point_or_threads_that_reach(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(new_rig_text().replace("point_mm = [0.0, 33.75, 18.95]", "#"))
+    with pytest.raises(ConfigError, match=r"mounts.xy: point_mm is required: a point on the axis, or threads"):
+        load_rig(path)
+    with pytest.raises(ValueError, match="do not reach"):
+        ThreadPair(above_mm=100, below_mm=10, length_mm=40)
+
+
+def test_a_gyros_matrix_is_as_certain_as_an_encoders() -> None:
+    rig = load_rig_of_a_new_campaign()
+    vehicle = rig.vehicle
+    given = SwungBody(
+        mass_kg=vehicle.mass_kg,
+        mass_std_kg=vehicle.mass_std_kg,
+        centre_m=1e-3 * np.array(vehicle.centre_of_mass_mm),
+        centre_std_m=1e-3 * np.array(vehicle.centre_of_mass_std_mm),
+        mounts=rig.mounts,
+    )
+    seen, _ = turned_about(given, [gyro_about(mount.direction, name) for name, mount in rig.mounts.items()])
+    by_encoder, by_gyro = (
+        fit_inertia(AxisInertias(swings_of(one, relative_std), one, SITE)).std_kg_m2
+        for one, relative_std in ((given, 2e-5), (seen, 2e-4))  # as certain as a swing's W is at worst
+    )
+
+    assert np.all(by_gyro < 1.3 * by_encoder)
+    assert by_gyro.max() > 0.5 * by_encoder.max()
+
+
+def load_rig_of_a_new_campaign() -> Rig:
+    return Rig.model_validate(tomllib.loads(new_rig_text()))
+
+
+def swings_of(hung: SwungBody, relative_std: float) -> list[MountedSwing]:
+    swings = []
+    for name, mount in hung.mounts.items():
+        unit = np.array(mount.direction) / np.linalg.norm(mount.direction)
+        distance = np.linalg.norm(np.cross(hung.centre_m - np.array(mount.point_m), unit))
+        frequency = hung.mass_kg * G * distance / (unit @ TRUTH @ unit + hung.mass_kg * distance**2)
+        swings.append(MountedSwing(axis=name, value=float(frequency), std=relative_std * float(frequency)))
+    return swings

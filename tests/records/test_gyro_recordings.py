@@ -1,0 +1,110 @@
+"""Runs of a vehicle's gyro, read where an encoder's are: times by its stamps, angle and rate about its axis."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.errors import DataError
+from cfid.records.run import DeviceRecord, Label
+from cfid.records.run_writer import create_run
+from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.records.tables.gyro import GYRO, integrated
+
+Array = npt.NDArray[np.float64]
+
+EPOCH_S = 1_763_712_345.0
+STAMPED = ("t", "vehicle_ms", *GYRO)
+AXIS = np.array([0.6, 0.0, 0.8])
+
+
+def rocking(time_s: Array, *, amplitude_rad: float = 0.5, per_s: float = 10.0) -> tuple[Array, Array]:
+    """Return an angle that dies away, and its rate, in rad and rad/s."""
+    decay = amplitude_rad * np.exp(-0.1 * time_s)
+    angle = decay * np.cos(per_s * time_s)
+    return angle, -decay * (per_s * np.sin(per_s * time_s) + 0.1 * np.cos(per_s * time_s))
+
+
+def gyro_run(
+    folder: Path,
+    rate: Array,
+    *,
+    stamps_ms: Array | None,
+    arrivals_s: Array,
+    bias_dps: float = 0.3,
+) -> Path:
+    """Write a run of a gyro that turns about AXIS; without stamps as one imported from a card."""
+    columns = STAMPED if stamps_ms is not None else ("t", *GYRO)
+    record = DeviceRecord.model_validate({"file": "crazyflie.csv", "columns": columns})
+    rates = np.degrees(rate)[:, None] * AXIS + bias_dps
+    values = (EPOCH_S + arrivals_s, *(() if stamps_ms is None else (stamps_ms,)), *rates.T)
+    with create_run(
+        folder / "runs",
+        kind="swing",
+        label=Label(axis="x"),
+        devices={"crazyflie": record},
+        started=datetime.fromtimestamp(EPOCH_S, UTC),
+        cfid_version="0",
+    ) as writer:
+        writer.append("crazyflie", values)
+        writer.close("complete")
+    return writer.folder
+
+
+def read(folder: Path) -> AngleRecord:
+    return read_angle(folder, Reading())
+
+
+def test_the_vehicles_stamps_place_its_rows_however_late_they_arrive_and_where_they_wrap(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    time_s = np.arange(0, 10, 0.005)
+    late_s = np.maximum.accumulate(time_s + rng.exponential(0.02, len(time_s)))
+    stamps_ms = (np.round(1000 * time_s) + (1 << 24) - 3000) % (1 << 24)
+    angle, rate = rocking(time_s)
+
+    found = read(gyro_run(tmp_path, rate, stamps_ms=stamps_ms, arrivals_s=late_s))
+
+    assert found.time_s == pytest.approx(time_s, abs=1e-3)
+    assert found.time_scale_std == pytest.approx(3e-5)
+    assert found.rates is not None
+    assert found.rates.axis == pytest.approx(AXIS, abs=1e-3)
+    assert np.abs(found.angle_rad - angle).max() < 5e-3
+
+
+def test_rows_without_stamps_keep_the_times_of_their_card(tmp_path: Path) -> None:
+    time_s = np.arange(0, 10, 0.002)
+    angle, rate = rocking(time_s)
+
+    found = read(gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s))
+
+    assert found.time_s == pytest.approx(time_s, abs=1e-6)
+    assert np.abs(found.angle_rad - angle).max() < 5e-3
+
+
+def test_stamps_that_run_at_84_85_of_real_time_are_refused_and_not_corrected_twice(tmp_path: Path) -> None:
+    time_s = np.arange(0, 10, 0.005)
+    folder = gyro_run(tmp_path, rocking(time_s)[1], stamps_ms=1000 * time_s * 84 / 85, arrivals_s=time_s)
+
+    with pytest.raises(DataError, match=r"1\.0119 s pass on this computer: they are no milliseconds"):
+        read(folder)
+
+
+def test_a_gyro_at_the_end_of_its_range_is_refused(tmp_path: Path) -> None:
+    time_s = np.arange(0, 10, 0.002)
+    rate = np.clip(rocking(time_s, amplitude_rad=6.0)[1], -34.9, 34.9) / 0.8
+    folder = gyro_run(tmp_path, rate, stamps_ms=None, arrivals_s=time_s, bias_dps=0.0)
+
+    with pytest.raises(DataError, match=r"reached \d+ deg/s, the end of its range \(2000 deg/s\)"):
+        read(folder)
+
+
+def test_a_turn_that_begins_at_rest_loses_its_bias_there() -> None:
+    time_s = np.arange(0, 5, 0.002)
+    rate = np.where(time_s > 1, 20 * (1 - np.exp(1 - time_s)), 0.0)
+
+    angle, bias = integrated(time_s, rate + 0.01)
+
+    assert bias == pytest.approx(0.01, abs=1e-4)
+    assert angle[-1] == pytest.approx(np.trapezoid(rate, time_s), abs=1e-3)

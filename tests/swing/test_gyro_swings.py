@@ -1,0 +1,206 @@
+"""Swings seen by the vehicle's own gyro: natural frequency, scale, axis; on an axis and on two threads."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cfid.records.tables.gyro import about_one_axis, integrated
+from cfid.sim.imu import ImuTruth
+from cfid.sim.plants import Motion, Pendulum, swing
+from cfid.sim.rig import draw_release
+from cfid.sim.threads import TwoThreads, twist
+from cfid.swing.collocation import NO_THREADS, Threads
+from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.free_swing import find_swing
+from tests.swing.gyro_recordings import gyro_of, gyro_swing, usual_gyro
+
+Array = npt.NDArray[np.float64]
+
+G = 9.81
+STEP_S = 1e-3
+
+
+def pendulums(count: int, rng: np.random.Generator) -> list[Pendulum]:
+    return [
+        Pendulum(
+            axis_inertia_kg_m2=rng.uniform(3.1e-5, 7e-5),
+            gravity_moment_nm=0.028 * G * rng.uniform(0.0229, 0.038),
+            viscous_nms_per_rad=rng.uniform(0.5, 2) * 1.2e-5,
+            coulomb_nm=rng.uniform(0.2, 1) * 3e-5,
+            quadratic_nms2_per_rad2=rng.uniform(0, 2) * 2e-8,
+        )
+        for _ in range(count)
+    ]
+
+
+@functools.cache
+def swung(degrees: float, count: int, *, seed: int) -> tuple[Motion, Array]:
+    """Return the motion of some vehicles on an axis, let go at one angle, and their true W."""
+    rng = np.random.default_rng(seed)
+    bodies = pendulums(count, rng)
+    releases = [draw_release(rng, angle_deg=(degrees, degrees)) for _ in bodies]
+    motion = swing(bodies, releases, duration_s=10.0, step_s=STEP_S, store_every=1)
+    return motion, np.array([body.gravity_moment_nm / body.axis_inertia_kg_m2 for body in bodies])
+
+
+def fits(motion: Motion, *, rate_hz: float, seed: int, threads: Sequence[Threads] = ()) -> list[SwingFit]:
+    rng = np.random.default_rng(seed)
+    return [
+        fit_swing(
+            gyro_swing(
+                *gyro_of(motion, i, rate_hz=rate_hz, truth=usual_gyro(rng), rng=rng),
+                threads[i] if threads else NO_THREADS,
+            )
+        )
+        for i in range(motion.angle_rad.shape[1])
+    ]
+
+
+def relative(found: Sequence[SwingFit], truth: Array) -> tuple[Array, Array]:
+    """Return the relative errors of W, and its errors over the stated standard uncertainties."""
+    values = np.array([fit.coefficients.natural_frequency_squared_s2 for fit in found])
+    stds = np.array([fit.std.natural_frequency_squared_s2 for fit in found])
+    return values / truth - 1, (values - truth) / stds
+
+
+@pytest.mark.parametrize(("degrees", "rate_hz", "limit"), [(10, 1000, 2e-4), (70, 1000, 2e-4), (50, 100, 5e-4)])
+def test_a_gyro_whose_scale_is_off_gives_w_to_two_ten_thousandths(degrees: float, rate_hz: float, limit: float) -> None:
+    motion, truth = swung(degrees, 1, seed=round(degrees))
+
+    errors, scores = relative(fits(motion, rate_hz=rate_hz, seed=3), truth)
+
+    assert np.abs(errors).max() < limit
+    assert np.abs(scores).max() < 4
+
+
+def test_a_trembling_hand_leaves_the_bias_of_the_gyro_as_it_is() -> None:
+    motion, _ = swung(10, 12, seed=110)
+    rng = np.random.default_rng(110)
+    for i in range(12):
+        time_s, rates = gyro_of(motion, i, rate_hz=100, truth=usual_gyro(rng), rng=rng)
+        angle, _ = integrated(time_s, about_one_axis(rates).rate_rad_per_s)
+        assert np.degrees(np.abs(angle - motion.angle_rad[::10, i]).max()) < 0.5
+
+
+def test_intervals_of_a_dozen_gyro_swings_hold_w() -> None:
+    motion, truth = swung(45, 12, seed=12)
+
+    errors, scores = relative(fits(motion, rate_hz=100, seed=12), truth)
+
+    assert np.abs(errors).max() < 5e-4
+    assert np.count_nonzero(np.abs(scores) < 1.96) >= 10
+    assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate_hz", [1000, 100])
+@pytest.mark.parametrize("degrees", [10, 20, 35, 50, 70])
+def test_intervals_of_gyro_swings_hold_w_93_to_97_times_in_100(degrees: float, rate_hz: float) -> None:
+    motion, truth = swung(degrees, 200, seed=round(degrees))
+
+    errors, scores = relative(fits(motion, rate_hz=rate_hz, seed=round(degrees)), truth)
+
+    print(
+        f"{degrees} degrees, {rate_hz} Hz: mean {100 * errors.mean():+.5f} %, std {100 * errors.std():.5f} %, largest "
+        f"{100 * np.abs(errors).max():.4f} %, within 95 % interval {np.mean(np.abs(scores) < 1.96):.3f}"
+    )
+    assert np.abs(errors).max() < (2e-4 if rate_hz == 1000 else 5e-4)
+    assert np.mean(np.abs(scores) < 1.96) >= 0.9  # of 200: one row scatters, all rows together are stated
+
+
+def test_a_large_swing_shows_the_scale_of_the_gyro_and_a_small_one_leaves_what_is_usual() -> None:
+    truth = ImuTruth(gyro_scale=(0.02, 0.0, 0.0))
+    large, small = (
+        fit_swing(gyro_swing(*gyro_of(swung(angle, 1, seed=4)[0], 0, rate_hz=100, truth=truth, rng=rng)))
+        for angle, rng in ((50, np.random.default_rng(1)), (10, np.random.default_rng(2)))
+    )
+
+    assert large.gyro_scale_error == pytest.approx(0.02, abs=1e-3)
+    assert large.gyro_scale_std < 5e-4
+    assert small.gyro_scale_std > 1e-3
+
+
+def test_the_axis_is_the_direction_of_what_changes_and_no_bias_turns_it() -> None:
+    axis = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
+    truth = ImuTruth(gyro_bias_dps=(30.0, -20.0, 10.0))
+    motion, _ = swung(40, 1, seed=6)
+
+    found = about_one_axis(gyro_of(motion, 0, rate_hz=100, truth=truth, rng=np.random.default_rng(7), axis=axis)[1])
+
+    assert found.axis == pytest.approx(axis, abs=1e-3)
+    assert found.off_axis < 0.01
+
+
+def on_threads(count: int, rng: np.random.Generator) -> list[TwoThreads]:
+    return [
+        TwoThreads(
+            inertia_kg_m2=rng.uniform(1.5e-5, 3.5e-5),
+            mass_kg=0.028,
+            gravity_mps2=G,
+            above_m=rng.uniform(0.05, 0.1),
+            below_m=rng.uniform(0.05, 0.1),
+            length_m=rng.uniform(0.3, 0.6),
+            viscous_nms_per_rad=rng.uniform(0.5, 2) * 3e-6,
+            quadratic_nms2_per_rad2=rng.uniform(0.5, 2) * 2e-7,
+        )
+        for _ in range(count)
+    ]
+
+
+def of_threads(body: TwoThreads) -> tuple[float, Threads]:
+    """Return W = m g a b / (h I) and the ratios of the threads, from their definitions."""
+    a, b = body.above_m / 2, body.below_m / 2
+    height = np.sqrt(body.length_m**2 - (a - b) ** 2)
+    return body.mass_kg * G * a * b / (height * body.inertia_kg_m2), Threads(a * b / height**2, a * b / (G * height))
+
+
+def twisted(degrees: float, count: int, *, seed: int) -> tuple[Motion, Array, list[Threads]]:
+    rng = np.random.default_rng(seed)
+    return let_go(on_threads(count, rng), degrees, rng)
+
+
+def let_go(bodies: list[TwoThreads], degrees: float, rng: np.random.Generator) -> tuple[Motion, Array, list[Threads]]:
+    releases = [draw_release(rng, angle_deg=(degrees, degrees)) for _ in bodies]
+    motion = twist(bodies, releases, duration_s=14.0, step_s=2 * STEP_S, store_every=1)
+    truth = [of_threads(body) for body in bodies]
+    return motion, np.array([w for w, _ in truth]), [threads for _, threads in truth]
+
+
+@pytest.mark.parametrize("degrees", [15, 70])
+def test_two_threads_give_w_to_two_ten_thousandths_at_any_angle(degrees: float) -> None:
+    motion, truth, threads = twisted(degrees, 1, seed=round(degrees))
+
+    errors, scores = relative(fits(motion, rate_hz=100, seed=3, threads=threads), truth)
+
+    assert np.abs(errors).max() < 2e-4
+    assert np.abs(scores).max() < 4
+
+
+def test_an_encoder_over_threads_gives_the_same_and_a_pendulums_equation_does_not() -> None:
+    rng = np.random.default_rng(9)
+    short = [replace(body, above_m=0.1, below_m=0.1, length_m=0.12) for body in on_threads(1, rng)]
+    motion, truth, threads = let_go(short, 60, rng)
+    seen = find_swing(motion.time_s[::5], motion.angle_rad[::5, 0])
+    right, wrong = (fit_swing(replace(seen, threads=one)) for one in (threads[0], NO_THREADS))
+
+    assert abs(relative([right], truth)[0][0]) < 1e-5
+    assert abs(relative([wrong], truth)[0][0]) > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [20, 50])
+def test_intervals_of_bodies_on_threads_hold_w_93_to_97_times_in_100(degrees: float) -> None:
+    motion, truth, threads = twisted(degrees, 200, seed=round(degrees))
+
+    errors, scores = relative(fits(motion, rate_hz=100, seed=2, threads=threads), truth)
+
+    print(
+        f"threads, {degrees} degrees: mean {100 * errors.mean():+.5f} %, std {100 * errors.std():.5f} %, largest "
+        f"{100 * np.abs(errors).max():.4f} %, within 95 % interval {np.mean(np.abs(scores) < 1.96):.3f}"
+    )
+    assert np.abs(errors).max() < 2e-4
+    assert np.mean(np.abs(scores) < 1.96) >= 0.9
