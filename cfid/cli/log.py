@@ -81,8 +81,8 @@ def encoder(
 
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
+    from cfid.records.devices import EncoderPort
     from cfid.records.facts import RigFacts
-    from cfid.records.rig_file import EncoderPort
     from cfid.rig.log import Plan, ready_encoder
     from cfid.swing.during import Release
 

@@ -14,7 +14,7 @@ from cfid.console.vehicle import LinkOptions, Motor, Unasked, VehicleOptions, co
 from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
-    from cfid.records.rig_file import CrazyflieLink
+    from cfid.records.devices import CrazyflieLink
     from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
 
@@ -113,7 +113,7 @@ def _found() -> str:
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
     """Return the link to the vehicle; an address on the command line needs no campaign and no valid rig.toml."""
     from cfid.errors import ConfigError
-    from cfid.records.rig_file import CrazyflieLink
+    from cfid.records.devices import CrazyflieLink
 
     if uri is None:
         return rig_of(campaign)[1].crazyflie

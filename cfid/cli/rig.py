@@ -14,7 +14,7 @@ from cfid.console.options import flat, positive
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.rig_file import Devices
+    from cfid.records.devices import Devices
     from cfid.records.rig_file import Rig as RigFile
     from cfid.rig.check import DeviceAnswer
     from cfid.rig.loop import Ending, Loop

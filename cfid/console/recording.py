@@ -25,7 +25,7 @@ from cfid.findings import rejection
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.rig_file import Devices
+    from cfid.records.devices import Devices
     from cfid.records.run import Run
     from cfid.rig.log import Device, Plan
 

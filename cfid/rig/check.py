@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cfid.errors import DeviceError
-from cfid.records.rig_file import EncoderPort, LoadCellBox
+from cfid.records.devices import EncoderPort, LoadCellBox
 from cfid.rig import box as loadcell_box
 from cfid.rig.e201_port import find_encoder, lock_name, ports_to_ask, word_bits
 from cfid.rig.lock import DeviceLock, holder_of

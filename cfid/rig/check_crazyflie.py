@@ -1,7 +1,7 @@
 """Checks the vehicle's identity, firmware, state and battery; no motor turns."""
 
 from cfid.errors import DeviceError
-from cfid.records.rig_file import CrazyflieLink
+from cfid.records.devices import CrazyflieLink
 from cfid.rig.asking import logged, parameter_of, state_of
 from cfid.rig.cflib_drivers import find_vehicle
 from cfid.rig.check import DeviceAnswer

@@ -14,19 +14,19 @@ from twisted.internet.defer import Deferred
 
 from cfid import __version__
 from cfid.errors import ConfigError, DeviceError
+from cfid.records.devices import EncoderPort, LoadCellBox
 from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.line_devices import EncoderLines, LoadCellLines
-from cfid.records.rig_file import EncoderPort, LoadCellBox
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.rig import box as loadcell_box
 from cfid.rig.clock import HostClock
-from cfid.rig.doubts import Doubts, Notice
 from cfid.rig.e201_port import find_encoder, lock_name
 from cfid.rig.encoder import Encoder
 from cfid.rig.loadcell import LoadCell
 from cfid.rig.lock import DeviceLock
 from cfid.rig.loop import Ending, Loop, run_until_done, until_over
+from cfid.rig.noticing import Notice, Noticing
 from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.rig.ready_lines import angle_scale, first_value, ready_lines
 from cfid.rig.recorder import Instrument, Nowhere, Reading, Recorder, Say, Sink
@@ -272,8 +272,8 @@ async def _recorded(
         begun(run.folder)
         sink: Sink = run
         if plan.notice is not None:
-            sink = doubts = Doubts(run, plan.notice, ending=ending, loop=loop, say=say, asks=not plan.asks)
-            closing.callback(doubts.close)
+            sink = noticing = Noticing(run, plan.notice, ending=ending, loop=loop, say=say, asks=not plan.asks)
+            closing.callback(noticing.close)
         recorder = Recorder(instruments, sink, loop=loop, show=lambda: show(recorder))
         recorder.for_s = plan.for_s
         for instrument, device in zip(instruments, devices, strict=True):

@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from cfid.errors import ConfigError, DeviceError
-from cfid.records.rig_file import RIG_FILE, Devices, EncoderPort, Rig, load_rig, new_rig_text
+from cfid.records.devices import Devices, EncoderPort
+from cfid.records.rig_file import RIG_FILE, Rig, load_rig, new_rig_text
 from cfid.rig.holder import Holder
 from cfid.rig.lock import DeviceLock, find_holder, holder_of, vehicles_held
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
@@ -349,7 +350,7 @@ SIMULATED = Devices(encoder=EncoderPort(port="/dev/pts/99"))
 SERVE = """
 import sys
 from pathlib import Path
-from cfid.records.rig_file import Devices, EncoderPort
+from cfid.records.devices import Devices, EncoderPort
 from cfid.rig.sim_file import published
 with published(Path(sys.argv[1]), Devices(encoder=EncoderPort(port="/dev/pts/98")), seed=1):
     print("held", flush=True)

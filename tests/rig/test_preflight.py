@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("in_time")
 Array = npt.NDArray[np.float64]
 
 STAIRS = ("log", "thrust", "--from", 20000, "--to", 20000, "--hold", 1, "--rest", 0.5)
-FULL = {"battery": {"kind": "lipo"}}
+FULL: dict[str, Any] = {"battery": {"kind": "lipo"}}
 
 
 @pytest.fixture

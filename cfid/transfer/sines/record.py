@@ -17,8 +17,8 @@ from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError
 from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
+from cfid.records.devices import LoadCellBox
 from cfid.records.line_devices import LoadCellLines
-from cfid.records.rig_file import LoadCellBox
 from cfid.records.run import Label, Run, list_runs
 from cfid.rig.crossings import Crossings
 from cfid.rig.log import Device, Plan, ready_loadcell

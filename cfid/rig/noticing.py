@@ -13,7 +13,7 @@ Notice = Callable[[str, Sequence[Any]], str]  # takes a device's new columns; re
 _ENDED_BY = "the operator"
 
 
-class Doubts:
+class Noticing:
     """A sink that passes rows on to a run and asks the operator about each thing that `notice` returns.
 
     At a terminal n ends the recording, y or no key goes on; a script gets the sentence alone. Without `asks` the

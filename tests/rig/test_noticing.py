@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("in_time")
 Array = npt.NDArray[np.float64]
 
 STAIRS = ("log", "thrust", "--from", 20000, "--to", 40000, "--step", 5000, "--hold", 1.6, "--rest", 0.6, "--yes")
-FULL = {"battery": {"kind": "lipo"}}
+FULL: dict[str, Any] = {"battery": {"kind": "lipo"}}
 BLOCK_S, RATE_HZ = 0.05, 700
 
 
