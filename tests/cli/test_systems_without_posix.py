@@ -50,7 +50,8 @@ def test_a_campaign_is_fitted_shown_reported_and_exported(bodies: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["log encoder", "log thrust --yes", "log ping", "rig check", "rig sim", "motors stop", "motors set 10000"]
+    "command",
+    ["log encoder", "log thrust --yes", "log ping", "rig check", "rig sim", "motors stop", "motors set 10000"],
 )
 def test_what_reaches_devices_names_what_is_missing(bodies: Path, command: str) -> None:
     ended = cfid(command, folder=bodies)

@@ -71,21 +71,21 @@ class TooLongError(BaseException):
 
 @contextlib.contextmanager
 def limited() -> Iterator[None]:
-    """Raise TooLongError after 5 s, and MemoryError where the process would grow by more than 1 GB."""
+    """Raise TooLongError after 5 s of processor time, and MemoryError where the process would grow by more than 1 GB."""
 
     def ended(number: int, frame: FrameType | None) -> None:
-        raise TooLongError(f"more than {LONGEST_S:g} s")
+        raise TooLongError(f"more than {LONGEST_S:g} s of processor time")
 
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_BYTES, before[1]))
-    handler = signal.signal(signal.SIGALRM, ended)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    handler = signal.signal(signal.SIGPROF, ended)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, handler)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, handler)
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 

@@ -217,7 +217,9 @@ READERS = (
         name="uSD-card log", contents=(single(40),), read=lambda path: _all_values(read_log(path)), fault=_unnoticed
     ),
     Reader(
-        name="uSD-card log, checksum right", contents=(single(40),), read=lambda path: _all_values(read_log(path)),
+        name="uSD-card log, checksum right",
+        contents=(single(40),),
+        read=lambda path: _all_values(read_log(path)),
         repaired=_with_checksum,
     ),
     Reader(name="ULog", contents=(ulog(), ulog(geometry="FR RL FL RR")), read=lambda path: _all_values(read_log(path))),
@@ -226,15 +228,23 @@ READERS = (
     Reader(name="run.toml", contents=(RUN,), read=_run_frame, file=RUN_FILE),
     Reader(name="rig.toml", contents=(new_rig_text().encode(),), read=load_rig, file="rig.toml"),
     Reader(
-        name="parameters.toml", contents=(PARAMETERS,), read=_sections, file="parameters.toml",
+        name="parameters.toml",
+        contents=(PARAMETERS,),
+        read=_sections,
+        file="parameters.toml",
         fault=_number_not_in_file,
     ),
     Reader(name="fit", contents=(_written(lambda folder: keep_fit(folder, FIT)),), read=_all_fits, file="fit.json"),
-    Reader(name="truth file", contents=(b"[battery]\nkind = \"lipo\"\n[radio]\nloss = 0.01\n",), read=load_truth),
+    Reader(name="truth file", contents=(b'[battery]\nkind = "lipo"\n[radio]\nloss = 0.01\n',), read=load_truth),
     _packet("page of the box", [_page()], lambda data: netft.read_settings(data.decode(errors="replace")), ValueError),
-    _packet("reading of the box", [netft.encode_reading(netft.LoadReading(1, (1,) * 6))], netft.read_reading, ValueError),
+    _packet(
+        "reading of the box", [netft.encode_reading(netft.LoadReading(1, (1,) * 6))], netft.read_reading, ValueError
+    ),
     Reader(
-        name="records of the box", contents=(bytes(range(36)) * 4,), raises=(ValueError,), fault=_not_as_sent,
+        name="records of the box",
+        contents=(bytes(range(36)) * 4,),
+        raises=(ValueError,),
+        fault=_not_as_sent,
         read=lambda path: rdt.decode_records(path.read_bytes()),
     ),
     _packet("E201", [b"12345:678\r" * 5 + b"E201Q\r"], lambda data: e201.PositionReader(word_bits=22).feed(data)),
