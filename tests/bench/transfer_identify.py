@@ -137,9 +137,8 @@ def main() -> None:
         for what, (gain, lag_s) in (("identify", identify(folder, index)), ("thesis' loop", as_thesis(folder, index))):
             gain_off, lag_off = gain / EQ_3_15.static_gain_n - 1, lag_s / EQ_3_15.lags_s[0] - 1
             print(f"{what:<30}gain {100 * gain_off:+.2f} %   time constant {100 * lag_off:+.2f} %")
-    print(
-        f"whole process over reading, {rate_hz:g} Hz: {whole:.2f}  (goal: at most {1.8 if rate_hz >= FULL_HZ else 2})"
-    )
+    goal = 1.8 if rate_hz >= FULL_HZ else 2
+    print(f"whole process over reading, {rate_hz:g} Hz: {whole:.2f}  (goal: at most {goal})")
 
 
 if __name__ == "__main__":

@@ -75,7 +75,8 @@ _PATTERNS = tuple(
     map(
         re.compile,
         (
-            r"\s*(?P<figure>\S.*?)[ :]+(?P<value>-?\d[\d.]*(?: in 10 000| %| MB| ms| s| times)?),?\s*\(goal: (?P<goal>[^)]*)\)",
+            r"\s*(?P<figure>\S.*?)[ :]+(?P<value>-?\d[\d.]*(?: in 10 000| %| MB| ms| s| times)?)\s*"
+            r"\(goal: (?P<goal>[^)]*)\)",
             r"\s*(?P<figure>\S.*ratio\b.*?)[ :]+(?P<value>\d[\d.]*)",
             r"(?P<figure>[^:|]+): (?P<value>\d+ cases, .*)",
             r"=*\s*(?P<value>\d+ (?:passed|failed|skipped)\b.*) in [\d.]+s.*",
@@ -154,8 +155,8 @@ def section(lines: list[dict[str, Any]]) -> str:
         if line["figure"] != ENDED or line["value"] != "0"
     ]
     text = (
-        "These figures were written by the commands themselves (`results.jsonl` beside this page), and a test compares the\n"
-        "table with them. Load is the machine's at the start of the command; ratios are taken within one run.\n"
+        "The commands wrote these figures themselves (`results.jsonl` beside this page); a test compares the table\n"
+        "with them. Load is the machine's at the start of the command; ratios are taken within one run.\n"
     )
     head = "| command | figure | value | date | load |\n|---|---|---|---|---|\n"
     return "\n".join([HEADING, text, head + "\n".join(rows)]) + "\n"

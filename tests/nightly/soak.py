@@ -1,4 +1,4 @@
-"""A long recording of encoder and load cell at once: in virtual time, or in real time over the wires of a simulated rig.
+"""A long recording of encoder and load cell: in virtual time, or at once in real time from a simulated rig.
 
     python -m tests.nightly.soak --virtual 3600 --real 600
 
