@@ -29,7 +29,7 @@ def interpreters() -> list[Path]:
     minor = int(PROJECT["requires-python"].rpartition(".")[2])
     pyenv = sorted(Path("~/.pyenv/versions").expanduser().glob("3.*/bin/python"))
     found = [str(path) for path in pyenv] + [shutil.which(f"python3.{each}") or "" for each in range(minor, 20)]
-    versions = {}
+    versions: dict[str, Path] = {}
     for python in [sys.executable, *filter(None, found)]:
         words = [python, "-c", "import sys; print(*sys.version_info[:2], sep='.')"]
         version = subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()

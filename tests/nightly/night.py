@@ -91,7 +91,7 @@ def figures(output: str) -> Iterator[tuple[str, str]]:
     for line in output.splitlines():
         found = next(filter(None, (pattern.fullmatch(line) for pattern in _PATTERNS)), None)
         if found is not None:
-            got = {"figure": "tests", "goal": None, **found.groupdict()}
+            got: dict[str, str] = {"figure": "tests", "goal": "", **found.groupdict()}
             name = f"{got['row']}, {got['number']}, n = {got['n']}" if "row" in got else got["figure"]
             yield name, f"{got['value']} (goal: {got['goal']})" if got["goal"] else got["value"]
 
