@@ -95,6 +95,7 @@ def read(reader: Reader, content: bytes, folder: Path) -> bool:
     path.write_bytes(content)
     with limited(), warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.simplefilter("ignore", ResourceWarning)  # of libraries
         try:
             found = reader.read(path)
         except reader.raises as error:
@@ -128,7 +129,7 @@ def attack(reader: Reader, *, cases: int, seed: int) -> str:
             survives()
         except (Exception, TooLongError) as error:
             notes = "\n".join(getattr(error, "__notes__", ()))
-            return f"{type(error).__name__}: {str(error)[:300]}\n{notes[:2000]}"
+            return f"{type(error).__name__}: {str(error)[:300]}\n{notes[-2000:]}"
     return ""
 
 
