@@ -77,7 +77,7 @@ _PATTERNS = tuple(
         (
             r"\s*(?P<figure>\S.*?)[ :]+(?P<value>-?\d[\d.]*(?: in 10 000| %| MB| ms| s| times)?)\s*"
             r"\(goal: (?P<goal>[^)]*)\)",
-            r"\s*(?P<figure>\S.*ratio\b.*?)[ :]+(?P<value>\d[\d.]*)",
+            r"\s*(?P<figure>(?:\S.*)?\bratio\b.*?)[ :]+(?P<value>\d[\d.]*)",
             r"(?P<figure>[^:|]+): (?P<value>\d+ cases, .*)",
             r"=*\s*(?P<value>\d+ (?:passed|failed|skipped)\b.*) in [\d.]+s.*",
             r"\| (?P<row>[^|]+) \| (?P<number>[^|]+) \| (?P<n>\d+) \|.*\| (?P<value>\d+ % \([^)]*\)) \|.*",
