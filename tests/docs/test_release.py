@@ -103,6 +103,7 @@ def _walk(program: Path, lab: Path) -> None:
         assert ended.returncode == 0, f"cfid {words}: {ended.stdout}{ended.stderr}"
 
     cfid(f"demo {lab.name} --no-figures", lab.parent)
+    shutil.rmtree(lab / "exports")  # files that the tour writes
     with (
         ahead_of_others(),
         subprocess.Popen([program, "rig", "sim", "--axis", "x"], cwd=lab, stderr=subprocess.DEVNULL) as rig,

@@ -145,12 +145,14 @@ def main() -> None:
     """Attack the readers, print a line for each, and exit with 1 if something was found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=1000, help="for each reader")
-    parser.add_argument("--reader", default="", help="only readers whose name begins so")
+    parser.add_argument(
+        "--reader", default="", choices=["", *(reader.name for reader in READERS)], help="only this one"
+    )
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     found = 0
     for reader in READERS:
-        if reader.name.startswith(arguments.reader):
+        if arguments.reader in ("", reader.name):
             fault = attack(reader, cases=arguments.cases, seed=arguments.seed)
             found += bool(fault)
             print(f"{reader.name}: {fault or f'{arguments.cases} cases, nothing found'}", flush=True)
