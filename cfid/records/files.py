@@ -6,7 +6,6 @@ import hashlib
 import os
 import secrets
 import stat
-import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -87,11 +86,11 @@ def locked_folder(folder: Path) -> Iterator[None]:
     Systems without such a lock (Windows, some network drives) run without it. Raises OSError when the folder does not
     exist.
     """
-    if sys.platform == "win32":
+    try:
+        import fcntl
+    except ImportError:
         yield
         return
-    import fcntl
-
     handle = os.open(folder, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):

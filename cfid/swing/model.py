@@ -234,11 +234,11 @@ def sample(trajectory: Trajectory, time_s: Array) -> Array:
 
 def _gauss_newton(jacobian: Array, error: Array) -> tuple[Array, float]:
     """Return the least-squares step and the rms it moves the prediction by."""
-    scale = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    products = jacobian.T @ jacobian
+    scale = np.sqrt(np.diag(products))
     scale[scale == 0] = 1.0
-    scaled = jacobian / scale
-    normal = scaled.T @ scaled + 1e-13 * np.eye(len(scale))
-    change = np.linalg.solve(normal, scaled.T @ error)
+    normal = products / np.outer(scale, scale) + 1e-13 * np.eye(len(scale))
+    change = np.linalg.solve(normal, jacobian.T @ error / scale)
     moved = np.sqrt(max(float(change @ normal @ change), 0.0) / len(error))
     return change / scale, moved
 

@@ -43,7 +43,7 @@ def main() -> None:
     logging.getLogger("cflib").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as name, serving(Path(name)) as (devices, process):
         tell_connects(devices["crazyflie"]["uri"])
-        print(f"at rest: {core_percent(process):.2f} % of a core; goal below 2 %")
+        print(f"at rest: {core_percent(process):.2f} %  (goal: below 2 % of a core)")
         tell_cost(devices, process)
 
 
@@ -120,8 +120,8 @@ def tell_connects(uri: str) -> None:
         links.append(Connected(uri))
         links[-1].cf.close_link()
     times_ms, answers = [1e3 * link.took_s for link in links], links[0].answers
-    print(f"fully connected, {CONNECTS} times: median {statistics.median(times_ms):.0f} ms, ", end="")
-    print(f"largest {max(times_ms):.0f} ms; goal below 300 ms")
+    print(f"fully connected, median of {CONNECTS}: {statistics.median(times_ms):.0f} ms  (goal: below 300 ms)")
+    print(f"fully connected, largest of {CONNECTS}: {max(times_ms):.0f} ms")
     echo_ms = 1e3 * statistics.median(echo_round_trips())
     bare_ms = answers * (echo_ms + 2e3 * RadioTruth().latency_s)
     print(
@@ -166,7 +166,7 @@ def tell_cost(devices: dict[str, Any], process: int) -> None:
     ]
     for name, begin in states:
         begin()
-        print(f"{name}: {core_percent(process):.1f} % of a core; goal below 15 %")
+        print(f"{name}: {core_percent(process):.1f} %  (goal: below 15 % of a core)")
     link.send(5, 1, b"\x05")
     with socket.socket(type=socket.SOCK_DGRAM) as cell:
         cell.sendto(encode_request(Request(Command.REAL_TIME)), ("127.0.0.1", devices["loadcell"]["rdt_port"]))

@@ -24,6 +24,7 @@ from cfid.rig.sim_file import SIM_FILE
 from cfid.wire.rls import decode_words
 
 SECONDS = float(os.environ.get("BENCH_SECONDS", "60"))
+BUSY = int(os.environ.get("BENCH_BUSY", "4"))
 CFID = (sys.executable, "-m", "cfid.cli.main")
 
 PEER = """
@@ -55,7 +56,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "rig.toml").write_text(new_rig_text())
-        with serving(folder):
+        with serving(folder), busy():
             port = tomllib.loads((folder / SIM_FILE).read_text())["devices"]["encoder"]["port"]
             theirs_s = processor_s(folder, sys.executable, "-c", PEER, port, str(folder / "peer.csv"))
             ours_s = processor_s(folder, *CFID, "log", "encoder")
@@ -76,11 +77,26 @@ def told(run: Path, spent_s: float, peer_s: float) -> None:
     each_s = spent_s / len(rows)
     places = round(np.ptp(rows["t"]) * device["rate_hz"]) + 1
     print(f"cfid log encoder:    {len(rows)} rows, {1e6 * each_s:.0f} us of processor time a sample")
-    print(f"  of {places} places {places - len(rows)} missed: {1e4 * (1 - len(rows) / places):.1f} in 10 000 (goal: 1)")
+    missed = 1e4 * (1 - len(rows) / places)
+    print(f"of {places} places missed beside {BUSY} busy programs: {missed:.2f} in 10 000  (goal: at most 1)")
     print(f"    {device['skipped']} skipped, {device['lost']} lost; {wrong} words wrong (goal: none)")
     slow = int(np.sum(steps_s > 2e-3))
-    print(f"  rate {1 / steps_s.mean():.2f} Hz, {slow} steps above 2 ms, {1e3 * steps_s.max():.1f} ms at most")
-    print(f"  ratio to the peer: processor time a sample {each_s / peer_s:.2f}")
+    print(f"rate achieved: {1 / steps_s.mean():.2f}  (goal: {device['rate_hz']:g} Hz)")
+    print(f"  {slow} steps above 2 ms, {1e3 * steps_s.max():.1f} ms at most")
+    print(f"ratio to the peer, processor time a sample: {each_s / peer_s:.2f}")
+
+
+@contextmanager
+def busy() -> Iterator[None]:
+    """Keep the processors busy with other programs."""
+    words = (sys.executable, "-c", "while True: pass")
+    others = [subprocess.Popen(words) for _ in range(BUSY)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
 
 
 @contextmanager

@@ -56,11 +56,13 @@ def main() -> None:
         with serving(folder, internal_hz=7000):
             peer = measured(folder, sys.executable, "-c", PEER, str(rdt_port(folder)), str(folder / "peer.csv"))
             told("thesis-style logger, 7 kHz real-time", peer)
-            for mode, words, goal in (("buffered", (), 3), ("real-time", ("--real-time",), 12)):
+            for mode, words, goal in (("buffered", (), 2), ("real-time", ("--real-time",), 12)):
                 cost = measured(folder, *CFID, "log", "loadcell", "--for", f"{SECONDS:g}", *words)
                 told(f"cfid log loadcell, 7 kHz {mode}", cost)
-                print(f"  {lost(folder)}; core: goal at most {goal} %; memory: goal at most 5 MB more")
-                print(f"  ratio to the peer: core {cost.core_percent / peer.core_percent:.2f}")
+                print(f"  {lost(folder)}")
+                print(f"{mode}, core: {cost.core_percent:.1f} %  (goal: at most {goal} %)")
+                print(f"{mode}, memory grown by {cost.grown_mb:.1f} MB  (goal: at most 5 MB)")
+                print(f"{mode}, ratio to the peer, core: {cost.core_percent / peer.core_percent:.2f}")
             stall(folder)
         with serving(folder, internal_hz=FAST_HZ):
             cost = measured(folder, *CFID, "log", "loadcell", "--for", f"{SECONDS:g}", "--rate-hz", str(FAST_HZ))

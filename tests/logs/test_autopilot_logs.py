@@ -180,3 +180,18 @@ def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:
 def test_two_blackbox_logs_in_one_file_are_two_series(tmp_path: Path) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     assert [series.rows for series in read_log(written(tmp_path, 2 * blackbox())).series] == [COUNT, COUNT]
+
+
+def test_a_parameter_or_a_field_of_another_type_is_left_out_of_a_ulog_file(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
+    content = ulog(geometry="FR RL FL RR")
+    text = b"float CA_ROTOR0_PX"
+    of_text = b"char[4]" + text[5:]  # a type whose name has another length
+    assert content.count(text) == 1
+    parameter = message("P", bytes([len(text)]) + text + struct.pack("<f", 0.1))
+    other = message("P", bytes([len(of_text)]) + of_text + b"0.10")
+    (tmp_path / "log").write_bytes(content.replace(parameter, other))
+
+    log = read_log(tmp_path / "log")
+
+    assert "as in PX4's quad X" in " ".join(log.assumed)

@@ -94,7 +94,7 @@ class Session:
         done: list[object] = []
         Deferred.fromCoroutine(recorder.record(lambda: self.ending.within(for_s))).addBoth(done.append)
         while not done:
-            assert self.clock.seconds() < 3600, "the recording does not end"
+            assert self.clock.seconds() < (for_s or 0.0) + 3600, "the recording does not end"
             self.clock.advance(step_s)
             also(self.clock.seconds())
         failure = done[0].value if isinstance(done[0], Failure) else None

@@ -51,8 +51,11 @@ def read_ulog(path: Path, source: Source) -> FlightLog:
             log = pyulog.ULog(str(path))
     except Exception as fault:  # a damaged file may make it raise anything
         raise DataError(f"{path}: not readable as a ULog file: {type(fault).__name__}.") from None
-    stated = by_geometry(log.initial_parameters)
-    series = [_series(topic, stated or PX4_QUAD_X) for topic in log.data_list if len(topic.data["timestamp"])]
+    stated = by_geometry({name: value for name, value in log.initial_parameters.items() if _is_number(value)})
+    timed = [
+        topic for topic in log.data_list if _is_number(topic.data.get("timestamp")) and len(topic.data["timestamp"])
+    ]
+    series = [_series(topic, stated or PX4_QUAD_X) for topic in timed]
     if not series:
         raise DataError(f"{path}: a ULog file without data.")
     notes = [f"{len(log.dropouts)} dropouts, of {sum(each.duration for each in log.dropouts) / 1e3:.3f} s together."]
@@ -79,13 +82,18 @@ def _assumed(series: Sequence[Series], stated: tuple[int, ...] | None) -> tuple[
 
 def _series(topic: Any, numbers: tuple[int, ...]) -> Series:
     name = topic.name if not topic.multi_id else f"{topic.name}_{topic.multi_id}"
-    fields = [field for field in topic.data if field != "timestamp"]
+    fields = [field for field, value in topic.data.items() if field != "timestamp" and _is_number(value)]
     channels = [Channel(printable(field), _unit(topic.name, field)) for field in fields]
     values = [np.asarray(topic.data[field], dtype=np.float64) for field in fields]
     for channel, value in _as_a_crazyflie_s(topic.name, dict(zip(fields, values, strict=True)), numbers):
         channels.append(crazyflie_channel(channel))
         values.append(value)
     return in_memory(printable(name), topic.data["timestamp"] * 1e-6, channels, values)
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether a value is a number, or an array of numbers: a damaged file may state another type."""
+    return np.asarray(value).dtype.kind in "biuf"
 
 
 def _as_a_crazyflie_s(topic: str, fields: Mapping[str, Array], numbers: tuple[int, ...]) -> Iterator[tuple[str, Array]]:

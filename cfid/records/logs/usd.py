@@ -227,8 +227,9 @@ def _blocks(data: mmap.mmap, event: _Event, offsets: npt.NDArray[np.int64], seco
         rows = _gathered(data, part, event.record.itemsize).view(event.record)[:, 0]
         block = np.empty((len(rows), 1 + len(event.names)))
         block[:, 0] = rows["stamp"] * seconds
-        for at in range(len(event.names)):
-            block[:, 1 + at] = rows[str(at)]
+        with np.errstate(invalid="ignore"):  # damaged floats that are signalling NaN become quiet ones
+            for at in range(len(event.names)):
+                block[:, 1 + at] = rows[str(at)]
         yield block
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from pandas import DataFrame
 
+from cfid.errors import DataError
 from cfid.records.run import Run
 from cfid.records.tables.angle import ENCODER, Reading, read_angle
 from cfid.records.tables.vehicle import begin_s, read_rows
@@ -16,7 +17,10 @@ def frame(run: Run, device: str) -> DataFrame:
     Raises DataError when the run has no such device, or a file is invalid.
     """
     file = run.device_file(device)
-    zero_s = min(begin_s(run.device_file(name)) for name, record in run.header.devices.items() if record.rows != 0)
+    began_s = [begin_s(run.device_file(name)) for name, record in run.header.devices.items() if record.rows != 0]
+    if not began_s:
+        raise DataError(f"{run.folder}: none of its devices has rows: nothing was recorded.")
+    zero_s = min(began_s)
     if device == ENCODER:
         angle = read_angle(run.folder, Reading())
         return DataFrame({"t": angle.time_s + angle.begin_s - zero_s, "angle_rad": angle.angle_rad})

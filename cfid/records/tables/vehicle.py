@@ -15,6 +15,7 @@ from cfid.records.parameters import Source
 from cfid.records.run import Run
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.table import Array
+from cfid.records.tables.text import is_finite, short
 from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
@@ -83,11 +84,15 @@ def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:
 
 
 def begin_s(path: Path) -> float:
-    """Return the time of the first row of a device's file. Raises DataError when there is none."""
-    with path.open(encoding="utf-8") as file:
-        file.readline()
-        first = file.readline().partition(",")[0]
+    """Return the time of the first row of a device's file. Raises DataError when there is none, or it is no number."""
     try:
-        return float(first)
-    except ValueError:
-        raise DataError(f"{path}: has no rows.") from None
+        with path.open(encoding="utf-8", errors="replace") as file:
+            file.readline()
+            first = file.readline().partition(",")[0].strip()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}.") from None
+    if not first:
+        raise DataError(f"{path}: has no rows.")
+    if not is_finite(first):
+        raise DataError(f"{path}:2: the time is '{short(first)}', not a number. Repair or cut that line.")
+    return float(first)

@@ -1,0 +1,190 @@
+"""The evidence of a night: statistics, long recordings, damaged files, other programs and benches, on one machine.
+
+    bash .ci/nightly night-1            # four hours at most
+    bash .ci/nightly night-1 --small    # the smallest sizes: whether every stage runs
+    bash .ci/nightly night-1 --stage fuzz
+    bash .ci/nightly night-1 --page     # no measurement: writes its figures into the evidence page
+
+The folder gets a log of each command, and results.jsonl: command, figure, value, date, and the machine's load at the
+command's start. A night that was ended is continued by the same words: what is in results.jsonl is not repeated, nor
+is what a command keeps by itself. A stage begins nothing after its share of the time.
+"""
+
+import argparse
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tests.nightly.readers import READERS
+from tests.places import ROOT
+
+PAGE, RESULTS = ROOT / "docs/reference/evidence.md", ROOT / "docs/reference/results.jsonl"
+HEADING = "## The last night (`bash .ci/nightly`)\n"
+ENDED = "exit code"
+FUZZ_CASES = 100_000  # of all readers
+
+Line = Mapping[str, Any]
+
+
+class Stage(NamedTuple):
+    """Commands, with {size} where they take one: their sizes, the minutes of the stage, and how many run at once."""
+
+    commands: tuple[str, ...]
+    size: str
+    small: str
+    minutes: float
+    at_once: int = 1
+
+
+def _slow_tests() -> tuple[str, ...]:
+    files = sorted(path for path in ROOT.glob("tests/*/test_*.py") if "mark.slow" in path.read_text(encoding="utf-8"))
+    return tuple(f"pytest -q -m slow -n 0 -s {{size}}{path.relative_to(ROOT)}" for path in files)
+
+
+def _benches() -> tuple[str, ...]:
+    timed = {"encoder_logger", "loadcell_logger"}
+    names = sorted(path.stem for path in ROOT.glob("tests/bench/*.py"))
+    commands = (f"{'BENCH_SECONDS={size} ' if name in timed else ''}python tests/bench/{name}.py" for name in names)
+    return (*commands, "python tests/bench/transfer_identify.py 7000")
+
+
+STAGES = {
+    "benches": Stage(_benches(), "60", "10", 30),
+    "soak": Stage(("python -m tests.nightly.soak --virtual {size}",), "3600 --real 600", "60 --real 20", 25),
+    "fuzz": Stage(
+        tuple(f"python -m tests.nightly.fuzz --reader {shlex.quote(one.name)} --cases {{size}}" for one in READERS),
+        str(FUZZ_CASES // len(READERS)), "100", 40, at_once=2,
+    ),
+    "consumers": Stage(("bash .ci/consumers",), "", "", 15),
+    "slow": Stage(_slow_tests(), "", "--collect-only ", 75, at_once=2),
+    "coverage": Stage(
+        ("python -m tests.nightly.coverage --n {size} --jobs 2 --out {folder}/coverage.jsonl",), "20", "1", 50
+    ),
+}  # fmt: skip
+
+_PATTERNS = tuple(
+    map(
+        re.compile,
+        (
+            r"\s*(?P<figure>\S.*?)[ :]+(?P<value>-?\d[\d.]*(?: in 10 000| %| MB| ms| s| times)?)\s*"
+            r"\(goal: (?P<goal>[^)]*)\)",
+            r"\s*(?P<figure>(?:\S.*)?\bratio\b.*?)[ :]+(?P<value>\d[\d.]*)",
+            r"(?P<figure>[^:|]+): (?P<value>\d+ cases, .*)",
+            r"=*\s*(?P<value>\d+ (?:passed|failed|skipped)\b.*) in [\d.]+s.*",
+            r"\| (?P<row>[^|]+) \| (?P<number>[^|]+) \| (?P<n>\d+) \|.*\| (?P<value>\d+ % \([^)]*\)) \|.*",
+        ),
+    )
+)
+
+
+def figures(output: str) -> Iterator[tuple[str, str]]:
+    """Yield name and value of each figure in a command's output, a goal behind its value."""
+    for line in output.splitlines():
+        found = next(filter(None, (pattern.fullmatch(line) for pattern in _PATTERNS)), None)
+        if found is not None:
+            got: dict[str, str] = {"figure": "tests", "goal": "", **found.groupdict()}
+            name = f"{got['row']}, {got['number']}, n = {got['n']}" if "row" in got else got["figure"]
+            yield name, f"{got['value']} (goal: {got['goal']})" if got["goal"] else got["value"]
+
+
+def lines_of(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a file of results; none where it is absent."""
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def run(command: str, folder: Path, *, within_s: float) -> list[Line]:
+    """Run a command of the project and return its lines; one that takes too long is ended."""
+    words = [word.replace("{folder}", str(folder)) for word in shlex.split(command)]
+    environment = dict(os.environ)
+    while "=" in words[0]:
+        name, _, value = words.pop(0).partition("=")
+        environment[name] = value
+    programs = {"python": [sys.executable], "pytest": [sys.executable, "-m", "pytest"]}
+    words[:1] = programs.get(words[0], words[:1])
+    load = round(os.getloadavg()[0], 1)
+    log = folder / f"{re.sub(r'[^A-Za-z0-9]+', '-', command)[:120]}.log"
+    environment["PYTHONPATH"] = str(ROOT)
+    with log.open("w", encoding="utf-8") as file:
+        process = subprocess.Popen(words, cwd=ROOT, env=environment, stdout=file, stderr=subprocess.STDOUT)
+        try:
+            code = str(process.wait(within_s))
+        except subprocess.TimeoutExpired:
+            process.terminate()
+            process.wait()
+            code = "none: ended at its time limit"
+    found = [*figures(log.read_text(encoding="utf-8", errors="replace")), (ENDED, code)]
+    facts = {"date": f"{datetime.now(UTC):%Y-%m-%d}", "load": load}
+    return [{"command": command, "figure": name, "value": value, **facts} for name, value in found]
+
+
+def run_stage(name: str, folder: Path, *, small: bool) -> None:
+    """Run what a stage lacks, and add its lines to the results; begin nothing after its time."""
+    stage, results = STAGES[name], folder / "results.jsonl"
+    size = stage.small if small else stage.size
+    done = {line["command"] for line in lines_of(results) if line["figure"] == ENDED}
+    lacking = [one for one in (text.replace("{size}", size) for text in stage.commands) if one not in done]
+    end_s = time.monotonic() + 60 * stage.minutes
+
+    def in_time(command: str) -> list[Line]:
+        left_s = end_s - time.monotonic()
+        return run(command, folder, within_s=left_s) if left_s > 0 else []
+
+    with ThreadPoolExecutor(stage.at_once) as pool, results.open("a", encoding="utf-8") as file:
+        for command, lines in zip(lacking, pool.map(in_time, lacking), strict=True):
+            file.writelines(json.dumps(line, ensure_ascii=False) + "\n" for line in lines)
+            file.flush()
+            print(f"{name}: {command}: {lines[-1]['value'] if lines else 'left for the next start'}", flush=True)
+
+
+def section(lines: list[dict[str, Any]]) -> str:
+    """Return the section of the page: every figure with its command, its date and the load at its start."""
+    rows = [
+        f"| `{line['command']}` | {line['figure']} | {line['value']} | {line['date']} | {line['load']:g} |"
+        for line in lines
+        if line["figure"] != ENDED or line["value"] != "0"
+    ]
+    text = (
+        "The commands wrote these figures themselves (`results.jsonl` beside this page); a test compares the table\n"
+        "with them. Load is the machine's at the start of the command; ratios are taken within one run.\n"
+    )
+    head = "| command | figure | value | date | load |\n|---|---|---|---|---|\n"
+    return "\n".join([HEADING, text, head + "\n".join(rows)]) + "\n"
+
+
+def write_page(lines: list[dict[str, Any]]) -> None:
+    """Put the figures into the page, and the results beside it."""
+    before = PAGE.read_text(encoding="utf-8").partition(HEADING)[0].rstrip("\n")
+    PAGE.write_text(f"{before}\n\n{section(lines)}", encoding="utf-8")
+    RESULTS.write_text("".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines), encoding="utf-8")
+
+
+def main() -> None:
+    """Run what the folder lacks, or write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="folder of results, continued")
+    parser.add_argument("--small", action="store_true", help="the smallest sizes")
+    parser.add_argument("--stage", choices=STAGES, help="only this stage")
+    parser.add_argument("--page", action="store_true", help="only write the figures into the page")
+    arguments = parser.parse_args()
+    folder = arguments.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    if arguments.page:
+        write_page(lines_of(folder / "results.jsonl"))
+        return
+    for name in STAGES if arguments.stage is None else [arguments.stage]:
+        run_stage(name, folder, small=arguments.small)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,254 @@
+"""Every reader with a file or a packet that it takes as it is: what the fuzzer damages."""
+
+import io
+import math
+import struct
+import tomllib
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.io import savemat
+
+from cfid.drag.wind.index import read_wind_index
+from cfid.errors import CfidError
+from cfid.records.fits import keep_fit, list_fits
+from cfid.records.logs.any_kind import read_log
+from cfid.records.logs.log import FlightLog
+from cfid.records.parameters import Section, load_sections, store_section
+from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.run import RUN_FILE, read_run
+from cfid.records.tables.any_kind import read_table
+from cfid.records.tables.table import open_table
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
+from cfid.sim.netft import NetFTBox
+from cfid.sim.truth_file import load_truth
+from cfid.wire import app, crtp, e201, netft, rdt, scales, supervisor, ut372
+from tests.logs.test_autopilot_logs import blackbox, ulog
+from tests.logs.usd_bytes import single
+from tests.records.test_fits import FIT
+from tests.records.test_thrust_stand_files import text_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """What reads a file (or the bytes of a packet), contents that it accepts, and what it may raise.
+
+    `fault` returns what is wrong with that which was read of a content, "" if nothing is known to be.
+    """
+
+    name: str
+    contents: tuple[bytes, ...]
+    read: Callable[[Path], Any]
+    raises: tuple[type[Exception], ...] = (CfidError,)
+    file: str = "recording.csv"
+    repaired: Callable[[bytes], bytes] = bytes
+    fault: Callable[[bytes, Any], str] = lambda content, found: ""
+
+
+def _packet(name: str, contents: Iterable[bytes], read: Callable[[bytes], Any], *raises: type[Exception]) -> Reader:
+    return Reader(name=name, contents=tuple(contents), read=lambda path: read(path.read_bytes()), raises=raises)
+
+
+ROWS = 60
+TIME_S = np.arange(ROWS) / 100
+ANGLES = np.round(4000 * np.cos(6 * TIME_S)).astype(int)
+
+
+def _lines(head: str, *columns: Iterable[Any]) -> bytes:
+    rows = (",".join(map(str, row)) for row in zip(*columns, strict=True))
+    return "\n".join([head, *rows, ""]).encode()
+
+
+ANGLE = _lines("t,phi", TIME_S, ANGLES)
+WRENCH = _lines("t,Fx,Fy,Fz,Tx,Ty,Tz", TIME_S, *(ANGLES + axis for axis in range(6)))
+CROSSINGS = _lines("t,thrust_rec,sample,vehicle_us", TIME_S, 100 * (1 + np.arange(ROWS)), range(ROWS), range(ROWS))
+PINGS = _lines("t,rtt_s,vehicle_us", TIME_S, 0.01 + TIME_S / 100, range(0, 10000 * ROWS, 10000))
+SEMICOLONS = ANGLE.replace(b",", b";").replace(b".", b",").replace(b"\n", b"\r\n")
+INDEX = (
+    b"command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell,from_s,to_s\n"
+    b"30000,0,2.4,2.6,14000,a.csv,1,9\n30000,45,2.4,2.6,,b.csv,,\n"
+)
+
+
+def _matlab() -> bytes:
+    file = io.BytesIO()
+    savemat(file, {"t": TIME_S[:, None], "phi": ANGLES[:, None] / 1000.0})
+    return file.getvalue()
+
+
+def _written(write: Callable[[Path], Any]) -> bytes:
+    """Return the content of the one file that a function writes into a folder."""
+    with TemporaryDirectory() as folder:
+        write(Path(folder))
+        (path,) = (path for path in Path(folder).rglob("*") if path.is_file())
+        return path.read_bytes()
+
+
+RUN = b"""format = 1
+kind = "swing"
+started = 2026-11-21T18:49:50+01:00
+state = "complete"
+cfid_version = "0.2.0"
+simulated = true
+[label]
+axis = "x"
+note = "first"
+[asked]
+for_s = 20.0
+[devices.encoder]
+file = "encoder.csv"
+columns = ["t", "phi"]
+counts_per_turn = 4194304
+rows = 60
+lost = 0
+skipped = 2
+rate_hz = 100.0
+[devices.encoder.arrivals]
+errors = 0
+"""
+
+
+def _angle(path: Path) -> Any:
+    return read_table(path, kind="angle", angle_unit="rad" if path.suffix == ".mat" else None, counts_per_turn=4096)
+
+
+def _run_frame(path: Path) -> Any:
+    (path.parent / "encoder.csv").write_bytes(ANGLE)
+    run = read_run(path.parent)
+    return run.frame("encoder")
+
+
+def _page() -> bytes:
+    cell = SimulatedLoadCell(LoadCellTruth(), np.random.default_rng(1))
+    return NetFTBox(load_cell=cell, plant=lambda time_s: np.zeros((len(time_s), 6)), rate_hz=7000).page().encode()
+
+
+def _other_numbers(content: bytes, found: Any) -> str:
+    """Compare a table with the numbers of its text where that is as plain as the tables' own: commas and a header."""
+    try:
+        lines = content.decode("ascii").split("\n")
+        plain = [[float(field) for field in line.split(",")] for line in lines[1:] if line]
+    except ValueError:
+        return ""
+    spelt = {"nan", "inf", "infinity", "_", "\r", "\x0b", "\x0c", "\x1c", "\x1d", "\x1e", "\x85"}
+    rectangular = plain and {len(row) for row in plain} == {2} and lines[0] == "t,phi" and not lines[-1]
+    if not rectangular or any(sign in content.decode("ascii").lower() for sign in spelt) or b"\0" in content:
+        return ""
+    return "" if np.array_equal(np.array(plain), found) else f"read as {found!r}"
+
+
+def _with_checksum(content: bytes) -> bytes:
+    return content[:-4] + struct.pack("<I", zlib.crc32(content[:-4]))
+
+
+def _unnoticed(content: bytes, log: FlightLog) -> str:
+    """Return that a log whose checksum is wrong was read without a note."""
+    whole = len(content) > 4 and content == _with_checksum(content)
+    return "" if whole or log.notes else "its checksum is wrong, and no note says so"
+
+
+def _all_values(log: FlightLog) -> FlightLog:
+    for series in log.series:
+        for block in series.blocks():
+            _ = block
+    return log
+
+
+def _sections(path: Path) -> dict[str, Section]:
+    return load_sections(path)
+
+
+def _number_not_in_file(content: bytes, sections: dict[str, Section]) -> str:
+    stated = set(_numbers(tomllib.loads(content.decode("utf-8-sig"))))
+    read = {value for one in sections.values() for each in one.parameters.values() for value in _numbers(each.value)}
+    return f"not in the file: {sorted(read - stated)}" if read - stated else ""
+
+
+def _numbers(value: Any) -> Iterable[float]:
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for each in value:
+            yield from _numbers(each)
+    elif isinstance(value, float | int) and math.isfinite(value):
+        yield float(value)
+
+
+def _all_fits(path: Path) -> Any:
+    (found,) = list_fits(path.parent)
+    if isinstance(found, CfidError):
+        raise found
+    return found
+
+
+def _not_as_sent(content: bytes, found: rdt.Records) -> str:
+    return "" if rdt.encode_records(found) == content else "records are not those of the bytes"
+
+
+def _decoders(payload: bytes) -> Any:
+    """Let every decoder of the vehicle's packets read a payload: each returns None for one that is not its own."""
+    for decode in (
+        app.decode_thrust, app.decode_thrust_answer, app.decode_sine, app.decode_sine_answer, app.decode_crossing,
+        app.decode_done, app.decode_hello, app.decode_state, crtp.decode_packet, crtp.decode_echo,
+        crtp.decode_log_answer, supervisor.decode_state, rdt.decode_request, ut372.unpack_report,
+    ):  # fmt: skip
+        decode(payload)
+
+
+PARAMETERS = _written(lambda folder: store_section(folder / "parameters.toml", "inertia", FIT.section))
+
+READERS = (
+    Reader(
+        name="table", contents=(ANGLE,), read=lambda path: open_table(path).numbers(("t", "phi")), fault=_other_numbers
+    ),
+    Reader(name="angle", contents=(ANGLE, SEMICOLONS), read=_angle),
+    Reader(name="MATLAB", contents=(_matlab(),), read=_angle, file="swing.mat"),
+    Reader(name="wrench", contents=(WRENCH,), read=lambda path: read_table(path, kind="wrench")),
+    Reader(name="crossings", contents=(CROSSINGS,), read=lambda path: read_table(path, kind="crossings")),
+    Reader(name="pings", contents=(PINGS,), read=lambda path: read_table(path, kind="pings")),
+    Reader(name="stand", contents=(text_of().encode(),), read=lambda path: read_table(path, kind="stand")),
+    Reader(name="table log", contents=(ANGLE, WRENCH), read=lambda path: _all_values(read_log(path))),
+    Reader(
+        name="uSD-card log", contents=(single(40),), read=lambda path: _all_values(read_log(path)), fault=_unnoticed
+    ),
+    Reader(
+        name="uSD-card log, checksum right",
+        contents=(single(40),),
+        read=lambda path: _all_values(read_log(path)),
+        repaired=_with_checksum,
+    ),
+    Reader(name="ULog", contents=(ulog(), ulog(geometry="FR RL FL RR")), read=lambda path: _all_values(read_log(path))),
+    Reader(name="blackbox", contents=(blackbox(),), read=lambda path: _all_values(read_log(path))),
+    Reader(name="wind index", contents=(INDEX,), read=read_wind_index),
+    Reader(name="run.toml", contents=(RUN,), read=_run_frame, file=RUN_FILE),
+    Reader(name="rig.toml", contents=(new_rig_text().encode(),), read=load_rig, file="rig.toml"),
+    Reader(
+        name="parameters.toml",
+        contents=(PARAMETERS,),
+        read=_sections,
+        file="parameters.toml",
+        fault=_number_not_in_file,
+    ),
+    Reader(name="fit", contents=(_written(lambda folder: keep_fit(folder, FIT)),), read=_all_fits, file="fit.json"),
+    Reader(name="truth file", contents=(b'[battery]\nkind = "lipo"\n[radio]\nloss = 0.01\n',), read=load_truth),
+    _packet("page of the box", [_page()], lambda data: netft.read_settings(data.decode(errors="replace")), ValueError),
+    _packet(
+        "reading of the box", [netft.encode_reading(netft.LoadReading(1, (1,) * 6))], netft.read_reading, ValueError
+    ),
+    Reader(
+        name="records of the box",
+        contents=(bytes(range(36)) * 4,),
+        raises=(ValueError,),
+        fault=_not_as_sent,
+        read=lambda path: rdt.decode_records(path.read_bytes()),
+    ),
+    _packet("E201", [b"12345:678\r" * 5 + b"E201Q\r"], lambda data: e201.PositionReader(word_bits=22).feed(data)),
+    _packet("scales", [b"S S   12.34 g\r\n" * 4], lambda data: scales.ScalesReader().feed(data)),
+    _packet("UT372", [bytes(range(0x30, 0x40)) * 4 + b"\r\n"], lambda data: ut372.Ut372Reader().feed(data)),
+    _packet("packets of the vehicle", [bytes(range(31))], _decoders),
+)

@@ -1,0 +1,114 @@
+"""A long recording of encoder and load cell: in virtual time, or at once in real time from a simulated rig.
+
+    python -m tests.nightly.soak --virtual 3600 --real 600
+
+Printed are rows and losses, and for real time what the recorder's process grew by, in memory and in open files.
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from twisted.internet.task import Clock
+
+from cfid.console.campaign import make_campaign
+from cfid.records.run import Run, read_run
+from cfid.rig.sim_file import SIM_FILE
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL
+from tests.priority import ahead_of_others
+from tests.rig.virtual import Session, encoder, loadcell
+
+CFID = (sys.executable, "-m", "cfid.cli.main")
+WARM_SHARE = 0.2
+STARTS_WITHIN_S = 60.0
+
+
+def virtual(for_s: float, folder: Path) -> None:
+    """Record each instrument so long, on a clock that is turned, and print what is missing."""
+    for name, couple in (("encoder", encoder), ("loadcell", loadcell)):
+        session = Session(folder / name, Clock())
+        instrument = (encoder(session, SOUND_ENCODER) if couple is encoder else loadcell(session, SOUND_LOADCELL))[0]
+        run, failure = session.record(instrument, for_s=for_s)
+        if failure is not None:
+            raise failure
+        _print(f"{name}, {for_s:g} s of virtual time", run, name)
+
+
+def real(for_s: float, folder: Path) -> None:
+    """Record both at once over their wires from a simulated rig, and print what is missing and what grew."""
+    make_campaign(folder)
+    with subprocess.Popen((*CFID, "rig", "sim", "--axis", "x"), cwd=folder, stderr=subprocess.DEVNULL) as rig:
+        try:
+            _wait_for(folder / SIM_FILE)
+            loggers = {
+                name: subprocess.Popen(
+                    (*CFID, "log", name, "--for", f"{for_s:g}"), cwd=folder,
+                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                )
+                for name in ("encoder", "loadcell")
+            }  # fmt: skip
+            time.sleep(WARM_SHARE * for_s)
+            before = {name: _used(logger.pid) for name, logger in loggers.items()}
+            time.sleep(0.9 * for_s - WARM_SHARE * for_s)
+            after = {name: _used(logger.pid) for name, logger in loggers.items()}
+            codes = {name: logger.wait(for_s + STARTS_WITHIN_S) for name, logger in loggers.items()}
+        finally:
+            rig.send_signal(signal.SIGINT)
+    for name, code in codes.items():
+        (run,) = (one for one in map(read_run, sorted((folder / "runs").iterdir())) if name in one.header.devices)
+        what = f"{name}, {for_s:g} s of real time"
+        _print(what, run, name)
+        memory, files = (last - first for first, last in zip(before[name], after[name], strict=True))
+        print(f"{what}, exit code {code}  (goal: 0)")
+        print(f"{what}, memory grown by {memory:.1f} MB  (goal: at most 5)")
+        print(f"{what}, open files grown by {files:.0f}  (goal: 0)")
+
+
+def _print(what: str, run: Run, device: str) -> None:
+    record = run.header.devices[device]
+    print(f"{what}, rows {record.rows}")
+    print(f"{what}, lost {record.lost}  (goal: 0)")
+    asked = (record.rows or 0) + record.lost + (record.skipped or 0)
+    print(f"{what}, skipped {1e4 * (record.skipped or 0) / asked:.2f} in 10 000  (goal: at most 1)")
+
+
+def _used(process: int) -> tuple[float, float]:
+    """Return a process' resident memory in MB and the number of its open files."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6, float(len(list(Path(f"/proc/{process}/fd").iterdir())))
+
+
+def _wait_for(file: Path) -> None:
+    end_s = time.monotonic() + STARTS_WITHIN_S
+    while not (file.exists() and "devices" in _content(file)):
+        if time.monotonic() > end_s:
+            sys.exit("the simulated rig did not start.")
+        time.sleep(0.1)
+
+
+def _content(file: Path) -> dict[str, Any]:
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def main() -> None:
+    """Record as long as asked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--virtual", type=float, default=3600.0, help="seconds; 0 leaves it out")
+    parser.add_argument("--real", type=float, default=600.0, help="seconds; 0 leaves it out")
+    arguments = parser.parse_args()
+    with TemporaryDirectory(prefix="cfid-soak-") as name, ahead_of_others():
+        if arguments.virtual:
+            virtual(arguments.virtual, Path(name))
+        if arguments.real:
+            real(arguments.real, Path(name) / "lab")
+
+
+if __name__ == "__main__":
+    main()

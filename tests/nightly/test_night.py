@@ -1,0 +1,80 @@
+"""The night's own machinery: what counts as a figure, what is not repeated, and that the page has the last results."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.nightly import night
+from tests.nightly.fuzz import attack
+from tests.nightly.night import HEADING, PAGE, RESULTS, Stage, figures, lines_of, run_stage, section
+from tests.nightly.readers import READERS, Reader
+
+OUTPUT = """
+cfid fit inertia, six swings              1.130 s (median of 9)
+ratio                                      2.10   (goal: at most 2)
+buffered, core: 1.8 %  (goal: at most 2 %)
+of 600 places missed beside 4 busy programs: 0.50 in 10 000  (goal: at most 1)
+buffered, ratio to the peer, core: 0.22
+run.toml: 1000 cases, nothing found
+| speed map: ideal | slope | 200 | -0.002 % | 0.65 | 100 % (98 to 100) | 0 % | 0 % | 0 % |
+12 passed, 3 deselected in 34.56s
+"""
+
+
+def test_figures_are_read_from_what_commands_print() -> None:
+    assert list(figures(OUTPUT)) == [
+        ("ratio", "2.10 (goal: at most 2)"),
+        ("buffered, core", "1.8 % (goal: at most 2 %)"),
+        ("of 600 places missed beside 4 busy programs", "0.50 in 10 000 (goal: at most 1)"),
+        ("buffered, ratio to the peer, core", "0.22"),
+        ("run.toml", "1000 cases, nothing found"),
+        ("speed map: ideal, slope, n = 200", "100 % (98 to 100)"),
+        ("tests", "12 passed, 3 deselected"),
+    ]
+
+
+def test_a_night_that_goes_on_repeats_nothing_and_keeps_failures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands = ("bash -c 'echo run >> {folder}/ran; echo ratio 3; exit {size}'", "python -c pass")
+    monkeypatch.setitem(night.STAGES, "two", Stage(commands, "0", "4", 1.0))
+
+    run_stage("two", tmp_path, small=True)
+    run_stage("two", tmp_path, small=True)
+    found = [(line["figure"], line["value"]) for line in lines_of(tmp_path / "results.jsonl")]
+
+    assert (tmp_path / "ran").read_text() == "run\n"
+    assert found == [("ratio", "3"), ("exit code", "4"), ("exit code", "0")]
+
+
+def test_the_page_has_the_figures_of_the_last_file_of_results() -> None:
+    written = PAGE.read_text(encoding="utf-8").partition(HEADING)
+
+    assert written[1] + written[2] == section(lines_of(RESULTS))
+
+
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_a_damaged_content_is_read_or_refused(reader: Reader) -> None:
+    assert attack(reader, cases=20, seed=3) == ""
+
+
+@pytest.mark.parametrize(
+    ("read", "found"),
+    [
+        (lambda path: int("x"), "ValueError"),
+        (lambda path: bytes(4 << 30), "MemoryError"),
+        (lambda path: 7, "read as 7"),
+    ],
+)
+def test_the_fuzzer_finds_tracebacks_memory_and_other_numbers(read: object, found: str) -> None:
+    content = b"t,phi\n1,2\n"
+    calls = [0]
+
+    def late(path: Path) -> object:
+        calls[0] += 1
+        return None if calls[0] == 1 else read(path)  # type: ignore[operator]
+
+    def fault(content: bytes, value: object) -> str:
+        return "" if value is None else f"read as {value!r}"
+
+    assert found in attack(Reader(name="bad", contents=(content,), read=late, fault=fault), cases=5, seed=1)
