@@ -24,7 +24,6 @@ from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import RUN_FILE, read_run
 from cfid.records.tables.any_kind import read_table
 from cfid.records.tables.blocks import open_table
-from cfid.records.tables.table import 
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.truth_file import load_truth
