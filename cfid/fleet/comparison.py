@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from cfid.estimate.repetition import Repeats, repeats
 from cfid.fleet.summary import KnownValue, Summary
@@ -15,6 +15,7 @@ Array = npt.NDArray[np.float64]
 
 FEWEST = 5  # values, of which one can be called an outlier
 _FALSE = 0.01  # of tables without outliers that name one
+_CERTAIN = 0.995  # that a drift is one: 99 % on both sides
 _OF_NORMAL = 1.4826  # median absolute deviation to standard deviation
 
 
@@ -45,7 +46,8 @@ class Comparison:
         found = self.repeats
         if found is None or found.drift_per_day is None or not found.drift_std_per_day:
             return False
-        return abs(found.drift_per_day) > stdtrit(self.used - 2, 0.995) * found.drift_std_per_day
+        limit = ndtri(_CERTAIN) if found.probability is not None else stdtrit(self.used - 2, _CERTAIN)
+        return bool(abs(found.drift_per_day) > limit * found.drift_std_per_day)
 
 
 def compare(summaries: Sequence[Summary]) -> list[Comparison]:

@@ -39,11 +39,12 @@ def print_comparisons(comparisons: Sequence[Comparison], summaries: Sequence[Sum
     others = sum(summary.other_runs for summary in summaries)
     console = Console()
     console.print(f"{len(summaries)} campaigns, {runs} complete runs, {others} not complete", highlight=False)
-    table = Table(box=SIMPLE, pad_edge=False)
-    for heading in ("number", "unit", "campaigns", "mean", "std", "scatter", "expected", "outliers", "drift a day"):
-        table.add_column(heading, overflow="fold", no_wrap=heading in ("mean", "std"))
+    table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in ("number", "n", "mean", "std", "scatter", "expected"):
+        table.add_column(heading, overflow="fold", no_wrap=heading != "number")
+    table.add_column("outliers, drift", overflow="fold")
     for one in comparisons:
-        table.add_row(*map(escape, (one.name, one.unit, _count(one), *_figures(one), _some(one.outliers), _drift(one))))
+        table.add_row(*map(escape, (one.name, str(one.used), *_figures(one), "; ".join(_remarks(one)))))
     console.print(table)
     apart = [one.name for one in comparisons if one.repeats is not None and not one.repeats.agree]
     if apart:
@@ -137,11 +138,6 @@ def detail_rows(comparisons: Sequence[Comparison], summaries: Sequence[Summary])
     ]
 
 
-def _count(one: Comparison) -> str:
-    rejected = f", {len(one.rejected)} rejected" if one.rejected else ""
-    return f"{one.used}{rejected}"
-
-
 def _figures(one: Comparison) -> tuple[str, str, str, str]:
     """Return mean, its standard uncertainty, scatter, and what is expected of it."""
     found = one.repeats
@@ -153,13 +149,14 @@ def _figures(one: Comparison) -> tuple[str, str, str, str]:
     return (*value_and_deviation(found.mean, found.mean_std), scatter, expected)
 
 
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(names[:_MOST_NAMES]) + more
-
-
-def _drift(one: Comparison) -> str:
-    found = one.repeats
-    if found is None or found.drift_per_day is None or not one.drifts:
-        return ""
-    return f"{found.drift_per_day:.2g} +- {found.drift_std_per_day:.1g}"
+def _remarks(one: Comparison) -> list[str]:
+    """Return what a reader should look at: rejected values, outliers by name, a drift beyond its uncertainty."""
+    found, remarks = one.repeats, []
+    if one.rejected:
+        remarks.append(f"{len(one.rejected)} rejected")
+    if one.outliers:
+        more = len(one.outliers) - _MOST_NAMES
+        remarks.append(", ".join([*one.outliers[:_MOST_NAMES], *([f"{more} more"] if more > 0 else [])]))
+    if found is not None and one.drifts:
+        remarks.append(f"{found.drift_per_day:+.2g} +- {found.drift_std_per_day:.1g} a day")
+    return remarks
