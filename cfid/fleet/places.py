@@ -4,7 +4,7 @@ import glob
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -68,12 +68,13 @@ def at_hand(campaign: str) -> Iterator[Place]:
     with tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
         folder = Path(temporary).resolve() / (PurePosixPath(root).name or "campaign")
 
-        def bring(name: str, only: Iterable[str] | None = None) -> None:
+        def bring(name: str, only: Sequence[str] | None = None) -> None:
             there, here = f"{root}/{name}" if name else root, folder / name
             with _faults(f"{campaign}/{name}"):
                 here.mkdir(parents=True, exist_ok=True)
-                for file in _names(files, there) if only is None else only:
-                    files.get_file(f"{there}/{file}", str(here / file))
+                for file in _names(files, there):
+                    if only is None or file in only:
+                        files.get_file(f"{there}/{file}", str(here / file))
 
         def bring_run(name: str) -> None:
             if not (folder / RUNS_FOLDER / name).exists():
@@ -81,7 +82,7 @@ def at_hand(campaign: str) -> Iterator[Place]:
                 if not (folder / RUNS_FOLDER / name / RUN_FILE).exists():
                     raise DataError(f"{campaign}/{RUNS_FOLDER}/{name}: not a run: it has no {RUN_FILE}.")
 
-        bring("", [RIG_FILE])
+        bring("", [RIG_FILE, "parameters.toml"])
         bring("fits")
         yield Place(folder=folder, address=campaign, bring_run=bring_run)
 

@@ -13,10 +13,11 @@ from cfid.fleet.places import Place, at_hand
 from cfid.fleet.recipes import Method, Recipe
 from cfid.records.campaign import RUNS_FOLDER, Campaign, open_campaign
 from cfid.records.fits import Fit, list_fits
-from cfid.records.parameters import Section
+from cfid.records.parameters import Section, store_section
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, read_run
 
+_BY_HAND = "set"  # the section of values measured by hand, which no recording gives
 _RUN_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
 
 
@@ -71,6 +72,8 @@ def _repeat_all(place: Place, folder: Path, method: Method | None) -> Iterable[R
     own = open_campaign(place.folder)
     (folder / RIG_FILE).write_bytes((place.folder / RIG_FILE).read_bytes())
     made = open_campaign(folder)
+    if (by_hand := own.sections().get(_BY_HAND)) is not None:
+        store_section(made.parameters_file, _BY_HAND, by_hand)
     found = list_fits(own.fits_folder)
     unreadable = [fit for fit in found if not isinstance(fit, Fit)]
     latest = {fit.name: fit for fit in sorted(_readable(found), key=lambda fit: fit.section.found)}
