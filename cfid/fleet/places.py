@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote
 
 from cfid.console.selection import is_glob
 from cfid.errors import ConfigError, DataError
@@ -17,7 +18,7 @@ from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import RUN_FILE
 
 _ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
-_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")  # of a file that another computer lists: no path, nothing hidden
+_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
 _LARGEST_INDEX = 1 << 24  # bytes
 
 
@@ -72,9 +73,9 @@ def at_hand(campaign: str) -> Iterator[Place]:
             there, here = f"{root}/{name}" if name else root, folder / name
             with _faults(f"{campaign}/{name}"):
                 here.mkdir(parents=True, exist_ok=True)
-                for file in _names(files, there):
+                for path, file in _listing(files, there):
                     if only is None or file in only:
-                        files.get_file(f"{there}/{file}", str(here / file))
+                        files.get_file(path, str(here / file))
 
         def bring_run(name: str) -> None:
             if not (folder / RUNS_FOLDER / name).exists():
@@ -139,10 +140,11 @@ def _files_at(address: str) -> tuple[Any, str]:
     return files, str(root).rstrip("/")
 
 
-def _names(files: Any, folder: str) -> list[str]:
-    """Return the names of the files of a folder; a name that leads elsewhere is left out."""
-    listed = [PurePosixPath(one["name"]).name for one in files.ls(f"{folder}/", detail=True) if one["type"] == "file"]
-    return [name for name in listed if _NAME.fullmatch(name)]
+def _listing(files: Any, folder: str) -> list[tuple[str, str]]:
+    """Return the paths of a folder's files, each with its name; a name that leads elsewhere is left out."""
+    paths = [one["name"] for one in files.ls(f"{folder}/", detail=True) if one["type"] == "file"]
+    named = [(path, PurePosixPath(unquote(path) if is_address(path) else path).name) for path in paths]
+    return [(path, name) for path, name in named if _NAME.fullmatch(name)]
 
 
 @contextmanager
