@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -183,7 +182,7 @@ def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Pat
 
     def run(*, interrupt: bool) -> tuple[int, str]:
         with (tmp_path / "said").open("w+") as said:
-            process = started(words, cwd=tmp_path, env=os.environ, stdout=subprocess.DEVNULL, stderr=said)
+            process = started(words, anew=True, cwd=tmp_path, env=os.environ, stdout=said, stderr=said)
             end_s = time.monotonic() + LONGEST_S
             while interrupt and time.monotonic() < end_s and not (out / "c1").exists():
                 time.sleep(0.02)
