@@ -33,7 +33,7 @@ class Recipe:
         return self.method or self.kept.section.method
 
     @property
-    def _order(self) -> dict[str, int]:
+    def _order(self) -> dict[str, Any]:
         """The order of the map, from the length of its polynomial."""
         key = f"motor.{self.kept.name}_poly"
         found = self.kept.section.parameters.get(key)

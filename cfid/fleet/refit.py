@@ -136,10 +136,10 @@ def _largest_move(kept: Section, made: Section) -> tuple[float | None, str]:
     """Return the largest change of a number in standard uncertainties of the kept one, and its name."""
     new = {one.name: one.value for key, found in made.parameters.items() for one in found.numbers(key)}
     moves = [
-        (abs(new[one.name] - one.value) / one.std, one.name)
+        (abs(value - one.value) / one.std, one.name)
         for key, found in kept.parameters.items()
         if key not in kept.rejected
         for one in found.numbers(key)
-        if one.std and one.value is not None and new.get(one.name) is not None
+        if one.std and one.value is not None and (value := new.get(one.name)) is not None
     ]
     return max(moves, default=(None, ""))

@@ -25,9 +25,9 @@ FORMAT = 1
 class Results:
     """A folder of refitted campaigns; `done` has the manifest's row of each, by its folder or address."""
 
-    def __init__(self, folder: Path, done: dict[str, Mapping[str, Any]], taken: set[str]) -> None:
+    def __init__(self, folder: Path, done: Mapping[str, Mapping[str, Any]], taken: set[str]) -> None:
         """Go on with a folder in which some campaigns are done, and names are taken."""
-        self.folder, self.done = folder, done
+        self.folder, self.done = folder, dict(done)
         self._taken = taken
 
     def keep(self, campaign: str, refitted: Refitted) -> Mapping[str, Any]:

@@ -188,7 +188,7 @@ def test_globs_and_an_index_name_campaigns(cfid: Cfid, tmp_path: Path) -> None:
 
 
 def test_campaigns_of_one_name_are_told_apart_by_their_paths(cfid: Cfid, tmp_path: Path) -> None:
-    folders = [campaign(tmp_path / lab / "day-1", 0, 0.028) for lab in ("a", "b") if (tmp_path / lab).mkdir() is None]
+    folders = [campaign(tmp_path / lab / "day-1", 0, 0.028) for lab in ("a", "b")]
     cfid("fleet", *folders, "--details", "--out", tmp_path / "table.csv")
 
     assert list(pd.read_csv(tmp_path / "table.csv")["campaign"]) == [str(folder) for folder in folders]
