@@ -9,6 +9,7 @@ from typing import Any
 from typer.main import get_command
 
 from cfid.cli.main import app
+from cfid.cli.table import COMMANDS
 
 PAGE = Path(__file__).parent / "reference" / "commands.md"
 
@@ -33,6 +34,18 @@ def _sections(command: Any, name: str, parent: Any) -> Iterator[str]:
     for word in getattr(command, "commands", ()):
         _, below, _ = command.resolve_command(context, [word])  # imported, not its line in a list
         yield from _sections(below, f"{name} {word}", context)
+        for own in _below_a_command(below, f"{name} {word}"):
+            _, group, _ = command.resolve_command(context, [word, own])
+            inner = group.context_class(group, info_name=word, parent=context)
+            yield from _sections(group.resolve_command(inner, [own])[1], f"{name} {word} {own}", inner)
+
+
+def _below_a_command(command: Any, name: str) -> list[str]:
+    """Return the commands below one that is no group, as `fleet fit`: it takes any other words itself."""
+    if hasattr(command, "commands"):
+        return []
+    paths = [path.rpartition(" ") for path in COMMANDS]
+    return [own for above, _, own in paths if above == name.removeprefix("cfid ")]
 
 
 def _section(command: Any, name: str, context: Any) -> str:

@@ -1,5 +1,6 @@
 """Groups of commands: the table lists them, and calling one imports its module."""
 
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
@@ -21,7 +22,7 @@ class LazyGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Return the command's word, the imported command, and the remaining words."""
         word, _, rest = super().resolve_command(ctx, args)
-        return word, None if word is None else _imported(_below(self.name or "")[word]), rest
+        return word, None if word is None else _imported(_below(self.name or "")[word], rest), rest
 
 
 def _below(path: str) -> dict[str, str]:
@@ -30,16 +31,24 @@ def _below(path: str) -> dict[str, str]:
     return {word: each for (above, _, word), each in above_and_word if above == path}
 
 
-def _imported(path: str) -> Any:
+def _imported(path: str, rest: Sequence[str] = ()) -> Any:
+    """Return the command of a path. One that takes any words is a group only where the next of the `rest` is below it.
+
+    Else the group would take the first of the words for a command.
+    """
     where, line = COMMANDS[path]
+    group = typer.Typer(cls=LazyGroup, name=path, help=line, no_args_is_help=True)
     if where is None:
-        return get_group(typer.Typer(cls=LazyGroup, name=path, help=line, no_args_is_help=True))
+        return get_group(group)
     module, _, function = where.partition(":")
     command = getattr(import_module(module), function)
-    if _below(path):
-        group = typer.Typer(cls=LazyGroup, name=path)
-        group.callback(invoke_without_command=True)(command)
-        return get_group(group)
     alone = typer.Typer(add_completion=False)
     alone.command(path.rpartition(" ")[2])(command)
-    return get_command(alone)
+    found = get_command(alone)
+    if not _below(path):
+        return found
+    if any(parameter.param_type_name == "argument" for parameter in found.params):
+        return get_group(group) if rest and rest[0] in _below(path) else found
+    own = typer.Typer(cls=LazyGroup, name=path)
+    own.callback(invoke_without_command=True)(command)
+    return get_group(own)

@@ -53,7 +53,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fleet": (
         "cfid.fleet.command:fleet",
-        "Compare the results of several campaigns: values, mean, scatter, agreement and drift of each number.",
+        "Compare the results of several campaigns: mean, scatter, expected scatter, outliers and drift of each number.",
+    ),
+    "fleet fit": (
+        "cfid.fleet.fit_command:fleet_fit",
+        "Refit campaigns from their recordings: the last fit of each kind, into a new folder. No campaign is changed.",
     ),
     "export": (
         "cfid.export.command:export",

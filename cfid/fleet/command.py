@@ -1,117 +1,127 @@
 """`cfid fleet`: compare many campaigns, of one vehicle or one day each."""
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.messages import note
-from cfid.errors import CfidError
 
 if TYPE_CHECKING:
-    from cfid.estimate.repetition import Repeats
-    from cfid.fleet.summary import KnownValue, Summary
+    from cfid.errors import CfidError
+    from cfid.fleet.comparison import Comparison
+    from cfid.fleet.summary import Summary
 
-_FOLDERS_FOR_A_PROCESS = 4  # reading fewer takes less time than starting a process
+_FOLDERS_FOR_A_PROCESS = 16  # reading fewer takes less time than starting a process
+_MOST_NAMES = 3
+
+Index = Annotated[
+    str | None, typer.Option(metavar="FILE", help="A list of campaigns, one a line, relative to it; # for comments.")
+]
+Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 is one for each processor.")]
+Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster that sees the folders.")]
 
 
 def fleet(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR ...", help="Campaign folders.")],
+    folders: Annotated[list[str] | None, typer.Argument(metavar="DIR ...", help="Campaign folders, or globs.")] = None,
+    *,
+    index: Index = None,
     only: Annotated[str, typer.Option(metavar="TEXT", help="Only parameters whose names contain this.")] = "",
-    jobs: Annotated[int, typer.Option(min=0, help="Number of processes; 0 is one for each processor.")] = 0,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster that sees the folders.")
+    details: Annotated[bool, typer.Option("--details", help="Every campaign's value of every number.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the table to a new .csv, .parquet or .html file.")
     ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Compare the results of several campaigns: values, mean, scatter, agreement and drift of each number.
+    """Compare the results of several campaigns: mean, scatter, expected scatter, outliers and drift of each number.
+
+    `cfid fleet fit` refits campaigns; a campaign folder named fit is ./fit.
 
     Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3 --only inertia.matrix[/bold]
     """
-    from cfid.errors import CfidError, ConfigError
-    from cfid.fleet.summary import Summary
+    from cfid.errors import ConfigError, DataError
+    from cfid.fleet.comparison import compare
+    from cfid.fleet.places import campaigns
+    from cfid.fleet.tables import SUFFIXES
 
-    # A campaign named twice would agree with itself.
-    answers = _summaries(list(dict.fromkeys(folder.resolve() for folder in folders)), jobs=jobs, scheduler=scheduler)
-    summaries = [answer for answer in answers if isinstance(answer, Summary)]
-    if not summaries:
-        raise ConfigError(" ".join(str(answer) for answer in answers))
-    quantities = {name: known for name, known in _by_name(summaries).items() if only in name}
-    (_print_json if json else _print_tables)(summaries, quantities)
-    for answer in answers:
-        for sentence in [str(answer)] if isinstance(answer, CfidError) else _findings(answer):
-            note(sentence)
-
-
-def _summaries(folders: Sequence[Path], *, jobs: int, scheduler: str | None) -> "list[Summary | CfidError]":
-    from cfid.fleet.summary import summarise
-
-    if scheduler is not None:
-        return _on_cluster(summarise, folders, scheduler)
-    workers = min(jobs or _processors(), -(-len(folders) // _FOLDERS_FOR_A_PROCESS))
-    if workers < 2:
-        return [summarise(folder) for folder in folders]
-    from concurrent.futures import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(workers) as pool:
-        return list(pool.map(summarise, folders))
+    if out is not None and out.suffix not in SUFFIXES:
+        raise ConfigError(f"--out {out}: should end in {', '.join(SUFFIXES)}.")
+    summaries, faults = _summaries(campaigns(folders or [], index), jobs=jobs, scheduler=scheduler)
+    comparisons = [one for one in compare(summaries) if only in one.name]
+    if summaries:
+        _hand_out(comparisons, summaries, details=details, out=out, json=json)
+        _print_findings(summaries, details=details)
+    if faults:
+        count = len(summaries) + len(faults)
+        raise DataError("\n  ".join([f"{len(faults)} of {count} campaigns cannot be read:", *map(str, faults)]))
 
 
-def _processors() -> int:
+def processors() -> int:
+    """Return the number of processors that this process may use."""
     import os
 
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _on_cluster(work: Callable[[Path], Any], folders: Iterable[Path], address: str) -> list[Any]:
-    from cfid.errors import ConfigError
+def _summaries(places: Sequence[str], *, jobs: int, scheduler: str | None) -> "tuple[list[Summary], list[CfidError]]":
+    """Return the summaries of campaigns in their order, named apart, and the errors of those that cannot be read."""
+    from dataclasses import replace
 
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ConfigError("--scheduler: Dask is not installed here: pip install 'cfid[fleet]'.") from None
-    try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--scheduler {address}: no Dask scheduler answers there: {error}") from None
-    with client:
-        return list(client.gather(client.map(work, list(folders), pure=False)))
+    from cfid.fleet.summary import Summary, summarise
+    from cfid.fleet.workers import on_cluster, on_processes
 
-
-def _findings(summary: "Summary") -> list[str]:
-    return [f"{summary.folder.name}: {finding.text}" for finding in summary.findings]
-
-
-def _by_name(summaries: "Sequence[Summary]") -> "dict[str, list[KnownValue | None]]":
-    """Return each number with its value in each campaign; the same name with another unit is another number."""
-    tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
-    keys = dict.fromkeys(key for table in tables for key in table)
-    units = Counter(name for name, _ in keys)
-    return {
-        name if units[name] == 1 else f"{name}, {unit}": [table.get((name, unit)) for table in tables]
-        for name, unit in keys
-    }
+    number = min(jobs or processors(), -(-len(places) // _FOLDERS_FOR_A_PROCESS))
+    if scheduler is not None:
+        answers = dict(on_cluster(summarise, places, scheduler))
+    elif number < 2:
+        answers = {place: summarise(place) for place in places}
+    else:
+        answers = dict(on_processes(summarise, places, number=number))
+    read = [answers[place] for place in places]
+    summaries = [one for one in read if isinstance(one, Summary)]
+    names = Counter(one.name for one in summaries)
+    apart = [one if names[one.name] == 1 else replace(one, name=str(one.folder)) for one in summaries]
+    return apart, [one for one in read if not isinstance(one, Summary)]
 
 
-def _compared(row: "Sequence[KnownValue | None]") -> "Repeats | None":
-    """Return how the accepted numbers of a row agree, None for fewer than two."""
-    import numpy as np
+def _hand_out(
+    comparisons: "Sequence[Comparison]", summaries: "Sequence[Summary]", *, details: bool, out: Path | None, json: bool
+) -> None:
+    """Write the table to a file where one is named; print it, or the JSON object."""
+    from cfid.fleet import tables
 
-    from cfid.estimate.repetition import repeats
+    if out is not None:
+        rows = tables.detail_rows(comparisons, summaries) if details else tables.comparison_rows(comparisons)
+        tables.write_table(out, rows, title=f"{len(summaries)} campaigns")
+    if json:
+        _print_json(comparisons, summaries)
+    elif out is not None:
+        typer.echo(out)
+    else:
+        if details:
+            tables.print_details(comparisons, summaries)
+        tables.print_comparisons(comparisons, summaries)
 
-    accepted = [known for known in row if known is not None and known.accepted]
-    if len(accepted) < 2:
-        return None
-    return repeats(
-        time_s=np.array([known.recorded.timestamp() for known in accepted]),
-        value=np.array([known.value for known in accepted]),
-        std=np.array([np.nan if known.std is None else known.std for known in accepted]),
-    )
+
+def _print_findings(summaries: "Sequence[Summary]", *, details: bool) -> None:
+    """Print each finding, or without details of each kind the first, and how many campaigns have such ones."""
+    found = defaultdict[str, list[tuple[str, str]]](list)
+    for summary in summaries:
+        for finding in summary.findings:
+            found[finding.code].append((summary.name, finding.text))
+    for code, every in found.items():
+        for name, text in every if details or len(every) <= _MOST_NAMES else every[:1]:
+            note(f"{name}: {text}")
+        if not details and len(every) > _MOST_NAMES:
+            campaigns = len({name for name, _ in every})
+            note(f"{code}: {len(every) - 1} more, in {campaigns} campaigns altogether; --details names them.")
 
 
-def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[KnownValue | None]]") -> None:
+def _print_json(comparisons: "Sequence[Comparison]", summaries: "Sequence[Summary]") -> None:
     import json
     from dataclasses import asdict
 
@@ -128,68 +138,17 @@ def _print_json(summaries: "Sequence[Summary]", quantities: "dict[str, list[Know
         }
         for summary in summaries
     ]
-    compared = {name: _compared(row) for name, row in quantities.items()}
     content = {
         "command": "fleet",
         "campaigns": campaigns,
         "parameters": {
-            name: {
-                "unit": next(known.unit for known in row if known is not None),
-                "values": [None if known is None else known.value for known in row],
-                "stds": [None if known is None else known.std for known in row],
-                "repeats": None if (found := compared[name]) is None else {**asdict(found), "agree": found.agree},
+            one.name: {
+                "unit": one.unit,
+                "values": [None if known is None else known.value for known in one.values],
+                "stds": [None if known is None else known.std for known in one.values],
+                "repeats": None if one.repeats is None else {**asdict(one.repeats), "agree": one.repeats.agree},
             }
-            for name, row in quantities.items()
+            for one in comparisons
         },
     }
     typer.echo(json.dumps(plain(content), indent=2, allow_nan=False))
-
-
-def _print_tables(summaries: "Sequence[Summary]", quantities: "dict[str, list[KnownValue | None]]") -> None:
-    from rich.box import SIMPLE
-    from rich.console import Console
-    from rich.table import Table
-
-    from cfid.console.tables import value_and_deviation
-    from cfid.records.lab_book import lines
-
-    console = Console()
-    table = Table(box=SIMPLE, pad_edge=False)
-    for heading in ("", "campaign", "vehicle", "runs", "not complete"):
-        table.add_column(heading, overflow="fold")
-    for number, summary in enumerate(summaries, 1):
-        counts = str(summary.complete_runs), str(summary.other_runs)
-        table.add_row(str(number), summary.folder.name, summary.vehicle, *counts)
-    console.print(table)
-    for number, summary in enumerate(summaries, 1):
-        for line in lines(summary.lab_book):
-            console.print(f"  {number:3}  {line}", highlight=False, markup=False)
-    for name, row in quantities.items():
-        unit = next(known.unit for known in row if known is not None)
-        console.print(f"[bold]{name}[/bold], {unit}", highlight=False)
-        for number, known in enumerate(row, 1):
-            if known is not None:
-                value, std = value_and_deviation(known.value, known.std)
-                verdict = "" if known.accepted else "  rejected"
-                console.print(f"  {number:3}  {value} +- {std}{verdict}", highlight=False)
-        for line in _judgement(_compared(row)):
-            console.print(f"       {line}", highlight=False)
-
-
-def _judgement(found: "Repeats | None") -> list[str]:
-    from cfid.console.tables import value_and_deviation
-
-    if found is None:
-        return []
-    mean, std = value_and_deviation(found.mean, found.mean_std)
-    lines = [f"mean {mean} +- {std}, scatter {found.scatter:.2g}{_agreement(found)}"]
-    if found.drift_per_day is not None:
-        lines.append(f"drift {found.drift_per_day:.2g} +- {found.drift_std_per_day:.2g} a day")
-    return lines
-
-
-def _agreement(found: "Repeats") -> str:
-    if found.probability is None:
-        return ""
-    words = "they agree" if found.agree else "they differ by more than their uncertainties"
-    return f"; {words} (probability {found.probability:.2g})"

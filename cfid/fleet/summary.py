@@ -6,17 +6,20 @@ A summary can be made in another process, or on another computer that can read t
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from pathlib import Path
+from datetime import UTC, datetime
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.findings import Finding, warning
+from cfid.fleet.places import is_address
 from cfid.records import lab_book
-from cfid.records.campaign import RUNS_FOLDER, find_campaign
+from cfid.records.campaign import find_campaign
 from cfid.records.parameters import Section, Source, load_sections
 from cfid.records.rig_file import RIG_FILE
 from cfid.records.run import Run, list_runs
+
+START_IN_NAME = "%Y-%m-%d_%H%M%S"  # of a run
 
 
 class KnownValue(NamedTuple):
@@ -32,9 +35,13 @@ class KnownValue(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A campaign. `findings` name recordings that are missing or have changed since they were fitted."""
+    """A campaign. `findings` name recordings that are missing or have changed since they were fitted.
+
+    `name` is the folder's, or its path where another one of the fleet has that name.
+    """
 
     folder: Path
+    name: str
     vehicle: str
     complete_runs: int
     other_runs: int
@@ -43,8 +50,9 @@ class Summary:
     findings: tuple[Finding, ...]
 
 
-def summarise(folder: Path) -> Summary | CfidError:
+def summarise(place: str) -> Summary | CfidError:
     """Return a campaign's summary, or its error, so that one faulty campaign does not hide the others."""
+    folder = Path(place)
     try:
         campaign = find_campaign(folder, start=folder)
         if campaign is None:
@@ -57,6 +65,7 @@ def summarise(folder: Path) -> Summary | CfidError:
     sources = {source for section in sections.values() for source in section.sources}
     return Summary(
         folder=folder,
+        name=folder.name,
         vehicle=campaign.rig.vehicle.name,
         complete_runs=complete,
         other_runs=len(runs) - complete,
@@ -71,10 +80,21 @@ def summarise(folder: Path) -> Summary | CfidError:
 
 
 def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
-    """Return the start of a section's last run; without runs, the time of the fit."""
-    started = {f"{RUNS_FOLDER}/{run.folder.name}": run.header.started for run in runs}
-    found = [started[folder] for source in section.sources if (folder := str(Path(source.path).parent)) in started]
+    """Return the start of a section's last run; without runs, the time of the fit.
+
+    A run that lies elsewhere, as of a campaign that was refitted, has its start in its name.
+    """
+    started = {run.folder.name: run.header.started for run in runs}
+    names = [PurePath(source.path).parent.name for source in section.sources]
+    found = [when for name in names if (when := started.get(name) or _start_in(name)) is not None]
     return max(found, default=section.found)
+
+
+def _start_in(name: str) -> datetime | None:
+    try:
+        return datetime.strptime(name[: len("2026-11-21_083012")], START_IN_NAME).replace(tzinfo=UTC)
+    except ValueError:
+        return None
 
 
 def _numbers(section_name: str, section: Section, recorded: datetime) -> list[KnownValue]:
@@ -96,6 +116,8 @@ def _float(std: float | None) -> float | None:
 
 
 def _source_finding(folder: Path, source: Source) -> Finding | None:
+    if is_address(source.path):
+        return None  # of another computer, which is not asked
     try:
         with (folder / source.path).open("rb") as file:
             same = hashlib.file_digest(file, "sha256").hexdigest() == source.sha256

@@ -130,7 +130,9 @@ class Campaign(BaseModel):
         return keep_fit(self.fits_folder, fit)
 
     def _path_in(self, path: str) -> str:
-        """Return a path relative to the campaign's folder where it lies inside, else an absolute path."""
+        """Return a path relative to the campaign's folder where it lies inside, else an absolute path, or address."""
+        if "://" in path:
+            return path
         there, folder = Path(path).resolve(), self.folder.resolve()
         return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
 

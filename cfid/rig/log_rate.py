@@ -31,7 +31,7 @@ def shortest(loss_at: Callable[[int], float], *, uri: str) -> tuple[int, Mapping
     raise DeviceError(
         f"{uri}: the link loses {100 * losses[PERIODS_MS[-1]]:.0f} % of rows that are {PERIODS_MS[-1]} ms "
         f"apart (limit {100 * LARGEST_LOSS:g} %). Bring the vehicle closer, change the channel, use its USB cable, or "
-        "choose --log-ms and accept the losses."
+        "choose `log_ms` and accept the losses."
     )
 
 

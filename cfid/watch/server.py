@@ -38,7 +38,7 @@ def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable
     try:
         sockets = bind_sockets(port, LOOPBACK)
     except OSError as error:
-        raise ConfigError(f"--port {port}: cannot be taken: {error.strerror}. Leave it out for a free one.") from None
+        raise ConfigError(f"`port` {port}: cannot be taken: {error.strerror}. Leave it out for a free one.") from None
     port = sockets[0].getsockname()[1]
     for name in ("bokeh", "tornado.access"):  # the page shows what was refused
         logging.getLogger(name).setLevel(logging.ERROR)

@@ -19,10 +19,10 @@ OF_ANOTHER_PROGRAM = {"--comb"}  # of the simulator that an exported file is for
 
 
 def below_the_command_line() -> Iterator[Path]:
-    """Yield the modules that Python calls; the demo and the guide type commands, as a person does."""
+    """Yield the modules that Python calls; demo, guide and watch type commands, as a person does."""
     for path in sorted((ROOT / "cfid").rglob("*.py")):
         package = path.relative_to(ROOT / "cfid").parts[0]
-        if package not in ("cli", "console", "demo", "guide") and not path.stem.endswith("command"):
+        if package not in ("cli", "console", "demo", "guide", "watch") and not path.stem.endswith("command"):
             yield path
 
 

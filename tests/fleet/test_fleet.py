@@ -1,13 +1,17 @@
 """Many campaigns side by side: the same numbers by one process, by several, and on a cluster."""
 
+import importlib.util
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from cfid.console.campaign import make_campaign
+from cfid.fleet.comparison import outliers
 from cfid.records.parameters import Parameter, Section, Source, store_section
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
@@ -61,9 +65,9 @@ def test_numbers_stand_side_by_side_with_mean_agreement_and_drift_by_day_of_reco
     assert found["values"] == pytest.approx([0.028, 0.02802, 0.02804, 0.02806])
     assert found["repeats"]["drift_per_day"] == pytest.approx(2e-5)
     assert not found["repeats"]["agree"]
-    printed = cfid("fleet", *folders).stdout
-    assert "they differ by more than their uncertainties" in " ".join(printed.split())
-    assert "drift 2e-05" in " ".join(printed.split())
+    printed = " ".join(cfid("fleet", *folders).stdout.split())
+    assert "1 of 1 numbers differ by more than their uncertainties" in printed
+    assert "+2e-05 +-" in printed
 
 
 def test_a_number_that_was_rejected_is_shown_and_does_not_count(cfid: Cfid, tmp_path: Path) -> None:
@@ -73,7 +77,8 @@ def test_a_number_that_was_rejected_is_shown_and_does_not_count(cfid: Cfid, tmp_
 
     assert found["values"] == [0.028, 0.028, 5.0]
     assert found["repeats"]["mean"] == pytest.approx(0.028, rel=1e-12)
-    assert "rejected" in cfid("fleet", *good, odd).stdout
+    assert "1 rejected" in " ".join(cfid("fleet", *good, odd).stdout.split())
+    assert "+- 1.0e-05 rejected" in " ".join(cfid("fleet", *good, odd, "--details").stdout.split())
 
 
 def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) -> None:
@@ -88,15 +93,105 @@ def test_recordings_that_changed_or_went_are_told(cfid: Cfid, tmp_path: Path) ->
     assert "encoder.csv is missing." in ended.stderr
 
 
-def test_a_folder_that_is_no_campaign_does_not_hide_the_others(cfid: Cfid, tmp_path: Path) -> None:
-    one, nothing = campaign(tmp_path / "one", 0, 0.028), tmp_path / "nothing"
-    nothing.mkdir()
-    ended = cfid("fleet", one, nothing)
+def test_of_many_changed_recordings_one_is_named_unless_details_are_wanted(cfid: Cfid, tmp_path: Path) -> None:
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(5)]
+    for folder in folders:
+        next(folder.glob("runs/*/encoder.csv")).unlink()
+    short, long = cfid("fleet", *folders), cfid("fleet", *folders, "--details")
 
-    assert ended.returncode == 0
+    assert short.stderr.count("encoder.csv is missing") == 1
+    assert "source-missing: 4 more, in 5 campaigns altogether" in short.stderr
+    assert long.stderr.count("encoder.csv is missing") == 5
+
+
+def test_campaigns_that_cannot_be_read_are_listed_and_do_not_hide_the_others(cfid: Cfid, tmp_path: Path) -> None:
+    one, nothing, loop = campaign(tmp_path / "one", 0, 0.028), tmp_path / "nothing", tmp_path / "loop"
+    nothing.mkdir()
+    loop.symlink_to(loop)
+    ended = cfid("fleet", one, nothing, loop)
+
+    assert ended.returncode == 4
     assert "thing.mass_kg" in ended.stdout
+    assert "2 of 3 campaigns cannot be read" in ended.stderr
     assert "nothing/rig.toml: no such file" in ended.stderr
-    assert cfid("fleet", nothing).returncode == 2
+    assert "loop/rig.toml: " in ended.stderr
+    assert cfid("fleet", nothing).returncode == 4
+    assert cfid("fleet").returncode == 2
+
+
+def test_a_table_of_many_campaigns_has_one_row_a_number(cfid: Cfid, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-5 * rng.standard_normal()) for day in range(40)]
+    folders.append(campaign(tmp_path / "heavy", 41, 0.0285))
+    printed = cfid("fleet", *folders).stdout
+
+    assert len(printed.splitlines()) < 12
+    row = next(line for line in printed.splitlines() if "thing.mass_kg" in line)
+    assert "heavy" in row
+    assert "c1" not in row
+
+
+def test_normal_scatter_names_an_outlier_in_one_table_of_a_hundred() -> None:
+    rng = np.random.default_rng(2)
+    for count in (5, 8, 20, 200):
+        tables = 4000 if count < 100 else 1000
+        named = sum(bool(outliers(rng.standard_normal(count), np.full(count, 0.1))) for _ in range(tables))
+        assert named / tables < 0.02
+
+
+def test_a_value_within_its_own_uncertainty_is_no_outlier() -> None:
+    value = np.append(np.tile([-1.0, 0.0, 1.0], 10), 20.0)
+
+    assert outliers(value, np.full(31, 0.5)) == [30]
+    assert outliers(value, np.append(np.full(30, 0.5), 10.0)) == []
+    assert outliers(value[-4:], np.full(4, 0.5)) == []
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "html"])
+def test_a_table_is_written_to_a_new_file(cfid: Cfid, tmp_path: Path, suffix: str) -> None:
+    folders = [campaign(tmp_path / name, day, 0.028) for day, name in enumerate(["a", "b", "<i>c"])]
+    path = tmp_path / f"table.{suffix}"
+    ended = cfid("fleet", *folders, "--details", "--out", path)
+
+    assert ended.returncode == 0, ended.stderr
+    if suffix == "html":
+        assert "&lt;i&gt;c" in path.read_text()
+        assert "<i>" not in path.read_text()
+        table = pd.read_html(path)[0] if importlib.util.find_spec("lxml") else None
+    else:
+        table = pd.read_csv(path) if suffix == "csv" else pd.read_parquet(path)
+    if table is not None:
+        assert list(table["value"]) == [0.028] * 3
+        assert list(table["campaign"]) == ["a", "b", "<i>c"]
+    again = cfid("fleet", *folders, "--out", path)
+    assert again.returncode == 2
+    assert "exists already" in again.stderr
+
+
+def test_a_table_without_details_has_a_row_a_number(cfid: Cfid, tmp_path: Path) -> None:
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(3)]
+    cfid("fleet", *folders, "--out", tmp_path / "table.csv")
+    table = pd.read_csv(tmp_path / "table.csv")
+
+    assert list(table["number"]) == ["thing.mass_kg"]
+    assert table["expected_scatter"][0] == pytest.approx(1e-5)
+    assert table["used"][0] == 3
+
+
+def test_globs_and_an_index_name_campaigns(cfid: Cfid, tmp_path: Path) -> None:
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(3)]
+    (tmp_path / "list.txt").write_text("# first week\nc0\n\nc[12]\n")
+    listed = compared(cfid, "--index", tmp_path / "list.txt")
+
+    assert listed == compared(cfid, tmp_path / "c*") == compared(cfid, *folders)
+    assert cfid("fleet", tmp_path / "d*").returncode == 2
+
+
+def test_campaigns_of_one_name_are_told_apart_by_their_paths(cfid: Cfid, tmp_path: Path) -> None:
+    folders = [campaign(tmp_path / lab / "day-1", 0, 0.028) for lab in ("a", "b")]
+    cfid("fleet", *folders, "--details", "--out", tmp_path / "table.csv")
+
+    assert list(pd.read_csv(tmp_path / "table.csv")["campaign"]) == [str(folder) for folder in folders]
 
 
 def noted(folder: Path, name: str, key: str, value: float, unit: str) -> None:
@@ -139,7 +234,7 @@ def test_a_campaign_that_is_named_twice_counts_once(cfid: Cfid, tmp_path: Path) 
 
 
 def test_several_processes_find_the_same(cfid: Cfid, tmp_path: Path) -> None:
-    folders = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in range(9)]
+    folders = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in range(33)]
 
     assert compared(cfid, *folders, "--jobs", 3) == compared(cfid, *folders, "--jobs", 1)
 

@@ -1,0 +1,101 @@
+"""Compare each number of many campaigns: mean, scatter against what the uncertainties explain, outliers, drift."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtri, stdtrit
+
+from cfid.estimate.repetition import Repeats, repeats
+from cfid.fleet.summary import KnownValue, Summary
+
+Array = npt.NDArray[np.float64]
+
+FEWEST = 5  # values, of which one can be called an outlier
+_FALSE = 0.01  # of tables without outliers that name one
+_CERTAIN = 0.995  # that a drift is one: 99 % on both sides
+_OF_NORMAL = 1.4826  # median absolute deviation to standard deviation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One number in all campaigns: its value in each, None where it is missing, and how the accepted ones agree.
+
+    `expected_scatter` is the standard deviation that the stated uncertainties alone would give, None where one of them
+    is missing. `outliers` are the campaigns that lie apart from the others, `rejected` those whose number was rejected.
+    """
+
+    name: str
+    unit: str
+    values: tuple[KnownValue | None, ...]
+    repeats: Repeats | None
+    expected_scatter: float | None
+    outliers: tuple[str, ...]
+    rejected: tuple[str, ...]
+
+    @property
+    def used(self) -> int:
+        """How many values count."""
+        return sum(known is not None and known.accepted for known in self.values)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the drift is one beyond its uncertainty, at 99 %."""
+        found = self.repeats
+        if found is None or found.drift_per_day is None or not found.drift_std_per_day:
+            return False
+        limit = ndtri(_CERTAIN) if found.probability is not None else stdtrit(self.used - 2, _CERTAIN)
+        return bool(abs(found.drift_per_day) > limit * found.drift_std_per_day)
+
+
+def compare(summaries: Sequence[Summary]) -> list[Comparison]:
+    """Compare the numbers of campaigns; the same name with another unit is another number."""
+    names = [summary.name for summary in summaries]
+    tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
+    keys = dict.fromkeys(key for table in tables for key in table)
+    units = Counter(name for name, _ in keys)
+    return [
+        _compared(name if units[name] == 1 else f"{name}, {unit}", [table.get((name, unit)) for table in tables], names)
+        for name, unit in keys
+    ]
+
+
+def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequence[str]) -> Comparison:
+    accepted = [(place, known) for place, known in zip(campaigns, values, strict=True) if known and known.accepted]
+    value = np.array([known.value for _, known in accepted])
+    std = np.array([np.nan if known.std is None else known.std for _, known in accepted])
+    found = None
+    if len(accepted) > 1:
+        found = repeats(time_s=np.array([known.recorded.timestamp() for _, known in accepted]), value=value, std=std)
+    return Comparison(
+        name=name,
+        unit=next(known.unit for known in values if known is not None),
+        values=tuple(values),
+        repeats=found,
+        expected_scatter=None if found is None or np.isnan(std).any() else float(np.sqrt(np.mean(std**2))),
+        outliers=tuple(accepted[place][0] for place in outliers(value, std)),
+        rejected=tuple(
+            place for place, known in zip(campaigns, values, strict=True) if known is not None and not known.accepted
+        ),
+    )
+
+
+def outliers(value: Array, std: Array) -> list[int]:
+    """Return the places of values (n,) with standard uncertainties (n,), nan for none, that lie apart from the others.
+
+    One does when its distance from the median, in units of the others' scatter or of its own uncertainty where that is
+    larger, is one that one table in a hundred without outliers would have. The scatter is the median absolute deviation
+    (F. R. Hampel, The influence curve and its role in robust estimation, JASA 69, 1974), which outliers hardly widen.
+    Student's t with half the degrees of freedom allows for the median of few. Of fewer than five values none is called
+    an outlier.
+    """
+    count = len(value)
+    if count < FEWEST:
+        return []
+    distance = np.abs(value - np.median(value))
+    scale = np.fmax(_OF_NORMAL * np.median(distance), std)
+    limit = stdtrit((count - 1) / 2, 1 - _FALSE / (2 * count))
+    apart = np.flatnonzero(distance > limit * scale)
+    return [int(place) for place in apart[np.argsort(-distance[apart])]]

@@ -1,0 +1,143 @@
+"""`cfid fleet fit`: refit many campaigns from their recordings, into a new folder."""
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cfid.console.messages import clock, note
+from cfid.fleet.command import Index, Jobs, Scheduler, processors
+
+if TYPE_CHECKING:
+    from cfid.errors import DataError
+    from cfid.fleet.refit import Refitted
+    from cfid.fleet.results import Results
+
+_MOVED = 0.1  # standard uncertainties, from where a number counts as another one
+_LINES = 20  # of progress
+_MOST_LISTED = 10  # in a message
+
+
+def fleet_fit(
+    places: Annotated[
+        list[str] | None, typer.Argument(metavar="DIR ...", help="Campaign folders, globs, or addresses of fsspec.")
+    ] = None,
+    *,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the results: a new one, or one to go on with.")],
+    index: Index = None,
+    method: Annotated[
+        Literal["default", "thesis"] | None,
+        typer.Option(help="Of all fits that have both; default: as they were made."),
+    ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Refit campaigns from their recordings: the last fit of each kind, into a new folder. No campaign is changed.
+
+    The same command goes on where it was interrupted. Compare the results with `cfid fleet OUT/*`.
+
+    Example: [bold]cfid fleet fit vehicles/* --out refitted[/bold]
+    """
+    from cfid.errors import DataError, FitError
+    from cfid.fleet.places import campaigns
+    from cfid.fleet.refit import refit
+    from cfid.fleet.results import results_in
+    from cfid.fleet.workers import on_cluster, on_processes
+
+    every = campaigns(places or [], index)
+    work = partial(refit, method=method)
+    with results_in(out, method=method) as results:
+        left = [one for one in every if one not in results.done]
+        answers = (
+            on_processes(work, left, number=jobs or processors())
+            if scheduler is None
+            else on_cluster(work, left, scheduler)
+        )
+        faults = _keep(results, answers, every)
+        rows = [results.done[one] for one in every if one in results.done]
+    (_print_json if json else _print_summary)(rows, faults)
+    failed = [text for row in rows for text in _failures(row)]
+    if faults:
+        raise DataError(f"{len(faults)} of {len(every)} campaigns were not refitted: {_listed(faults)}")
+    if failed:
+        raise FitError(f"{len(failed)} fits of {out} were not made: {_listed(failed)}")
+
+
+def _keep(results: "Results", answers: "Iterator[tuple[str, Refitted | DataError]]", every: Sequence[str]) -> list[str]:
+    """Keep each answer as it comes; return the sentences of campaigns that cannot be refitted."""
+    from cfid import __version__
+    from cfid.errors import DataError
+
+    faults = []
+    began_s, before = time.monotonic(), len(results.done)
+    if before:
+        note(f"{before} of {len(every)} campaigns are done already, and stay as they are.")
+    try:
+        for campaign, answer in answers:
+            if isinstance(answer, DataError):
+                faults.append(str(answer))
+            elif answer.cfid_version != __version__:
+                faults.append(f"{campaign}: the worker has cfid {answer.cfid_version}, this is {__version__}.")
+            elif answer.fault:
+                faults.append(answer.fault)
+            else:
+                results.keep(campaign, answer)
+            _print_progress(len(results.done) + len(faults), len(every), before, time.monotonic() - began_s)
+    except KeyboardInterrupt:
+        note(f"{len(results.done)} of {len(every)} campaigns are done; the same command goes on with the others.")
+        raise
+    return faults
+
+
+def _print_progress(done: int, total: int, before: int, seconds: float) -> None:
+    """Print how far the fleet is, at some of its campaigns."""
+    if done == total or done % -(-total // _LINES) == 0:
+        rest_s = seconds / (done - before) * (total - done)
+        ahead = "" if done == total else f", {clock(rest_s)} to go"
+        typer.echo(f"{done} of {total} campaigns in {clock(seconds)}{ahead}", err=True)
+
+
+def _failures(row: Mapping[str, Any]) -> list[str]:
+    return [f"{row['folder']}: {fit['name']}: {fit['text']}" for fit in row["fits"] if not fit["done"]]
+
+
+def _listed(texts: Sequence[str]) -> str:
+    more = len(texts) - _MOST_LISTED
+    return "\n  ".join(
+        ["", *texts[:_MOST_LISTED], *([f"and {more} more, which the manifest names."] if more > 0 else [])]
+    )
+
+
+def _print_json(rows: "Sequence[Mapping[str, Any]]", faults: Sequence[str]) -> None:
+    import json
+
+    typer.echo(json.dumps({"command": "fleet fit", "campaigns": list(rows), "not_refitted": list(faults)}, indent=2))
+
+
+def _print_summary(rows: "Sequence[Mapping[str, Any]]", _: Sequence[str]) -> None:
+    """Print a row for each fit: how many campaigns have it, and how far its numbers moved since they were kept."""
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    fits = defaultdict[str, list[tuple[str, Mapping[str, Any]]]](list)
+    for row in rows:
+        for fit in row["fits"]:
+            fits[fit["name"]].append((row["folder"], fit))
+    table = Table(box=SIMPLE, pad_edge=False)
+    for heading in ("fit", "made", "not made", f"moved by {_MOVED:g} std or more", "most moved", "of", "in"):
+        table.add_column(heading, overflow="fold")
+    for name, every in sorted(fits.items()):
+        made = [(folder, fit) for folder, fit in every if fit["done"]]
+        moved = [(fit["moved_in_std"], fit["most_moved"], folder) for folder, fit in made if fit["moved_in_std"]]
+        most, key, where = max(moved, default=(0.0, "", ""))
+        shown = (f"{most:.2g} std", key, where) if most else ("0", "", "")
+        many = sum(size >= _MOVED for size, _, _ in moved)
+        table.add_row(*map(escape, (name, str(len(made)), str(len(every) - len(made)), str(many), *shown)))
+    Console().print(table)

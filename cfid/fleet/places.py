@@ -1,0 +1,159 @@
+"""Find campaigns by folders, globs, an index or addresses, and bring what one needs to this computer."""
+
+import glob
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import unquote
+
+from cfid.console.selection import is_glob
+from cfid.errors import ConfigError, DataError
+from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.rig_file import RIG_FILE
+from cfid.records.run import RUN_FILE
+
+_ADDRESS = re.compile(r"[A-Za-z][\w+.-]*://")
+_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+ -]*")  # of a file that another computer lists: no path, nothing hidden
+_LARGEST_INDEX = 1 << 24  # bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A campaign at hand: its folder here, and a function that brings a run there by its name.
+
+    `address` replaces the folder in messages and sources; "" where the campaign lies on this computer.
+    """
+
+    folder: Path
+    address: str
+    bring_run: Callable[[str], None]
+
+    def named(self, text: str) -> str:
+        """Return a text with the campaign's address in place of the folder here."""
+        return text.replace(str(self.folder), self.address) if self.address else text
+
+
+def is_address(word: str) -> bool:
+    """Return whether a word is an address of fsspec, such as `https://lab.example/c1`, and no folder."""
+    return _ADDRESS.match(word) is not None
+
+
+def campaigns(words: Sequence[str], index: str | None = None) -> list[str]:
+    """Return the campaigns of folders, globs and addresses, and of an index, each once.
+
+    An index is a text file or its address, with a folder, glob or address on each line, relative to it. Raises
+    ConfigError for a glob that matches nothing, and where there is no campaign at all.
+    """
+    every = [place for word in (*words, *([] if index is None else _listed(index))) for place in _matching(word)]
+    if not every:
+        raise ConfigError("no campaign is given: name folders, globs or addresses, or an index with `index`.")
+    return list(dict.fromkeys(every))
+
+
+@contextmanager
+def at_hand(campaign: str) -> Iterator[Place]:
+    """Make a campaign readable here: one of another computer in a temporary folder, without its runs.
+
+    Raises DataError when it cannot be read.
+    """
+    if not is_address(campaign):
+        yield Place(folder=Path(campaign), address="", bring_run=lambda _: None)
+        return
+    with _faults(campaign):
+        files, root = _files_at(campaign)
+    with tempfile.TemporaryDirectory(prefix="cfid-fleet-") as temporary:
+        folder = Path(temporary).resolve() / (PurePosixPath(root).name or "campaign")
+
+        def bring(name: str, only: Sequence[str] | None = None) -> None:
+            there, here = f"{root}/{name}" if name else root, folder / name
+            with _faults(f"{campaign}/{name}"):
+                here.mkdir(parents=True, exist_ok=True)
+                for path, file in _listing(files, there):
+                    if only is None or file in only:
+                        files.get_file(path, str(here / file))
+
+        def bring_run(name: str) -> None:
+            if not (folder / RUNS_FOLDER / name).exists():
+                bring(f"{RUNS_FOLDER}/{name}")
+                if not (folder / RUNS_FOLDER / name / RUN_FILE).exists():
+                    raise DataError(f"{campaign}/{RUNS_FOLDER}/{name}: not a run: it has no {RUN_FILE}.")
+
+        bring("", [RIG_FILE, "parameters.toml"])
+        bring("fits")
+        yield Place(folder=folder, address=campaign, bring_run=bring_run)
+
+
+def _matching(word: str) -> list[str]:
+    """Return the campaigns that a word names; a glob matches folders alone. Raises ConfigError where it has none."""
+    if is_address(word):
+        if not is_glob(word):
+            return [word.rstrip("/")]
+        with _faults(word):
+            files, root = _files_at(word)
+            found = [files.unstrip_protocol(one) for one in sorted(files.glob(root)) if files.isdir(one)]
+    elif is_glob(word) and not Path(word).exists():
+        matches = sorted(glob.glob(word))  # noqa: PTH207 - Path.glob takes no absolute pattern
+        found = [os.path.realpath(one) for one in matches if Path(one).is_dir()]
+    else:
+        return [os.path.realpath(word)]  # which a loop of links does not stop
+    if not found:
+        raise ConfigError(f"{word}: no folder matches.")
+    return found
+
+
+def _listed(index: str) -> list[str]:
+    """Return the lines of an index, relative ones as those of its folder; a line that begins with # is a comment."""
+    if is_address(index):
+        with _faults(index):
+            files, path = _files_at(index)
+            with files.open(path, "rb") as file:
+                content: bytes = file.read(_LARGEST_INDEX)
+    else:
+        try:
+            with Path(index).open("rb") as file:
+                content = file.read(_LARGEST_INDEX)
+        except OSError as error:
+            raise DataError(f"{index}: cannot be read: {error.strerror}.") from None
+    try:
+        lines = [line.strip() for line in content.decode("utf-8-sig").splitlines()]
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{index}: byte {error.start + 1} is not UTF-8 text: it should be a list of campaigns."
+        ) from None
+    start = f"{index.rpartition('/')[0]}/" if is_address(index) else ""
+    wanted = [line for line in lines if line and not line.startswith("#")]
+    return [line if is_address(line) else start + line if start else str(Path(index).parent / line) for line in wanted]
+
+
+def _files_at(address: str) -> tuple[Any, str]:
+    """Return the file system of an address and its path there. Raises what it raises."""
+    try:
+        from fsspec.core import url_to_fs  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise ConfigError(f"{address}: fsspec is not installed here: pip install 'cfid[fleet]'.") from None
+    files, root = url_to_fs(address)
+    return files, str(root).rstrip("/")
+
+
+def _listing(files: Any, folder: str) -> list[tuple[str, str]]:
+    """Return the paths of a folder's files, each with its name; a name that leads elsewhere is left out."""
+    paths = [one["name"] for one in files.ls(f"{folder}/", detail=True) if one["type"] == "file"]
+    named = [(path, PurePosixPath(unquote(path) if is_address(path) else path).name) for path in paths]
+    return [(path, name) for path, name in named if _NAME.fullmatch(name)]
+
+
+@contextmanager
+def _faults(place: str) -> Iterator[None]:
+    """Turn what a file system raises, of whatever library, into one DataError."""
+    try:
+        yield
+    except (ConfigError, DataError):
+        raise
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise DataError(f"{place}: cannot be read: {reason.splitlines()[0].rstrip('.')}.") from None

@@ -1,0 +1,145 @@
+"""Refit one campaign from its recordings: what a process, or a worker of a cluster, is given to do."""
+
+import re
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+
+from cfid import __version__
+from cfid.errors import CfidError, DataError
+from cfid.fleet.places import Place, at_hand
+from cfid.fleet.recipes import Method, Recipe
+from cfid.records.campaign import RUNS_FOLDER, Campaign, open_campaign
+from cfid.records.fits import Fit, list_fits
+from cfid.records.parameters import Section, store_section
+from cfid.records.rig_file import RIG_FILE
+from cfid.records.run import Run, read_run
+
+_BY_HAND = "set"  # the section of values measured by hand, which no recording gives
+_RUN_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refit:
+    """One fit made again, or the sentence why it was not.
+
+    `moved` is the largest change of an accepted number, in standard uncertainties of the kept one, and `most` that
+    number's name; None and "" where nothing can be compared.
+    """
+
+    name: str
+    fault: str = ""
+    moved: float | None = None
+    most: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refitted:
+    """A campaign made again: its files by their names, and what became of each fit; `fault` where it cannot be read.
+
+    A cluster's worker may have another version of cfid.
+    """
+
+    files: Mapping[str, bytes]
+    fits: tuple[Refit, ...]
+    processor_s: float
+    fault: str = ""
+    cfid_version: str = __version__
+
+
+def refit(campaign: str, method: Method | None = None) -> Refitted:
+    """Repeat the last fit of each kind of a campaign, in the order in which they were made; nothing of it is changed.
+
+    `method` replaces that of the fits. Raises no CfidError: one faulty campaign must not stop the others.
+    """
+    began_s = time.process_time()
+    try:
+        with at_hand(campaign) as place, tempfile.TemporaryDirectory(prefix="cfid-fleet-") as made:
+            fits = tuple(_repeat_all(place, Path(made), method))
+            files = {
+                path.relative_to(made).as_posix(): path.read_bytes() for path in Path(made).rglob("*") if path.is_file()
+            }
+    except CfidError as error:
+        return Refitted(files={}, fits=(), processor_s=time.process_time() - began_s, fault=str(error))
+    return Refitted(files=files, fits=fits, processor_s=time.process_time() - began_s)
+
+
+def _repeat_all(place: Place, folder: Path, method: Method | None) -> Iterable[Refit]:
+    """Make a campaign in a folder with the rig of another and its fits, which are repeated."""
+    own = open_campaign(place.folder)
+    (folder / RIG_FILE).write_bytes((place.folder / RIG_FILE).read_bytes())
+    made = open_campaign(folder)
+    if (by_hand := own.sections().get(_BY_HAND)) is not None:
+        store_section(made.parameters_file, _BY_HAND, by_hand)
+    found = list_fits(own.fits_folder)
+    unreadable = [fit for fit in found if not isinstance(fit, Fit)]
+    latest = {fit.name: fit for fit in sorted(_readable(found), key=lambda fit: fit.section.found)}
+    if not found:
+        raise DataError(f"{place.named(str(own.fits_folder))}: holds no fit that could be repeated.")
+    for fault in unreadable:
+        yield Refit(name="", fault=place.named(str(fault)))
+    for fit in sorted(latest.values(), key=lambda fit: fit.section.found):
+        try:
+            yield _repeat(fit, own, made, place, method)
+        except CfidError as error:
+            yield Refit(name=fit.name, fault=place.named(str(error)))
+
+
+def _readable(found: Iterable[Fit | DataError]) -> list[Fit]:
+    return [fit for fit in found if isinstance(fit, Fit)]
+
+
+def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, method: Method | None) -> Refit:
+    runs, notes = _runs_of(fit, own, place)
+    thrust = made.sections().get("thrust")
+    poly = None if thrust is None else thrust.parameters.get("motor.thrust_poly")
+    recipe = Recipe(
+        kept=fit, runs=runs, rig=own.rig, thrust_poly=None if poly is None else list(poly.value), method=method
+    )
+    result = recipe.fit()
+    before = {source.sha256 for source in fit.section.sources}
+    changed = [PurePath(source.path).name for source in result.sources if source.sha256 not in before]
+    if changed and not any("left out" in note for note in notes):
+        notes += (f"changed since it was fitted: {', '.join(changed)}.",)
+    sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
+    made.keep(replace(result, sources=sources))
+    moved, most = _largest_move(fit.section, made.sections()[fit.name])
+    return Refit(name=fit.name, moved=moved, most=most, notes=notes)
+
+
+def _runs_of(fit: Fit, own: Campaign, place: Place) -> tuple[list[Run], tuple[str, ...]]:
+    """Return the runs of a fit, without those that were excluded since, and notes. Raises DataError for other files."""
+    paths = [PurePath(source.path) for source in fit.section.sources]
+    elsewhere = [
+        str(path)
+        for path in paths
+        if path.parts[:1] != (RUNS_FOLDER,) or len(path.parts) != 3 or not _RUN_NAME.fullmatch(path.parts[1])
+    ]
+    if elsewhere or not paths:
+        where = elsewhere[0] if elsewhere else "no file"
+        raise DataError(f"was made from {where}, which is no run of the campaign: fit it by hand.")
+    runs = []
+    for name in dict.fromkeys(path.parts[1] for path in paths):
+        place.bring_run(name)
+        runs.append(read_run(own.runs_folder / name))
+    left = [run.folder.name for run in runs if run.header.excluded]
+    if len(left) == len(runs):
+        raise DataError(f"all its runs are excluded now: {', '.join(left)}.")
+    notes = (f"left out, since excluded: {', '.join(left)}.",) if left else ()
+    return [run for run in runs if not run.header.excluded], notes
+
+
+def _largest_move(kept: Section, made: Section) -> tuple[float | None, str]:
+    """Return the largest change of a number in standard uncertainties of the kept one, and its name."""
+    new = {one.name: one.value for key, found in made.parameters.items() for one in found.numbers(key)}
+    moves = [
+        (abs(value - one.value) / one.std, one.name)
+        for key, found in kept.parameters.items()
+        if key not in kept.rejected
+        for one in found.numbers(key)
+        if one.std and one.value is not None and (value := new.get(one.name)) is not None
+    ]
+    return max(moves, default=(None, ""))

@@ -1,0 +1,142 @@
+"""The folder of campaigns that were refitted, with a manifest of them by which an interrupted fleet goes on.
+
+Each campaign is a folder that commands take like any other. It gets its name when it is complete and the manifest
+states it, so that a crash leaves no half of one. Nothing is replaced.
+"""
+
+import json
+import os
+import re
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from cfid import __version__
+from cfid.errors import ConfigError, DataError
+from cfid.fleet.refit import Refitted
+
+MANIFEST = "manifest.jsonl"
+FORMAT = 1
+
+
+class Results:
+    """A folder of refitted campaigns; `done` has the manifest's row of each, by its folder or address."""
+
+    def __init__(self, folder: Path, done: Mapping[str, Mapping[str, Any]], taken: set[str]) -> None:
+        """Go on with a folder in which some campaigns are done, and names are taken."""
+        self.folder, self.done = folder, dict(done)
+        self._taken = taken
+
+    def keep(self, campaign: str, refitted: Refitted) -> Mapping[str, Any]:
+        """Write a campaign, and its row to the manifest; return the row. Raises ConfigError."""
+        name = self._free_name(campaign)
+        row = {
+            "campaign": campaign,
+            "folder": name,
+            "processor_s": round(refitted.processor_s, 3),
+            "fits": [
+                {
+                    "name": fit.name,
+                    "done": not fit.fault,
+                    "moved_in_std": fit.moved,
+                    "most_moved": fit.most,
+                    "text": " ".join(filter(None, (fit.fault, *fit.notes))),
+                }
+                for fit in refitted.fits
+            ],
+        }
+        half = self.folder / f".{name}.half"
+        try:
+            shutil.rmtree(half, ignore_errors=True)
+            for file, content in refitted.files.items():
+                path = half / file
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
+            self._append(row)
+            half.rename(self.folder / name)
+        except OSError as error:
+            raise ConfigError(f"{self.folder / name}: cannot be written: {error.strerror}.") from None
+        self.done[campaign] = row
+        self._taken.add(name)
+        return row
+
+    def _append(self, row: Mapping[str, Any]) -> None:
+        with (self.folder / MANIFEST).open("ab") as file:
+            file.write(_line(row))
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _free_name(self, campaign: str) -> str:
+        stem = re.sub(r"[^A-Za-z0-9_+-][^A-Za-z0-9_.+-]*", "-", PurePosixPath(campaign).name) or "campaign"
+        number = 1
+        while (name := f"{stem}-{number}" if number > 1 else stem) in self._taken:
+            number += 1
+        return name
+
+
+@contextmanager
+def results_in(folder: Path, *, method: str | None) -> Iterator[Results]:
+    """Make the folder, or go on with one of the same version and method; no other command writes there meanwhile.
+
+    Raises ConfigError where the folder holds anything else, or is being written.
+    """
+    head = {"format": FORMAT, "cfid_version": __version__, "method": method or "as kept"}
+    path = folder / MANIFEST
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not path.exists():
+            if any(folder.iterdir()):
+                raise ConfigError(f"{folder}: is not empty, and has no {MANIFEST}: give a new folder.")
+            path.write_bytes(_line(head))
+        with path.open("r+b") as file:
+            _lock(file.fileno(), folder)
+            rows = list(_rows(file.read(), path))
+            if not rows or rows[0] != head:
+                was = rows[0] if rows else "no first line"
+                raise ConfigError(f"{path}: was begun with {_said(was)}, now {_said(head)}: give a new folder.")
+            file.truncate(sum(len(_line(row)) for row in rows))  # without a line that a crash cut
+            done = {row["campaign"]: row for row in rows[1:] if (folder / row["folder"]).is_dir()}
+            yield Results(folder, done, {entry.name for entry in folder.iterdir()})
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written: {error.strerror}.") from None
+
+
+def _rows(content: bytes, path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the rows up to one that was cut. Raises DataError for one that is no row."""
+    lines = content.splitlines(keepends=True)
+    for number, line in enumerate(lines, 1):
+        if not line.endswith(b"\n"):
+            return
+        try:
+            row = json.loads(line)
+            fits = isinstance(row, dict) and (number == 1 or {"campaign", "folder"} <= row.keys())
+        except ValueError:
+            fits = False
+        if not fits:
+            raise DataError(f"{path}:{number}: is no row of a manifest: give a new folder.")
+        yield row
+
+
+def _line(row: Mapping[str, Any]) -> bytes:
+    return json.dumps(row, allow_nan=False).encode() + b"\n"
+
+
+def _said(head: Any) -> str:
+    return ", ".join(f"{key} {value}" for key, value in head.items()) if isinstance(head, dict) else str(head)
+
+
+def _lock(handle: int, folder: Path) -> None:
+    """Take the folder for this process, where the system has such locks. Raises ConfigError."""
+    if sys.platform == "win32":
+        return
+    import fcntl  # noqa: PLC0415 - POSIX alone
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ConfigError(f"{folder}: another `cfid fleet fit` writes there: wait until it has ended.") from None
+    except OSError:
+        return  # some network drives have none

@@ -1,0 +1,166 @@
+"""A fleet's comparison as a table: on the terminal, and as a CSV, Parquet or HTML file."""
+
+from collections.abc import Mapping, Sequence
+from html import escape as escaped
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from pandas import DataFrame
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from cfid.console.tables import value_and_deviation
+from cfid.errors import ConfigError
+from cfid.fleet.comparison import Comparison
+from cfid.fleet.summary import Summary
+from cfid.records import lab_book
+
+SUFFIXES = (".csv", ".parquet", ".html")
+
+_MOST_NAMES = 3  # of outliers, in a cell of the terminal's table
+_PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
+<title>{title}</title>
+<style>body {{ font-family: sans-serif }} th, td {{ padding: 0.2em 0.8em; text-align: left }}
+td {{ border-top: 1px solid #ccc }}</style>
+<h1>{title}</h1>
+{table}
+</html>
+"""
+
+
+def print_comparisons(comparisons: Sequence[Comparison], summaries: Sequence[Summary]) -> None:
+    """Print how many campaigns there are, and a row a number."""
+    runs = sum(summary.complete_runs for summary in summaries)
+    others = sum(summary.other_runs for summary in summaries)
+    console = Console()
+    console.print(f"{len(summaries)} campaigns, {runs} complete runs, {others} not complete", highlight=False)
+    table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in ("number", "n", "mean", "std", "scatter", "expected"):
+        table.add_column(heading, overflow="fold", no_wrap=heading != "number")
+    table.add_column("outliers, drift", overflow="fold")
+    for one in comparisons:
+        table.add_row(*map(escape, (one.name, str(one.used), *_figures(one), "; ".join(_remarks(one)))))
+    console.print(table)
+    apart = [one.name for one in comparisons if one.repeats is not None and not one.repeats.agree]
+    if apart:
+        console.print(
+            f"* {len(apart)} of {len(comparisons)} numbers differ by more than their uncertainties.", highlight=False
+        )
+
+
+def print_details(comparisons: Sequence[Comparison], summaries: Sequence[Summary]) -> None:
+    """Print every campaign, and every value of every number below its name."""
+    console = Console()
+    table = Table(box=SIMPLE, pad_edge=False)
+    for heading in ("", "campaign", "vehicle", "runs", "not complete"):
+        table.add_column(heading, overflow="fold")
+    for number, summary in enumerate(summaries, 1):
+        counts = str(summary.complete_runs), str(summary.other_runs)
+        table.add_row(str(number), escape(summary.name), escape(summary.vehicle), *counts)
+    console.print(table)
+    for number, summary in enumerate(summaries, 1):
+        for line in lab_book.lines(summary.lab_book):
+            console.print(f"  {number:3}  {line}", highlight=False, markup=False)
+    for one in comparisons:
+        console.print(f"[bold]{escape(one.name)}[/bold], {escape(one.unit)}", highlight=False)
+        for number, (summary, known) in enumerate(zip(summaries, one.values, strict=True), 1):
+            if known is not None:
+                value, std = value_and_deviation(known.value, known.std)
+                mark = "  rejected" if not known.accepted else "  outlier" if summary.name in one.outliers else ""
+                console.print(f"  {number:3}  {value} +- {std}{mark}", highlight=False)
+
+
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) -> None:
+    """Write rows to a new file in the format of its suffix. Raises ConfigError."""
+    frame = DataFrame(rows)
+    content = BytesIO()
+    if path.suffix == ".csv":
+        frame.to_csv(content, index=False)
+    elif path.suffix == ".html":
+        table = frame.to_html(index=False, border=0, na_rep="", float_format=lambda number: f"{number:.6g}")
+        content.write(_PAGE.format(title=escaped(title), table=table).encode("utf-8", "replace"))
+    else:
+        try:
+            frame.to_parquet(content, index=False)
+        except ImportError:
+            raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'cfid[parquet]'.") from None
+    try:
+        with path.open("xb") as file:
+            file.write(content.getvalue())
+    except FileExistsError:
+        raise ConfigError(f"{path} exists already: nothing was changed. Name another file.") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
+
+
+def comparison_rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+    """Return a row a number."""
+    return [
+        {
+            "number": one.name,
+            "unit": one.unit,
+            "campaigns": sum(known is not None for known in one.values),
+            "used": one.used,
+            "mean": found.mean if found else None,
+            "mean_std": found.mean_std if found else None,
+            "scatter": found.scatter if found else None,
+            "expected_scatter": one.expected_scatter,
+            "probability": found.probability if found else None,
+            "outliers": "; ".join(one.outliers),
+            "rejected": "; ".join(one.rejected),
+            "drift_per_day": found.drift_per_day if found else None,
+            "drift_std_per_day": found.drift_std_per_day if found else None,
+        }
+        for one in comparisons
+        for found in [one.repeats]
+    ]
+
+
+def detail_rows(comparisons: Sequence[Comparison], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
+    """Return a row a number and campaign."""
+    return [
+        {
+            "campaign": summary.name,
+            "vehicle": summary.vehicle,
+            "number": one.name,
+            "unit": one.unit,
+            "value": known.value,
+            "std": known.std,
+            "recorded": known.recorded.isoformat(),
+            "accepted": known.accepted,
+            "outlier": summary.name in one.outliers,
+        }
+        for one in comparisons
+        for summary, known in zip(summaries, one.values, strict=True)
+        if known is not None
+    ]
+
+
+def _figures(one: Comparison) -> tuple[str, str, str, str]:
+    """Return mean, its standard uncertainty, scatter, and what is expected of it."""
+    found = one.repeats
+    if found is None:
+        alone = next((known for known in one.values if known is not None and known.accepted), None)
+        return (*value_and_deviation(alone and alone.value, alone and alone.std), "", "")
+    expected = "" if one.expected_scatter is None else f"{one.expected_scatter:.2g}"
+    scatter = f"{found.scatter:.2g}{'' if found.agree else ' *'}"
+    return (*value_and_deviation(found.mean, found.mean_std), scatter, expected)
+
+
+def _remarks(one: Comparison) -> list[str]:
+    """Return what a reader should look at: rejected values, outliers by name, a drift beyond its uncertainty."""
+    found, remarks = one.repeats, []
+    if one.rejected:
+        remarks.append(f"{len(one.rejected)} rejected")
+    if one.outliers:
+        more = len(one.outliers) - _MOST_NAMES
+        remarks.append(", ".join([*one.outliers[:_MOST_NAMES], *([f"{more} more"] if more > 0 else [])]))
+    if found is not None and one.drifts:
+        remarks.append(f"{found.drift_per_day:+.2g} +- {found.drift_std_per_day:.1g} a day")
+    return remarks

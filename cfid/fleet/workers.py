@@ -1,0 +1,169 @@
+"""Do one piece of work for each of many campaigns: in processes of this computer, or on a Dask cluster.
+
+A process that dies, by a lack of memory say, takes nothing with it: another repeats the campaign it had.
+"""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import warnings
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Any, TypeVar
+
+from cfid.errors import ConfigError, DataError
+
+Answer = TypeVar("Answer")
+Work = Callable[[str], Answer]
+
+TRIES = 3  # of a campaign, after which the processes that it kills are not the computer's fault
+# One thread each, as a Dask worker has: more would wait for each other, and add up in another order.
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(kw_only=True)
+class _Worker:
+    """A process, the end of the pipe to it, and what it is doing."""
+
+    process: SpawnProcess
+    pipe: Connection
+    task: str = ""
+
+    def do(self, task: str) -> None:
+        """Give it work; one that has died is found out when it should answer."""
+        self.task = task
+        try:
+            self.pipe.send(task)
+        except OSError:
+            return
+
+
+def on_processes(work: Work[Answer], tasks: Sequence[str], *, number: int) -> Iterator[tuple[str, Answer | DataError]]:
+    """Yield each task with its answer, as they end; with an error where its process died for the third time.
+
+    Processes are new ones, so that an answer does not depend on what this one did before. They end with the iterator.
+    """
+    left, tries = deque(tasks), Counter[str]()
+    workers: dict[Connection, _Worker] = {}
+
+    def employ(worker: _Worker) -> None:
+        if left:
+            worker.do(left.popleft())
+            workers[worker.pipe] = worker
+        else:
+            worker.pipe.close()  # upon which it ends
+
+    try:
+        for _ in range(min(max(number, 1), len(tasks))):
+            employ(_start(work))
+        while workers:
+            for pipe in wait(list(workers)):
+                worker = workers.pop(pipe)  # type: ignore[call-overload]
+                task = worker.task
+                try:
+                    answer = worker.pipe.recv()
+                except (EOFError, OSError, pickle.UnpicklingError):
+                    worker.process.join()
+                    tries[task] += 1
+                    if tries[task] < TRIES:
+                        left.appendleft(task)
+                    else:
+                        yield (
+                            task,
+                            DataError(f"{task}: {TRIES} processes died of it ({_end(worker.process.exitcode)})."),
+                        )
+                    if left:
+                        employ(_start(work))
+                else:
+                    employ(worker)
+                    yield task, answer
+    finally:
+        for worker in workers.values():
+            worker.process.terminate()
+            worker.process.join()
+
+
+def on_cluster(work: Work[Answer], tasks: Sequence[str], address: str) -> Iterator[tuple[str, Answer | DataError]]:
+    """Yield the same from a Dask cluster that exists, which repeats what a worker that died had."""
+    with _client(address) as client:
+        from distributed import as_completed  # noqa: PLC0415 - an extra
+
+        futures = {client.submit(work, task, pure=False): task for task in tasks}
+        for future in as_completed(list(futures)):
+            task = futures.pop(future)
+            try:
+                answer = future.result()
+            except Exception as error:  # of the cluster, of any kind
+                yield task, DataError(f"{task}: no worker of the cluster could do it: {error}".splitlines()[0])
+            else:
+                yield task, answer
+            future.release()
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    try:
+        from distributed import Client  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise ConfigError("--scheduler: Dask is not installed here: pip install 'cfid[fleet]'.") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--scheduler {address}: no Dask scheduler answers there: {error}") from None
+    with client:
+        yield client
+
+
+def _start(work: Work[Any]) -> _Worker:
+    context = multiprocessing.get_context("spawn")
+    ours, its = context.Pipe()
+    process = context.Process(target=_serve, args=(its, work), daemon=True)
+    with _environment(_ONE_THREAD):
+        process.start()
+    its.close()
+    return _Worker(process=process, pipe=ours)
+
+
+@contextmanager
+def _environment(added: Mapping[str, str]) -> Iterator[None]:
+    """Set variables that a process inherits which is started meanwhile."""
+    before = {name: os.environ.get(name) for name in added}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _serve(pipe: Connection, work: Work[Any]) -> None:
+    """Do what comes through a pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command too, which ends this
+    warnings.simplefilter("ignore")  # of libraries: nobody could tell of which campaign
+    while True:
+        try:
+            task = pipe.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer = work(task)
+        except Exception as error:  # a bug, which one campaign meets and the others need not
+            answer = DataError(f"{task}: {type(error).__name__}: {error}")
+        try:
+            pipe.send(answer)
+        except OSError:  # the command has ended
+            return
+
+
+def _end(code: int | None) -> str:
+    if code is None or code >= 0:
+        return f"exit code {code}"
+    return signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"

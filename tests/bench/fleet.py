@@ -1,0 +1,115 @@
+"""Refit many campaigns: with 1 and 2 processes, on a cluster with a worker killed, and against `cfid fit` alone.
+
+Each campaign has swings, dropped weights and a test body, with three fits. Some are simulated, with different seeds;
+the others are copies of them. Numbers have to be the same to the last bit. BENCH_CAMPAIGNS sets how many there are
+(200), BENCH_SEEDS how many are simulated (4), BENCH_FITS which fits each has.
+"""
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cfid.console.campaign import make_campaign
+from cfid.demo.recordings import write_runs
+from cfid.records.campaign import open_campaign
+from cfid.records.parameters import load_sections, plain
+from cfid.sim.demo_swings import record_chapter_2
+from cfid.sim.truth_file import USUAL_TRUTH
+
+CAMPAIGNS = int(os.environ.get("BENCH_CAMPAIGNS", "200"))
+SEEDS = int(os.environ.get("BENCH_SEEDS", "4"))
+FITS = tuple(os.environ.get("BENCH_FITS", "inertia,friction,testbody").split(","))
+ONE_THREAD = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def run(*words: object) -> tuple[float, float]:
+    """Run cfid; return seconds by the wall clock and of processor time, that of its own processes included."""
+    before, began_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    command = [sys.executable, "-m", "cfid.cli.main", *map(str, words)]
+    subprocess.run(command, check=True, env=ONE_THREAD, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.perf_counter() - began_s, spent_s
+
+
+def make_campaigns(folder: Path) -> float:
+    """Make the campaigns; return the processor time that the fits of one take as commands of their own."""
+    spent_s = []
+    for number in range(min(SEEDS, CAMPAIGNS)):
+        place = folder / f"c{number:03}"
+        make_campaign(place)
+        campaign = open_campaign(place)
+        runs, _ = record_chapter_2(campaign.rig, USUAL_TRUTH, np.random.default_rng(number))
+        write_runs(campaign, runs)
+        spent_s.append(sum(run("fit", name, "--no-figures", "--campaign", place)[1] for name in FITS))
+    for number in range(len(spent_s), CAMPAIGNS):
+        shutil.copytree(folder / f"c{number % SEEDS:03}", folder / f"c{number:03}")
+    return float(np.median(spent_s))
+
+
+def numbers(folder: Path) -> dict[str, Any]:
+    """Return all numbers of refitted campaigns, to the last bit."""
+    return {
+        f"{each.name} {name} {key}": (plain(one.value), plain(one.std))
+        for each in sorted(folder.iterdir())
+        if each.is_dir()
+        for name, section in load_sections(each / "parameters.toml").items()
+        for key, one in section.parameters.items()
+    }
+
+
+def on_cluster(folder: Path, out: Path) -> float:
+    """Refit on a cluster of two workers, of which one is killed when a third is done; return the seconds."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+        victim = cluster.workers[0].pid
+
+        def kill() -> None:
+            while not out.is_dir() or len(list(out.iterdir())) < CAMPAIGNS / 3:
+                time.sleep(0.05)
+            os.kill(victim, signal.SIGKILL)
+            print(f"  worker {victim} killed")
+
+        threading.Thread(target=kill, daemon=True).start()
+        return run("fleet", "fit", folder / "c*", "--out", out, "--scheduler", cluster.scheduler_address)[0]
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        (place / "all").mkdir()
+        alone_s = make_campaigns(place / "all")
+        print(
+            f"{CAMPAIGNS} campaigns of {len(FITS)} fits; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
+        )
+        print(f"cfid fit, {len(FITS)} commands a campaign: {alone_s:.2f} s of processor time")
+        found = {}
+        for jobs in (1, 2):
+            wall_s, spent_s = run("fleet", "fit", place / "all" / "c*", "--out", place / f"{jobs}", "--jobs", jobs)
+            found[f"{jobs} processes"] = numbers(place / f"{jobs}")
+            each_s = spent_s / CAMPAIGNS
+            print(
+                f"{jobs} processes: {wall_s:.1f} s, {each_s:.3f} s of processor time a campaign, {each_s / alone_s:.2f}"
+            )
+        print(f"cluster of 2 workers: {on_cluster(place / 'all', place / 'cluster'):.1f} s")
+        found["cluster"] = numbers(place / "cluster")
+        kept = numbers(place / "all")
+        for workers, each in found.items():
+            print(f"{workers}: {len(each)} numbers and uncertainties, the same as kept: {each == kept}")
+        wall_s, _ = run("fleet", place / "1" / "c*", "--out", place / "table.csv")
+        print(f"cfid fleet compares them in {wall_s:.1f} s")
+
+
+if __name__ == "__main__":
+    main()

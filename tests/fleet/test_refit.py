@@ -1,0 +1,281 @@
+"""`cfid fleet fit`: campaigns refitted from their recordings, wherever they lie, into a folder of their own."""
+
+import http.server
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from cfid.fleet.refit import Refitted, refit
+from cfid.records.campaign import open_campaign
+from cfid.records.files import sha256_of
+from cfid.records.parameters import Section, load_sections, plain
+from tests.campaigns import LONGEST_S, Cfid, Once, in_this_process
+from tests.processes import started
+
+FITS = {"c1": ("friction", "testbody", "swing"), "c2": ("inertia", "swing"), "c3": ("swing",)}
+OF_C1 = {"friction", "testbody", "swing x"}
+
+
+@pytest.fixture(scope="session")
+def campaigns(once: Once, recordings: list[Any]) -> Path:
+    """Three campaigns with swings, drops and a test body, fitted by their commands to other parts of them."""
+
+    def make(folder: Path) -> None:
+        from cfid.console.campaign import make_campaign
+        from cfid.demo.recordings import write_runs
+
+        first = folder / "c1"
+        make_campaign(first)
+        write_runs(open_campaign(first), recordings)
+        for name in ("c2", "c3"):
+            shutil.copytree(first, folder / name)
+        swing = next((first / "runs").glob("*swing_x*")).name
+        for name, fits in FITS.items():
+            for fit in fits:
+                words = ["fit", fit, *([swing] if fit == "swing" else []), "--no-figures"]
+                ended = in_this_process(words, folder / name)
+                assert ended.returncode == 0, ended.stderr
+
+    return once("fleet", make)
+
+
+@pytest.fixture
+def three(campaigns: Path, tmp_path: Path) -> Path:
+    """The campaigns, for a test that changes them."""
+    return Path(shutil.copytree(campaigns, tmp_path / "three"))
+
+
+def numbers(sections: dict[str, Section]) -> dict[str, Any]:
+    """Return everything that a fit found, to the last bit, without when and where."""
+    return {
+        name: [
+            section.method,
+            section.accepted,
+            plain(dict(section.common)),
+            plain([one.matrix for one in section.covariance]),
+        ]
+        + [(key, plain(one.value), plain(one.std), one.unit) for key, one in section.parameters.items()]
+        for name, section in sections.items()
+    }
+
+
+def found_in(folder: Path) -> dict[str, Any]:
+    return {
+        each.name: numbers(load_sections(each / "parameters.toml"))
+        for each in sorted(folder.iterdir())
+        if each.is_dir()
+    }
+
+
+def found_by(refitted: Refitted, folder: Path) -> dict[str, Any]:
+    assert not refitted.fault
+    folder.mkdir(exist_ok=True)
+    (folder / "parameters.toml").write_bytes(refitted.files["parameters.toml"])
+    return numbers(load_sections(folder / "parameters.toml"))
+
+
+def hashes(folder: Path) -> dict[Path, str]:
+    return {path: sha256_of(path) for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_refitted_campaigns_have_the_numbers_of_their_commands_and_are_unchanged(
+    cfid: Cfid, campaigns: Path, tmp_path: Path
+) -> None:
+    before = hashes(campaigns)
+    ended = cfid("fleet", "fit", campaigns / "c*", "--out", tmp_path / "out", "--jobs", 2)
+
+    assert ended.returncode == 0, ended.stderr
+    assert found_in(tmp_path / "out") == found_in(campaigns)
+    assert set(load_sections(tmp_path / "out" / "c1" / "parameters.toml")) == OF_C1
+    assert hashes(campaigns) == before
+    assert "3 of 3 campaigns" in ended.stderr
+    table = " ".join(ended.stdout.split())
+    assert "inertia 1 0 0 0" in table
+    assert "swing x 3 0 0 0" in table
+
+
+def test_refitted_campaigns_are_campaigns_with_the_dates_of_their_recordings(
+    cfid: Cfid, campaigns: Path, tmp_path: Path
+) -> None:
+    out, tables = tmp_path / "out", {}
+    cfid("fleet", "fit", campaigns / "c1", "--out", out)
+    for name, folder in (("kept", campaigns / "c1"), ("made", out / "c1")):
+        ended = cfid("fleet", folder, "--details", "--out", tmp_path / f"{name}.csv")
+        assert ended.returncode == 0
+        assert "source-" not in ended.stderr
+        tables[name] = pd.read_csv(tmp_path / f"{name}.csv", parse_dates=["recorded"]).set_index("number")
+
+    assert len(tables["made"]) > 5
+    apart = (tables["made"]["recorded"] - tables["kept"]["recorded"]).abs()
+    assert apart.max() < pd.Timedelta(seconds=1)
+    assert cfid("parameters", "--campaign", out / "c1").returncode == 0
+
+
+def test_a_cluster_finds_the_same_to_the_last_bit(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        ended = cfid(
+            "fleet", "fit", campaigns / "c*", "--out", tmp_path / "out", "--scheduler", cluster.scheduler_address
+        )
+
+    assert ended.returncode == 0, ended.stderr
+    assert found_in(tmp_path / "out") == found_in(campaigns)
+
+
+def test_a_campaign_in_memory_is_fitted_to_the_same(campaigns: Path, tmp_path: Path) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip install 'cfid[fleet]'")
+    fsspec.filesystem("memory").put(str(campaigns / "c1"), "/lab/c1", recursive=True)
+    refitted = refit("memory://lab/c1")
+
+    assert found_by(refitted, tmp_path / "memory") == found_in(campaigns)["c1"]
+    sources = load_sections(tmp_path / "memory" / "parameters.toml")["friction"].sources
+    assert all(source.path.startswith("memory://lab/c1/runs/") for source in sources)
+    assert refit("memory://lab/c9").fault.startswith("memory://lab/c9/: cannot be read:")
+
+
+class _Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: Any) -> None:
+        """Print nothing."""
+
+
+@pytest.fixture
+def served(campaigns: Path) -> Iterator[str]:
+    """The address of an HTTP server of the campaigns."""
+    if not (importlib.util.find_spec("fsspec") and importlib.util.find_spec("aiohttp")):
+        pytest.skip("fsspec with aiohttp is not installed: pip install 'cfid[fleet]'")
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(campaigns)))
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_campaigns_of_a_server_are_fitted_to_the_same(cfid: Cfid, campaigns: Path, served: str, tmp_path: Path) -> None:
+    (tmp_path / "list.txt").write_text(f"{served}/c1\n{served}/c3\n{served}/c9\n")
+    ended = cfid("fleet", "fit", "--index", tmp_path / "list.txt", "--out", tmp_path / "out", "--jobs", 1)
+
+    assert ended.returncode == 4
+    assert f"{served}/c9" in ended.stderr
+    found = found_in(campaigns)
+    assert found_in(tmp_path / "out") == {"c1": found["c1"], "c3": found["c3"]}
+    compared = cfid("fleet", tmp_path / "out" / "c*")
+    assert compared.returncode == 0
+    assert "source-" not in compared.stderr
+
+
+def test_a_fleet_goes_on_where_it_was_interrupted(campaigns: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 1]
+
+    def run(*, interrupt: bool) -> tuple[int, str]:
+        with (tmp_path / "said").open("w+") as said:
+            process = started(words, anew=True, cwd=tmp_path, env=os.environ, stdout=said, stderr=said)
+            end_s = time.monotonic() + LONGEST_S
+            while interrupt and time.monotonic() < end_s and not (out / "c1").exists():
+                time.sleep(0.02)
+            if interrupt:
+                process.send_signal(signal.SIGINT)
+            code = process.wait(LONGEST_S)
+            return code, (tmp_path / "said").read_text()
+
+    code, said = run(interrupt=True)
+    assert code == 130
+    assert "of 3 campaigns are done; the same command goes on" in said
+    kept = (out / "c1" / "parameters.toml").stat().st_mtime_ns
+    code, said = run(interrupt=False)
+    assert code == 0, said
+    assert "done already" in said
+    assert found_in(out) == found_in(campaigns)
+    assert (out / "c1" / "parameters.toml").stat().st_mtime_ns == kept
+
+
+def test_a_manifest_that_a_crash_cut_is_gone_on_with(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    cfid("fleet", "fit", campaigns / "c3", "--out", out)
+    with (out / "manifest.jsonl").open("ab") as file:
+        file.write(b'{"campaign": "half a ro')
+    (out / ".c1.half").mkdir()
+    (out / ".c1.half" / "rig.toml").write_text("cut")
+    ended = cfid("fleet", "fit", campaigns / "c3", campaigns / "c1", "--out", out)
+
+    assert ended.returncode == 0, ended.stderr
+    rows = [json.loads(line) for line in (out / "manifest.jsonl").read_text().splitlines()]
+    assert [row.get("folder") for row in rows] == [None, "c3", "c1"]
+    assert found_in(out)["c1"] == found_in(campaigns)["c1"]
+
+
+def test_results_of_other_settings_and_other_folders_are_not_touched(
+    cfid: Cfid, campaigns: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out")
+    full = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "mine")
+    other = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--method", "thesis")
+
+    assert (full.returncode, other.returncode) == (2, 2)
+    assert "is not empty" in full.stderr
+    assert "method as kept, now" in other.stderr
+
+
+def test_another_method_takes_the_place_of_that_of_the_fits(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    ended = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--method", "thesis", "--json")
+
+    assert load_sections(tmp_path / "out" / "c3" / "parameters.toml")["swing x"].method == "thesis"
+    (row,) = json.loads(ended.stdout)["campaigns"]
+    assert row["fits"][0]["moved_in_std"] > 1
+
+
+def test_campaigns_that_cannot_be_read_do_not_stop_the_others(cfid: Cfid, three: Path, tmp_path: Path) -> None:
+    shutil.rmtree(three / "c1" / "fits")
+    (three / "c2" / "rig.toml").write_text("no [rig")
+    ended = cfid("fleet", "fit", three / "c*", "--out", tmp_path / "out", "--jobs", 1)
+
+    assert ended.returncode == 4
+    assert "2 of 3 campaigns were not refitted" in ended.stderr
+    assert "holds no fit that could be repeated" in ended.stderr
+    assert list(found_in(tmp_path / "out")) == ["c3"]
+
+
+def test_a_fit_that_cannot_be_repeated_is_named(cfid: Cfid, three: Path, tmp_path: Path) -> None:
+    kept = next((three / "c1" / "fits").glob("*friction*"))
+    content = json.loads(kept.read_text())
+    content["section"]["sources"][0]["path"] = "/elsewhere/drop.csv"
+    kept.write_text(json.dumps(content))
+    ended = cfid("fleet", "fit", three / "c1", "--out", tmp_path / "out")
+
+    assert ended.returncode == 5
+    assert "c1: friction: was made from /elsewhere/drop.csv, which is no run of the campaign" in ended.stderr
+    assert set(load_sections(tmp_path / "out" / "c1" / "parameters.toml")) == OF_C1 - {"friction"}
+
+
+def test_runs_that_were_excluded_since_are_left_out(cfid: Cfid, three: Path, tmp_path: Path) -> None:
+    drops = open_campaign(three / "c1").runs(kind="drop")
+    cfid("runs", "exclude", drops[0].folder.name, "--campaign", three / "c1")
+    ended = cfid("fleet", "fit", three / "c1", "--out", tmp_path / "out", "--json")
+
+    (row,) = json.loads(ended.stdout)["campaigns"]
+    (fit,) = [fit for fit in row["fits"] if fit["name"] == "friction"]
+    assert fit["text"] == f"left out, since excluded: {drops[0].folder.name}."
+    sources = load_sections(tmp_path / "out" / "c1" / "parameters.toml")["friction"].sources
+    assert len(sources) == len(drops) - 1
+
+
+def test_a_folder_that_is_named_fit_is_a_campaign_with_its_path(cfid: Cfid, three: Path) -> None:
+    (three / "c3").rename(three / "fit")
+
+    assert cfid("fleet", "./fit", folder=three).returncode == 0
+    assert "Missing option '--out'" in cfid("fleet", "fit", folder=three).stderr

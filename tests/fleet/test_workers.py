@@ -1,0 +1,57 @@
+"""Work on many campaigns in processes and on a cluster: what a worker that dies had is done by another."""
+
+from pathlib import Path
+
+import pytest
+
+from cfid.errors import DataError
+from cfid.fleet.workers import TRIES, on_cluster, on_processes
+from tests.fleet.work import die_of_bad, die_once, fail, length, threads
+
+pytestmark = pytest.mark.usefixtures("in_time")
+
+
+def test_each_task_is_answered_once_by_any_number_of_processes() -> None:
+    tasks = ["a", "bb", "ccc", "dddd"]
+
+    for number in (1, 3, 9):
+        assert sorted(on_processes(length, tasks, number=number)) == [("a", 1), ("bb", 2), ("ccc", 3), ("dddd", 4)]
+    assert list(on_processes(length, [], number=2)) == []
+
+
+def test_what_a_process_that_died_had_is_done_by_another(tmp_path: Path) -> None:
+    tasks = [str(tmp_path / name) for name in ("a", "b", "c")]
+
+    assert dict(on_processes(die_once, tasks, number=2)) == dict(zip(tasks, ("a", "b", "c"), strict=True))
+
+
+def test_a_task_of_which_processes_die_is_given_up_and_the_others_are_done() -> None:
+    found = dict(on_processes(die_of_bad, ["good", "bad", "fine"], number=1))
+
+    assert found["good"] == "good"
+    assert found["fine"] == "fine"
+    assert isinstance(found["bad"], DataError)
+    assert str(found["bad"]) == f"bad: {TRIES} processes died of it (SIGKILL)."
+
+
+def test_a_bug_is_the_answer_to_its_task_alone() -> None:
+    ((task, answer),) = on_processes(fail, ["a"], number=1)
+
+    assert task == "a"
+    assert isinstance(answer, DataError)
+    assert str(answer) == "a: TypeError: a is no number"
+
+
+def test_a_process_has_one_thread_so_that_numbers_add_up_in_one_order() -> None:
+    assert dict(on_processes(threads, ["a"], number=1)) == {"a": "1"}
+
+
+def test_what_a_clusters_worker_that_died_had_is_done_by_another(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
+    tasks = [str(tmp_path / name) for name in ("a", "b")]
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        found = dict(on_cluster(die_once, tasks, cluster.scheduler_address))
+
+    assert found == dict(zip(tasks, ("a", "b"), strict=True))
