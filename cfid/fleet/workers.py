@@ -110,11 +110,11 @@ def _client(address: str) -> Iterator[Any]:
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ImportError:
-        raise ConfigError("--scheduler: Dask is not installed here: pip install 'cfid[fleet]'.") from None
+        raise ConfigError("`scheduler`: Dask is not installed here: pip install 'cfid[fleet]'.") from None
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:
-        raise ConfigError(f"--scheduler {address}: no Dask scheduler answers there: {error}") from None
+        raise ConfigError(f"`scheduler` {address}: no Dask scheduler answers there: {error}") from None
     with client:
         yield client
 

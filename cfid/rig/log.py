@@ -138,7 +138,7 @@ def ready_loadcell(
     """
     if isinstance(setting, LoadCellLines):
         if bias:
-            raise ConfigError("--bias: only a Net F/T box has a bias; fits take the zero from pauses.")
+            raise ConfigError("`bias`: only a Net F/T box has a bias; fits take the zero from pauses.")
         record, opened_lines = ready_lines("loadcell", setting, held, say=say, patient=patient, scale={"units": "n,nm"})
         return Device(record=record, open=opened_lines, reading=first_value(setting))
     setting = loadcell_box.resolved(setting)

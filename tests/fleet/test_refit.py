@@ -40,7 +40,7 @@ def campaigns(once: Once, recordings: list[Any]) -> Path:
         write_runs(open_campaign(first), recordings)
         for name in ("c2", "c3"):
             shutil.copytree(first, folder / name)
-        swing = next((first / "runs").glob("*swing_x*")).name
+        swing = next((first / "runs").glob("*swing_x")).name
         for name, fits in FITS.items():
             for fit in fits:
                 words = ["fit", fit, *([swing] if fit == "swing" else []), "--no-figures"]
