@@ -226,9 +226,9 @@ def test_typed_readings_are_rows_at_the_time_of_typing(session: Session) -> None
     rows = rows_of(run, "speed")
 
     assert failure is None
-    assert list(rows.columns) == ["t", "command", "rpm"]
+    assert list(rows.columns) == ["t", "command", "rpm", "withdrawn"]
     assert rows.to_numpy() == pytest.approx(
-        np.array([[UNIX_S + 20, 2000, 1353.7], [UNIX_S + 40, 4000, 2711]]), abs=0.01
+        np.array([[UNIX_S + 20, 2000, 1353.7, 0], [UNIX_S + 40, 4000, 2711, 0]]), abs=0.01
     )
 
 
