@@ -69,7 +69,7 @@ def preflight(
 
 
 def _identified(experiment: Experiment, rig: "Rig") -> Answers:
-    """Return what `cfid rig check` says about the devices of the experiment."""
+    """Return what `cfid rig check` finds about the devices of the experiment."""
     from cfid.cli.rig import encoder_answers, loadcell_answers
     from cfid.rig.check_crazyflie import check_vehicle
 

@@ -36,7 +36,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "next": (
         "cfid.guide.command:next_step",
-        "Do what comes next in a campaign: record a run, fit, or report; says what to do at the rig before.",
+        "Do what comes next in a campaign: record a run, fit, or report; prints what to do at the rig before.",
     ),
     "parameters": (
         "cfid.cli.parameters:list_parameters",

@@ -150,7 +150,7 @@ def record(
 ) -> None:
     """Record a run and print its summary, also when it failed. Raises the error that ended it.
 
-    `judge` says what a complete run is good for, None where no fit takes it; `found` evaluates a run that did not fail.
+    `judge` returns what a complete run is good for, None where no fit takes it; `found` evaluates what did not fail.
     """
     run, failure = attempt(plan, devices, live)
     if run is not None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 
-Judge = Callable[["Run"], str]  # says what a run is good for; a CfidError, why it is not
+Judge = Callable[["Run"], str]  # returns what a run is good for; a CfidError states why it is not
 
 
 def judged(run: "Run", judge: Judge | None) -> "Run":
@@ -28,7 +28,7 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
         verdict = Verdict(usable=True, text=judge(run))
     except CfidError as error:
         verdict = Verdict(usable=False, text=str(error))
-    except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be said
+    except KeyboardInterrupt:  # the run is complete, and how the motors stopped is still to be printed
         note("not judged: interrupted.")
         return run
     try:

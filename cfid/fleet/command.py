@@ -11,7 +11,7 @@ from cfid.console.messages import note
 
 if TYPE_CHECKING:
     from cfid.errors import CfidError
-    from cfid.fleet.comparison import Comparison
+    from cfid.fleet.comparison import ComparedNumber
     from cfid.fleet.summary import Summary
 
 _FOLDERS_FOR_A_PROCESS = 16  # reading fewer takes less time than starting a process
@@ -89,7 +89,12 @@ def _summaries(places: Sequence[str], *, jobs: int, scheduler: str | None) -> "t
 
 
 def _hand_out(
-    comparisons: "Sequence[Comparison]", summaries: "Sequence[Summary]", *, details: bool, out: Path | None, json: bool
+    comparisons: "Sequence[ComparedNumber]",
+    summaries: "Sequence[Summary]",
+    *,
+    details: bool,
+    out: Path | None,
+    json: bool,
 ) -> None:
     """Write the table to a file where one is named; print it, or the JSON object."""
     from cfid.fleet import tables
@@ -121,7 +126,7 @@ def _print_findings(summaries: "Sequence[Summary]", *, details: bool) -> None:
             note(f"{code}: {len(every) - 1} more, in {campaigns} campaigns altogether; --details names them.")
 
 
-def _print_json(comparisons: "Sequence[Comparison]", summaries: "Sequence[Summary]") -> None:
+def _print_json(comparisons: "Sequence[ComparedNumber]", summaries: "Sequence[Summary]") -> None:
     import json
     from dataclasses import asdict
 

@@ -20,7 +20,7 @@ _OF_NORMAL = 1.4826  # median absolute deviation to standard deviation
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ComparedNumber:
     """One number in all campaigns: its value in each, None where it is missing, and how the accepted ones agree.
 
     `expected_scatter` is the standard deviation that the stated uncertainties alone would give, None where one of them
@@ -50,7 +50,7 @@ class Comparison:
         return bool(abs(found.drift_per_day) > limit * found.drift_std_per_day)
 
 
-def compare(summaries: Sequence[Summary]) -> list[Comparison]:
+def compare(summaries: Sequence[Summary]) -> list[ComparedNumber]:
     """Compare the numbers of campaigns; the same name with another unit is another number."""
     names = [summary.name for summary in summaries]
     tables = [{(known.name, known.unit): known for known in summary.known} for summary in summaries]
@@ -62,14 +62,14 @@ def compare(summaries: Sequence[Summary]) -> list[Comparison]:
     ]
 
 
-def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequence[str]) -> Comparison:
+def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequence[str]) -> ComparedNumber:
     accepted = [(place, known) for place, known in zip(campaigns, values, strict=True) if known and known.accepted]
     value = np.array([known.value for _, known in accepted])
     std = np.array([np.nan if known.std is None else known.std for _, known in accepted])
     found = None
     if len(accepted) > 1:
         found = repeats(time_s=np.array([known.recorded.timestamp() for _, known in accepted]), value=value, std=std)
-    return Comparison(
+    return ComparedNumber(
         name=name,
         unit=next(known.unit for known in values if known is not None),
         values=tuple(values),

@@ -117,7 +117,7 @@ def _float(std: float | None) -> float | None:
 
 def _source_finding(folder: Path, source: Source) -> Finding | None:
     if is_address(source.path):
-        return None  # of another computer, which is not asked
+        return None  # of another computer, which is not contacted
     try:
         with (folder / source.path).open("rb") as file:
             same = hashlib.file_digest(file, "sha256").hexdigest() == source.sha256

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from cfid.console.tables import value_and_deviation
 from cfid.errors import ConfigError
-from cfid.fleet.comparison import Comparison
+from cfid.fleet.comparison import ComparedNumber
 from cfid.fleet.summary import Summary
 from cfid.records import lab_book
 
@@ -34,7 +34,7 @@ td {{ border-top: 1px solid #ccc }}</style>
 """
 
 
-def print_comparisons(comparisons: Sequence[Comparison], summaries: Sequence[Summary]) -> None:
+def print_comparisons(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> None:
     """Print how many campaigns there are, and a row a number."""
     runs = sum(summary.complete_runs for summary in summaries)
     others = sum(summary.other_runs for summary in summaries)
@@ -54,7 +54,7 @@ def print_comparisons(comparisons: Sequence[Comparison], summaries: Sequence[Sum
         )
 
 
-def print_details(comparisons: Sequence[Comparison], summaries: Sequence[Summary]) -> None:
+def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> None:
     """Print every campaign, and every value of every number below its name."""
     console = Console()
     table = Table(box=SIMPLE, pad_edge=False)
@@ -99,7 +99,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], *, title: str) ->
         raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
 
 
-def comparison_rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
+def comparison_rows(comparisons: Sequence[ComparedNumber]) -> list[dict[str, Any]]:
     """Return a row a number."""
     return [
         {
@@ -122,7 +122,7 @@ def comparison_rows(comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
     ]
 
 
-def detail_rows(comparisons: Sequence[Comparison], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
+def detail_rows(comparisons: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
     """Return a row a number and campaign."""
     return [
         {
@@ -142,7 +142,7 @@ def detail_rows(comparisons: Sequence[Comparison], summaries: Sequence[Summary])
     ]
 
 
-def _figures(one: Comparison) -> tuple[str, str, str, str]:
+def _figures(one: ComparedNumber) -> tuple[str, str, str, str]:
     """Return mean, its standard uncertainty, scatter, and what is expected of it."""
     found = one.repeats
     if found is None:
@@ -153,7 +153,7 @@ def _figures(one: Comparison) -> tuple[str, str, str, str]:
     return (*value_and_deviation(found.mean, found.mean_std), scatter, expected)
 
 
-def _remarks(one: Comparison) -> list[str]:
+def _remarks(one: ComparedNumber) -> list[str]:
     """Return what a reader should look at: rejected values, outliers by name, a drift beyond its uncertainty."""
     found, remarks = one.repeats, []
     if one.rejected:

@@ -46,7 +46,7 @@ def next_step(
     campaign: CampaignFolder = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before it starts; motors still ask.")] = False,
 ) -> None:
-    """Do what comes next in a campaign: record a run, fit, or report; says what to do at the rig before.
+    """Do what comes next in a campaign: record a run, fit, or report; prints what to do at the rig before.
 
     Example: [bold]cfid next[/bold]
     """

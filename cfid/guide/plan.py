@@ -29,7 +29,7 @@ class Aim:
 class Assignment:
     """A run to record: the words of the command, what to do at the rig before, and how to tell the run by its label.
 
-    `questions` are asked before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
+    `questions` are put before, and fill the words' places in braces. `kind` may be the beginning of a run's kind.
     """
 
     words: Words

@@ -27,7 +27,7 @@ class Certainty:
 
     @property
     def short_by(self) -> float:
-        """How many times as uncertain it is as it should be, 0 where that cannot be said."""
+        """How many times as uncertain it is as it should be, 0 where that is unknown."""
         return 0.0 if self.std is None or self.aim.std is None else self.std / self.aim.std
 
 

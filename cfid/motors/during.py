@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 _FZ = 3  # among the columns of a load cell's rows, `t` the first
-_WRONG_STEPS = 2  # in a row, after which it is said
+_WRONG_STEPS = 2  # in a row, after which the operator is warned
 _LEAST_COMMAND = 8000  # a smaller one gives too little thrust to be sure
 _FEWEST_BLOCKS = 12
 _DRIFT = 0.05  # of a step's height, as the fit allows in a window

@@ -97,7 +97,7 @@ def record_speed(
         if tachometer == "lines":
             sender = rig[1].tachometer
             if sender is None:
-                raise ConfigError("`tachometer` lines: rig.toml has no table [devices.tachometer] that says which.")
+                raise ConfigError("`tachometer` lines: rig.toml has no table [devices.tachometer] that names it.")
             return [crazyflie.usual_log(log_ms), ready_instrument("tachometer", sender, held, say=say)]
         if tachometer == "typed":
             return [crazyflie.usual_log(log_ms)]

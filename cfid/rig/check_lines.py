@@ -36,14 +36,14 @@ def check_lines(name: str, setting: LineDevice) -> list[DeviceAnswer]:
 
 def _listened(name: str, setting: LineDevice) -> list[DeviceAnswer]:
     reader = setting.reader()
-    readings, for_s, heard = _readings(setting, reader)
+    readings, for_s, received = _readings(setting, reader)
     opened = DeviceAnswer("port", "ok", f"{setting.port}, {setting.baud} baud")
-    if not readings and not heard:
+    if not readings and not received:
         advice = "check its power, and that its program runs"
         return [opened, DeviceAnswer("lines", "fault", f"nothing came in {_FIRST_S:g} s", advice)]
     if not readings:
         last = printable(reader.last_rejected)
-        shown = f"{heard} bytes, but no line that matches{f': {last!r}' if last else ''}"
+        shown = f"{received} bytes, but no line that matches{f': {last!r}' if last else ''}"
         return [opened, DeviceAnswer("lines", "fault", shown, f"compare baud, pattern and values of devices.{name}")]
     return [opened, _rate(setting, len(readings), reader.rejected, for_s), *_resolutions(setting, readings)]
 
@@ -74,18 +74,18 @@ def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.f
 def _readings(setting: LineDevice, reader: LineReader) -> tuple[list[tuple[float, ...]], float, int]:
     """Return the lines after the first one, in which time they came, and how many bytes came at all."""
     found: list[tuple[float, ...]] = []
-    heard, begun_s = 0, 0.0
+    received, begun_s = 0, 0.0
     end_s = time.monotonic() + _FIRST_S
     look_s = min(max(_LOOK_S, _FEWEST_PERIODS / setting.rate_hz), _LONGEST_LOOK_S)
     try:
         with serial.Serial(setting.port, setting.baud, timeout=0.02, exclusive=True) as line:
             while (now_s := time.monotonic()) < end_s:
                 data = line.read(4096)
-                heard += len(data)
+                received += len(data)
                 found += reader.feed(data)
                 if found and not begun_s:
                     begun_s, found, reader.rejected = time.monotonic(), [], 0
                     end_s = begun_s + look_s
     except PORT_ERRORS as error:
         raise DeviceError(f"{setting.port}: {why_not_open(error)}") from None
-    return found, now_s - begun_s, heard
+    return found, now_s - begun_s, received

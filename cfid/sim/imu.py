@@ -57,7 +57,7 @@ class ImuSample(NamedTuple):
 
 
 class Imu:
-    """The sensors of a hanging body. A time that is asked for twice shows the same sample."""
+    """The sensors of a hanging body. A time that is read twice shows the same sample."""
 
     def __init__(self, truth: ImuTruth, hanging: Hanging, turning: Turning, rng: np.random.Generator) -> None:
         """Take how the body hangs and turns."""

@@ -55,8 +55,8 @@ def _of_run(run: LiveRun) -> Iterator[tuple[str, str, bool]]:
 
 def _of_device(name: str, device: DeviceProgress, run: LiveRun) -> tuple[str, str, bool]:
     record = run.header.devices.get(name, device.record)
-    asked = f" of {record.rate_hz:g}" if record.rate_hz else ""
-    rate = f"{device.rate_hz:.0f}{asked} Hz, " if device.rate_hz > _SLOWEST_HZ else ""
+    requested = f" of {record.rate_hz:g}" if record.rate_hz else ""
+    rate = f"{device.rate_hz:.0f}{requested} Hz, " if device.rate_hz > _SLOWEST_HZ else ""
     lost = device.missing if run.recording else record.lost
     losses = "" if lost is None else f", {lost} lost"
     unreadable = f", {device.tail.unreadable} bytes unreadable" if device.tail.unreadable else ""

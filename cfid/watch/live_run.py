@@ -16,7 +16,7 @@ from cfid.records.tables.vehicle import SUPERVISOR, VEHICLE_LOG
 from cfid.records.tables.wrench import LOADCELL
 from cfid.rig.crazyflie_log import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
-from cfid.watch.signals import Signal, signals_of
+from cfid.watch.signals import Trace, signals_of
 from cfid.watch.tail import Tail
 from cfid.wire.supervisor import VehicleState
 
@@ -33,7 +33,7 @@ class DeviceProgress:
 
     record: DeviceRecord
     tail: Tail
-    signals: list[Signal]
+    signals: list[Trace]
     rows: int = 0
     missing: int | None = None
     latest_s: float = float("nan")
@@ -89,11 +89,11 @@ class LiveRun:
 
     @property
     def recording(self) -> bool:
-        """Whether run.toml says that it is being recorded; a run that was cut says so for ever."""
+        """Whether run.toml states that it is being recorded; a run that was cut states so for ever."""
         return self.header.state == "recording"
 
     @property
-    def signals(self) -> list[Signal]:
+    def signals(self) -> list[Trace]:
         """All signals, device by device."""
         return [signal for device in self.devices.values() for signal in device.signals]
 
@@ -177,12 +177,12 @@ class LiveRun:
 
 def planned_s(run: Run) -> float | None:
     """Return how long a run was to last, as its request states it; None where that has no end, or is no known one."""
-    asked = run.header.requested
+    requested = run.header.requested
     try:
-        if "for_s" in asked:
-            return float(asked["for_s"])
-        if {"l", "n"} <= set(asked):
-            return int(asked["n"]) * SAMPLE_S
+        if "for_s" in requested:
+            return float(requested["for_s"])
+        if {"l", "n"} <= set(requested):
+            return int(requested["n"]) * SAMPLE_S
         return StaircasePlan.of_run(run).duration_s
     except (KeyError, TypeError, ValueError):
         return None

@@ -19,7 +19,7 @@ header { position: sticky; top: 0; z-index: 9; display: flex; flex-wrap: wrap; g
 h1 { font-size: 16px; margin: 0; }
 #stop { font: 700 16px system-ui, sans-serif; padding: 10px 22px; border: 0; border-radius: 6px;
   background: #b3161b; color: #fff; cursor: pointer; }
-#said { white-space: pre-wrap; overflow-wrap: anywhere; }
+#answered { white-space: pre-wrap; overflow-wrap: anywhere; }
 main { padding: 8px 12px; }
 table { border-collapse: collapse; font-size: 13px; width: 100%; margin-bottom: 6px; }
 th { text-align: left; font-weight: 600; padding: 1px 12px 1px 0; vertical-align: top; white-space: nowrap; }
@@ -28,7 +28,7 @@ td { padding: 1px 0; width: 100%; overflow-wrap: anywhere; }
 </style>
 </head>
 <body>
-<header><h1>cfid watch</h1>BUTTON<span id="said" role="status"></span></header>
+<header><h1>cfid watch</h1>BUTTON<span id="answered" role="status"></span></header>
 <main><div id="facts"></div><div id="plots"></div></main>
 <script src="/page.js"></script>
 </body>
@@ -69,16 +69,16 @@ const look = async () => {
 };
 look();
 
-const said = document.getElementById("said");
+const answered = document.getElementById("answered");
 const stop = document.getElementById("stop");
 stop?.addEventListener("click", async () => {
-  said.textContent = "stopping ...";
+  answered.textContent = "stopping ...";
   try {
     const answer = await fetch("/stop", { method: "POST", headers: { "X-Cfid-Token": stop.dataset.token } });
-    said.textContent = answer.ok ? (await answer.json()).text
+    answered.textContent = answer.ok ? (await answer.json()).text
       : "NOT STOPPED: this page is of an earlier cfid watch. Reload it, or pull the battery.";
   } catch {
-    said.textContent = "NOT STOPPED: cfid watch has ended. Run cfid motors stop, or pull the battery.";
+    answered.textContent = "NOT STOPPED: cfid watch has ended. Run cfid motors stop, or pull the battery.";
   }
 });
 """

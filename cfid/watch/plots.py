@@ -4,8 +4,8 @@ import numpy as np
 from bokeh.models import ColumnDataSource, DataRange1d, HoverTool, Legend, Range1d
 from bokeh.plotting import figure
 
-from cfid.watch.signals import Signal
-from cfid.watch.spectrum import HIGHEST_HZ, Lines
+from cfid.watch.signals import Trace
+from cfid.watch.spectrum import HIGHEST_HZ, RotorLines
 
 BINS = 400  # of a signal in a picture: a plot is some 400 pixels wide
 
@@ -34,7 +34,7 @@ class Colours:
 class SignalPlot:
     """Curves of a signal over time."""
 
-    def __init__(self, signal: Signal, time_range: Range1d, colours: Colours) -> None:
+    def __init__(self, signal: Trace, time_range: Range1d, colours: Colours) -> None:
         """Make the plot; its axis of time is common to all."""
         self._signal = signal
         self._source = ColumnDataSource({"t": [], **{name: [] for name in signal.names}})
@@ -62,7 +62,7 @@ class SpectrumPlot:
 
     def __init__(self, colours: Colours) -> None:
         """Make the plot."""
-        self._drawn: Lines | None = None
+        self._drawn: RotorLines | None = None
         self._source = ColumnDataSource({"f": [], "a": []})
         self._lines = ColumnDataSource({"f": [], "a": [], "label": []})
         self.figure = _figure(
@@ -76,7 +76,7 @@ class SpectrumPlot:
         )
         _finish(self.figure, colours)
 
-    def draw(self, lines: Lines | None) -> None:
+    def draw(self, lines: RotorLines | None) -> None:
         """Draw a spectrum, unless it is drawn already."""
         if lines is None or lines is self._drawn:
             return

@@ -42,7 +42,7 @@ def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable
     port = sockets[0].getsockname()[1]
     for name in ("bokeh", "tornado.access"):  # the page shows what was refused
         logging.getLogger(name).setLevel(logging.ERROR)
-    settings.resources = "server"  # whatever the environment says: nothing is loaded from elsewhere
+    settings.resources = "server"  # whatever the environment sets: nothing is loaded from elsewhere
     asyncio.run(_serving(watched, campaign, sockets, port, ready))
 
 
@@ -64,7 +64,7 @@ async def _serving(
         extra_patterns=[
             ("/", _Page, {"gate": gate, "can_stop": stop is not None}),
             ("/page.js", _Script),
-            ("/facts", _Facts, {"watched": watched, "gate": gate}),
+            ("/facts", _FactsPage, {"watched": watched, "gate": gate}),
             ("/stop", _Stop, {"gate": gate, "stop": stop}),
         ],
         extra_websocket_origins=gate.hosts,
@@ -125,7 +125,7 @@ class _Script(RequestHandler):
         self.finish(SCRIPT)
 
 
-class _Facts(RequestHandler):
+class _FactsPage(RequestHandler):
     def initialize(self, watched: Watched, gate: Gate) -> None:
         self._watched, self._gate = watched, gate
 

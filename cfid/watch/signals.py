@@ -25,7 +25,7 @@ _TITLES = {"pm": "battery", "motor": "motors, as the vehicle logs them", "rtt_s"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Signal:
+class Trace:
     """Curves drawn together: `convert` makes their values (n, c) of a device's rows (n, columns).
 
     `steps` hold their value until the next row.
@@ -48,18 +48,18 @@ class Signal:
         self.extremes.add(time_s, self.convert(rows))
 
 
-def signals_of(device: str, record: DeviceRecord) -> list[Signal]:
+def signals_of(device: str, record: DeviceRecord) -> list[Trace]:
     """Return the signals of a device, of any kind: what is not known is drawn in its own unit."""
     facts = record.model_extra or {}
     if device == ENCODER and "phi" in record.columns:
         convert = _Angle(record, place=record.columns.index("phi"))
-        return [Signal(device=device, title="angle", unit="degrees", names=("angle",), convert=convert)]
+        return [Trace(device=device, title="angle", unit="degrees", names=("angle",), convert=convert)]
     if device == LOADCELL and set(AXES) <= set(record.columns):
         in_si = facts.get("units") == "n,nm"
         kinds = (("forces", "mN", AXES[:3], "counts_per_n"), ("torques", "mN m", AXES[3:], "counts_per_nm"))
         in_si = facts.get("units") == "n,nm"
         return [
-            Signal(
+            Trace(
                 device=device,
                 title=title,
                 unit=unit,
@@ -73,7 +73,7 @@ def signals_of(device: str, record: DeviceRecord) -> list[Signal]:
     return list(_groups(device, record))
 
 
-def _groups(device: str, record: DeviceRecord) -> Iterator[Signal]:
+def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
     """Yield a signal for each group of a vehicle's variables, as `gyro.x` and `gyro.y`; for others one of all."""
     names = [name for name in record.columns if name not in _STAMPS]
     if device == VEHICLE_LOG:
@@ -81,7 +81,7 @@ def _groups(device: str, record: DeviceRecord) -> Iterator[Signal]:
     else:
         groups = [(names[0] if len(names) == 1 else device, tuple(names))] if names else []
     for group, members in groups:
-        yield Signal(
+        yield Trace(
             device=device,
             title=_TITLES.get(group, group),
             unit=_UNITS.get(group, ""),

@@ -29,7 +29,7 @@ class Line(NamedTuple):
     label: str
 
 
-class Lines(NamedTuple):
+class RotorLines(NamedTuple):
     """Amplitudes (m,) of the force in N at frequencies (m,), all axes together, and the rotors' lines in them."""
 
     frequency_hz: Array
@@ -37,7 +37,7 @@ class Lines(NamedTuple):
     rotors: tuple[Line, ...]
 
 
-def spectrum_of(time_s: Array, force_n: Array) -> Lines | None:
+def spectrum_of(time_s: Array, force_n: Array) -> RotorLines | None:
     """Return the spectrum of samples (n,), (n, 3) and the rotors' lines; None where they are too few or uneven.
 
     Rotors are looked for one after the other: the most evident one's lines are taken away before the next.
@@ -50,7 +50,7 @@ def spectrum_of(time_s: Array, force_n: Array) -> Lines | None:
     seen = spectrum(signal=force_n, interval_s=interval_s, length_s=LENGTH_S)
     shown = seen.frequency_hz <= HIGHEST_HZ
     height = np.sqrt(np.sum(seen.amplitude**2, axis=1))
-    return Lines(seen.frequency_hz[shown], height[shown], tuple(_rotor_lines(seen, height)))
+    return RotorLines(seen.frequency_hz[shown], height[shown], tuple(_rotor_lines(seen, height)))
 
 
 def _rotor_lines(seen: Spectrum, height: Array) -> list[Line]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from cfid.errors import DataError
 from cfid.watch.live_run import LiveRun, newest_run
 from cfid.watch.signals import SCALE_MN
-from cfid.watch.spectrum import LENGTH_S, Lines, spectrum_of
+from cfid.watch.spectrum import LENGTH_S, RotorLines, spectrum_of
 
 _READ_S = 0.05  # of each picture's tenth of a second, while a long file is caught up with
 _LOOK_S = 1.0  # for a newer run
@@ -21,14 +21,14 @@ class Watched:
     """
 
     def __init__(self, *, folder: Path | None, runs_folder: Path | None) -> None:
-        """Begin with the named run. Raises DataError when that is none."""
+        """Begin with the named run. Raises DataError when it is not one."""
         self.run: LiveRun | None = None if folder is None else LiveRun(folder)
         self.revision = self.viewers = 0
-        self.lines: Lines | None = None
+        self.lines: RotorLines | None = None
         self._runs_folder = None if folder is not None else runs_folder
         self._next_look_s = self._next_spectrum_s = 0.0
         self._computer = ThreadPoolExecutor(1)  # a spectrum takes longer than a picture may
-        self._computing: Future[Lines | None] | None = None
+        self._computing: Future[RotorLines | None] | None = None
 
     def read(self) -> None:
         """Read what was added since the last call, for half a picture's time at most."""

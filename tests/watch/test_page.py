@@ -153,7 +153,7 @@ def test_no_other_page_stops_the_motors(show: Show) -> None:
     assert show.asked("GET", "/stop") == 405
     assert any(show.bench.motors), show.recorder.err
     page.wait_for(f"{FACTS}.includes('{len(asked)} from outside this page')")
-    assert page.value("document.getElementById('said').textContent") == ""
+    assert page.value("document.getElementById('answered').textContent") == ""
     page.close()
 
 
@@ -163,6 +163,8 @@ def test_the_button_stops_the_motors_of_a_recorder_that_hangs(show: Show) -> Non
     assert any(show.bench.motors), show.recorder.err
     page.click("#stop")
     wait_until(lambda: not any(show.bench.motors), "the motors' stop")
-    said = page.wait_for("(said => /confirmed|NOT/.test(said) && said)(document.getElementById('said').textContent)")
+    said = page.wait_for(
+        "(said => /confirmed|NOT/.test(said) && said)(document.getElementById('answered').textContent)"
+    )
     assert re.search(r"motors stopped, confirmed in \d+ ms", said)
     page.close()
