@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from cfid import __version__
 from cfid.drawing.style import styled
 from cfid.errors import ConfigError
-from cfid.records.files import write_whole
+from cfid.records.files import check_regular, write_whole
 
 PNG_DPI = 150
 
@@ -67,6 +67,7 @@ def _refuse_foreign(paths: list[Path]) -> None:
 
 
 def _made_by_cfid(path: Path) -> bool:
+    check_regular(path)
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     if head.startswith(_PNG_SIGNATURE):

@@ -22,9 +22,11 @@ def write_whole(path: Path, content: bytes) -> None:
 
     The temporary file is in the same folder, since a rename is atomic only within one file system. Its name cannot be
     foretold, so that nobody plants a link there. An existing file keeps its permissions, and a symbolic link stays a
-    link. Raises OSError.
+    link. Raises OSError, also for a pipe or a device, which a file would replace.
     """
     path = path.resolve()
+    with contextlib.suppress(FileNotFoundError):
+        check_regular(path)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
         with temporary.open("xb") as file:

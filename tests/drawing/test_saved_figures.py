@@ -1,5 +1,6 @@
 """Files that figures end in: whose they are, what they hold, and that equal figures make equal files."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -83,6 +84,13 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="file"):
         save_figure(_drawing(), tmp_path / "file" / "line")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
+def test_a_pipe_of_that_name_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "figure.png")
+    with pytest.raises(ConfigError, match="no figure can be written there: a pipe or a device"):
+        save_figure(_drawing(), tmp_path / "figure")
 
 
 def test_equal_figures_make_equal_files_whatever_the_users_settings(tmp_path: Path) -> None:

@@ -64,3 +64,12 @@ def test_a_file_that_was_replaced_keeps_its_permissions_and_leaves_nothing_besid
 
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
     assert [each.name for each in tmp_path.iterdir()] == ["parameters.toml"]
+
+
+def test_a_pipe_is_not_replaced_by_a_file_of_its_name(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+
+    with pytest.raises(OSError, match="a pipe or a device, where a file is expected"):
+        write_whole(tmp_path / "pipe", b"content")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]

@@ -1,5 +1,6 @@
 """A report replaces itself and nothing else."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -60,3 +61,14 @@ def test_a_name_that_is_no_utf_8_does_not_hinder_a_report(tmp_path: Path) -> Non
     write_report(tmp_path / "a.md", TEXT + "campaign \udcff\n")
 
     assert (tmp_path / "a.md").read_text().endswith("campaign ?\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
+@pytest.mark.parametrize("force", [False, True])
+def test_a_pipe_of_that_name_is_neither_waited_for_nor_replaced(tmp_path: Path, *, force: bool) -> None:
+    path = tmp_path / "report.md"
+    os.mkfifo(path)
+
+    with pytest.raises(ConfigError, match="no report can be written there: a pipe or a device"):
+        write_report(path, TEXT, force=force)
+    assert path.is_fifo()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cfid import __version__
 from cfid.errors import ConfigError
-from cfid.records.files import write_whole
+from cfid.records.files import check_regular, write_whole
 
 _ZEROS = "0" * 64
 MARK = f"cfid {__version__} report {_ZEROS}"  # what a renderer writes, once
@@ -25,11 +25,13 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     """
     content = _sealed(text.encode("utf-8", "replace"))
     try:
-        if path.exists() and not force and not _is_ours(path.read_bytes()):
-            raise ConfigError(
-                f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or `out` "
-                "to write elsewhere."
-            )
+        if path.exists() and not force:
+            check_regular(path)
+            if not _is_ours(path.read_bytes()):
+                raise ConfigError(
+                    f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
+                    "`out` to write elsewhere."
+                )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
     except OSError as error:
