@@ -46,7 +46,7 @@ def test_a_note_overrides_what_rig_toml_stated(cfid: Cfid, tmp_path: Path) -> No
         "temperature_c": {"22.5": 3},
         "gust": {"a door opened": 1},
     }
-    assert "battery: B5 (1 run), B3 (2 runs)" in cfid("fleet", tmp_path, tmp_path).stdout
+    assert "battery: B5 (1 run), B3 (2 runs)" in cfid("fleet", tmp_path, tmp_path, "--details").stdout
 
 
 def test_the_report_shows_the_lab_book_as_text(cfid: Cfid, tmp_path: Path) -> None:
