@@ -3,7 +3,9 @@
 import asyncio
 import base64
 import json
+import os
 import re
+import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +28,7 @@ class Browser:
             "nice", "-n", str(behind), BROWSER or "", "--headless", "--no-sandbox", "--disable-gpu",
             "--hide-scrollbars", "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank",
         ]  # fmt: skip
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
         self.loop = asyncio.new_event_loop()
         self.address = self._listening()
 
@@ -44,7 +46,7 @@ class Browser:
         return page
 
     def close(self) -> None:
-        self.process.terminate()
+        os.killpg(self.process.pid, signal.SIGKILL)  # with the processes of its tabs, which outlive a plain end
         self.process.wait(_LONGEST_S)
         assert self.process.stderr is not None
         self.process.stderr.close()
