@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from types import FrameType
@@ -32,14 +33,30 @@ class Loop(SelectReactor):
     at 1 kHz. Twisted's own clock is the wall clock: a step of it would stop every timer, or fire them all.
     """
 
+    def __init__(self) -> None:
+        """Make a loop that does not run yet."""
+        self._using_waker = threading.RLock()  # a signal's handler may come while its own thread closes
+        super().__init__()
+
     def seconds(self) -> float:
         """Return the time on the monotonic clock."""
         return time.monotonic()
 
+    def wakeUp(self) -> None:  # noqa: N802 - Twisted's name
+        """Wake the loop from any thread; one that comes after the end does nothing.
+
+        Without the lock, a late thread could write to a pipe that has just been closed, whose number may be that of
+        a run's file by then.
+        """
+        with self._using_waker:
+            if self.waker is not None:
+                self.waker.wakeUp()
+
     def close(self) -> None:
         """Give back the pipe that wakes the loop; it cannot run again."""
-        waker, self.waker = self.waker, None  # a thread that is late finds none, and no closed one
-        waker.connectionLost(None)
+        with self._using_waker:
+            waker, self.waker = self.waker, None
+            waker.connectionLost(None)
 
 
 class Ending:

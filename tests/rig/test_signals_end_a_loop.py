@@ -312,3 +312,35 @@ say(run_until_done(asked_before))
         "True",
         "SIGINT",
     ]
+
+
+def test_a_thread_that_is_late_neither_fails_nor_writes_to_a_file_that_was_opened_since() -> None:
+    process = start(
+        """
+import os, tempfile, threading
+say("ready")
+over = False
+
+async def main(loop, ending):
+    def keep_waking():
+        while not over:
+            loop.callFromThread(int)
+    threads.append(threading.Thread(target=keep_waking))
+    threads[-1].start()
+    await ending.within(0.01)
+
+threads = []
+sys.setswitchinterval(1e-5)
+for _ in range(30):
+    over = False
+    run_until_done(main)
+    opened = [tempfile.TemporaryFile() for _ in range(8)]  # these get the numbers of the loop's closed pipe
+    time.sleep(0.01)
+    over = True
+    threads[-1].join()
+    say(sum(os.fstat(file.fileno()).st_size for file in opened))
+    for file in opened:
+        file.close()
+"""
+    )
+    assert said(process) == ["0"] * 30
