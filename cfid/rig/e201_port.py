@@ -32,13 +32,13 @@ _BAUD = 115200  # of no meaning on USB
 
 
 class FoundPort(NamedTuple):
-    """An encoder interface: its port, version, serial number, word width, a position, and whether that is stamped."""
+    """An encoder interface: its port, version, serial number, word width, positions, and whether those have stamps."""
 
     port: str
     version: str
     serial_number: str
     word_bits: int
-    position: int
+    positions: tuple[int, ...]
     stamped: bool
 
 
@@ -111,8 +111,10 @@ def _ask(port: str, *, counts_per_turn: float | str, configure: bool, end_s: flo
         interview = _Interview(port, line, end_s=end_s)
         version = interview.introduced()
         width = interview.width(word_bits(counts_per_turn) if configure else None)
-        command, reading = interview.position(width or e201.WIDEST_WORD)
-        reply_s = min(interview.reply_s(command) for _ in range(_TRIES))
+        bits = width or e201.WIDEST_WORD
+        command, reading = interview.position(bits)
+        timed = [interview.timed(command) for _ in range(_TRIES)]
+        reply_s = min(seconds for seconds, _ in timed)
         if reply_s > SLOWEST_REPLY_S:
             raise DeviceError(
                 f"{port}: replies after {1e3 * reply_s:.0f} ms (limit {1e3 * SLOWEST_REPLY_S:.0f} ms), too late to "
@@ -122,10 +124,14 @@ def _ask(port: str, *, counts_per_turn: float | str, configure: bool, end_s: flo
             port=port,
             version=_text(version),
             serial_number=_text(interview.ask(e201.SERIAL_NUMBER)),
-            word_bits=width or e201.WIDEST_WORD,
-            position=reading.position,
+            word_bits=bits,
+            positions=(reading.position, *(one.position for _, reply in timed for one in _readings(reply, bits))),
             stamped=reading.stamp_us is not None,
         )
+
+
+def _readings(reply: bytes, bits: int) -> list[e201.EncoderReading]:
+    return list(e201.PositionReader(word_bits=bits).feed(reply + b"\r"))
 
 
 @contextlib.contextmanager
@@ -172,20 +178,19 @@ class _Interview:
     def position(self, bits: int) -> tuple[bytes, e201.EncoderReading]:
         """Return a position, and the command that it answers: the one with stamps where the device has it."""
         for command in (e201.STAMPED_POSITION, e201.POSITION):
-            readings = e201.PositionReader(word_bits=bits).feed(self.ask(command) + b"\r")
-            if readings:
+            if readings := _readings(self.ask(command), bits):
                 return command, readings[0]
         raise DeviceError(
             f"{self._port}: an E201, but it reports no position: is the encoder plugged into it, and powered?"
         )
 
-    def reply_s(self, command: bytes) -> float:
-        """Return how long the reply to one poll takes."""
+    def timed(self, command: bytes) -> tuple[float, bytes]:
+        """Return how long the reply to one poll takes, and the reply."""
         self._drain()
         begin_s = time.monotonic()
         self._line.write(command)
-        self._reply()
-        return time.monotonic() - begin_s
+        reply = self._reply()
+        return time.monotonic() - begin_s, reply
 
     def ask(self, question: bytes) -> bytes:
         """Return the reply to a question, without its end; anything received before is dropped."""
