@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -18,11 +17,8 @@ def test_ctrl_c_ends_the_demo_with_130_and_says_no_traceback(tmp_path: Path) -> 
         deadline = time.monotonic() + 30
         while not (tmp_path / "demo" / "rig.toml").exists() and time.monotonic() < deadline:
             time.sleep(0.05)
-        for _ in range(3):  # a library that is just being imported may swallow one
-            running.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                running.wait(20)
-                break
+        running.send_signal(signal.SIGINT)
+        running.wait(60)
         assert running.stderr is not None
         message = running.stderr.read()
 
