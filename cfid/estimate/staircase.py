@@ -10,18 +10,17 @@ import numpy.typing as npt
 
 from cfid.errors import DataError, FitError
 from cfid.estimate.blocks import block_means
+from cfid.estimate.onsets import Onset, onsets
 from cfid.estimate.signals import SMOOTHED_S, Slow, quiet_mean
 from cfid.estimate.windows import (
     LAGS,
     Interval,
-    Onset,
     StandSignals,
     Stretch,
     Words,
     changes_seen,
     commanded_intervals,
     level,
-    onsets,
     prepared,
     steady_stretch,
 )

@@ -1,7 +1,7 @@
-"""From a thrust over time to the stretches where it is steady: intervals, onsets, windows. Averages nothing.
+"""From a thrust over time to the stretches where it is steady: intervals and windows. Averages nothing.
 
 An interval begins with a command, or where the thrust is seen to change. Thrust follows it after a delay, with a
-lag: the onset is fitted. Five lags after that it counts as steady if it also looks so.
+lag: the onset (`onsets`). Five lags after that it counts as steady if it also looks so.
 """
 
 import math
@@ -26,19 +26,15 @@ Words = npt.NDArray[np.uint32]
 Four = tuple[int, int, int, int]
 
 LAGS = 5  # after which 0.7 % of a step is left
+CHANGE_SEEN_S = 0.25  # the length of the means between which a change is seen
 
 _FEWEST, _SHORTEST_S = 64, 1.0
 _THINNED_HZ, _SCREENED_S = 1000.0, 0.2  # the latter for spikes, at once
 _FAMILIES: tuple[Family, ...] = ("netft", "axia")
-_WIDTH_S = 0.25  # a change is seen between means this long
 _SURE = 6.0  # deviations of the noise
 _OF_RANGE, _OF_LEVEL = 0.004, 0.02  # a change is larger than these parts of the record's range and of its level
 _PAUSE_OF_RANGE, _BACK, _BACK_TO = 0.015, 0.1, 0.5
 _OWN_PEAK = 0.3  # of its height a change rises above its neighbours: else it is a part of theirs
-_EARLY_S, _LATE_S = 0.1, 0.6  # an onset around a stamped command
-_STEP_S, _LEAST_LAG_S = 0.04, 0.01
-_EXPLAINED, _FEWEST_SEEN = 0.9, 10
-_LOOK_S, _USUAL_LAG_S = 2.0, 0.1
 _FEWEST_BLOCKS, _MOST_BLOCKS = 3, 24
 
 
@@ -66,14 +62,6 @@ class Interval(NamedTuple):
     end_s: float
     pause: bool
     commands: Four | None = None
-
-
-class Onset(NamedTuple):
-    """When thrust began to follow a change, the time constant with which it did, and the variance that explains."""
-
-    time_s: float
-    lag_s: float
-    explained: float
 
 
 class Stretch(NamedTuple):
@@ -174,7 +162,7 @@ def changes_seen(slow: Slow) -> list[Interval]:
     standing out from its neighbours, so that no ramp is one.
     """
     step_s = (slow.time_s[-1] - slow.time_s[0]) / (len(slow.time_s) - 1)
-    width, gap = max(round(_WIDTH_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
+    width, gap = max(round(CHANGE_SEEN_S / step_s), 2), math.ceil(SMOOTHED_S / step_s / 2)
     steps = median_filter(slow.value, size=4 * gap + 1, mode="nearest")  # what is left where a spike was is none
     total = np.concatenate([[0.0], np.cumsum(steps)])
     mean = (total[width:] - total[:-width]) / width
@@ -217,65 +205,6 @@ def _noise(slow: Slow, width: int, apart: int) -> float:
     """
     bend = float(np.median(np.abs(np.diff(slow.value[::apart], n=2))))
     return 1.4826 * bend / math.sqrt(6) * math.sqrt(2 * max(apart * 2 / 3, 1) / width)
-
-
-def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s: float | None = None) -> list[Onset]:
-    """Return the onset of each interval but the first, which has none; a given lag is that of all.
-
-    Thrust above `baseline` is the square of a speed of first order. Where no onset explains what is seen (a step in the
-    noise, or one that is shorter than its onset), the others' median lag stands for its own, and after a command
-    their median delay.
-    """
-    levels = [0.0 if each.pause else level(slow, each.begin_s, each.end_s) - baseline for each in intervals]
-    steps = list(zip(intervals[:-1], intervals[1:], map(_share, levels[:-1], levels[1:]), strict=True))
-    found = [_onset(slow, *step, lag_s=lag_s) for step in steps]
-    pairs = list(zip(intervals[1:], found, strict=True))
-    sure = [(onset.time_s - each.begin_s, onset.lag_s) for each, onset in pairs if onset.explained > _EXPLAINED]
-    delay_s, usual_s = np.median(sure, axis=0).tolist() if sure else (0.0, lag_s or _USUAL_LAG_S)
-    for i, (interval, onset) in enumerate(pairs):
-        if onset.explained <= _EXPLAINED and interval.commands is None:
-            found[i] = _onset(slow, *steps[i], lag_s=usual_s)
-        elif onset.explained <= _EXPLAINED:
-            found[i] = Onset(interval.begin_s + delay_s, usual_s, onset.explained)
-    return found
-
-
-def _share(before: float, after: float) -> float:
-    """Return the first of two speeds as a part of their sum, from the thrusts."""
-    first, second = math.sqrt(abs(before)), math.sqrt(abs(after))
-    return first / (first + second) if first + second > 0 else 0.5
-
-
-def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, lag_s: float | None) -> Onset:
-    """Fit onset and lag of a step by search, ever finer and nearer to it."""
-    seen_change = interval.commands is None  # in the midst of its rise, and the next as well
-    early_s, late_s = (_LATE_S, _EARLY_S) if seen_change else (_EARLY_S, _LATE_S)
-    begin_s, length_s = interval.begin_s, interval.end_s - interval.begin_s
-    from_s = max(begin_s - early_s, (before.begin_s + before.end_s) / 2)
-    to_s = begin_s + min(_LOOK_S, max(length_s - seen_change * _WIDTH_S, length_s / 2))
-    times = np.arange(from_s, begin_s + min(late_s, length_s / 2), _STEP_S)
-    lags = np.geomspace(_LEAST_LAG_S, max(length_s / 2, 2 * _LEAST_LAG_S), 8) if lag_s is None else np.array([lag_s])
-    best = Onset(begin_s, lag_s or _USUAL_LAG_S, 0.0)
-    for finer in (None, 1.0, 1.0, 0.3, 0.1):
-        if finer is not None:
-            near = finer * np.linspace(-1, 1, 5)
-            times, lags = best.time_s + _STEP_S * near, best.lag_s * 1.8**near if lag_s is None else lags
-        seen = slow.between(times[0] - 2 * _EARLY_S, to_s)
-        if len(seen.value) < _FEWEST_SEEN or np.ptp(seen.value) == 0:
-            return best
-        best = _search(seen, times, lags, share)
-    return best
-
-
-def _search(seen: Slow, times: Array, lags: Array, share: float) -> Onset:
-    """Return the onset, of those with the given times and lags, that explains most of the variance seen."""
-    time_s, value = seen.time_s[::2], seen.value[::2] - seen.value[::2].mean()
-    gone = 1 - np.exp(-np.maximum(time_s - times[:, np.newaxis], 0)[:, np.newaxis] / lags[:, np.newaxis])
-    response = 2 * share * gone + (1 - 2 * share) * gone**2
-    response -= response.mean(axis=-1, keepdims=True)
-    explained = (response @ value) ** 2 / np.maximum(np.einsum("tln,tln->tl", response, response), 1e-300)
-    at, lag = np.unravel_index(np.argmax(explained), explained.shape)
-    return Onset(float(times[at]), float(lags[lag]), float(explained[at, lag] / max(value @ value, 1e-300)))
 
 
 def steady_stretch(

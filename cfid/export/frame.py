@@ -5,7 +5,7 @@ Body axes are signed axes of each other, so turning exchanges entries and signs,
 
 from collections.abc import Sequence
 
-from cfid.records.rig_file import BodyAxis, BodyFrame
+from cfid.records.mounts import BodyAxis, BodyFrame
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]

@@ -9,9 +9,10 @@ from cfid.errors import ConfigError
 from cfid.quantities.lookup import registered, unit_of
 from cfid.quantities.platforms import Platform
 from cfid.records.campaign import RUNS_FOLDER
+from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.parameters import Source as File
-from cfid.records.rig_file import BodyFrame, Rig, thesis_rig
+from cfid.records.rig_file import Rig, thesis_rig
 from cfid.units import FULL_COMMAND, MM, NEAR_FULL
 
 Stale = Callable[[Section], Sequence[str]]

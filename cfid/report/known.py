@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from cfid.records.mounts import BodyFrame
 from cfid.records.parameters import Parameter, Section
-from cfid.records.rig_file import BodyFrame, Rig
+from cfid.records.rig_file import Rig
 
 
 class FoundParameter(NamedTuple):

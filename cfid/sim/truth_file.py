@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, mo
 from cfid.errors import ConfigError
 from cfid.records.facts import Number, Positive, Spread
 from cfid.records.files import first_fault, read_toml
-from cfid.records.rig_file import Rig, Vector
+from cfid.records.mounts import Vector
+from cfid.records.rig_file import Rig
 from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie_truth import CrazyflieTruth, Platform
 from cfid.sim.imu import ImuTruth

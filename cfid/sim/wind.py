@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from cfid.records.facts import Number, Spread
-from cfid.records.rig_file import Vector
+from cfid.records.mounts import Vector
 from cfid.sim.stepping import Array
 
 

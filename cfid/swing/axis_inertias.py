@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.propagation import Input
-from cfid.records.rig_file import Cuboid, Fixture, Mount, TestBody, Vector
+from cfid.records.mounts import Mount, Vector
+from cfid.records.rig_file import Cuboid, Fixture, TestBody
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]

@@ -5,18 +5,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from cfid.errors import FitError
-from cfid.estimate.propagation import contributions
-from cfid.findings import Finding, note, rejection, warning
+from cfid.findings import Finding, rejection, warning
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import implausible_inputs, implausible_quantities, taken_as_exact
+from cfid.records.plausibility import implausible_quantities, taken_as_exact
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig, thesis_rig
 from cfid.records.tables.angle import AngleRecord, Recording, angle_record, labelled
-from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.collocation import NO_THREADS, Coefficients
 from cfid.swing.data import (
     body_of_swing,
@@ -31,22 +26,13 @@ from cfid.swing.data import (
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.free_swing import SMALLEST_PEAK_RAD, FreeSwing
-from cfid.swing.plausibility import given_numbers, moment_fault
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
+from cfid.swing.values import INERTIA, InertiaAbout, findings_about, inertia_about
 
 Method = Literal["default", "thesis"]
 
-_FREQUENCY, _INERTIA = "swing.natural_frequency_squared_s2", "swing.axis_inertia_kg_m2"
+_FREQUENCY = "swing.natural_frequency_squared_s2"
 _OTHER_BODY = {"testbody": "testbody", "fixture": "fixture"}  # the vehicle has no name here
-_DAMPING = {
-    "swing.viscous_nms_per_rad": "viscous_per_s",
-    "swing.coulomb_nm": "coulomb_per_s2",
-    "swing.quadratic_nms2_per_rad2": "quadratic_per_rad",
-}
-_STIFFNESS = (
-    "one swing does not distinguish a stiff cable or bearing from gravity: 1 % of it makes the inertia 1 % too low. "
-    "Swing about the same axis at a second distance."
-)
 _THESIS_BIAS = (
     "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; its standard "
     "uncertainty counts noise alone."
@@ -93,25 +79,27 @@ def fit(
     window = {"smallest_peak_rad": smallest_peak_rad, "from_s": from_s, "to_s": to_s}
     swing = swing_in(record, threads, peaks=peaks_on(axis, peaks), **window)
     found = _by_thesis(record, swing) if method == "thesis" else _by_default(record, swing)
-    inertia = None if body is None or swung is None else _inertia(found, swung, body[1], around)
+    inertia = (
+        None if body is None or swung is None else inertia_about(found.coefficients, found.std, swung, body[1], around)
+    )
     quantities = _quantities(swing, found, inertia)
     return Result(
         command="fit swing",
         section=" ".join(filter(None, ("swing", _OTHER_BODY.get(record.label.body or ""), axis or record.name))),
         method=method,
         quantities=quantities,
-        wanted=(_FREQUENCY, _INERTIA),
+        wanted=(_FREQUENCY, INERTIA),
         merits=found.merits,
         findings=(
             *record.findings,
             *found.findings,
-            *(replace(finding, where=(mount,), quantities=(_INERTIA,)) for mount, finding in directions),
+            *(replace(finding, where=(mount,), quantities=(INERTIA,)) for mount, finding in directions),
             *implausible_quantities(quantities, rig),
-            *(() if body is None or inertia is None else _body_findings(body[0], inertia, rig)),
+            *(() if body is None or inertia is None else findings_about(body[0], inertia, rig)),
             *(() if distance_m is None else _exact(mass=mass_std_kg, distance=distance_std_m)),
         ),
         sources=(record.source,),
-        lines=(_window_line(swing), *found.lines, *(() if inertia is None else (Dependent(inertia.budget, _INERTIA),))),
+        lines=(_window_line(swing), *found.lines, *(() if inertia is None else (Dependent(inertia.budget, INERTIA),))),
         drawings=found.drawings,
         folder=record.path.parent,
     )
@@ -234,7 +222,7 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
         },
         findings=(
             *swing.findings,
-            warning("swing-thesis-bias", _THESIS_BIAS, _FREQUENCY, _INERTIA),
+            warning("swing-thesis-bias", _THESIS_BIAS, _FREQUENCY, INERTIA),
             *rejections_of(swing),
         ),
         lines=(f"damped cosine: residual {1e3 * rms:.3g} mrad rms", Dependent(nonlinear, _FREQUENCY)),
@@ -242,19 +230,7 @@ def _by_thesis(record: AngleRecord, swing: FreeSwing) -> _SwingEstimate:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Inertia:
-    """The inertia about the mounting axis and about the parallel one through the centre of mass, and their distance."""
-
-    about_axis_kg_m2: float
-    about_centre_kg_m2: float
-    about_centre_std: float
-    distance_m: float
-    budget: str
-    quantities: Mapping[str, Parameter]
-
-
-def _quantities(swing: FreeSwing, found: _SwingEstimate, inertia: _Inertia | None) -> dict[str, Parameter]:
+def _quantities(swing: FreeSwing, found: _SwingEstimate, inertia: InertiaAbout | None) -> dict[str, Parameter]:
     values, std = found.coefficients, found.std
     return {
         _FREQUENCY: Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2),
@@ -266,50 +242,9 @@ def _quantities(swing: FreeSwing, found: _SwingEstimate, inertia: _Inertia | Non
     }
 
 
-def _inertia(found: _SwingEstimate, body: SwungBody, mount: str, around: Surroundings) -> _Inertia:
-    values, std = found.coefficients, found.std
-    measured = MountedSwing(axis=mount, value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
-    axis_inertias = AxisInertias([measured], body, around)
-
-    def both(inputs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        one = axis_inertias.evaluate(inputs)
-        return np.concatenate([one.about_axis_kg_m2, one.about_centre_kg_m2])
-
-    inertia, about_centre = map(float, both(axis_inertias.values))
-    parts = contributions(both, axis_inertias.inputs)
-    inertia_std, centre_std = map(float, np.linalg.norm(parts, axis=1))
-    groups = [given.group for given in axis_inertias.inputs]
-    shares = {group: np.linalg.norm(parts[0][[one == group for one in groups]]) for group in dict.fromkeys(groups)}
-    quantities = {_INERTIA: Parameter(value=inertia, std=inertia_std or None)}
-    for key, name in _DAMPING.items():
-        ratio, ratio_std = getattr(values, name), getattr(std, name)
-        torque_std = math.hypot(ratio_std * inertia, ratio * inertia_std)
-        quantities[key] = Parameter(value=ratio * inertia, std=torque_std or None)
-    return _Inertia(
-        about_axis_kg_m2=inertia,
-        about_centre_kg_m2=about_centre,
-        about_centre_std=centre_std,
-        distance_m=float(axis_inertias.evaluate(axis_inertias.values).distance_m[0]),
-        budget="standard uncertainty of the inertia: "
-        + ", ".join(f"{group} {100 * abs(share / inertia):.2g} %" for group, share in shares.items() if share),
-        quantities=quantities,
-    )
-
-
-def _body_findings(body: SwungBody, inertia: _Inertia, rig: Rig | None) -> tuple[Finding, ...]:
-    resting = tuple(inertia.quantities)
-    return (
-        *implausible_inputs(given_numbers(body, filter(None, [inertia.distance_m])), rig, *resting),
-        *moment_fault(
-            "this swing", inertia.about_axis_kg_m2, inertia.about_centre_kg_m2, inertia.about_centre_std, *resting
-        ),
-        *([note("swing-stiffness-unseen", _STIFFNESS, _INERTIA)] if inertia.distance_m else []),
-    )
-
-
 def _exact(**stds: float | None) -> list[Finding]:
     """Return notes on numbers that were given without a standard uncertainty."""
-    return [taken_as_exact(name, _INERTIA) for name, std in stds.items() if std is None]
+    return [taken_as_exact(name, INERTIA) for name, std in stds.items() if std is None]
 
 
 def _window(swing: FreeSwing) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from pydantic import BaseModel
 from cfid.errors import CfidError
 from cfid.quantities.table import QUANTITIES
 from cfid.records.line_devices import LineDevice
-from cfid.records.rig_file import Mount, Rig
+from cfid.records.mounts import Mount
+from cfid.records.rig_file import Rig
 from tests.places import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"

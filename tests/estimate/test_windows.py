@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.errors import DataError
+from cfid.estimate.onsets import onsets
 from cfid.estimate.signals import Slow
-from cfid.estimate.windows import Stretch, changes_seen, commanded_intervals, level, onsets, prepared, steady_stretch
+from cfid.estimate.windows import Stretch, changes_seen, commanded_intervals, level, prepared, steady_stretch
 
 Array = npt.NDArray[np.float64]
 
