@@ -119,7 +119,7 @@ def record_swings(
     names = tuple(mounts)
     releases = [draw_release(rng, angle_deg=angle_deg) for _ in names]
     pendulums = [pendulum(truth, name) for name in names]
-    motion = swing(pendulums, releases, duration_s=duration_s, step_s=1e-3, store_every=1)
+    motion = swing(pendulums, releases, duration_s=duration_s, step_s=2e-3, store_every=1)
     return {
         name: record(
             motion.time_s,

@@ -127,33 +127,56 @@ class SimulatedRotors:
         lag is solved exactly for that.
         """
         begin_s = time_s[0] if self._last_s is None else self._last_s
+        return self.play(time_s, np.atleast_1d(begin_s), command[np.newaxis], volts=volts)
+
+    def play(self, time_s: Array, begin_s: Array, commands: Array, *, volts: float | None = None) -> Array:
+        """Return the wrench (n, 6) of commands (m, 4), each of which holds from its beginning (m,) to the next one's.
+
+        The first begins at the last time before, and none after the last time.
+        """
         self._last_s = float(time_s[-1])
-        steady = self._truth.steady_rad_per_s(command, volts=self._truth.nominal_v if volts is None else volts)
+        steady = self._truth.steady_rad_per_s(commands, volts=self._truth.nominal_v if volts is None else volts)
         if not steady.any() and self._speed.max() < _STANDSTILL_RAD_PER_S:
             self._speed[:] = 0
             return np.zeros((len(time_s), 6))
-        elapsed_s = (time_s - begin_s)[:, np.newaxis]
-        ahead = self._speed - steady
-        lag_s = self._truth.lag_s(ahead)
+        bounds_s = np.append(begin_s, self._last_s)
+        turned = None if self._wander is None else self._wander.integral(bounds_s)
+        holds = [
+            self._hold(
+                commands[i], steady[i], bounds_s[i], bounds_s[i + 1], None if turned is None else turned[i : i + 2]
+            )
+            for i in range(len(begin_s))
+        ]
+        hold = np.searchsorted(begin_s, time_s, side="right") - 1
+        ahead, lag_s, angle, factor = (np.array(values)[hold] for values in zip(*holds, strict=True))
+        elapsed_s = (time_s - begin_s[hold])[:, np.newaxis]
         lag = np.exp(-elapsed_s / lag_s)
-        speed = steady + ahead * lag
-        angle = self._angle + steady * elapsed_s + ahead * lag_s * (1 - lag)
-        self._speed = speed[-1]
-        if self._wander is not None:
-            wandered = self._wander.integral(np.append(begin_s, time_s))
-            angle = angle + steady * (wandered[1:] - wandered[0])
+        speed = steady[hold] + ahead * lag
+        angle = angle + steady[hold] * elapsed_s + ahead * lag_s * (1 - lag)
+        if self._wander is not None and turned is not None:
+            angle = angle + steady[hold] * (self._wander.integral(time_s) - turned[hold])
             speed = speed * (1 + self._wander.at(time_s))
-        self._angle = angle[-1] % (2 * math.pi)
-        self._scatter(command, begin_s)
-        thrust = self._factor * self._truth.thrust_ns2_per_rad2 * speed**2
+        thrust = factor * self._truth.thrust_ns2_per_rad2 * speed**2
         cos, sin = np.cos(angle), np.sin(angle)
         waves = (thrust, thrust * cos, thrust * sin, thrust * (cos**2 - sin**2), thrust * (2 * sin * cos))
         return np.asarray(np.hstack(waves) @ self._mixer + speed.sum(axis=1, keepdims=True) * self._drag)
 
+    def _hold(
+        self, command: Array, steady: Array, begin_s: float, end_s: float, turned: Array | None
+    ) -> tuple[Array, Array | float, Array, Array]:
+        """Hold a command; return how far ahead of it the rotors began, their lags, angles and thrust factors."""
+        self._scatter(command, begin_s)
+        ahead, angle = self._speed - steady, self._angle
+        lag_s, held_s = self._truth.lag_s(ahead), end_s - begin_s
+        lag = np.exp(-held_s / lag_s)
+        self._speed = steady + ahead * lag
+        wandered = 0.0 if turned is None else steady * (turned[1] - turned[0])
+        self._angle = (angle + steady * held_s + ahead * lag_s * (1 - lag) + wandered) % (2 * math.pi)
+        return ahead, np.broadcast_to(lag_s, 4), angle, self._factor.copy()
+
     def _scatter(self, command: Array, begin_s: float) -> None:
         """Draw the thrust factor anew of rotors whose command changes after it was held."""
-        changed = command != self._command
-        if not (self._truth.thrust_scatter and self._rng is not None and changed.any()):
+        if not self._truth.thrust_scatter or self._rng is None or not (changed := command != self._command).any():
             return
         if begin_s - self._since_s > _HELD_S:
             self._factor[changed] = 1 + self._truth.thrust_scatter * self._rng.standard_normal(int(changed.sum()))

@@ -5,7 +5,7 @@ is quadratic in their speed.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -191,14 +191,6 @@ def _vibration(truth: LinearTruth, played: _Played, rng: np.random.Generator) ->
 def _of_rotors(truth: RotorTruth, played: _Played, rng: np.random.Generator) -> Array:
     """Return the wrench of four rotors, one of which follows the commands."""
     rotors = SimulatedRotors(truth, rng, yaw_deg=played.yaw_deg)
-    return np.vstack([rotors.advance(time_s, commands)[:-1] for time_s, commands in _holds(played)])
-
-
-def _holds(played: _Played) -> Iterator[tuple[Array, Array]]:
-    """Yield the load cell's times within each hold, ending with the hold's own end, and the four commands."""
-    time_s = played.since_s
-    ends_s = np.append(np.arange(len(played.commands) + 1) * played.sample_s, time_s[-1] + played.sample_s)
-    begin = 0
-    for end_s, cut, command in zip(ends_s, np.searchsorted(time_s, ends_s), [0, *played.commands, 0], strict=True):
-        yield np.append(time_s[begin:cut], end_s), command * np.eye(4)[played.motor - 1]
-        begin = cut
+    begin_s = np.append(min(played.since_s[0], 0.0), np.arange(len(played.commands) + 1) * played.sample_s)
+    commands = np.concatenate([[0.0], played.commands, [0.0]])[:, np.newaxis] * np.eye(4)[played.motor - 1]
+    return rotors.play(played.since_s, begin_s, commands)
