@@ -50,7 +50,7 @@ def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> No
 
     Raises FitError that names the command which failed.
     """
-    names, processes = _names(campaign), _Processes(campaign, figures=figures)
+    names, processes = runs_by_kind(campaign), _Processes(campaign, figures=figures)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         running = [(words, pool.submit(processes.run, words)) for words in (each.format(**names) for each in commands)]
         for words, output in running:
@@ -107,7 +107,7 @@ def _print_output(words: str, code: int, out: str, err: str) -> None:
         raise FitError(f"cfid {words} failed: {err.strip()}")
 
 
-def _names(campaign: Campaign) -> dict[str, list[str]]:
+def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
     """Return the names of the campaign's runs by kind, the first recorded first."""
     found: dict[str, list[str]] = {}
     for run in list_runs(campaign.runs_folder):
