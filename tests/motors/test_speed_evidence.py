@@ -84,7 +84,7 @@ def test_thrust_of_speed_survives_a_rejected_map_of_the_command(tmp_path: Path) 
 
 def test_a_column_of_newtons_in_grams_is_never_accepted(tmp_path: Path) -> None:
     rig, head = thesis_rig(), "cmd,thrust_n"
-    for seed in range(20):
+    for seed in range(50):
         thrust_g = noisy(1e3 * 2e-8 * SPEED**2 / 9.81, seed)
         found = judged(fit_thrust(table(tmp_path, head, COMMAND, thrust_g), gravity_mps2=9.81), rig)
         assert not found.accepted
