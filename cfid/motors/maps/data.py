@@ -17,13 +17,16 @@ from cfid.motors.maps.warm_up import warm_up
 from cfid.motors.points import MotorPoints, per_motor, rotor_speed_rad_s
 from cfid.motors.stand_points import points_of, reduce_speeds
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
+from cfid.records.parameters import Source
 from cfid.records.run import Run, refuse_contradiction
 from cfid.records.tables.vehicle import (
     READINGS,
+    TACHOMETER,
     VEHICLE_LOG,
     holds,
     read_commands,
     read_rows,
+    shown_at_commands,
     told_speeds_rad_s,
 )
 from cfid.records.tables.wrench import LOADCELL, WrenchReading, WrenchRecord, read_wrench
@@ -85,6 +88,8 @@ def of_run(run: Run, stand: Stand, reading: WrenchReading, *, rotors: Rotors | N
         return _of_staircase(read_wrench(run.folder, reading), stand, rotors)
     if holds(run, READINGS) and "rpm" in run.header.devices[READINGS].columns:
         return _of_readings(run, stand)
+    if holds(run, TACHOMETER):
+        return _of_tachometer(run, stand)
     if holds(run, VEHICLE_LOG):
         return _of_speeds(run)
     raise DataError(f"{run.folder}: a run of {run.header.kind}, in which no motor was measured.")
@@ -142,11 +147,22 @@ def _evidence(
 def _of_readings(run: Run, stand: Stand) -> Evidence:
     """Take the tachometer readings that the operator typed."""
     rows = read_rows(run, READINGS)
-    speed, findings = stand.divided(rotor_speed_rad_s(rows.columns["rpm"], markers=1), run.folder.name)
+    return _of_shown(run, stand, rows.source, rows.columns["command"], rows.columns["rpm"])
+
+
+def _of_tachometer(run: Run, stand: Stand) -> Evidence:
+    """Take what a tachometer sent at each command, not in the pauses: some keep showing the last speed."""
+    source, command, rpm = shown_at_commands(run, TACHOMETER, "rpm")
+    ran = command > 0
+    return _of_shown(run, stand, source, command[ran], rpm[ran])
+
+
+def _of_shown(run: Run, stand: Stand, source: Source, command: Array, rpm: Array) -> Evidence:
+    speed, findings = stand.divided(rotor_speed_rad_s(rpm, markers=1), run.folder.name)
     return Evidence(
-        points=MotorPoints(command=rows.columns["command"], speed_rad_s=speed),
+        points=MotorPoints(command=command, speed_rad_s=speed),
         findings=findings,
-        sources=(rows.source,),
+        sources=(source,),
         paths=(run.folder,),
         tachometers=(stand.facts,),
     )

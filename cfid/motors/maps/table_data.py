@@ -18,7 +18,7 @@ from cfid.records.facts import NONE_STATED, RigFacts
 from cfid.records.run import Run
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.records.tables.times import run_at
-from cfid.records.tables.vehicle import READINGS, holds, read_commands, read_rows
+from cfid.records.tables.vehicle import READINGS, SCALES, holds, read_rows, shown_at_commands
 from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
@@ -220,14 +220,7 @@ def _scales_of_run(run: Run) -> ScalesRecord:
         if "grams" not in rows.columns:
             raise DataError(f"{rows.source.path}: no column 'grams': this is no run of `cfid log scales`.")
         return ScalesRecord(rows.columns["command"], rows.columns["grams"], motors, run.header.rig)
-    if not holds(run, "scales"):
+    if not holds(run, SCALES):
         raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
-    shown, (log, commands) = read_rows(run, "scales"), read_commands(run)
-    ends_s = np.append(log.time_s[1:], shown.time_s[-1])
-    command, grams = [], []
-    for begin_s, end_s, step in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
-        inside = (shown.time_s > (begin_s + end_s) / 2) & (shown.time_s <= end_s)
-        if inside.any():
-            command.append(step)
-            grams.append(shown.columns["grams"][inside].mean())
-    return ScalesRecord(np.array(command), np.array(grams), motors, run.header.rig)
+    _, command, grams = shown_at_commands(run, SCALES, "grams")
+    return ScalesRecord(command, grams, motors, run.header.rig)

@@ -19,6 +19,7 @@ from cfid.records.tables.text import is_finite, short
 from cfid.units import MOTORS, RPM
 
 COMMANDS, READINGS, VEHICLE_LOG, SUPERVISOR = "commands", "readings", "crazyflie", "supervisor"
+TACHOMETER, SCALES = "tachometer", "scales"
 
 _WITHDRAWN = "withdrawn"
 _NO_VALUES = ("t", _WITHDRAWN)
@@ -75,6 +76,21 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
     if missing:
         raise DataError(f"{rows.source.path}: no column {', '.join(missing)}.")
     return rows, np.column_stack([rows.columns[name] for name in _MOTORS])
+
+
+def shown_at_commands(run: Run, device: str, column: str) -> tuple[Source, Array, Array]:
+    """Return commands (n,) of the motors that ran, and the mean (n,) of what an instrument showed at each.
+
+    Only the second half of each command counts: what shows numbers takes seconds to settle. Raises DataError.
+    """
+    shown, (log, commands) = read_rows(run, device), read_commands(run)
+    ends_s = np.append(log.time_s[1:], shown.time_s[-1])
+    found = []
+    for begin_s, end_s, command in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
+        inside = (shown.time_s > (begin_s + end_s) / 2) & (shown.time_s <= end_s)
+        if inside.any():
+            found.append((command, shown.columns[column][inside].mean()))
+    return shown.source, *np.reshape(found, (-1, 2)).T
 
 
 def told_speeds_rad_s(rows: Rows) -> dict[int, Array]:

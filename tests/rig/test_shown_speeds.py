@@ -1,0 +1,89 @@
+"""A tachometer and scales that send lines during a staircase: `fit speed` and `--verify` read what they sent."""
+
+import json
+import math
+import os
+import re
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from cfid.rig.motors import Four
+from tests.campaigns import in_this_process
+from tests.flying_in_a_folder import Bench, bench_in
+
+STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.2, "--rest", 0.3, "--yes", "--no-preflight")
+IDLE_RAD_PER_S, RAD_PER_S_PER_COMMAND = 381.0, 0.0408  # of the simulated rotors
+DEVICE = "\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\nvalues = [{{ name = '{value}' }}]\n"
+
+
+@contextmanager
+def showing(bench: Bench, name: str, value: str, shown: Callable[[Four], float]) -> Iterator[None]:
+    """A device at a pseudo terminal that sends twenty lines a second of what belongs to the motors' commands."""
+    host, device = os.openpty()
+    tty.setraw(host)
+    tty.setraw(device)
+    link, over = bench.folder / name, threading.Event()
+    link.symlink_to(os.ttyname(device))
+
+    def send() -> None:
+        while not over.wait(0.05):
+            with suppress(OSError):
+                os.write(host, f"{shown(bench.motors):.1f}\r\n".encode())
+
+    with (bench.folder / "rig.toml").open("a") as file:
+        file.write(DEVICE.format(name=name, port=link, value=value))
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        os.close(host)
+        os.close(device)
+
+
+def rpm(motors: Four) -> float:
+    """What a tachometer shows that counts both blades; it keeps showing the last speed while the rotor stands."""
+    speed = IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * (motors[0] or 50000)
+    return 2 * speed * 60 / math.tau
+
+
+def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_as_lines(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench, showing(bench, "tachometer", "rpm", rpm):
+        pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
+        assert pilot.end() == 0, pilot.err
+        fitted = in_this_process(["fit", "speed", str(bench.run().folder), "--json", "--no-figures"], tmp_path)
+
+    assert fitted.returncode == 0, fitted.stderr
+    slope, offset = json.loads(fitted.stdout)["parameters"]["motor.speed_poly"]["value"]
+    assert slope == pytest.approx(RAD_PER_S_PER_COMMAND, rel=1e-3)
+    assert offset == pytest.approx(IDLE_RAD_PER_S, rel=1e-3)
+
+
+def grams(motors: Four) -> float:
+    return 50 - 1e3 * sum(map(thrust_n, motors)) / 9.81
+
+
+def thrust_n(command: int) -> float:
+    return 1.8e-8 * (IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * command) ** 2 if command else 0.0
+
+
+def test_a_thrust_map_is_verified_by_what_scales_sent_as_lines(tmp_path: Path) -> None:
+    rows = [f"{command},{thrust_n(command):.6f}" for command in range(16000, 60000, 4000)]
+    (tmp_path / "forces.csv").write_text("\n".join(["cmd,thrust_n", "0,0", *rows]) + "\n")
+    with bench_in(tmp_path) as bench, showing(bench, "scales", "grams", grams):
+        pilot = bench.start("log", "scales", *STAIRCASE)
+        assert pilot.end() == 0, pilot.err
+        words = ["fit", "thrust", "forces.csv", "--verify", str(bench.run().folder), "--no-figures"]
+        fitted = in_this_process(words, tmp_path)
+
+    assert fitted.returncode == 0, fitted.stderr
+    (verified,) = re.findall(r"verification: (\d+) readings, .* at most ([0-9.]+) mN from the map", fitted.stdout)
+    assert int(verified[0]) == 9
+    assert float(verified[1]) < 1
