@@ -96,9 +96,9 @@ def _short(records: Sequence[PingRecord]) -> tuple[Finding, ...]:
     if not 0 < longest_s < _LONG_S:
         return ()
     text = (
-        f"pings within {longest_s:.0f} s do not show delays that drift over minutes: their mean is that of this time "
-        f"alone, and a least delay that drifts by 1 ms moves the skew by {1e3 / longest_s:.2g} ppm. Ping for ten "
-        "minutes."
+        f"pings within {longest_s:.0f} s do not show delays that drift over minutes, nor a channel that others fill "
+        "now and then: their mean is that of this time alone, and a least delay that drifts by 1 ms moves the skew by "
+        f"{1e3 / longest_s:.2g} ppm. Ping for ten minutes."
     )
     return (note("pings-of-a-short-time", text, "latency.rtt_mean_s", "latency.clock_*"),)
 
