@@ -20,7 +20,7 @@ def attached(package: str, places: Mapping[str, str]) -> tuple[Callable[[str], A
 def later(module: str, name: str) -> Callable[..., Any]:
     """Return a function of a module that is imported at the first call."""
 
-    def call(*arguments: Any) -> Any:
-        return getattr(import_module(module), name)(*arguments)
+    def call(*arguments: Any, **named: Any) -> Any:
+        return getattr(import_module(module), name)(*arguments, **named)
 
     return call

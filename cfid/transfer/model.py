@@ -12,10 +12,12 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
+from cfid.lazy import later
 from cfid.transfer.sines.alignment import held
 from cfid.transfer.sines.plan import SAMPLE_S
+
+_lfilter = later("scipy.signal", "lfilter")  # scipy.signal takes as long to import as a fit does
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -129,7 +131,7 @@ class DifferenceEquation:
     def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Array:
         """Return the force (n,) at times (n,) since sample 0, from rest; commands (N,) are followed by 0."""
         last = max(len(commands), math.ceil(float(time_s.max()) / sample_s)) + 1
-        force = lfilter(self.numerator, self.denominator, np.append(commands, np.zeros(last - len(commands))))
+        force = _lfilter(self.numerator, self.denominator, np.append(commands, np.zeros(last - len(commands))))
         return np.asarray(np.interp(time_s, sample_s * np.arange(-1, last), np.append(0.0, force)))
 
 

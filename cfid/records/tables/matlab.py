@@ -10,12 +10,14 @@ from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
-from scipy.io import loadmat
 
 from cfid.errors import ConfigError, DataError
+from cfid.lazy import later
 from cfid.records.extras import optional_library
 from cfid.records.files import check_regular
 from cfid.records.tables.text import is_number
+
+_loadmat = later("scipy.io", "loadmat")
 
 Tree = Any  # a dict of trees by field, a list of trees, an array, or a text
 
@@ -114,7 +116,7 @@ def _tree(path: Path) -> Tree:
     with path.open("rb") as file:
         begin = file.read(len(_BEGINS[0]))
     if begin == _BEGINS[0]:
-        content = loadmat(path, simplify_cells=True)
+        content = _loadmat(path, simplify_cells=True)
         return {name: value for name, value in content.items() if not name.startswith("__")}
     h5py = optional_library("h5py", extra="mat", what="a MATLAB file of version 7.3")
     with h5py.File(path, "r") as file:
