@@ -15,7 +15,7 @@ from cfid.drag.comparison import DragModels, Method, fit_each, fit_models
 from cfid.drag.data import read_runs
 from cfid.drag.estimation import DragFit, Uncertain
 from cfid.drag.experiments import DragExperiments
-from cfid.drag.figures import drag_figures  # matplotlib takes longer to load than a fit
+from cfid.drag.figures import drag_figures
 from cfid.drag.model import CROSS_MENDED
 from cfid.drag.thesis import Grouping, Normalised, group_rows, normalise
 from cfid.drag.wind.data import AS_THEY_ARE, WindReading

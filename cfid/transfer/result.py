@@ -17,7 +17,7 @@ from cfid.records.run import Run
 from cfid.transfer.comparison import Comparison, GainAndLag, Published, compared
 from cfid.transfer.estimation import TransferFit
 from cfid.transfer.figures import (
-    fit_figures,  # matplotlib takes longer to load than a fit
+    fit_figures,
     thesis_bode_figure,
 )
 from cfid.transfer.frequency_response import CUTOFF_HZ, SETTLE_S

@@ -13,7 +13,7 @@ from cfid.findings import Finding, warning
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
-from cfid.transfer.figures import verification_figure  # matplotlib takes longer to load than the comparison
+from cfid.transfer.figures import verification_figure
 from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.model import DifferenceEquation
 from cfid.transfer.sines.alignment import Sign, SineRun, SineSeries, align, with_end
