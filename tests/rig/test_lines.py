@@ -442,3 +442,20 @@ def test_a_simulated_rig_serves_both_and_commands_record_them(tmp_path: Path) ->
     of_angle, of_force = sorted((tmp_path / "runs").iterdir(), key=lambda folder: "loadcell" in folder.name)
     assert len(read_angle(of_angle, Reading()).time_s) > 200
     assert read_wrench(of_force, WrenchReading()).force_n[:, 2].mean() == pytest.approx(1.4, abs=0.1)
+
+
+def test_a_force_cell_that_sends_lines_gives_a_thrust_map(tmp_path: Path) -> None:
+    staircase = ("--from", 20000, "--to", 60000, "--step", 10000, "--hold", 2.5, "--rest", 1.5, "--yes")
+    with lab_in(tmp_path) as lab:
+        content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
+        (tmp_path / RIG_FILE).write_text(content + RIG)
+        with rig_sim(lab):
+            logged = lab.cfid("log", "thrust", *staircase)
+            fitted = lab.cfid("fit", "thrust", "*_thrust", "--json", "--no-figures")
+
+    assert logged.code == fitted.code == 0, logged.err + fitted.err
+    found = json.loads(fitted.out)["parameters"]
+    largest = found["motor.max_thrust_n"]
+    speed = 381 + 0.0408 * 65535  # of the simulated rotors
+    assert abs(largest["value"] - 1.8e-8 * speed**2) < 3 * largest["std"] < 0.01
+    assert "motor.torque_poly" not in found
