@@ -168,6 +168,41 @@ def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
     assert result.quantities["dynamics.map"].value[0]["over"] == "cmd / 65535 * V"
     assert result.quality["explained"]["rotor 1"] > 0.999
 
+    at_v = float(np.interp(time_s, time_s, volts).mean())
+    at = np.array([25000.0, 40000.0, 55000.0])
+    share = at / 65535 * at_v / 3.5
+    found = np.polyval(result.quantities["motor.speed_poly"].value, at)
+    np.testing.assert_allclose(found, 400 + 2600 * share - 500 * share**2, rtol=2e-3)
+    (about,) = (one.text for one in result.findings if one.code == "speed-map-voltage")
+    assert f"holds at {at_v:.2f} V" in about
+
+
+def test_the_speed_map_that_was_fitted_with_the_lag_is_the_mean_of_the_rotors_with_its_uncertainty(
+    four: RotorLog,
+) -> None:
+    result = fit(four)
+    poly, covariance = result.quantities["motor.speed_poly"], result.covariances[0]
+    at = np.array([[25000.0**2, 25000, 1], [55000.0**2, 55000, 1]])
+    known = np.array(covariance.matrix)[-3:, -3:]
+    std = np.sqrt(np.diag(at @ known @ at.T))
+    truth = np.polyval([-500, 2600, 400], at[:, 1] / 65535)
+
+    assert covariance.of[-1] == "motor.speed_poly"
+    np.testing.assert_allclose(np.sqrt(np.diag(known)), poly.std, rtol=1e-9)
+    assert np.all(np.abs(at @ poly.value - truth) < 3 * std)
+    assert np.all(std < 5)
+    (about,) = (one.text for one in result.findings if one.code == "speed-map-voltage")
+    assert "the log has no battery voltage" in about
+    assert "mean of rotors 1, 2, 3 for commands from 22" in about
+
+
+def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -> None:
+    time_s, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * (1 - command[0, 0]), NEXT * speed[0])))
+    assert result.accepted
+    assert "motor.speed_poly" in result.rejected
+    assert "motor.speed_poly" not in result.without_rejected().quantities
+
 
 @pytest.mark.slow
 def test_the_thrust_of_a_real_flight_lags_as_its_authors_found() -> None:

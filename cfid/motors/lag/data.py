@@ -63,6 +63,11 @@ class LogPart:
         """Return the segments in which all rotors run, with the acceleration, which is their thrust over the mass."""
         return [] if self.acceleration is None else list(self._segments(MOTORS, self.acceleration))
 
+    def driven_volts(self, motor: int) -> Array:
+        """Return the battery's volts (n,) at the commands that drive a motor, none where they are unknown."""
+        time_s, command = self.commands[motor]
+        return np.zeros(0) if self.volts is None else np.interp(time_s[command > 0], *self.volts)
+
     def _drive(self, motor: int) -> Array:
         """Return the command over the full one, times the battery's volts where these are known."""
         time_s, command = self.commands[motor]
