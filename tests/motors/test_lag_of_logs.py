@@ -197,7 +197,7 @@ def test_the_speed_map_that_was_fitted_with_the_lag_is_the_mean_of_the_rotors_wi
 
 
 def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -> None:
-    time_s, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * (1 - command[0, 0]), NEXT * speed[0])))
     assert result.accepted
     assert "motor.speed_poly" in result.rejected
