@@ -10,10 +10,11 @@ import pytest
 
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.lag import fit
-from cfid.motors.lag.data import RotorLog, rotor_log
+from cfid.motors.lag.data import RotorLog, of_stand, rotor_log
 from cfid.motors.lag.estimation import LagFit, LogSegment, fit_lag, joined
 from cfid.motors.lag.model import InputLag, Signal
 from cfid.records.result import Result
+from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
 from tests.motors.test_lag_coverage import DELAY_S, FALLING_S, RATE_HZ, RISING_S, flown
@@ -103,6 +104,17 @@ def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path,
     bare = read(logged(tmp_path, MOTORS[:1], np.full(500, 30000)))
     with pytest.raises(DataError, match="nothing follows the commands"):
         fit(bare)
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.13])
+def test_commands_that_were_recorded_too_slowly_are_named(tmp_path: Path, step_s: float) -> None:
+    table = tmp_path / "stand.csv"
+    rows = (f"{step_s * at:.3f},{20000 + 500 * (at % 7)},{9000 + 100 * (at % 7)}\n" for at in range(300))
+    table.write_text("t,cmd,rpm\n" + "".join(rows))
+    log = of_stand(read_stand_table(table))
+    assert log is not None
+    with pytest.raises(DataError, match=rf"recorded every {step_s:.2g} s, and not within 0.1 s"):
+        fit(log)
 
 
 def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
