@@ -4,7 +4,7 @@ import math
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from typing import IO, Any
 
@@ -38,6 +38,30 @@ def joined(blocks: Iterable[Array]) -> Array:
         if sum(each.nbytes for each in kept) >= _LEAST_BYTES:
             return _on_disk(chain(kept, rest))
     return kept[0] if len(kept) == 1 else np.concatenate(kept)
+
+
+def stored(value: Array) -> Array:
+    """Return an array, a large one from a temporary file, so that it takes no memory. Raises as `empty`."""
+    if value.nbytes < _LEAST_BYTES:
+        return value
+    found = empty(*value.shape)
+    found[...] = value
+    return found
+
+
+def side_by_side(columns: Sequence[Array]) -> Array:
+    """Return columns (n,) as one array (n, s). Raises as `empty`."""
+    if len(columns) == 1:
+        return columns[0][:, np.newaxis]
+    found = empty(len(columns[0]), len(columns))
+    for at, column in enumerate(columns):
+        found[:, at] = column
+    return found
+
+
+def chosen_rows(value: Array, rows: npt.NDArray[np.bool_]) -> Array:
+    """Return the chosen rows of an array (n, ...), itself where these are all."""
+    return value if rows.all() else stored(value[rows])
 
 
 def parts(rows: int) -> Iterator[slice]:

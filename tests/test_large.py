@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.large import differences, empty, joined, usual_step
+from cfid.large import chosen_rows, differences, empty, joined, side_by_side, stored, usual_step
 
 ROWS = 5_000_000  # 40 MB, more than stays in memory
 
@@ -24,6 +24,16 @@ def test_a_large_array_holds_what_is_written_to_it() -> None:
     array[:] = 3.0
     array[-1] = 4.0
     assert array.sum() == 3.0 * ROWS + 1
+
+
+@pytest.mark.parametrize("rows", [10, ROWS])
+def test_what_is_stored_is_what_was_given(rows: int) -> None:
+    value = np.arange(2.0 * rows).reshape(rows, 2)
+    assert np.array_equal(stored(value), value)
+    assert np.array_equal(side_by_side([value[:, 0], value[:, 1]]), value)
+    assert np.array_equal(side_by_side([value[:, 0]]), value[:, :1])
+    assert chosen_rows(value, np.ones(rows, bool)) is value
+    assert np.array_equal(chosen_rows(value, np.arange(rows) % 3 > 0), value[np.arange(rows) % 3 > 0])
 
 
 def test_the_usual_step_of_a_long_series_is_that_of_its_parts() -> None:

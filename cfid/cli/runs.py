@@ -8,7 +8,7 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import note as print_note
 from cfid.console.messages import printable
-from cfid.console.selection import LAST
+from cfid.console.selection import LAST, name_other_folders
 
 if TYPE_CHECKING:
     from cfid.errors import DataError
@@ -34,7 +34,9 @@ def show_runs(
     from cfid.records.run import list_runs
 
     if context.invoked_subcommand is None:
-        _print_runs(list_runs(here(campaign).runs_folder), only=only, newest=newest, json=json)
+        folder = here(campaign).runs_folder
+        _print_runs(list_runs(folder), only=only, newest=newest, json=json)
+        name_other_folders(folder, ())
 
 
 def exclude(

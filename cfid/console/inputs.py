@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cfid.console.lists import NOT_GIVEN, Measured
 from cfid.console.options import RigOptions
-from cfid.console.selection import LAST, RUN_FILE, is_glob
+from cfid.console.selection import LAST, RUN_FILE, is_glob, name_other_folders
 from cfid.errors import ConfigError
 from cfid.records.facts import NONE_STATED, RigFacts
 
@@ -72,6 +72,7 @@ def find_recording(word: str, workplace: Workplace) -> Path:
     folder = workplace.campaign.runs_folder
     if word != LAST and not is_glob(word):
         return folder / word if (folder / word).is_dir() else path
+    name_other_folders(folder, [word])
     pattern = "*" if word == LAST else word
     found = sorted(at.parent for at in folder.glob(f"*/{RUN_FILE}") if fnmatch(at.parent.name, pattern))
     if not found or (word != LAST and len(found) > 1):

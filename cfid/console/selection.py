@@ -37,6 +37,8 @@ def chosen(
     words = words or ()
     finding = not words or any(_is_search(word) for word in words)
     there = _readable(campaign) if campaign is not None and finding else []
+    if campaign is not None and finding:
+        name_other_folders(campaign.runs_folder, words)
     resumed = {run.header.requested.get("resumes") for run in there if not run.header.excluded}
     runs = [run for run in there if suits(run) and run.folder.name not in resumed]
     named = [_included(run) for run in runs] if excluded else runs
@@ -82,6 +84,16 @@ def _resumed_by(word: str, campaign: "Campaign | None") -> str:
 def _is_search(word: str) -> bool:
     """Return whether a word is `last` or a glob, and not an existing path."""
     return not Path(word).exists() and "=" not in word and (word == LAST or is_glob(word))
+
+
+def name_other_folders(runs_folder: Path, words: Sequence[str]) -> None:
+    """Print a note on each folder among the runs that is none and that the words select: globs by name, others all."""
+    from cfid.records.run import folders_without_run
+
+    patterns = [word if is_glob(word) else "*" for word in words if _is_search(word)] or ["*"]
+    for folder in folders_without_run(runs_folder):
+        if any(fnmatch(folder.name, pattern) for pattern in patterns):
+            note(f"{folder} is left out: it has no {RUN_FILE}, so it is no run. Restore {RUN_FILE}, or move it away.")
 
 
 def is_glob(word: str) -> bool:

@@ -11,6 +11,7 @@ from scipy.fft import next_fast_len, prev_fast_len
 from scipy.special import fdtri
 
 from cfid.estimate.propagation import widened
+from cfid.large import stored
 
 GRID_S = 0.004  # the thesis' sampling time, eq. 2.15
 
@@ -241,7 +242,7 @@ def slowed(time_s: Array, value: Array, *, rate_hz: float) -> Slow:
     weights = cosine_taper(2 * half + 1, share=1.0)
     every = max(round(rate_hz / _SMOOTH_HZ), 1)
     around = sliding_window_view(np.pad(value, half, mode="edge"), len(weights))[::every]
-    return Slow(time_s[::every], around @ weights)
+    return Slow(time_s[::every], stored(around @ weights))
 
 
 def find_spikes(value: Array, *, length: int) -> tuple[Indices, Indices, Array]:

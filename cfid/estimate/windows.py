@@ -18,7 +18,7 @@ from scipy.signal import find_peaks
 from cfid.errors import DataError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.signals import SMOOTHED_S, Runs, Slow, find_spikes, slowed
-from cfid.large import empty
+from cfid.large import PART_ROWS, differences, empty, stored
 from cfid.wire.rdt_status import Family, read_status
 
 Array = npt.NDArray[np.float64]
@@ -80,11 +80,11 @@ def prepared(time_s: Array, channels: Array, *, status: Words | None, thrust: in
     _check(time_s, channels, status)
     rate_hz = (len(time_s) - 1) / float(time_s[-1] - time_s[0])
     block = max(round(rate_hz / _THINNED_HZ), 1)
-    time_s = block_means(time_s, length=block)
+    time_s = stored(block_means(time_s, length=block))
     value = empty(channels.shape[1], len(time_s))
     spikes: set[int] = set()
     for means, channel in zip(value, channels.T, strict=True):  # one by one: together they may not fit the memory
-        spikes.update(_thin(np.ascontiguousarray(channel, np.float64), means, block=block, rate_hz=rate_hz))
+        spikes.update(_thin(channel, means, block=block, rate_hz=rate_hz))
     return StandSignals(
         time_s=time_s,
         value=value,
@@ -102,18 +102,38 @@ def _thin(channel: Array, means: Array, *, block: int, rate_hz: float) -> list[i
     means[:] = block_means(channel, length=block)
     if not np.isfinite(means).all():
         raise DataError("the record has samples that are no numbers: cut those lines.")
-    _, place, instead = find_spikes(channel[np.newaxis], length=max(round(_SCREENED_S * rate_hz), _FEWEST))
+    place, instead = _spikes(channel, length=max(round(_SCREENED_S * rate_hz), _FEWEST))
     whole = place < len(means) * block
     np.add.at(means, place[whole] // block, ((instead - channel[place]) / block)[whole])
     spikes: list[int] = np.unique(place).tolist()
     return spikes
 
 
+def _spikes(channel: Array, *, length: int) -> tuple[npt.NDArray[np.intp], Array]:
+    """Return places and replacements of a channel's spikes as `find_spikes`, part after part of a long one.
+
+    A part overlaps the next by two blocks of `length`, more than a limit depends on.
+    """
+    step = -(-PART_ROWS // length) * length
+    found = []
+    for begin in range(0, len(channel), step):
+        low, end = max(begin - 2 * length, 0), begin + step
+        part = np.ascontiguousarray(channel[low : end + 2 * length], np.float64)
+        _, place, instead = find_spikes(part[np.newaxis], length=length)
+        own = (low + place >= begin) & (low + place < end)
+        found.append((low + place[own], instead[own]))
+    places, values = zip(*found, strict=True)
+    return np.concatenate(places), np.concatenate(values)
+
+
 def _check(time_s: Array, channels: Array, status: Words | None) -> None:
     if len(time_s) != len(channels):
         raise DataError(f"{len(time_s)} times belong to {len(channels)} samples: they should be as many.")
-    if not (rises := np.diff(time_s) >= 0).all():
-        raise DataError(f"after sample {np.argmin(rises) + 1} the times do not rise: out of order, or two in one.")
+    falls = next(
+        (begin + int(np.argmin(step >= 0)) for begin, step in differences(time_s) if not np.all(step >= 0)), None
+    )
+    if falls is not None:
+        raise DataError(f"after sample {falls + 1} the times do not rise: out of order, or two in one.")
     if len(time_s) < _FEWEST or np.ptp(time_s) < _SHORTEST_S:
         raise DataError(f"the record is too short: {len(time_s)} samples, where {_SHORTEST_S} s are the least.")
     if status is not None and status.any():
@@ -133,7 +153,7 @@ def _check_status(time_s: Array, status: Words) -> None:
 
 def _held(value: Array) -> int:
     """Return how many neighbours usually repeat one reading, as of an instrument that is slower than its log."""
-    changes = np.flatnonzero(np.diff(value))
+    changes = np.concatenate([begin + np.flatnonzero(step) for begin, step in differences(value)])
     return int(np.median(np.diff(changes))) if len(changes) > 1 else 1
 
 

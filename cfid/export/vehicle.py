@@ -255,8 +255,16 @@ def _recording(source: File) -> str:
 
 
 def _commands(section: Section) -> tuple[float, float] | None:
-    table = section.parameters.get("motor.table")
-    known = [row["cmd"] for row in plain(table.value) if row["cmd"] is not None] if table is not None else []
+    """Return the smallest and the largest command of a section's table, or of the flight logs' rotors."""
+    keys = {"motor.table": ("cmd",), "dynamics.time_constant_s": ("cmd_from", "cmd_to")}
+    known = [
+        row[column]
+        for key, columns in keys.items()
+        if key in section.parameters
+        for row in plain(section.parameters[key].value)
+        for column in columns
+        if row[column] is not None
+    ]
     return (min(known), max(known)) if known else None
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.staircase import FZ, Point, Staircase, reduce_staircase
+from cfid.large import chosen_rows, some_steps, stored
 from cfid.motors.points import MotorPoints
 from cfid.units import ROTOR_TURNS
 
@@ -55,13 +56,13 @@ def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, com
     `reduce_staircase`.
     """
     known = np.isfinite(speeds_rad_s).all(axis=1)
-    time_s, speeds_rad_s = time_s[known], speeds_rad_s[known]
+    time_s, speeds_rad_s = chosen_rows(time_s, known), chosen_rows(speeds_rad_s, known)
     begins_running = len(time_s) > 1 and np.any(commands[command_time_s <= time_s[0]][-1:])
     if begins_running:
-        step_s = float(np.median(np.diff(time_s)))
+        step_s = float(np.median(some_steps(time_s)))
         before_s = time_s[0] - step_s * np.arange(round(_STANDING_S / step_s), 0, -1)
-        time_s = np.concatenate([before_s, time_s])
-        speeds_rad_s = np.vstack([np.zeros((len(before_s), speeds_rad_s.shape[1])), speeds_rad_s])
+        time_s = stored(np.concatenate([before_s, time_s]))
+        speeds_rad_s = stored(np.vstack([np.zeros((len(before_s), speeds_rad_s.shape[1])), speeds_rad_s]))
         command_time_s = np.concatenate([before_s[:1], command_time_s])
         commands = np.vstack([np.zeros((1, commands.shape[1])), commands])
     return reduce_staircase(

@@ -129,7 +129,8 @@ _MAPS = _given(
 ) + _given(
     "speed", "`cfid fit speed`",
     Quantity("motor.speed_poly", "rad/s(cmd)", "b", "input command to rotor speed", Shape.POLYNOMIAL,
-             Range(300, 10000, "the thesis found 3050", at=FULL_COMMAND), of="rad/s", over="cmd"),
+             Range(300, 10000, "the thesis found 3050", at=FULL_COMMAND), of="rad/s", over="cmd",
+             given_by="`cfid fit speed`, or `cfid fit dynamics` of a flight log"),
 ) + _given(
     "torque", "`cfid fit torque`",
     Quantity("motor.torque_poly", "Nm(N)", "c", "thrust to torque, one motor", Shape.POLYNOMIAL,

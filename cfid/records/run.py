@@ -171,7 +171,7 @@ def read_run(folder: Path) -> Run:
     try:
         content = read_toml(path, DataError)
     except FileNotFoundError:
-        raise DataError(f"{folder}: not a run: it has no {RUN_FILE}.") from None
+        raise DataError(f"{folder}: not a run: it has no {RUN_FILE}. Name a run (see `cfid runs`) or a file.") from None
     written = content.get("format")
     if isinstance(written, int) and written > FORMAT:
         raise DataError(f"{path}: written by a newer cfid (format {written}, this one reads {FORMAT}): update cfid.")
@@ -241,6 +241,12 @@ def list_runs(runs_folder: Path) -> list[Run | DataError]:
         except DataError as error:
             found.append(error)
     return found
+
+
+def folders_without_run(runs_folder: Path) -> list[Path]:
+    """Return the folders among a campaign's runs that have no run.toml, in the order of their names."""
+    folders = sorted(path for path in runs_folder.glob("*/") if not path.name.startswith("."))
+    return [folder for folder in folders if not (folder / RUN_FILE).is_file()]
 
 
 def write_header(folder: Path, header: RunHeader) -> None:

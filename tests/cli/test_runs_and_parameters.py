@@ -115,6 +115,41 @@ def test_a_run_that_cannot_be_read_is_told(
     assert f"a run is left out: {campaign.runs_folder / first}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [([], True), (["last"], True), (["2026*"], True), (["*drop*"], False), (["20=file.csv"], False)],
+)
+def test_a_folder_that_is_no_run_is_left_out_and_named_where_the_words_select_it(
+    campaign: Campaign, given: list[str], named: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = words(campaign, *given)
+    capsys.readouterr()
+    folder = campaign.runs_folder / "2026-11-22_photos"
+    folder.mkdir()
+    (campaign.runs_folder / ".thumbnails").mkdir()
+
+    assert words(campaign, *given) == before
+    sentence = f"{folder} is left out: it has no run.toml, so it is no run. Restore run.toml, or move it away."
+    assert capsys.readouterr().err.count(sentence) == named
+
+
+def test_a_folder_that_is_no_run_is_refused_by_name_and_left_out_by_a_glob_of_commands_that_take_one_run(
+    campaign: Campaign, cfid: Cfid
+) -> None:
+    folder = campaign.runs_folder / "2026-11-22_photos"
+    folder.mkdir()
+    here = ("--campaign", str(campaign.folder))
+    for command in (("show",), ("convert", "--to", "csv"), ("fit", "swing"), ("fit", "inertia"), ("fit", "thrust")):
+        for word in (folder.name, str(folder)):
+            refused = cfid(*command, word, *here)
+            assert refused.returncode == 4, (command, refused.stderr)
+            assert f"{folder}: not a run: it has no run.toml. Name a run" in refused.stderr
+
+    found = cfid("show", "last", "--no-figures", *here)
+    assert f"{folder} is left out: it has no run.toml" in found.stderr
+    assert f"{folder} is left out: it has no run.toml" in cfid("runs", *here).stderr
+
+
 def test_a_glob_finds_complete_runs_of_the_kind_alone(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     first, second, third, *_ = names(campaign)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cfid.errors import DataError
 from cfid.estimate.onsets import onsets
-from cfid.estimate.signals import Slow
+from cfid.estimate.signals import Slow, find_spikes
 from cfid.estimate.windows import Stretch, changes_seen, commanded_intervals, level, prepared, steady_stretch
 
 Array = npt.NDArray[np.float64]
@@ -230,3 +230,19 @@ def test_a_reading_that_repeats_is_counted_once() -> None:
     readings = np.repeat(np.random.default_rng(1).standard_normal(50), 10)
 
     assert prepared(np.arange(500) / 100, readings[:, np.newaxis], status=None, thrust=0).held == 10
+
+
+def test_spikes_of_a_record_of_hours_are_those_of_the_whole() -> None:
+    """A million samples at 100 Hz and more are looked through in parts; spikes lie at their seams too."""
+    draw = np.random.default_rng(8)
+    count, seam = 2_300_000, -(-(1 << 20) // 64) * 64
+    value = draw.normal(0, 0.1, count)
+    at = np.unique([*draw.integers(3, count - 3, 200), *(seam + np.array([-65, -2, 0, 63]))])
+    value[at] += 5
+    found = prepared(np.arange(count) / 100, value[:, np.newaxis], status=None, thrust=0)
+    _, place, instead = find_spikes(value[np.newaxis], length=64)
+    value[place] = instead
+
+    assert found.spikes == len(place)
+    assert set(at) <= set(place.tolist())
+    np.testing.assert_allclose(found.value[0], value, rtol=0, atol=1e-12)

@@ -10,10 +10,11 @@ import pytest
 
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.lag import fit
-from cfid.motors.lag.data import RotorLog, rotor_log
+from cfid.motors.lag.data import RotorLog, of_stand, rotor_log
 from cfid.motors.lag.estimation import LagFit, LogSegment, fit_lag, joined
 from cfid.motors.lag.model import InputLag, Signal
 from cfid.records.result import Result
+from cfid.records.tables.stand import read_stand_table
 from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
 from tests.motors.test_lag_coverage import DELAY_S, FALLING_S, RATE_HZ, RISING_S, flown
@@ -105,6 +106,17 @@ def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path,
         fit(bare)
 
 
+@pytest.mark.parametrize("step_s", [0.1, 0.13])
+def test_commands_that_were_recorded_too_slowly_are_named(tmp_path: Path, step_s: float) -> None:
+    table = tmp_path / "stand.csv"
+    rows = (f"{step_s * at:.3f},{20000 + 500 * (at % 7)},{9000 + 100 * (at % 7)}\n" for at in range(300))
+    table.write_text("t,cmd,rpm\n" + "".join(rows))
+    log = of_stand(read_stand_table(table))
+    assert log is not None
+    with pytest.raises(DataError, match=rf"recorded every {step_s:.2g} s, and not within 0.1 s"):
+        fit(log)
+
+
 def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
     time_s, command, speed = flown(1, 21, rotors=1, noise=5.0, red=15.0)
     speed[0, 1800:] += 30  # the map drifts
@@ -167,6 +179,41 @@ def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), commands, NEXT * speed[0], volts)))
     assert result.quantities["dynamics.map"].value[0]["over"] == "cmd / 65535 * V"
     assert result.quality["explained"]["rotor 1"] > 0.999
+
+    at_v = float(np.interp(time_s, time_s, volts).mean())
+    at = np.array([25000.0, 40000.0, 55000.0])
+    share = at / 65535 * at_v / 3.5
+    found = np.polyval(result.quantities["motor.speed_poly"].value, at)
+    np.testing.assert_allclose(found, 400 + 2600 * share - 500 * share**2, rtol=2e-3)
+    (about,) = (one.text for one in result.findings if one.code == "speed-map-voltage")
+    assert f"holds at {at_v:.2f} V" in about
+
+
+def test_the_speed_map_that_was_fitted_with_the_lag_is_the_mean_of_the_rotors_with_its_uncertainty(
+    four: RotorLog,
+) -> None:
+    result = fit(four)
+    poly, covariance = result.quantities["motor.speed_poly"], result.covariances[0]
+    at = np.array([[25000.0**2, 25000, 1], [55000.0**2, 55000, 1]])
+    known = np.array(covariance.matrix)[-3:, -3:]
+    std = np.sqrt(np.diag(at @ known @ at.T))
+    truth = np.polyval([-500, 2600, 400], at[:, 1] / 65535)
+
+    assert covariance.of[-1] == "motor.speed_poly"
+    np.testing.assert_allclose(np.sqrt(np.diag(known)), poly.std, rtol=1e-9)
+    assert np.all(np.abs(at @ poly.value - truth) < 3 * std)
+    assert np.all(std < 5)
+    (about,) = (one.text for one in result.findings if one.code == "speed-map-voltage")
+    assert "the log has no battery voltage" in about
+    assert "mean of rotors 1, 2, 3 for commands from 22" in about
+
+
+def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -> None:
+    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * (1 - command[0, 0]), NEXT * speed[0])))
+    assert result.accepted
+    assert "motor.speed_poly" in result.rejected
+    assert "motor.speed_poly" not in result.without_rejected().quantities
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from scipy.io import savemat
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.tables.angle import AngleRecord, Reading, read_angle
+from cfid.records.tables.blocks import open_table
 from cfid.records.tables.wrench import WrenchReading, read_wrench
 
 TIME_S = np.arange(400) / 100
@@ -141,3 +142,19 @@ def test_version_7_3_is_read_as_version_5(tmp_path: Path, fill: Callable[[Any], 
     with (tmp_path / "a.mat").open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\x02IM")
     assert same(read_angle(tmp_path / "a.mat", Reading(angle_unit="rad")))
+
+
+def test_a_long_file_is_read_in_blocks_and_every_number_comes_back(tmp_path: Path) -> None:
+    time_s = np.arange(70_000) / 1000
+    angle_rad = np.random.default_rng(1).normal(size=len(time_s))
+    savemat(tmp_path / "a.mat", {"t": time_s, "theta": angle_rad})
+    table = open_table(tmp_path / "a.mat")
+    np.testing.assert_array_equal(table.numbers(["t", "theta"]), np.column_stack([time_s, angle_rad]))
+    assert len(list(table.blocks())) == 3
+    assert table.line_of_row(69_999) == 70_001
+
+
+def test_variables_of_a_large_file_are_read_one_by_one(tmp_path: Path) -> None:
+    bulk = {f"u{at}": np.zeros(5_000_000) for at in range(2)}  # 80 MB
+    savemat(tmp_path / "a.mat", {"theta": {"time": TIME_S, "signals": signals(ANGLE_RAD, labels=("",))}, **bulk})
+    assert same(read_angle(tmp_path / "a.mat", Reading(angle_unit="rad", columns=("time", "theta"))))

@@ -8,6 +8,8 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.findings import texts
+from cfid.records.logs.kinds import kind_at
+from cfid.records.tables.schema import Foreign
 from cfid.records.tables.stand import StandTable, read_stand_table
 from cfid.units import RPM
 
@@ -169,6 +171,15 @@ def test_the_speed_is_that_of_the_sensor_that_sees_the_rotor(tmp_path: Path) -> 
     lost = read(tmp_path, text_of([(*row[:5], row[5] if row[1] != 1250 else 0, 0) for row in STEPS]))
     assert np.isnan(np.asarray(lost.speeds_rad_s)[1, 0])
     assert any("shows 0 in 1 rows in which rotors turn" in note for note in notes_of(lost))
+
+
+def test_a_stand_with_two_sensors_of_speed_is_known_as_one(tmp_path: Path) -> None:
+    head = "Time (s),ESC signal (µs),Thrust (gf),Motor Electrical Speed (RPM),Motor Optical Speed (RPM),\n"
+    path = tmp_path / "log"
+    path.write_text(head + "0,1000,0,0,0,\n1.7,1100,20,3000,0,\n", encoding="utf-8")
+    assert kind_at(path, Foreign()) == "stand"
+    path.write_text("Time (s),Motor Electrical Speed (RPM),Voltage (V)\n0,0,4\n1,3000,4\n")
+    assert kind_at(path, Foreign()) is None
 
 
 def test_a_recording_without_a_time_is_asked_for_its_rate(tmp_path: Path) -> None:

@@ -63,6 +63,11 @@ class LogPart:
         """Return the segments in which all rotors run, with the acceleration, which is their thrust over the mass."""
         return [] if self.acceleration is None else list(self._segments(MOTORS, self.acceleration))
 
+    def driven_volts(self, motor: int) -> Array:
+        """Return the battery's volts (n,) at the commands that drive a motor, none where they are unknown."""
+        time_s, command = self.commands[motor]
+        return np.zeros(0) if self.volts is None else np.interp(time_s[command > 0], *self.volts)
+
     def _drive(self, motor: int) -> Array:
         """Return the command over the full one, times the battery's volts where these are known."""
         time_s, command = self.commands[motor]
@@ -137,7 +142,17 @@ class RotorLog:
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
             signals = {name: self._since_begin(*timed) for name, timed in part.items()}
             if all(len(signals[name].time_s) > 1 for name in names):
+                self._refuse_slow(signals)
                 yield self._part(signals)
+
+    def _refuse_slow(self, signals: Mapping[str, Signal]) -> None:
+        """Raise DataError where every interval between commands is a break."""
+        step_s = float(np.median(np.diff(signals[next(iter(self.commands.values()))].time_s)))
+        if step_s > 0.99 * _BREAK_S:  # of rows as far apart as a break, some are farther
+            raise DataError(
+                f"{self.path}: the commands were recorded every {step_s:.2g} s, and not within {_BREAK_S:g} s: too "
+                "slow to show how the rotors follow. Record faster, or hold each command for some seconds."
+            )
 
     def _since_begin(self, time_s: Array, value: Array) -> Signal:
         return Signal(time_s - self.begin_s, value).between(self.window[0], self.window[1])

@@ -12,16 +12,17 @@ from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, fit_lag, joined
 from cfid.motors.lag.figures import lag_figure
-from cfid.records.covariances import covariance_between
+from cfid.motors.lag.values import SPEED_POLY, joint_parameters, rotor_maps, rotor_rows, speed_map_findings
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
-from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
 _THRUST = "thrust of all rotors"
 _ROWS = "dynamics.time_constant_s"
-_NO_LAG = "no rotor is described by a first-order lag: see the warnings."
+_NO_LAG = rejection(
+    "no-lag-fits", "no rotor is described by a first-order lag: see the warnings.", "dynamics.*", SPEED_POLY
+)
 _OF_ACCELERATION = (
     "the log has no rotor speeds: the lag is that of the acceleration along z behind the commands. It contains the "
     "accelerometer's filter and the air's forces in flight, so that it gives the order of magnitude and no rotor model."
@@ -38,13 +39,7 @@ def fit(record: RotorLog) -> Result:
     except CfidError as error:
         raise type(error)(f"{record.path}: {str(error).removeprefix(f'{record.path}: ')}") from None
     accepted = {name: one for name, one in fits.items() if one.accepted} or fits
-    rates, covariance = _mean_rates(list(accepted.values()))
-    delay_s = float(np.mean([one.lag.delay_s for one in accepted.values()]))
-    delay_std_s = float(np.sqrt(sum(one.std_s.delay_s**2 for one in accepted.values())) / len(accepted))
-    rates_std = np.sqrt(np.diag(covariance))
-    coefficients = {"dynamics.rising": [rates[0], 0.0], "dynamics.falling": [rates[1], 0.0]}
-    whole = np.zeros((4, 4))
-    whole[::2, ::2] = covariance
+    joint, covariances = joint_parameters(accepted.values(), volts=seen.volts)
 
     def drawings() -> Figures:
         return {f"fit_dynamics_{record.name}": lag_figure(fits, title=record.name)}
@@ -53,14 +48,12 @@ def fit(record: RotorLog) -> Result:
         command="fit dynamics",
         method="default",
         quantities={
-            "dynamics.rising": Parameter(value=coefficients["dynamics.rising"], std=[float(rates_std[0]), np.nan]),
-            "dynamics.falling": Parameter(value=coefficients["dynamics.falling"], std=[float(rates_std[1]), np.nan]),
-            "dynamics.delay_s": Parameter(value=delay_s, std=delay_std_s),
-            _ROWS: Parameter(value=_rows(fits, seen)),
-            "dynamics.map": Parameter(value=_maps(record, fits)),
+            **joint,
+            _ROWS: Parameter(value=rotor_rows(fits, seen.commands)),
+            "dynamics.map": Parameter(value=rotor_maps(fits, by_voltage=record.volts is not None)),
         },
         wanted=("dynamics.*",) if record.speeds else (_ROWS,),
-        covariances=covariance_between(coefficients, whole),
+        covariances=covariances,
         merits={
             "rotors": list(fits),
             "rejected": sum(not one.accepted for one in fits.values()),
@@ -71,7 +64,8 @@ def fit(record: RotorLog) -> Result:
             *record.findings,
             *left_out,
             *_about(record, fits, seen.unseen_s),
-            *(() if any(one.accepted for one in fits.values()) else (rejection("no-lag-fits", _NO_LAG, "dynamics.*"),)),
+            *(speed_map_findings(joint, accepted, seen.commands, volts=seen.volts) if record.speeds else ()),
+            *(() if any(one.accepted for one in fits.values()) else (_NO_LAG,)),
         ),
         sources=(record.log.source,),
         lines=(
@@ -84,10 +78,14 @@ def fit(record: RotorLog) -> Result:
 
 
 class _Seen(NamedTuple):
-    """The interval of commands that change between rows, 0 for others, and from where to where each rotor's went."""
+    """The interval of commands that change between rows, 0 for others, and from where to where each rotor's went.
+
+    `volts` is the battery's mean voltage while rotors were driven, None where it was not logged.
+    """
 
     unseen_s: float
     commands: Mapping[str, tuple[float, float]]
+    volts: float | None
 
 
 def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
@@ -96,12 +94,14 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
     fits: dict[str, list[LagFit]] = {name: [] for name in names}
     failed: dict[str, FitError] = {}
     ranges: dict[str, tuple[float, float]] = {}
-    unseen_s = 0.0
+    unseen_s, volts, rows = 0.0, 0.0, 0
     for part in record.parts():
         unseen_s = max(unseen_s, part.unseen_s)
         for name, motor in names.items():
             driven = [part.commands[motor]] if motor else list(part.commands.values())
             on = np.concatenate([value[value > 0] for _, value in driven])
+            at_v = part.driven_volts(motor) if motor else np.zeros(0)
+            volts, rows = volts + float(at_v.sum()), rows + len(at_v)
             low, high = ranges.get(name, (np.inf, -np.inf))
             ranges[name] = min(low, float(on.min(initial=np.inf))), max(high, float(on.max(initial=-np.inf)))
             try:
@@ -117,20 +117,13 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         raise next(iter(failed.values()), FitError("no rows of all commands."))
     return (
         found,
-        _Seen(unseen_s, ranges),
+        _Seen(unseen_s, ranges, volts / rows if rows else None),
         tuple(
             warning("lag-rotor-left-out", str(error), "dynamics.*").at(name)
             for name, error in failed.items()
             if name not in found
         ),
     )
-
-
-def _mean_rates(fits: list[LagFit]) -> tuple[list[float], Array]:
-    """Return one over the time constants of rising and falling, means of the rotors, with their covariance (2, 2)."""
-    rates = 1 / np.array([one.lag[:2] for one in fits])
-    each = [np.outer(rate**2, rate**2) * one.covariance[3:5, 3:5] for rate, one in zip(rates, fits, strict=True)]
-    return rates.mean(axis=0).tolist(), np.sum(each, axis=0) / len(fits) ** 2
 
 
 def _about(record: RotorLog, fits: Mapping[str, LagFit], unseen_s: float) -> tuple[Finding, ...]:
@@ -145,46 +138,6 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], unseen_s: float) -> tup
     if not record.speeds:
         found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, "dynamics.rising", "dynamics.falling"))
     return tuple(found)
-
-
-def _rows(fits: Mapping[str, LagFit], seen: _Seen) -> list[dict[str, object]]:
-    rows: list[dict[str, object]] = []
-    for name, fit in fits.items():
-        low, high = seen.commands[name]
-        for rising in (True, False):
-            place = 0 if rising else 1
-            rows.append(
-                {
-                    "rotor": _rotor(name),
-                    "cmd_from": low if rising else high,
-                    "cmd_to": high if rising else low,
-                    "rising": rising,
-                    "time_constant_s": fit.lag[place],
-                    "std_s": _known(fit.std_s[place]),
-                    "delay_s": fit.lag.delay_s,
-                    "accepted": fit.accepted,
-                }
-            )
-    return rows
-
-
-def _maps(record: RotorLog, fits: Mapping[str, LagFit]) -> list[dict[str, object]]:
-    over = f"cmd / {FULL_COMMAND}" if record.volts is None else f"cmd / {FULL_COMMAND} * V"
-    of = "rad/s" if record.speeds else "m/s^2"
-    return [{"rotor": _rotor(name), "of": of, "over": over, **_map(fit)} for name, fit in fits.items() if fit.accepted]
-
-
-def _map(fit: LagFit) -> dict[str, object]:
-    values = {f"c{power}": value for power, value in enumerate(fit.map)}
-    return {**values, **{f"std_c{power}": _known(float(value)) for power, value in enumerate(fit.map_std)}}
-
-
-def _rotor(name: str) -> int | None:
-    return None if name == _THRUST else int(name[-1])
-
-
-def _known(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _line(name: str, fit: LagFit) -> str:

@@ -97,7 +97,8 @@ def line_of(point: Point, name: str) -> str:
     """Return where a step was averaged, or why it was not."""
     window = f"{point.begin_s:7.2f} to {point.end_s:7.2f} s"
     how = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
-    return f"{name}: command {point.command}: {window}, {how}"
+    step = "a step of unknown command" if point.command is None else f"command {point.command}"
+    return f"{name}: {step}: {window}, {how}"
 
 
 def staircase_findings(found: Staircase, name: str) -> tuple[Finding, ...]:

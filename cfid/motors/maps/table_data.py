@@ -11,6 +11,7 @@ import numpy.typing as npt
 from cfid.errors import CfidError, DataError, FitError
 from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding
+from cfid.large import chosen_rows, side_by_side
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings
 from cfid.motors.points import MotorPoints, joined, per_motor
 from cfid.motors.stand_points import points_of, reduce_speeds
@@ -75,8 +76,8 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
     command_time_s, commands = _log(table)
     try:
         found = reduce_staircase(
-            time_s=table.time_s[known],
-            channels=channels[known],
+            time_s=chosen_rows(table.time_s, known),
+            channels=chosen_rows(channels, known),
             command_time_s=command_time_s,
             commands=commands,
             thrust=0,
@@ -109,8 +110,8 @@ def _of_record(table: StandTable, stand: Stand) -> Evidence:
         reduced=(
             Reduced(
                 name=table.path.stem,
-                time_s=table.time_s[known],
-                thrust_n=table.thrust_n[known],
+                time_s=chosen_rows(table.time_s, known),
+                thrust_n=chosen_rows(table.thrust_n, known),
                 staircase=found,
                 thrust=0,
             ),
@@ -131,7 +132,7 @@ def _forces(table: StandTable) -> tuple[Array, npt.NDArray[np.bool_]]:
     both = known & np.isfinite(table.torque_nm)
     if both.sum() < _TOGETHER * known.sum():
         return table.thrust_n[:, np.newaxis], known
-    return np.column_stack([table.thrust_n, table.torque_nm]), both
+    return side_by_side([table.thrust_n, table.torque_nm]), both
 
 
 def _log(table: StandTable) -> tuple[Array | None, Array | None]:
@@ -156,7 +157,7 @@ def _log(table: StandTable) -> tuple[Array | None, Array | None]:
 def _mean_of_known(settled: Sequence[Point], time_s: Array, value: Array) -> Array:
     """Return the means (p,) of what is known of values (n,) in the windows of points."""
     known = np.isfinite(value)
-    return mean_in_windows(settled, time_s[known], value[known])
+    return mean_in_windows(settled, chosen_rows(time_s, known), chosen_rows(value, known))
 
 
 def _few(findings: Sequence[Finding], found: Staircase) -> tuple[Finding, ...]:

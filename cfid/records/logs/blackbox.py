@@ -7,16 +7,17 @@ import logging
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import count
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cfid.errors import DataError
+from cfid.large import joined, stored
 from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
-from cfid.records.logs.log import Array, Channel, FlightLog, Series, in_memory, printable
+from cfid.records.logs.log import BLOCK_ROWS, Array, Channel, FlightLog, Series, in_memory, printable
 from cfid.records.logs.motor_numbers import BETAFLIGHT_QUAD_X, numbering
 from cfid.records.parameters import Source
 
@@ -72,14 +73,21 @@ def _assumed(series: Sequence[Series]) -> tuple[str, ...]:
 
 def _frames(parser: Any) -> tuple[Array, str]:
     """Return the frames (n, fields), NaN where a field has no value yet, and what ended them before their end."""
-    rows, fault_name = [], ""
-    try:
-        for frame in parser.frames():
-            rows.append([np.nan if value == "" else float(value) for value in frame.data])
-    except Exception as fault:  # as above
-        fault_name = type(fault).__name__
-    whole = [row for row in rows if len(row) == len(parser.field_names)]
-    return np.array(whole, dtype=np.float64).reshape(len(whole), len(parser.field_names)), fault_name
+    fault_name, width = "", len(parser.field_names)
+
+    def rows() -> Iterator[list[float]]:
+        nonlocal fault_name
+        try:
+            for frame in parser.frames():
+                if len(frame.data) == width:
+                    yield [np.nan if value == "" else float(value) for value in frame.data]
+        except Exception as fault:  # as above
+            fault_name = type(fault).__name__
+
+    rest = rows()
+    blocks = iter(lambda: list(islice(rest, BLOCK_ROWS)), [])
+    found = joined(chain([np.zeros((0, width))], (np.array(block) for block in blocks)))
+    return found, fault_name
 
 
 def _series(name: str, parser: Any, frames: Array) -> Series:
@@ -90,7 +98,7 @@ def _series(name: str, parser: Any, frames: Array) -> Series:
     for channel, value in _as_a_crazyflie_s(dict(zip(names, frames.T, strict=True)), headers):
         channels.append(crazyflie_channel(channel))
         values.append(value)
-    return in_memory(name, frames[:, place] * 1e-6, channels, values)
+    return in_memory(name, stored(frames[:, place] * 1e-6), channels, values)
 
 
 def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tuple[str, Array]]:
@@ -100,12 +108,12 @@ def _as_a_crazyflie_s(fields: Mapping[str, Array], headers: Any) -> Iterator[tup
     for place, motor in enumerate(BETAFLIGHT_QUAD_X):
         own, speed = f"motor[{place}]", f"eRPM[{place}]"
         if own in fields and low < high:
-            yield f"control.m{motor}", np.clip((fields[own] - low) / (high - low), 0, None)
+            yield f"control.m{motor}", stored(np.clip((fields[own] - low) / (high - low), 0, None))
         if speed in fields and isinstance(poles, int) and poles >= 2:
-            yield f"rpm.m{motor}", fields[speed] * 100 / (poles / 2)
+            yield f"rpm.m{motor}", stored(fields[speed] * 100 / (poles / 2))
     one_g = headers.get("acc_1G")
     if "accSmooth[2]" in fields and isinstance(one_g, int) and one_g > 0:
-        yield "acc.z", fields["accSmooth[2]"] / one_g
+        yield "acc.z", stored(fields["accSmooth[2]"] / one_g)
 
 
 def _range(header: object) -> tuple[float, float]:

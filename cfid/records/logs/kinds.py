@@ -4,13 +4,11 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from cfid.errors import DataError
 from cfid.records.logs.any_kind import is_binary_log
 from cfid.records.tables.angle import SCHEMA as ANGLE_COLUMNS
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TIME, Foreign
-from cfid.records.tables.stand_heads import check_heads, heads_of
-from cfid.records.tables.table import CsvTable
+from cfid.records.tables.stand_heads import heads_of, shows_stand
 from cfid.records.tables.times import TIME_COLUMN
 from cfid.records.tables.wrench import AXES
 from cfid.records.tables.wrench import SCHEMA as WRENCH_COLUMNS
@@ -40,7 +38,7 @@ def kind_at(path: Path, reading: Foreign) -> Kind | None:
     for kind, columns in _COLUMNS.items():
         if table.has_head and any(column.fullmatch(name) for column in columns for name in table.names):
             return kind
-    return "stand" if table.has_head and _of_stand(table) else None
+    return "stand" if table.has_head and shows_stand(heads_of(table.names)) else None
 
 
 def has_times(path: Path, reading: Foreign) -> bool:
@@ -52,11 +50,3 @@ def has_times(path: Path, reading: Foreign) -> bool:
 def is_flown(name: str) -> bool:
     """Return whether a column is a variable of a vehicle's firmware, `gyro.x` or `imu_gyro_x`."""
     return bool(_FLOWN.fullmatch(name))
-
-
-def _of_stand(table: CsvTable) -> bool:
-    try:
-        check_heads(table, heads_of(table.names), ())
-    except DataError:
-        return False
-    return True

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -129,8 +130,8 @@ class FlightLog:
         return f"{self.path.name}: {self.program}; {self.clock}; {'; '.join(map(_described, first))}{more}."
 
 
-def in_memory(name: str, time_s: Array, channels: Sequence[Channel], values: Sequence[Array]) -> Series:
-    """Return a series of arrays (n,), one a channel."""
+def in_memory(name: str, time_s: Array, channels: Sequence[Channel], values: Sequence[npt.NDArray[Any]]) -> Series:
+    """Return a series of arrays (n,) of numbers of any type, one a channel."""
 
     def blocks() -> Iterator[Array]:
         for begin in range(0, len(time_s), BLOCK_ROWS):

@@ -12,14 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.records.extras import optional_library
 from cfid.records.logs.crazyflie_names import crazyflie_channel
-from cfid.records.logs.log import Array, Channel, FlightLog, Series, in_memory, printable
+from cfid.records.logs.log import Channel, FlightLog, Series, in_memory, printable
 from cfid.records.logs.motor_numbers import PX4_QUAD_X, by_geometry, numbering
 from cfid.records.parameters import Source
 from cfid.units import USUAL_GRAVITY_MPS2
+
+Numbers = npt.NDArray[Any]
 
 BEGIN = b"ULog\x01\x12\x35"
 
@@ -84,7 +87,7 @@ def _series(topic: Any, numbers: tuple[int, ...]) -> Series:
     name = topic.name if not topic.multi_id else f"{topic.name}_{topic.multi_id}"
     fields = [field for field, value in topic.data.items() if field != "timestamp" and _is_number(value)]
     channels = [Channel(printable(field), _unit(topic.name, field)) for field in fields]
-    values = [np.asarray(topic.data[field], dtype=np.float64) for field in fields]
+    values = [np.asarray(topic.data[field]) for field in fields]
     for channel, value in _as_a_crazyflie_s(topic.name, dict(zip(fields, values, strict=True)), numbers):
         channels.append(crazyflie_channel(channel))
         values.append(value)
@@ -96,7 +99,9 @@ def _is_number(value: Any) -> bool:
     return np.asarray(value).dtype.kind in "biuf"
 
 
-def _as_a_crazyflie_s(topic: str, fields: Mapping[str, Array], numbers: tuple[int, ...]) -> Iterator[tuple[str, Array]]:
+def _as_a_crazyflie_s(
+    topic: str, fields: Mapping[str, Numbers], numbers: tuple[int, ...]
+) -> Iterator[tuple[str, Numbers]]:
     """Yield the channels that a Crazyflie has too, by its names and in its units."""
     motors = {"actuator_motors": ("control.m{}", "control[{}]"), "esc_status": ("rpm.m{}", "esc[{}].esc_rpm")}
     if topic in motors:
@@ -107,7 +112,7 @@ def _as_a_crazyflie_s(topic: str, fields: Mapping[str, Array], numbers: tuple[in
     if topic == "battery_status" and "voltage_v" in fields:
         yield "pm.vbat", fields["voltage_v"]
     if topic == "vehicle_acceleration" and "xyz[2]" in fields:
-        yield "acc.z", -fields["xyz[2]"] / USUAL_GRAVITY_MPS2
+        yield "acc.z", -fields["xyz[2]"].astype(np.float64) / USUAL_GRAVITY_MPS2
 
 
 def _unit(topic: str, field: str) -> str:

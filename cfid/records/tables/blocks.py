@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import check_regular, sha256_of
-from cfid.records.tables.matlab import is_matlab, matlab_text
+from cfid.records.tables.matlab import MatlabTable, csv_blocks, is_matlab, matlab_table
 from cfid.records.tables.table import CsvTable, table_in
 from cfid.records.tables.text import check_text, whole_lines
 
@@ -27,7 +28,7 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     if skip_lines < 0:
         raise ConfigError(f"`skip_lines` {skip_lines}: has to be zero or more.")
     if is_matlab(path):
-        return table_in(path, matlab_text(path, columns), sha256=sha256 or sha256_of(path))
+        return _of_matlab(matlab_table(path, columns), path, sha256_of(path) if sha256 is None else sha256)
     try:
         check_regular(path)
         with path.open("rb") as file:
@@ -44,6 +45,19 @@ def open_table(path: Path, *, skip_lines: int = 0, columns: Sequence[str] = (), 
     if size == len(content):
         return table
     return replace(table, cut=whole_lines(end)[1], following=partial(_following, table, len(content)))
+
+
+def _of_matlab(content: MatlabTable, path: Path, sha256: str) -> CsvTable:
+    first, *others = islice(csv_blocks(content), 2)
+    table = table_in(path, first, sha256=sha256)
+    return replace(table, following=partial(_continued, table, content)) if others else table
+
+
+def _continued(first: CsvTable, content: MatlabTable) -> Iterator[CsvTable]:
+    table = first
+    for lines in islice(csv_blocks(content), 1, None):
+        table = table.continued(lines)
+        yield table
 
 
 def _following(first: CsvTable, begin: int) -> Iterator[CsvTable]:

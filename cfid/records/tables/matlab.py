@@ -12,17 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
+from cfid.large import empty, stored
 from cfid.lazy import later
 from cfid.records.extras import optional_library
 from cfid.records.files import check_regular
 from cfid.records.tables.text import is_number
 
-_loadmat = later("scipy.io", "loadmat")
+_loadmat, _whosmat = later("scipy.io", "loadmat"), later("scipy.io", "whosmat")
 
 Tree = Any  # a dict of trees by field, a list of trees, an array, or a text
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BEGINS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", _HDF5)
+_BLOCK_ROWS = 1 << 15
+_LARGE_BYTES = 1 << 26  # from there on a file's variables are read one by one
 _FEWEST_ROWS = 16  # of a recording; shorter arrays beside one are parameters
 _IN_NAMES = str.maketrans(dict.fromkeys(',;\t\r\n"', " "))
 _TIMES = ("t", "time", "timestamp")
@@ -52,12 +55,13 @@ def is_matlab(path: Path) -> bool:
         return False
 
 
-def matlab_text(path: Path, columns: Sequence[str]) -> bytes:
-    """Return the table of a MATLAB file as CSV text, in which every number is exact; errors as of `matlab_table`."""
-    table = matlab_table(path, columns)
+def csv_blocks(table: MatlabTable) -> Iterator[bytes]:
+    """Yield a table as blocks of lines of CSV text, in which every number is exact; a header is in the first."""
     head = [",".join(table.names)] if table.names else []
-    rows = zip(*(column.tolist() for column in table.columns), strict=True)
-    return "\n".join([*head, *(",".join(map(repr, row)) for row in rows), ""]).encode()
+    for begin in range(0, table.rows, _BLOCK_ROWS):
+        rows = zip(*(column[begin : begin + _BLOCK_ROWS].tolist() for column in table.columns), strict=True)
+        yield "\n".join([*head, *(",".join(map(repr, row)) for row in rows), ""]).encode()
+        head = []
 
 
 def matlab_table(path: Path, columns: Sequence[str]) -> MatlabTable:
@@ -116,11 +120,23 @@ def _tree(path: Path) -> Tree:
     with path.open("rb") as file:
         begin = file.read(len(_BEGINS[0]))
     if begin == _BEGINS[0]:
-        content = _loadmat(path, simplify_cells=True)
-        return {name: value for name, value in content.items() if not name.startswith("__")}
+        return dict(_variables(path))
     h5py = optional_library("h5py", extra="mat", what="a MATLAB file of version 7.3")
     with h5py.File(path, "r") as file:
         return {name: _hdf5_tree(file, file[name]) for name in file if not name.startswith("#")}
+
+
+def _variables(path: Path) -> Iterator[tuple[str, Tree]]:
+    """Yield the variables of a file of version 5 to 7.2; of a large file one is in memory at a time."""
+    several = path.stat().st_size < _LARGE_BYTES
+    for names in [None] if several else [[name] for name, _, _ in _whosmat(path)]:
+        for name, value in _loadmat(path, simplify_cells=True, variable_names=names).items():
+            if not name.startswith("__"):
+                yield name, stored(value) if _is_float64(value) else value
+
+
+def _is_float64(value: Tree) -> TypeGuard[npt.NDArray[np.float64]]:
+    return isinstance(value, np.ndarray) and value.dtype == np.float64
 
 
 def _hdf5_tree(file: Any, node: Any) -> Tree:
@@ -131,10 +147,19 @@ def _hdf5_tree(file: Any, node: Any) -> Tree:
         return [_hdf5_tree(file, file[each]) for each in np.ravel(node[()])]
     if "MATLAB_empty" in node.attrs:
         return np.zeros(0)
-    values = np.squeeze(node[()])
+    values = np.squeeze(_numbers_of(node))
     if node.attrs.get("MATLAB_class") == b"char":
         return "".join(map(chr, np.ravel(values)))
     return values.T  # MATLAB's arrays are stored column by column
+
+
+def _numbers_of(node: Any) -> npt.NDArray[Any]:
+    if node.dtype != np.float64 or not node.shape:
+        return np.asarray(node[()])
+    values = empty(*node.shape)
+    if values.size:
+        node.read_direct(values)
+    return values
 
 
 def _tables(tree: Tree, name: str, *, place: str) -> Iterator[MatlabTable]:

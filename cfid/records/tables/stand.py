@@ -11,6 +11,7 @@ from typing import Literal, cast
 import numpy as np
 
 from cfid.findings import Finding, note, of_recording
+from cfid.large import empty, parts, stored
 from cfid.records.parameters import Source
 from cfid.records.tables.blocks import open_table
 from cfid.records.tables.schema import TimeUnit
@@ -57,7 +58,7 @@ class StandTable:
     @property
     def square_mean_speed_rad_s(self) -> Array | None:
         """The speed at which every rotor would give the mean of their thrusts (n,), by k w^2."""
-        return None if self.speeds_rad_s is None else np.sqrt(_mean_of_known(self.speeds_rad_s**2))
+        return None if self.speeds_rad_s is None else _mean_of_known(self.speeds_rad_s, power=2)
 
 
 def read_stand_table(
@@ -137,7 +138,7 @@ def _thrust(found: Found, command: Array, gravity_mps2: float) -> tuple[Array | 
     value, is_turned = turned(value, _drive(found, command))
     if is_turned:
         notes.append(f"'{column.names[0]}' falls as the motor is driven harder: its sign is changed.")
-    return value, tuple(notes)
+    return stored(value), tuple(notes)
 
 
 def _torque(found: Found, command: Array) -> tuple[Array | None, tuple[str, ...]]:
@@ -146,7 +147,7 @@ def _torque(found: Found, command: Array) -> tuple[Array | None, tuple[str, ...]
         return None, ()
     value, is_turned = turned(column.value[:, 0], _drive(found, command))
     text = f"'{column.names[0]}' falls as the motor is driven harder: its sign is changed."
-    return value, (text,) if is_turned else ()
+    return stored(value), (text,) if is_turned else ()
 
 
 def _drive(found: Found, command: Array) -> Array:
@@ -166,26 +167,35 @@ def _speeds(
     if columns is None:
         return None, ()
     value = columns.value
-    known = np.where(np.isfinite(value), value, 0.0)
-    turning = known.max(axis=1) > _TURNING_RAD_S
+    fastest = value.max(axis=1, initial=0.0, where=np.isfinite(value))
     if settled and np.isfinite(command).all():
-        turning = np.array([known[command <= one].max() for one in command]) > _TURNING_RAD_S
+        fastest = np.array([fastest[command <= one].max() for one in command])
+    turning = fastest > _TURNING_RAD_S
     if thrust_n is not None and columns.head.kind == "motor" and np.isfinite(thrust_n).any():
         turning |= np.nan_to_num(thrust_n) > _LEAST_THRUST * np.nanmax(thrust_n)
-    dead = (value == 0) & turning[:, np.newaxis]
-    notes = [
-        f"'{name}' shows 0 in {count} rows in which rotors turn: its sensor is dead there, the values are missing."
-        for name, count in zip(columns.names, dead.sum(axis=0).tolist(), strict=True)
-        if count
-    ]
-    return np.where(dead, np.nan, value), tuple(notes)
+    notes = []
+    for name, speed in zip(columns.names, value.T, strict=True):
+        dead = (speed == 0) & turning
+        speed[dead] = np.nan
+        if count := int(np.count_nonzero(dead)):
+            notes.append(
+                f"'{name}' shows 0 in {count} rows in which rotors turn: its sensor is dead there, the values are "
+                "missing."
+            )
+    return value, tuple(notes)
 
 
-def _mean_of_known(values: Array) -> Array:
-    """Return the mean of each row (n,) over what is known in it, nan for nothing."""
-    known = np.isfinite(values)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(known, values, 0.0).sum(axis=1) / known.sum(axis=1))
+def _mean_of_known(values: Array, power: int = 1) -> Array:
+    """Return the mean of each row (n,), or that of its powers, over what is known in it, nan for nothing."""
+    if values.shape[1] == 1:
+        return values[:, 0]
+    found = empty(len(values))
+    for part in parts(len(values)):
+        known = np.isfinite(values[part])
+        with np.errstate(invalid="ignore"):
+            mean = np.sum(np.where(known, values[part], 0.0) ** power, axis=1) / known.sum(axis=1)
+        found[part] = mean ** (1 / power)
+    return found
 
 
 def _single(found: Found, quantity: str) -> Array | None:

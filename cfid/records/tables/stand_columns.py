@@ -1,13 +1,13 @@
 """Take the columns of a table of motors: which are used, what is missing in them, and which values cannot be."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import ConfigError, DataError
-from cfid.large import empty
+from cfid.large import PART_ROWS, empty, side_by_side, stored
 from cfid.records.tables.stand_heads import HEADS, ColumnHead, check_heads, heads_of
 from cfid.records.tables.table import Array, CsvTable
 from cfid.units import FULL_COMMAND
@@ -29,7 +29,7 @@ class Columns(NamedTuple):
     @property
     def value(self) -> Array:
         """The columns in SI units."""
-        return self.raw * self.head.factor
+        return np.multiply(self.raw, self.head.factor, out=empty(*self.raw.shape))
 
 
 Found = Mapping[str, Columns]
@@ -53,7 +53,7 @@ def columns_of(table: CsvTable) -> tuple[CsvTable, Found, tuple[str, ...]]:
     notes += _one_of_two_speeds(used, values)
     notes += check_heads(table, used, empty)
     found = {
-        quantity: Columns(columns[0][0], tuple(n for _, n in columns), _stacked([values[n] for _, n in columns]))
+        quantity: Columns(columns[0][0], tuple(n for _, n in columns), side_by_side([values[n] for _, n in columns]))
         for quantity, columns in used.items()
     }
     notes += _check(table, found)
@@ -89,16 +89,18 @@ def commands_of(table: CsvTable, found: Found, esc_us: tuple[float, float] | Non
     notes = [f"pulse widths are read as `esc_us` {low:g},{high:g}, commands 0 to {FULL_COMMAND}."] if not esc_us else []
     if (below := int(np.count_nonzero(raw < low))) > 0:
         notes.append(f"{below} rows have pulses below {low:g} us: motors stand there, command 0.")
-    return np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND), tuple(notes)
+    return stored(np.rint((raw.clip(low) - low) / (high - low) * FULL_COMMAND)), tuple(notes)
 
 
 def turned(value: Array, drive: Array) -> tuple[Array, bool]:
     """Return values (n,) whose size grows with a drive (n,), a command or speed, and whether their sign was changed."""
-    known = np.isfinite(value) & np.isfinite(drive)
+    some = slice(None, None, len(value) // PART_ROWS + 1)  # of a long table, enough to see a sign
+    level, drive = value[some], drive[some]
+    known = np.isfinite(level) & np.isfinite(drive)
     if known.sum() < 2 or np.ptp(drive[known]) == 0:
         return value, False
     half = (drive[known].min() + drive[known].max()) / 2
-    falls = np.median(value[known][drive[known] >= half]) < np.median(value[known][drive[known] < half])
+    falls = np.median(level[known][drive[known] >= half]) < np.median(level[known][drive[known] < half])
     return (-value, True) if falls else (value, False)
 
 
@@ -131,16 +133,6 @@ def _missing(table: CsvTable, found: Found, bad: npt.NDArray[np.intp]) -> list[s
                 line = table.line_of_row(int(rows[0]))
                 notes.append(f"'{name}' is no number in {len(rows)} of {len(value)} rows (first: line {line}).")
     return notes
-
-
-def _stacked(columns: Sequence[Array]) -> Array:
-    """Return columns (n,) as one array (n, s)."""
-    if len(columns) == 1:
-        return columns[0][:, np.newaxis]
-    stacked = empty(len(columns[0]), len(columns))
-    for at, column in enumerate(columns):
-        stacked[:, at] = column
-    return stacked
 
 
 def _check(table: CsvTable, found: Found) -> list[str]:

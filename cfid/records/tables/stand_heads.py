@@ -1,7 +1,7 @@
 """What tables of motors call their columns: the quantity, the unit and its factor to SI, by the header alone."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
 
 from cfid.errors import DataError
@@ -112,6 +112,12 @@ def heads_of(names: Sequence[str]) -> dict[str, list[tuple[ColumnHead, str]]]:
     return called
 
 
+def shows_stand(called: Container[str]) -> bool:
+    """Return whether known quantities are a table of motors: a measured one, and a command or thrust over speed."""
+    driven = "command" in called or ("thrust_n" in called and "speeds_rad_s" in called)
+    return driven and any(quantity in called for quantity in MEASURED)
+
+
 def check_heads(
     table: CsvTable, called: Mapping[str, Sequence[tuple[ColumnHead, str]]], empty: Sequence[str]
 ) -> tuple[str, ...]:
@@ -131,8 +137,7 @@ def check_heads(
         and not any(name == of for columns in called.values() for _, of in columns)
         and any(spelt(name).startswith(stems) and quantity not in called for quantity, stems in _STEMS.items())
     ]
-    without = {"thrust_n", "speeds_rad_s"} <= called.keys()  # thrust over speed needs no command
-    if ("command" in called or without) and any(quantity in called for quantity in MEASURED):
+    if shows_stand(called):
         return tuple(f"column '{name}' has no known unit." for name in unknown)
     if unknown:
         raise DataError(f"{table.path}: column '{unknown[0]}' has no known unit. Known names: {HEADS}.")

@@ -1,0 +1,117 @@
+"""Lags and maps of rotors as quantities: means of the rotors with their covariance, and a row for each."""
+
+from collections.abc import Collection, Iterable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.findings import Finding, note, rejection
+from cfid.motors.lag.estimation import LagFit
+from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.parameters import Parameter
+from cfid.units import FULL_COMMAND
+
+Array = npt.NDArray[np.float64]
+
+SPEED_POLY = "motor.speed_poly"
+
+
+def joint_parameters(
+    fits: Collection[LagFit], *, volts: float | None
+) -> tuple[dict[str, Parameter], tuple[Covariance, ...]]:
+    """Return rates, delay and, of speeds, the map of the command, all means of rotors, and their covariance.
+
+    A map over command times battery voltage becomes that of the command at `volts`.
+    """
+    full = FULL_COMMAND / (1.0 if volts is None else volts)
+    values, covariance = np.zeros(8), np.zeros((8, 8))
+    for fit in fits:
+        rising, falling, delay_s = fit.lag
+        c0, c1, c2 = fit.map
+        values += np.array([1 / rising, 0, 1 / falling, 0, delay_s, c2 / full**2, c1 / full, c0]) / len(fits)
+        outward = np.zeros((8, 6))  # of map and lag
+        outward[[0, 2, 4], [3, 4, 5]] = -1 / rising**2, -1 / falling**2, 1
+        outward[[7, 6, 5], [0, 1, 2]] = 1, 1 / full, 1 / full**2
+        covariance += outward @ fit.covariance @ outward.T / len(fits) ** 2
+    std = np.sqrt(np.diag(covariance))
+    places = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4), "dynamics.delay_s": 4}
+    if all(fit.kind == "speed" for fit in fits):
+        places |= {SPEED_POLY: slice(5, 8)}
+    std[[1, 3]] = np.nan
+    found = {key: Parameter(value=values[at].tolist(), std=std[at].tolist()) for key, at in places.items()}
+    count = 8 if SPEED_POLY in found else 5
+    return found, covariance_between({key: one.value for key, one in found.items()}, covariance[:count, :count])
+
+
+def speed_map_findings(
+    found: Mapping[str, Parameter],
+    fits: Iterable[str],
+    commands: Mapping[str, tuple[float, float]],
+    *,
+    volts: float | None,
+) -> tuple[Finding, ...]:
+    """Return at which voltage and for which commands the rotors' mean map holds, or that it does not rise there.
+
+    `commands` are the lowest and the highest of each rotor, `fits` the rotors that the map is the mean of.
+    """
+    names = list(fits)
+    low, high = min(commands[name][0] for name in names), max(commands[name][1] for name in names)
+    slope = np.polyval(np.polyder(np.array(found[SPEED_POLY].value)), [low, high])
+    if not np.all(slope > 0):
+        text = f"the speed map does not rise from command {low:.0f} to {high:.0f}: one speed belongs to two commands."
+        return (rejection("map-not-monotone", text, SPEED_POLY),)
+    at = (
+        "the log has no battery voltage: motor.speed_poly contains its fall"
+        if volts is None
+        else f"motor.speed_poly holds at {volts:.2f} V, the battery's mean while the rotors were driven"
+    )
+    which = f"rotor{'s' * (len(names) > 1)} {', '.join(name.removeprefix('rotor ') for name in names)}"
+    text = f"{at}. It is the mean of {which} for commands from {low:.0f} to {high:.0f}."
+    return (note("speed-map-voltage", text, SPEED_POLY),)
+
+
+def rotor_rows(fits: Mapping[str, LagFit], commands: Mapping[str, tuple[float, float]]) -> list[dict[str, object]]:
+    """Return a row for each rotor and way, with the lowest and the highest of its commands."""
+    rows: list[dict[str, object]] = []
+    for name, fit in fits.items():
+        low, high = commands[name]
+        for rising in (True, False):
+            place = 0 if rising else 1
+            rows.append(
+                {
+                    "rotor": _rotor(name),
+                    "cmd_from": low if rising else high,
+                    "cmd_to": high if rising else low,
+                    "rising": rising,
+                    "time_constant_s": fit.lag[place],
+                    "std_s": _known(fit.std_s[place]),
+                    "delay_s": fit.lag.delay_s,
+                    "accepted": fit.accepted,
+                }
+            )
+    return rows
+
+
+def rotor_maps(fits: Mapping[str, LagFit], *, by_voltage: bool) -> list[dict[str, object]]:
+    """Return a row with the map of each accepted rotor."""
+    over = f"cmd / {FULL_COMMAND}" + " * V" * by_voltage
+    of = {"speed": "rad/s", "thrust": "m/s^2"}
+    return [
+        {"rotor": _rotor(name), "of": of[fit.kind], "over": over, **_map(fit)}
+        for name, fit in fits.items()
+        if fit.accepted
+    ]
+
+
+def _map(fit: LagFit) -> dict[str, object]:
+    values = {f"c{power}": value for power, value in enumerate(fit.map)}
+    return {**values, **{f"std_c{power}": _known(float(value)) for power, value in enumerate(fit.map_std)}}
+
+
+def _rotor(name: str) -> int | None:
+    """Return a rotor's number, None for the thrust of all."""
+    return int(name[-1]) if name.startswith("rotor ") else None
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
