@@ -58,6 +58,14 @@ def check_regular(path: Path) -> None:
         raise OSError(errno.EINVAL, "a pipe or a device, where a file is expected")
 
 
+def lies_in(folder: Path, path: Path) -> bool:
+    """Return whether a path lies in a folder, all links followed; no such path exists with a zero byte or a loop."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        return False
+
+
 def sha256_of(path: Path) -> str:
     """Return the hash of a file's content, which is read piece by piece. Raises DataError when it cannot be read."""
     try:
